@@ -17,7 +17,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
-PAGES := tests/system/test_tutorial*.py tests/system/test_howto.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
+PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
 JOBS ?= 2
 SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.

@@ -193,7 +193,7 @@ class Findings:
             word, _ = row[VERDICT]
             row[VERDICT] = (word, "bad" if word in UNMET else "good")
         heads = ("", "", *self._heads())
-        content = html_table(heads, rows, right=range(2, len(heads))) if rows else ""
+        content = html_table(heads, rows)
         return Page(
             title=f"engine{' (quick)' if self.quick else ''}",
             lead=f"{len(judged) - len(unmet)} of {len(judged)} requirements are met{missed}." if judged else "",

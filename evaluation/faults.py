@@ -63,22 +63,22 @@ ROWS: Mapping[str, Row] = {
     "outage": Row(
         "evaluation.faults_outage:outage",
         "link down for 5 s and 30 s",
-        "believed within 0.5 s, safe idle; data and behaviour back within 1 s, 3 s; nobody greeted twice",
+        "believed within 0.5 s, safe idle; data and behaviour back within 1 s, 3 s; no repeated greeting",
     ),
     "late": Row(
         "evaluation.faults_late:late",
         "workstation starts 60 s late, or never",
-        "robot stays safe and says so; joins when it comes",
+        "robot stays safe and reports it; joins later",
     ),
     "kills": Row(
         "evaluation.faults_deaths:kills",
         "kill -9 of each node in turn, 20 times",
-        "back within 2 s; actions as ever apart from the gap",
+        "back within 2 s; unchanged actions apart from the gap",
     ),
     "clocks": Row(
         "evaluation.faults_clocks:clocks",
         "the computer's clock set back and forward by 2 s, an hour, a day, keys set",
-        "goes on; nobody greeted twice or not at all; no process started again",
+        "continues; every visitor greeted once; no restarts",
     ),
     "strangers": Row(
         "evaluation.faults_strangers:strangers",
@@ -97,14 +97,16 @@ ROWS: Mapping[str, Row] = {
     ),
     "power": Row(
         "evaluation.faults_power:power",
-        "power cut (SIGKILL of all) while recording",
+        "power cut (SIGKILL of all processes) while recording",
         "bag and trace readable up to the last second",
     ),
 }
 
 OnlyOption = Annotated[str, typer.Option(metavar="ROW,ROW", help=f"Only these rows: {', '.join(ROWS)}.")]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Shorter and fewer of all: some minutes instead of hours.")]
-OutOption = Annotated[Path | None, typer.Option(metavar="DIR", help="Where records are kept; default: in runs/.")]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Shorter runs: minutes instead of hours.")]
+OutOption = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for the records; default: a new one in runs/.")
+]
 
 
 def chosen(only: str) -> list[str]:

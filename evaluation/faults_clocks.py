@@ -93,14 +93,15 @@ def _report(report: Report, run: RecordedRun, steps: Sequence[int], told: int) -
     said = [one.stamp for one in run.history if one.kind == "utterance" and one.what == GREETING]
     passes = [(begin, begin + round(PASS_S * SECOND)) for begin in _begins(stamps)]
     counts = [sum(begin <= at < end for at in said) for begin, end in passes]
-    starts = max((int(one.values.get("restarts", 0)) for course in run.told.values() for _, one in course), default=0)
-    report.add("clocks_steps", "clocks: how often the clock was set", len(steps))
-    report.add("clocks_told", "clocks: up says so each time", told == len(steps), True)
-    report.add("clocks_passes", "clocks: passes of the scene, whole", len(passes))
-    report.add("clocks_not_greeted", "clocks: passes in which nobody was greeted", counts.count(0), 0)
-    report.add("clocks_greeted_twice", "clocks: passes in which somebody was greeted twice", sum(map(_many, counts)), 0)
-    report.add("clocks_gap_s", "clocks: nothing was seen for, s, at most", round(gap_s, 2), LOST_S)
-    report.add("clocks_restarts", "clocks: processes that had to be started again", starts, 0)
+    reports = (one for track in run.node_history.reports.values() for _, one in track)
+    starts = max((int(one.values.get("restarts", 0)) for one in reports), default=0)
+    report.add("clocks_steps", "clocks: clock changes", len(steps))
+    report.add("clocks_told", "clocks: up logs each change", told == len(steps), True)
+    report.add("clocks_passes", "clocks: complete passes of the scene", len(passes))
+    report.add("clocks_not_greeted", "clocks: passes without a greeting", counts.count(0), 0)
+    report.add("clocks_greeted_twice", "clocks: passes with a repeated greeting", sum(map(_many, counts)), 0)
+    report.add("clocks_gap_s", "clocks: longest time without detections, s", round(gap_s, 2), LOST_S)
+    report.add("clocks_restarts", "clocks: restarted processes", starts, 0)
     rows: dict[str, dict[str, Value]] = {
         f"{number}": {"from s": round(run.history.seconds(begin), 1), "greetings": count}
         for number, ((begin, _), count) in enumerate(zip(passes, counts, strict=True), 1)

@@ -205,7 +205,7 @@ def kills(report: Report, plan: Plan) -> str:
         usual = deeds(witness.actions, clear_until - round(PASS_S * SECOND), clear_until)
         plan.tell(f"kills: undisturbed, Waldo does {', '.join(usual)}")
         for number in range(plan.of(TIMES, QUICK_TIMES)):
-            for node in (placement.name for placement in graph.placements):
+            for node in (config.name for config in graph.nodes):
                 time.sleep(chance.uniform(0.7, 1.3) * PASS_S - BACK_S)
                 killed.append(kill(node, witness, fates))
             slowest = max(killed, key=lambda one: one.took_s)
@@ -239,16 +239,16 @@ def kill(node: str, witness: Witness, fates: LatestStatistics) -> Kill:
 def _report(report: Report, killed: Sequence[Kill], found: Judged, usual: list[str]) -> str:
     times = {node: [one.took_s for one in killed if one.node == node] for node in dict.fromkeys(k.node for k in killed)}
     longest = max(one.took_s for one in killed)
-    report.add("kills_count", "kills: of all nodes together", len(killed))
-    report.add("kills_usual", "kills: what Waldo does in each pass", ", ".join(usual))
-    report.add("kills_greets", "kills: undisturbed, Waldo greets, offers help and rests", _is_usual(usual), True)
-    report.add("kills_back_s_max", "kills: until a node is back, s, at most", round(longest, 2), BACK_S)
-    report.add("kills_passes", "kills: passes of the scene, whole", found.passes)
-    report.add("kills_clear", "kills: of these without a gap", found.clear)
-    report.add("kills_changed", "kills: passes with other actions than gaps explain", found.changed, 0)
-    report.add("kills_not_greeted", "kills: passes in which nobody was greeted", found.not_greeted, 0)
-    report.add("kills_greeted_twice", "kills: passes in which somebody was greeted twice", found.greeted_twice, 0)
-    report.add("kills_asked_twice", "kills: passes in which somebody was offered help twice", found.asked_twice, 0)
+    report.add("kills_count", "kills: killed nodes", len(killed))
+    report.add("kills_usual", "kills: actions of Waldo in each pass", ", ".join(usual))
+    report.add("kills_greets", "kills: Waldo greets, offers help and idles without kills", _is_usual(usual), True)
+    report.add("kills_back_s_max", "kills: time until a node is back, maximum, s", round(longest, 2), BACK_S)
+    report.add("kills_passes", "kills: complete passes of the scene", found.passes)
+    report.add("kills_clear", "kills: complete passes without a gap", found.clear)
+    report.add("kills_changed", "kills: passes with actions that gaps do not explain", found.changed, 0)
+    report.add("kills_not_greeted", "kills: passes without a greeting", found.not_greeted, 0)
+    report.add("kills_greeted_twice", "kills: passes with a repeated greeting", found.greeted_twice, 0)
+    report.add("kills_asked_twice", "kills: passes with a repeated offer", found.asked_twice, 0)
     rows: dict[str, dict[str, Value]] = {
         node: {
             "kills": len(took),

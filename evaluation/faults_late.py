@@ -39,12 +39,12 @@ def late(report: Report, plan: Plan) -> str:
     for text in says:
         plan.tell(f"late: the robot said: {text}")
     away = sum(not is_centred(one) for one in motions)
-    report.add("late_lives", "late: the robot's half goes on alone", lives, True)
-    report.add("late_spoke", "late: sentences begun alone", spoken, 0)
-    report.add("late_moved", "late: turns of the head away from the centre alone", away, 0)
-    report.add("late_says_s", "late: from its start until the robot says that it is alone, s", _r(says_s), SAYS_S)
-    report.add("late_joined_s", "late: from the workstation's start to the first action, s", _r(joined_s), JOINED_S)
-    report.add("late_greeted_s", "late: from the workstation's start to the greeting, s", _r(greeted_s), JOINED_S)
+    report.add("late_lives", "late: the robot runs alone", lives, True)
+    report.add("late_spoke", "late: sentences started alone", spoken, 0)
+    report.add("late_moved", "late: head movements from the centre alone", away, 0)
+    report.add("late_says_s", "late: robot start to its report of the missing workstation, s", _r(says_s), SAYS_S)
+    report.add("late_joined_s", "late: workstation start to the first action, s", _r(joined_s), JOINED_S)
+    report.add("late_greeted_s", "late: workstation start to the greeting, s", _r(greeted_s), JOINED_S)
     return (
         f"alone for {alone_s:g} s: {spoken} sentences, {away} turns, says so after {_r(says_s)} s; "
         f"joined {_r(joined_s)} s and greeted {_r(greeted_s)} s after the workstation's start"

@@ -123,11 +123,11 @@ def clear(report: Report, plan: Plan) -> str:
         stretch = measure(here, plan.of(60.0, 10.0))
     frames, answered = stretch.frames, stretch.answered.ages_ms()
     overhead = percentile(stretch.overheads_ms, 0.99)
-    report.add("clear_frames", "clear: frames taken", len(frames.taken))
-    report.add("clear_frames_lost", "clear: frames that did not arrive", len(frames.taken) - frames.arrived, 0)
+    report.add("clear_frames", "clear: captured frames", len(frames.taken))
+    report.add("clear_frames_lost", "clear: lost frames", len(frames.taken) - frames.arrived, 0)
     report.add("clear_frame_p99_ms", "clear: frame to workstation, p99, ms", _round(percentile(frames.ages_ms(), 0.99)))
-    report.add("clear_looked_at", "clear: frames that the detector looked at and that were acted upon", len(answered))
-    report.add("clear_detector_p99_ms", "clear: the detector's work on a frame, p99, ms", stretch.detector_p99_ms)
+    report.add("clear_looked_at", "clear: processed frames with an action", len(answered))
+    report.add("clear_detector_p99_ms", "clear: detector time per frame, p99, ms", stretch.detector_p99_ms)
     report.add(
         "clear_action_p50_ms", "clear: frame to action at the robot, median, ms", _round(percentile(answered, 0.5))
     )
@@ -136,13 +136,13 @@ def clear(report: Report, plan: Plan) -> str:
     )
     report.add(
         "clear_overhead_p99_ms",
-        "clear: the same without the time at the detector, p99, ms",
+        "clear: frame to action without detector time, p99, ms",
         _round(overhead),
         MOST_OVERHEAD_MS,
     )
     report.add(
         "clear_robot_share",
-        "clear: processor time of all on the robot, share of a core",
+        "clear: processor time on the robot, share of a core",
         round(stretch.robot_share, 3),
         MOST_ROBOT_SHARE,
     )
@@ -164,23 +164,23 @@ def lossy(report: Report, plan: Plan) -> str:
     late_ms = percentile(frames.ages_ms(), 0.99)
     node, blocked_ms = _most(stretch.blocked_ms)
     slowest, publish_ms = _most(stretch.publish_ms)
-    report.add("lossy_frames", "lossy: frames taken", len(frames.taken))
+    report.add("lossy_frames", "lossy: captured frames", len(frames.taken))
     report.add(
         "lossy_lost_share",
-        "lossy: frames that did not arrive, share",
+        "lossy: share of lost frames",
         round(frames.lost_share, 4),
         MOST_LOST_SHARE,
     )
     report.add("lossy_frame_p99_ms", "lossy: frame to workstation, p99, ms", _round(late_ms), MOST_FRAME_P99_MS)
     report.add(
         "lossy_blocked_max_ms",
-        f"lossy: longest that publishing blocked a node, ms ({node})",
+        f"lossy: longest block of a node by publishing, ms ({node})",
         _round(blocked_ms),
         MOST_BLOCKED_MS,
     )
     report.add(
         "lossy_publish_max_ms",
-        f"lossy: the same with waiting for a processor, and work, ms ({slowest})",
+        f"lossy: longest publishing call in wall time, ms ({slowest})",
         _round(publish_ms),
     )
     action_ms = percentile(stretch.answered.ages_ms(), 0.99)

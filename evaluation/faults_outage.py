@@ -103,19 +103,21 @@ def outage(report: Report, plan: Plan) -> str:
             plan.tell(f"outage: {texts[-1]}")
         time.sleep(CALM_S)
         greetings = sum(one.said["text"] == GREETING for one in here.spoken())
-    report.add("outage_greetings", "outage: greetings of the one person who is there", greetings, 1)
+    report.add("outage_greetings", "outage: greetings of the one visitor", greetings, 1)
     return f"{'; '.join(texts)}; greeted {greetings} time{'' if greetings == 1 else 's'}"
 
 
 def _add(report: Report, found: Outage, name: str, back_s: float) -> None:
     key, text = f"outage_{name}s", f"outage of {name} s"
-    report.add(f"{key}_believed_s", f"{text}: until the workstation believes it, s", _r(found.believed_s), BELIEVED_S)
-    report.add(f"{key}_centred_s", f"{text}: until the head looks straight on, s", _r(found.centred_s), AT_REST_S)
-    report.add(f"{key}_spoke", f"{text}: sentences begun meanwhile", found.spoke, 0)
-    report.add(f"{key}_moved", f"{text}: turns of the head away from the centre meanwhile", found.moved, 0)
-    report.add(f"{key}_data_s", f"{text}: until a new picture is there, s", _r(found.data_s), back_s)
-    report.add(f"{key}_acted_s", f"{text}: until the robot hears an action upon one, s", _r(found.acted_s), back_s)
-    report.add(f"{key}_follows_s", f"{text}: until the head follows people again, s", _r(found.follows_s), back_s)
+    report.add(
+        f"{key}_believed_s", f"{text}: time until the workstation believes it, s", _r(found.believed_s), BELIEVED_S
+    )
+    report.add(f"{key}_centred_s", f"{text}: time until the head is centred, s", _r(found.centred_s), AT_REST_S)
+    report.add(f"{key}_spoke", f"{text}: sentences started during the outage", found.spoke, 0)
+    report.add(f"{key}_moved", f"{text}: head movements during the outage", found.moved, 0)
+    report.add(f"{key}_data_s", f"{text}: time until a new image, s", _r(found.data_s), back_s)
+    report.add(f"{key}_acted_s", f"{text}: time until the robot receives an action, s", _r(found.acted_s), back_s)
+    report.add(f"{key}_follows_s", f"{text}: time until the head follows people again, s", _r(found.follows_s), back_s)
 
 
 def _r(value: float | None) -> float | None:

@@ -92,7 +92,7 @@ def power(report: Report, plan: Plan) -> str:
     oldest = {what: max(float(row[f"{what} ends before, s"] or 0.0) for row in rows.values()) for what in lost}
     report.add("power_cuts", "power: recordings killed", len(rows))
     for what in lost:
-        report.add(f"power_{what}_missing", f"power: detections heard 1 s before, missing in the {what}", lost[what], 0)
+        report.add(f"power_{what}_missing", f"power: detections from 1 s before, missing in the {what}", lost[what], 0)
         text = f"power: newest that can be read in the {what}, s before the cut, at most"
         report.add(f"power_{what}_end_s", text, round(oldest[what], 2), LAST_S)
     report.tables["power"] = rows

@@ -160,7 +160,7 @@ def soak(report: Report, plan: Plan) -> str:
     results = msgspec.json.decode((folder / "run" / "results.json").read_bytes())
     (folder / "laps" / "laps.mcap").unlink()  # large, and easy to recreate
     report.add("soak_hours", "soak: bag time, h", round(laps * lap_s / 3600, 2))
-    report.add("soak_wall_min", "soak: time it took, min", round(wall_s / 60, 1), plan.of(WALL_MIN, None))
+    report.add("soak_wall_min", "soak: duration, min", round(wall_s / 60, 1), plan.of(WALL_MIN, None))
     judge_deeds(report, deeds_of_laps(results["actions"], lap_s, laps), results["frames"], int(laps * lap_s))
     judge_course(report, course, plan.of(GROWTH_LIMIT, QUICK_GROWTH_LIMIT))
     found = {figure.key: figure.value for figure in report.figures}
@@ -208,10 +208,10 @@ def judge_deeds(report: Report, laps: Sequence[Sequence[Deed]], frames: int, pic
     """
     first, others = laps[1], laps[2:]
     lost = sum(max(0, len(first) - len(lap)) for lap in others)
-    report.add("soak_pictures", "soak: pictures", pictures)
-    report.add("soak_pictures_lost", "soak: pictures not looked at", pictures - frames, 0)
+    report.add("soak_pictures", "soak: images", pictures)
+    report.add("soak_pictures_lost", "soak: images not processed", pictures - frames, 0)
     report.add("soak_actions", "soak: actions", sum(map(len, laps)))
-    report.add("soak_lost", "soak: actions of the second lap that later ones lack", lost, 0)
+    report.add("soak_lost", "soak: actions of the second lap missing in later laps", lost, 0)
     differing = sum(not same(first, lap) for lap in others)
     report.add("soak_laps_differ", f"soak: laps of {len(others)} unlike the second", differing, 0)
 
@@ -234,14 +234,18 @@ def judge_course(report: Report, course: Course, limit: float) -> None:
     judged = {name: row for name, row in rows.items() if name != "replay"}
     text = "soak: growth of the memory of a process over the last two thirds, share, at most"
     report.add("soak_memory_growth", text, _most(judged, "growth"), limit)
-    report.add("soak_threads_more", "soak: threads more in the last third, at most", _most(rows, "more threads"), 0)
-    report.add("soak_files_more", "soak: open files more in the last third, at most", _most(rows, "more files"), 0)
+    report.add(
+        "soak_threads_more", "soak: additional threads in the last third, maximum", _most(rows, "more threads"), 0
+    )
+    report.add(
+        "soak_files_more", "soak: additional open files in the last third, maximum", _most(rows, "more files"), 0
+    )
     segments = more([count for count, _ in course.shared])
-    report.add("soak_segments_more", "soak: segments of shared memory more in the last third", segments, 0)
+    report.add("soak_segments_more", "soak: additional shared memory segments in the last third", segments, 0)
     mib = round(more([size for _, size in course.shared]), 2)
-    report.add("soak_shared_more_mib", "soak: shared memory more in the last third, MiB", mib, 0)
+    report.add("soak_shared_more_mib", "soak: additional shared memory in the last third, MiB", mib, 0)
     left = sum(Path(name).exists() for name in course.segments)
-    report.add("soak_segments_left", "soak: segments of shared memory left at the end", left, 0)
+    report.add("soak_segments_left", "soak: shared memory segments left at the end", left, 0)
     report.tables["soak"] = rows
 
 

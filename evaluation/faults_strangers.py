@@ -144,8 +144,8 @@ class Stranger:
         pretended, other_realm = self._stream(own), Stream(self.keys, "ROS domain 99", self.topic)
         unknown = self._stream(Keys("nobody", own.private, {}))
         moved = Stream(self.keys, self.realm, "/elsewhere")
-        late = Stream(self.keys, self.realm, self.topic, wall=lambda: time.time_ns() - HOUR)
-        early = Stream(self.keys, self.realm, self.topic, wall=lambda: time.time_ns() + HOUR)
+        late = Stream(self.keys, self.realm, self.topic, now=lambda: time.time_ns() - HOUR)
+        early = Stream(self.keys, self.realm, self.topic, now=lambda: time.time_ns() + HOUR)
         return {
             "unsealed": lambda number: self.plain,
             "unreadable": lambda number: f'{{"schema":"{SCHEMA}","sender":{number}}}',
@@ -203,10 +203,10 @@ def strangers(report: Report, plan: Plan) -> str:
     strange = Counter({key: done[key] - friendly[key] for key in done if done[key] != friendly[key]})
     wrong = {reason: refused[reason] for reason in REASONS if refused[reason] != _expected(reason, count)}
     report.add("strangers_said", "strangers: messages", count)
-    report.add("strangers_seconds", "strangers: time it took, s", round(begun_s, 1))
-    report.add("strangers_executed", "strangers: things done", sum(strange.values()), 0)
+    report.add("strangers_seconds", "strangers: duration, s", round(begun_s, 1))
+    report.add("strangers_executed", "strangers: executed commands", sum(strange.values()), 0)
     report.add("strangers_uncounted", "strangers: messages not counted as refused", count - refused.total(), 0)
-    report.add("strangers_misjudged", "strangers: kinds counted under another reason", len(wrong), 0)
+    report.add("strangers_misjudged", "strangers: kinds counted under a wrong reason", len(wrong), 0)
     rows: dict[str, dict[str, Value]] = {reason: {"refused": refused[reason]} for reason in REASONS}
     report.tables["strangers"] = rows
     return f"{sum(strange.values())} of {count} executed, {refused.total()} counted, under {len(refused)} reasons"
@@ -233,7 +233,7 @@ def _besiege(
         observe_graph(EFFECTS, effects.note, fates.note) as watch,
         beside(plan, folder, "up", "up", folder / "graph.yaml", "--out", folder / "run"),
     ):
-        await_(lambda: _standing(fates.latest, len(graph.placements)), READY_S, "no graph", folder)
+        await_(lambda: _standing(fates.latest, len(graph.nodes)), READY_S, "no graph", folder)
         mouths = {topic: Mouth(watch.ros, topic) for topic in say("")}
         for topic, message in say("friend").items():
             publish_once(watch.ros, topic, message, timeout_s=READY_S)

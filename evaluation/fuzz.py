@@ -47,12 +47,12 @@ UNMET_EXIT = 1
 
 How = Literal["crash", "hang", "memory"]
 
-InputsOption = Annotated[int, typer.Option(min=1, help="How many inputs, over all decoders.")]
-JobsOption = Annotated[int, typer.Option(min=1, help="Processes at once.")]
-SeedOption = Annotated[int, typer.Option(help="Other seeds make other inputs.")]
-DecoderOption = Annotated[list[str] | None, typer.Option("--decoder", help="Only this decoder; can be given again.")]
-FirstOption = Annotated[int, typer.Option(min=0, help="The number of the first input of each decoder.")]
-KeepOption = Annotated[Path | None, typer.Option(help="A folder for the inputs that did harm.")]
+InputsOption = Annotated[int, typer.Option(min=1, help="Number of inputs of all decoders.")]
+JobsOption = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
+SeedOption = Annotated[int, typer.Option(help="Random seed of the inputs.")]
+DecoderOption = Annotated[list[str] | None, typer.Option("--decoder", help="Only this decoder; repeatable.")]
+FirstOption = Annotated[int, typer.Option(min=0, help="Index of the first input of each decoder.")]
+KeepOption = Annotated[Path | None, typer.Option(help="Folder for inputs that caused a failure.")]
 
 
 class TooLong(BaseException):

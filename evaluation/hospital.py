@@ -57,10 +57,10 @@ ALL_RATES = ",".join(map(str, RATES))
 Setting = tuple[Configuration, float, int]
 """Mission: configuration, rate and seed."""
 
-RunnerOption = Annotated[Literal["inline", "ros", "both"], typer.Option(help="In simulated time, over ROS, or both.")]
-RatesOption = Annotated[str, typer.Option(metavar="LIST", help="Rates of problems, %.")]
+RunnerOption = Annotated[Literal["inline", "ros", "both"], typer.Option(help="Runner: simulated time, ROS, or both.")]
+RatesOption = Annotated[str, typer.Option(metavar="LIST", help="Problem rates in percent.")]
 SeedsOption = Annotated[int | None, typer.Option(min=1, help=f"Missions of each cell; {SEEDS} by default.")]
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Missions side by side; as many as cores if not given.")]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel missions; default: one per core.")]
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Work on the Dask cluster of this scheduler.")
 ]
@@ -69,7 +69,7 @@ OutOption = Annotated[
 ]
 SampleOption = Annotated[
     int | None,
-    typer.Option("--sample", min=0, help="Missions of each cell over ROS; more where the growth needs them."),
+    typer.Option("--sample", min=0, help="Missions over ROS for each cell; more where the trend needs them."),
 ]
 
 
@@ -165,7 +165,7 @@ def _add_missions(report: Report, experiments: Experiments, runner: str, name: s
     report.add(f"{runner}_missions", f"missions{name}", len(everything))
     missed = sum(not one.completed for one in with_)
     others = "all are completed"
-    report.add(f"{runner}_missed", f"with recovery{name}: missions not completed", missed, 0, others=others)
+    report.add(f"{runner}_missed", f"with recovery{name}: incomplete missions", missed, 0, others=others)
     other = sum(one.completed is one.met for one in without)
     text = f"without{name}: missions completed though a problem is met, or not though none is"
     report.add(f"{runner}_odd", text, other, 0, others="about as many completed as meet none")
@@ -177,7 +177,7 @@ def _add_missions(report: Report, experiments: Experiments, runner: str, name: s
 def _add_inline(report: Report, experiments: Experiments) -> None:
     cells = experiments.of("inline", WITH)
     outside = [cell.rate for cell in cells if cell.met not in binomial(cell.rate / 100.0, cell.runs)]
-    report.add("rates_outside", "rates with problems outside the binomial interval of 95 %", len(outside), 0)
+    report.add("rates_outside", "problem rates outside the binomial 95 % interval", len(outside), 0)
     pairs = [(cell, experiments.at("inline", WITHOUT, cell.rate)) for cell in cells]
     longer = sum(other is not None and other.mean_s > cell.mean_s for cell, other in pairs)
     text = "rates at which missions take longer without recovery"
@@ -185,8 +185,8 @@ def _add_inline(report: Report, experiments: Experiments) -> None:
     line = problem_line(experiments.records("inline", WITH))
     if line is not None:
         others = "1.2 s by Table 3; the predecessor 0.05 s"
-        report.add("problem_s", "a problem costs, simulated s", round(line.slope, 3), others=others)
-        report.add("slope_positive", "its interval of 95 % is above 0", line.interval.low > 0.0, True)
+        report.add("problem_s", "cost of a problem, simulated s", round(line.slope, 3), others=others)
+        report.add("slope_positive", "its 95 % interval is above 0", line.interval.low > 0.0, True)
     _add_recovery(report, experiments, "inline", "processor time of all nodes, simulated run", None)
 
 

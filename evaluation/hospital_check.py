@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
-from socialbot.agents.hospital.ward.ward import JOINT
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
 from socialbot.core.clock import SECOND, nanoseconds
 
 ROUNDED_NS = 1000
@@ -66,7 +66,7 @@ def _alone(done: Iterable[ActionResult]) -> Iterator[str]:
 def _joint(done: Iterable[ActionResult]) -> dict[tuple[int, str, tuple[str, ...]], list[ActionResult]]:
     found: dict[tuple[int, str, tuple[str, ...]], list[ActionResult]] = defaultdict(list)
     for result in done:
-        if result.action in JOINT:
+        if result.action in JOINT_ACTIONS:
             found[result.stamp, result.action, result.args].append(result)
     return found
 

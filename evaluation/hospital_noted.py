@@ -108,8 +108,8 @@ class Noting:
 
     def _plans(self) -> int:
         match self:
-            case HospitalCoordinator(coordinator=coordinator) | (ScriptedCoordinator() as coordinator):
-                return len(coordinator.planning_s)
+            case HospitalCoordinator(planning_s=durations) | ScriptedCoordinator(planning_s=durations):
+                return len(durations)
             case _:
                 return 0
 
@@ -143,13 +143,13 @@ def noting(graph: Graph, folder: Path) -> Graph:
     """Return a hospital graph whose nodes write notes to ``folder``."""
     return replace(
         graph,
-        placements=tuple(
+        nodes=tuple(
             replace(
-                placement,
-                type=NOTING[placement.type],
-                parameters={**placement.parameters, "notes_file": str(_file_of(placement.name, folder))},
+                config,
+                type=NOTING[config.type],
+                parameters={**config.parameters, "notes_file": str(_file_of(config.name, folder))},
             )
-            for placement in graph.placements
+            for config in graph.nodes
         ),
     )
 
@@ -160,7 +160,7 @@ def read_notes(graph: Graph, folder: Path) -> dict[str, Notes]:
     Raises:
         NodeError: The notes of a node are missing.
     """
-    return {placement.name: _read(_file_of(placement.name, folder), placement.name) for placement in graph.placements}
+    return {config.name: _read(_file_of(config.name, folder), config.name) for config in graph.nodes}
 
 
 def _read(file: Path, node: str) -> Notes:

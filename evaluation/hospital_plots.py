@@ -212,7 +212,7 @@ def _met(experiments: Experiments) -> Chart | None:
     runs = cells[0].runs
     expected = [(rate, binomial(rate / 100.0, runs)) for rate in range(101)]
     return Chart(
-        "Figure 7: missions that met a problem",
+        "Figure 7: missions with a problem",
         _RATES,
         _SHARE,
         (

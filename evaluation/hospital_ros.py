@@ -182,7 +182,7 @@ class Account:
         failed = [name_of(result) for result in self._seen.results if result.outcome == "failure"]
         if strange := set(failed) - told.keys():
             raise NodeError(
-                f"there are results that this ward did not tell: {', '.join(sorted(strange))}",
+                f"results without a message of the ward: {', '.join(sorted(strange))}",
                 where="ROS domain",
                 remedy="set ROS_DOMAIN_ID to a number that no other hospital uses",
             )

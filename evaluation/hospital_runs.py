@@ -106,8 +106,8 @@ class TimedRunner(InlineRunner):
     @property
     def plans(self) -> int:
         match self.nodes[COORDINATOR]:
-            case HospitalCoordinator(coordinator=coordinator) | (ScriptedCoordinator() as coordinator):
-                return len(coordinator.planning_s)
+            case HospitalCoordinator(planning_s=durations) | ScriptedCoordinator(planning_s=durations):
+                return len(durations)
             case _:
                 return 0
 
@@ -178,7 +178,7 @@ class Run:
     def _is_disinfected(self, room: str) -> bool:
         node = self.runner.nodes[WORLD]
         assert isinstance(node, HospitalWorld)
-        return node.world.room_state(room).disinfected
+        return node.world.rooms[room].disinfected
 
     def _on_missions(self, topic: str, message: Message) -> None:
         assert isinstance(message, Missions)

@@ -45,8 +45,8 @@ PAUSE_S = 0.2
 PLAIN, OTHER, KILLED, GROWN = "looks ahead", "other conduct", "coordinator killed", "growth"
 UNMET_EXIT = 1
 
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Runs side by side; as many as cores if not given.")]
-SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds for each rate of problems; 50 by default.")]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
+SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds for each problem rate; default: 50.")]
 
 
 @dataclass(frozen=True)
@@ -120,13 +120,13 @@ def add_runs(report: Report, results: dict[str, list[Result]], wall_s: float | N
     """Add the figures of all evaluated runs; ``wall_s`` is the total time of the first kind."""
     _add_rooms(report, "ward", "50 rooms, looks ahead", results[PLAIN])
     if wall_s is not None:
-        report.add("ward_wall_s", "50 rooms, looks ahead: wall s of all runs together", round(wall_s, 1), RUNS_S)
+        report.add("ward_wall_s", "50 rooms, proactive: wall time of all runs, s", round(wall_s, 1), RUNS_S)
     _add_rooms(report, "other", "50 rooms, other conduct", results[OTHER])
     _add_rooms(report, "killed", "coordinator killed and restarted", results[KILLED])
     interrupted = [one.interrupted for one in results[KILLED]]
-    report.add("killed_running", "coordinator killed and restarted: missions that were running then", sum(interrupted))
+    report.add("killed_running", "coordinator restarted: interrupted missions", sum(interrupted))
     idle = sum(not running for running in interrupted)
-    report.add("killed_idle", "coordinator killed and restarted: runs without a mission then", idle, 0)
+    report.add("killed_idle", "coordinator restarted: runs without an interrupted mission", idle, 0)
     everything = [one for some in results.values() for one in some]
     _add_checks(report, everything)
     report.tables["50 rooms"] = {_conduct(some[0].story): _row(some) for some in _alike(results[PLAIN])}
@@ -139,18 +139,23 @@ def _add_rooms(report: Report, key: str, text: str, results: Sequence[Result]) -
     missed = round(100.0 * lost / infections, 3) if infections else None
     worst = max((100.0 - one.share for one in results), default=None)
     report.add(f"{key}_runs", f"{text}: runs", len(results))
-    report.add(f"{key}_rooms", f"{text}: rooms that came to need disinfection", infections)
+    report.add(f"{key}_rooms", f"{text}: rooms that needed disinfection", infections)
     report.add(f"{key}_missed_percent", f"{text}: % of them not disinfected", missed, MISSED_PERCENT)
     report.add(f"{key}_worst_percent", f"{text}: % of them, in the worst run", worst, MISSED_PERCENT)
-    report.add(f"{key}_lost", f"{text}: rooms lost; in these wards each can be disinfected", lost, 0)
-    report.add(f"{key}_still", f"{text}: runs that stand still", sum(one.stood_still for one in results), 0)
-    report.add(f"{key}_open", f"{text}: missions that never end", sum(one.open for one in results), 0)
+    report.add(f"{key}_lost", f"{text}: rooms lost, all of them reachable", lost, 0)
+    report.add(f"{key}_still", f"{text}: runs without progress", sum(one.stood_still for one in results), 0)
+    report.add(f"{key}_open", f"{text}: missions without an end", sum(one.open for one in results), 0)
 
 
 def _add_checks(report: Report, results: Sequence[Result]) -> None:
-    report.add("actions", "actions, all looked at by the independent check", sum(one.actions for one in results))
-    report.add("violations", "two things at once, or joint ones alone", sum(len(one.violations) for one in results), 0)
-    report.add("failures", "nodes that raised an exception", sum(len(one.failures) for one in results), 0)
+    report.add("actions", "actions, all verified by the independent checker", sum(one.actions for one in results))
+    report.add(
+        "violations",
+        "concurrent actions of one agent, or joint actions alone",
+        sum(len(one.violations) for one in results),
+        0,
+    )
+    report.add("failures", "nodes with exceptions", sum(len(one.failures) for one in results), 0)
 
 
 def _alike(results: Sequence[Result]) -> list[list[Result]]:
@@ -180,11 +185,11 @@ def _row(results: Sequence[Result]) -> dict[str, Value]:
 
 def add_growth(report: Report, results: Sequence[Result]) -> None:
     """Add the results of the growing wards."""
-    report.add("growth_lost", "wards that grow: rooms lost", sum(len(one.lost) for one in results), 0)
+    report.add("growth_lost", "growing wards: rooms lost", sum(len(one.lost) for one in results), 0)
     unfinished = sum(one.infections - one.missions for one in results)
-    report.add("growth_unfinished", "wards that grow: missions not completed", unfinished, 0)
+    report.add("growth_unfinished", "growing wards: incomplete missions", unfinished, 0)
     violations = sum(len(one.violations) + len(one.failures) for one in results)
-    report.add("growth_violations", "wards that grow: violations and exceptions", violations, 0)
+    report.add("growth_violations", "growing wards: violations and exceptions", violations, 0)
     report.tables[GROWN] = {
         f"{one.story.rooms} rooms, {one.story.spots + one.story.uvds} robots": _grown_row(one) for one in results
     }

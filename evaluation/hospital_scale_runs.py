@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluation.hospital_check import violations
-from socialbot.agents.hospital.coordinator import MISSIONS, Coordinator, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.demo import WORLD, large_hospital
 from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, Plan, Problem
 from socialbot.agents.hospital.missions import Policy
@@ -184,15 +184,15 @@ class Run:
         return self._result(stood_still, time.process_time() - processor, time.perf_counter() - wall)
 
     @property
-    def coordinator(self) -> Coordinator:
+    def coordinator(self) -> HospitalCoordinator:
         """Coordinator that is alive."""
         node = self.runner.nodes[COORDINATOR]
         assert isinstance(node, HospitalCoordinator)
-        return node.coordinator
+        return node
 
     def _kill(self, down: int) -> None:
         self.planning_s += self.coordinator.planning_s
-        self.interrupted += len(self.coordinator.progress_of)
+        self.interrupted += len(self.coordinator.coordinator.manager.progress_of)
         self.runner.kill(COORDINATOR)
         self.runner.advance(self.runner.clock.now() + down)
         self.runner.restart(COORDINATOR)

@@ -270,8 +270,8 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
 
 
 def main(
-    json: Annotated[Path | None, typer.Option(help="Write the figures there.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few agents, a short run: whether it works at all.")] = False,
+    json: Annotated[Path | None, typer.Option(help="Write the figures to this file.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few agents and a short run, as a smoke test.")] = False,
 ) -> None:
     """Measure the cost of the inspector for the agents, and the speed of its page."""
     with tempfile.TemporaryDirectory() as name:

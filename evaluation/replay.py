@@ -202,7 +202,7 @@ def add_speed(report: Report, bare: list[Pass], inline: list[InlinePass]) -> Non
     bare_wall, inline_wall = (min(one.whole.wall_s for one in passes) for passes in (bare, inline))
     add = report.add
     add("frames", "frames", frames)
-    add("passes", "passes of each kind, taking turns; the least is taken", PASSES)
+    add("passes", "alternating passes of each kind; the fastest counts", PASSES)
     add("bare_ms_per_frame", "bare loop of decode and detect: processor time, ms a frame", _ms(bare_cpu / frames))
     add("inline_ms_per_frame", "inline replay: processor time, ms a frame", _ms(inline_cpu / frames))
     add("inline_to_bare", "inline against bare, processor time", round(inline_cpu / bare_cpu, 4))
@@ -223,11 +223,13 @@ def add_faith(report: Report, inline: list[InlinePass], ros: list[ActionRequest]
     same = [(a.name, a.arguments) for a in first.actions] == [(b.name, b.arguments) for b in ros]
     identical = all(one.trace == first.trace for one in inline)
     add = report.add
-    add("traces_identical", "traces of the inline replays are the same, byte for byte", identical, True)
+    add("traces_identical", "inline replays give byte-identical traces", identical, True)
     add("trace_bytes", "length of the trace, bytes", len(first.trace))
     add("actions", "actions of the agent", len(first.actions))
-    add("ros_actions_same", "the replay through ROS has the same actions in the same order", same, True)
-    add("ros_apart_periods", "largest difference of their times, frame periods", round(max(apart, default=0.0), 3), 1.0)
+    add("ros_actions_same", "the ROS replay gives the same actions in the same order", same, True)
+    add(
+        "ros_apart_periods", "largest difference of action times, frame periods", round(max(apart, default=0.0), 3), 1.0
+    )
 
 
 def _ms(seconds: float) -> float:

@@ -23,10 +23,10 @@ from socialbot.runs.record import versions
 
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Write the figures here, too, and a page beside: FILE.html."),
+    typer.Option("--json", metavar="FILE", help="Write the figures to FILE and an HTML page to FILE.html."),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
-DomainOption = Annotated[int, typer.Option(min=0, max=101, help="The ROS domain to use; nobody else should.")]
+DomainOption = Annotated[int, typer.Option(min=0, max=101, help="ROS domain of the run; it must be unused.")]
 
 PAGE_WIDTH = 140
 
@@ -150,7 +150,7 @@ class Report:
             for figure in self.figures
         ]
         heads = ("figure", "value", "required", "ok", *(["others"] if others else []))
-        return html_table(heads, rows, right=(1, 2)) if rows else ""
+        return html_table(heads, rows)
 
     def show(self, console: Console) -> None:
         console.print(f"[bold]{self.title}[/]{' (quick)' if self.quick else ''}")
@@ -194,7 +194,7 @@ def setting(machine: Machine) -> Section:
         "load before": machine.load_before,
         **machine.versions,
     }
-    return Section("How this was measured", settings(told))
+    return Section("Measurement conditions", settings(told))
 
 
 def run(command: Callable[..., None]) -> None:
@@ -234,8 +234,7 @@ def _table_html(rows: dict[str, dict[str, Value]]) -> str:
         [(name, ""), *((_plain(row.get(column)), "" if column in texts else "r") for column in columns)]
         for name, row in rows.items()
     ]
-    right = [number for number, column in enumerate(columns, 1) if column not in texts]
-    return html_table(("", *columns), cells, right=right) if rows else ""
+    return html_table(("", *columns), cells)
 
 
 def _module() -> str:

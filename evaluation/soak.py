@@ -42,7 +42,7 @@ PROBE_EVERY = 50
 PEOPLE, ROOMS, TEXTS, RECORDS = 200, 20, 50, 10_000
 MIB = 1024
 
-MinutesOption = Annotated[float, typer.Option(min=0.05, help="How long.")]
+MinutesOption = Annotated[float, typer.Option(min=0.05, help="Duration in minutes.")]
 RateOption = Annotated[float, typer.Option(min=1, help="Events a second.")]
 
 A, K, P, R, N, _ = variables("A K P R N _")
@@ -298,11 +298,11 @@ def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: lis
     report.add("seconds", "time, s", round(seconds, 1))
     report.add("events", "events posted", life.events)
     report.add("rate", "events a second", round(life.events / seconds))
-    report.add("behind_s", "longest that the process was behind, s", round(life.behind_s, 3), BEHIND_LIMIT_S)
-    report.add("rss_begin_mib", "memory after a third of the time, MiB", round(memory[len(memory) // 3], 2))
+    report.add("behind_s", "largest delay of the process, s", round(life.behind_s, 3), BEHIND_LIMIT_S)
+    report.add("rss_begin_mib", "memory after one third of the run, MiB", round(memory[len(memory) // 3], 2))
     report.add("rss_end_mib", "memory at the end, MiB", round(memory[-1], 2))
     most = max(minute.backlog for minute in minutes)
-    report.add("waiting", "most events that waited at the end of a minute", most, BEHIND_LIMIT_S * life.rate)
+    report.add("waiting", "largest number of queued events at the end of a minute", most, BEHIND_LIMIT_S * life.rate)
     text = "growth of memory over the last two thirds, share"
     report.add("memory_growth", text, round(growth(memory), 5), GROWTH_LIMIT)
     report.add(
@@ -314,11 +314,11 @@ def verdict(report: Report, life: NodeThread, minutes: list[Minute], memory: lis
     report.add(
         "p99_drift", "p99 in the last third as a multiple of the first third's", round(p99_drift(minutes), 2), P99_LIMIT
     )
-    report.add("lost", "probes not acted upon", len(life.deeds.posted), 0)
+    report.add("lost", "probes without an action", len(life.deeds.posted), 0)
     for what in ("greeted", "not greeted", "fetched", "recovered", "rested", "held", "dark", "left", "answered"):
         report.add(what.replace(" ", "_"), f"times: {what}", deeds.get(what, 0))
     report.add(
-        "all_happened", "everything that can happen did", all(report_value for report_value in deeds.values()), True
+        "all_happened", "all kinds of events occurred", all(report_value for report_value in deeds.values()), True
     )
     report.tables = {"minutes": {f"{m.end_s / 60:.2f}": m.row() for m in minutes}}
 

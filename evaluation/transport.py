@@ -145,7 +145,7 @@ class Trial:
         detector = {"busy_s": self.busy_s, "record": str(folder / "looks.json")}
         return Graph(
             name="transport",
-            placements=(
+            nodes=(
                 NodeConfig("camera", Camera, camera),
                 NodeConfig("image_converter", ImageConverter),
                 NodeConfig("detector", IdleDetector, detector),
@@ -188,7 +188,7 @@ class Trial:
 
 
 def _expect_nobody_else(ros: Any, graph: Graph) -> None:
-    known = {ros.get_name(), *(placement.name for placement in graph.placements)}
+    known = {ros.get_name(), *(config.name for config in graph.nodes)}
     strangers = sorted(set(ros.get_node_names()) - known)
     if strangers:
         raise NodeError(f"other nodes are in this domain: {', '.join(strangers)}", remedy="choose another --domain")
@@ -223,27 +223,31 @@ def measure(seconds: float, domain: int, *, quick: bool = False) -> Report:
 
 def _add_fast(report: Report, trial: Trial) -> None:
     add, overhead, heard, arrival = report.add, trial.overhead_ms(), trial.heard_ms(), trial.arrival_ms()
-    add("latency_p50_ms", "frame stamp to action less detector's time, p50, ms", _ms(overhead, 0.5))
-    add("latency_p99_ms", "frame stamp to action less detector's time, p99, ms", _ms(overhead, 0.99), LATENCY_LIMIT_MS)
-    add("latency_max_ms", "the longest, ms", _ms(overhead, 1.0))
-    add("arrival_p50_ms", "of which from frame stamp to detector, p50, ms", _ms(arrival, 0.5))
-    add("arrival_p99_ms", "of which from frame stamp to detector, p99, ms", _ms(arrival, 0.99))
-    add("heard_p50_ms", "the same until another process has the action, p50, ms", _ms(heard, 0.5))
-    add("heard_p99_ms", "the same until another process has the action, p99, ms", _ms(heard, 0.99))
+    add("latency_p50_ms", "frame stamp to action without detector time, p50, ms", _ms(overhead, 0.5))
+    add("latency_p99_ms", "frame stamp to action without detector time, p99, ms", _ms(overhead, 0.99), LATENCY_LIMIT_MS)
+    add("latency_max_ms", "frame stamp to action without detector time, maximum, ms", _ms(overhead, 1.0))
+    add("arrival_p50_ms", "frame stamp to detector, p50, ms", _ms(arrival, 0.5))
+    add("arrival_p99_ms", "frame stamp to detector, p99, ms", _ms(arrival, 0.99))
+    add("heard_p50_ms", "frame stamp to action in another process, p50, ms", _ms(heard, 0.5))
+    add("heard_p99_ms", "frame stamp to action in another process, p99, ms", _ms(heard, 0.99))
     add("frames_sent", "frames sent at 30 Hz, 640x480, to a fast detector", len(trial.sent))
-    add("frames_lost", "of which lost between camera and detector", trial.skipped(), 0)
+    add("frames_lost", "frames lost between camera and detector", trial.skipped(), 0)
     add("actions_missing", "frames seen by the detector without an action", len(trial.looks) - len(trial.answers), 0)
 
 
 def _add_slow(report: Report, trial: Trial) -> None:
     add, own = report.add, trial.work_ms()
-    add("slow_detector_p50_ms", "slow detector: its own time for a frame, p50, ms", _ms(own, 0.5))
-    add("slow_detector_max_ms", "slow detector: its own time for a frame, longest, ms", _ms(own, 1.0))
-    add("stale_age_max_ms", "slow detector: age of a frame when done, longest, ms", _ms(trial.age_ms(), 1.0))
+    add("slow_detector_p50_ms", "slow detector: time per frame, p50, ms", _ms(own, 0.5))
+    add("slow_detector_max_ms", "slow detector: time per frame, maximum, ms", _ms(own, 1.0))
+    add("stale_age_max_ms", "slow detector: age of a processed frame, maximum, ms", _ms(trial.age_ms(), 1.0))
     # The age at the begin of processing is the age at its end less the processing time.
-    text = "slow detector: age of a frame less the detector's time for it, longest, ms"
+    text = "slow detector: age of a frame without detector time, maximum, ms"
     add("stale_excess_max_ms", text, _ms(trial.arrival_ms(), 1.0), round(PERIOD_MS, 2))
-    add("stale_excess_p99_ms", "the same, p99, ms", _ms(trial.arrival_ms(), 0.99))
+    add(
+        "stale_excess_p99_ms",
+        "slow detector: age of a frame without detector time, p99, ms",
+        _ms(trial.arrival_ms(), 0.99),
+    )
     add("stale_dropped", "slow detector: frames dropped", trial.skipped())
     add("stale_processed", "slow detector: frames processed", len(trial.looks))
 

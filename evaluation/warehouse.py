@@ -38,8 +38,8 @@ REQUESTS = 4
 NOMINAL, HASTY, TROUBLED, LARGE = "run 1", "run 2", "faults", "24 boxes"
 UNMET_EXIT = 1
 
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Runs side by side; as many as cores if not given.")]
-SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds of execution noise for each run; 50 by default.")]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
+SeedsOption = Annotated[int | None, typer.Option(min=1, help="Seeds of execution noise for each run; default: 50.")]
 
 
 @dataclass(frozen=True)
@@ -103,39 +103,39 @@ def add_runs(report: Report, results: dict[str, list[Result]]) -> None:
 def _add_nominal(report: Report, results: Sequence[Result]) -> None:
     add = report.add
     steps = max(one.first_steps for one in results)
-    add("run1_steps", "run 1: actions planned, at most", steps, STEPS, others="28 by arithmetic")
+    add("run1_steps", "run 1: planned actions, maximum", steps, STEPS, others="28 by arithmetic")
     makespan = max(one.first_makespan_s for one in results)
     others = "107 s by arithmetic; POPF 107.007 s; deadline 116 s"
     add("run1_makespan_s", "run 1: planned makespan, s", makespan, MAKESPAN_S, others=others)
-    add("run1_runs", "run 1: runs, each with a seed of its own", len(results))
+    add("run1_runs", "run 1: runs with different seeds", len(results))
     add("run1_missed", "run 1: runs that miss the goal", _missed(results), 0, others="one run was shown")
     add("run1_aborts", "run 1: plans aborted", sum(one.aborts for one in results), 0)
     unloaded = _count(one.unloads < len(one.story.cast.carriers) for one in results)
     add("run1_not_unloaded", "run 1: runs in which a carrier does not unload", unloaded, 0)
-    add("run1_median_s", "run 1: s until all are sorted, median", _median(results), others="about 130 s expected")
+    add("run1_median_s", "run 1: completion time, median, s", _median(results), others="about 130 s expected")
 
 
 def _add_hasty(report: Report, results: Sequence[Result]) -> None:
     add = report.add
-    add("run2_runs", "run 2: runs, each with a seed of its own", len(results))
+    add("run2_runs", "run 2: runs with different seeds", len(results))
     add("run2_missed", "run 2: runs that miss the goal", _missed(results), 0, others="one run was shown")
     smooth = _count(one.aborts < 1 or one.plans < 2 for one in results)
-    add("run2_without_replan", "run 2: runs without an abort and a new plan", smooth, 0, others="1 of each")
+    add("run2_without_replan", "run 2: runs without an abort and a replan", smooth, 0, others="1 of each")
     other = _count(one.requests != REQUESTS for one in results)
     add("run2_other_requests", f"run 2: runs with other than {REQUESTS} requests in all", other, 0, others="4 requests")
-    add("run2_median_s", "run 2: s until all are sorted, median", _median(results))
+    add("run2_median_s", "run 2: completion time, median, s", _median(results))
 
 
 def _add_troubled(report: Report, results: Sequence[Result]) -> None:
     add = report.add
-    add("faults_runs", "faults: runs in which things go wrong by chance", len(results))
+    add("faults_runs", "faults: runs with random faults", len(results))
     killed = _count(one.story.kills for one in results)
-    add("faults_killed", "faults: those in which agents die and are started anew", killed)
+    add("faults_killed", "faults: runs with agent crashes and restarts", killed)
     add("faults_reached", "faults: runs that reach the goal", _count(one.reached for one in results))
     dropped = _count(one.settled and not one.reached for one in results)
-    add("faults_dropped", "faults: runs in which the desire is dropped, with a reason", dropped)
+    add("faults_dropped", "faults: runs with a dropped desire and a reason", dropped)
     hung = _count(not one.settled for one in results)
-    add("faults_unsettled", "faults: runs that hang, or end otherwise", hung, 0)
+    add("faults_unsettled", "faults: runs without a result", hung, 0)
 
 
 def _add_large(report: Report, results: Sequence[Result]) -> None:
@@ -146,9 +146,9 @@ def _add_large(report: Report, results: Sequence[Result]) -> None:
 def _add_checks(report: Report, results: dict[str, list[Result]]) -> None:
     everything = [one for some in results.values() for one in some]
     violations = sum(len(one.violations) for one in everything)
-    report.add("steps", "steps begun, all looked at by the independent check", sum(one.steps for one in everything))
-    report.add("violations", "steps against a false condition, and other violations", violations, 0)
-    report.add("failures", "nodes that raised an exception", sum(len(one.failures) for one in everything), 0)
+    report.add("steps", "started steps, all verified by the independent checker", sum(one.steps for one in everything))
+    report.add("violations", "violations, such as steps with a false condition", violations, 0)
+    report.add("failures", "nodes with exceptions", sum(len(one.failures) for one in everything), 0)
 
 
 def _measures(results: Sequence[Result]) -> Iterator[tuple[str, list[float]]]:

@@ -2,12 +2,12 @@
 
 import sys
 
-from socialbot.core.process import end_well_on_signals, keep_freed_memory
+from socialbot.core.process import exit_on_signals, keep_freed_memory
 
 
 def run() -> None:
     """Run the command line. Signals end it cleanly from the start, also during imports."""
-    end_well_on_signals()
+    exit_on_signals()
     keep_freed_memory()
     from socialbot.cli.main import main
 

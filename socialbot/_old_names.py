@@ -90,10 +90,10 @@ class OldNamesFinder:
         if old not in old_modules():
             return None
         spec = PathFinder.find_spec(fullname, path)
-        if spec is None:
+        if spec is None or spec.loader is None:  # a folder without code is left of an older checkout
             is_package = any(each.startswith(f"{old}.") for each in old_modules())
             return ModuleSpec(fullname, _Loader(), is_package=is_package)  # type: ignore[arg-type]
-        run = spec.loader.exec_module  # type: ignore[union-attr]
+        run = spec.loader.exec_module
 
         def exec_module(module: ModuleType) -> None:
             run(module)
@@ -109,7 +109,7 @@ class OldNamesFinder:
 
             vars(module)["__getattr__"] = __getattr__
 
-        spec.loader.exec_module = exec_module  # type: ignore[union-attr,method-assign]
+        spec.loader.exec_module = exec_module  # type: ignore[method-assign]
         return spec
 
 

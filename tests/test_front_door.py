@@ -25,6 +25,7 @@ SHOWN = [
 ]
 """Files that show users how to import socialbot."""
 
+ENTRY = re.compile(r"^::: (\S+)$", re.MULTILINE)
 IMPORT = re.compile(r"^\s*(?:from (socialbot[\w.]*) import|import (socialbot[\w.]*))", re.MULTILINE)
 
 
@@ -51,6 +52,20 @@ def test_type_checkers_see_the_names_that_are_imported_lazily():
     lazy = {name: module for module, names in socialbot._MODULES.items() for name in names.split()}
     assert seen == lazy
     assert set(socialbot.__all__) == set(lazy)
+
+
+def test_the_reference_lists_every_public_name_once():
+    entries = [entry for page in ROOT.glob("docs/reference/*.md") for entry in ENTRY.findall(page.read_text("utf-8"))]
+    assert len(entries) == len(set(entries))
+    packages = [entry for entry in entries if entry in PACKAGES]
+    missing = [
+        name
+        for name in public_names().split()
+        if name not in entries
+        and name.rpartition(".")[0] not in packages
+        and name.replace("socialbot.", "socialbot.bdi.") not in public_names().split()
+    ]
+    assert missing == []
 
 
 def test_unknown_names_are_refused_as_usual():

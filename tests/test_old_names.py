@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot import InlineRunner, open_bag, open_run
+from socialbot import Graph, InlineRunner, Node, open_bag, open_run
 from socialbot._old_names import OldNamesFinder, old_modules
 from socialbot.core.clock import SECOND
 from socialbot.runtime.bag_source import graph_of
@@ -47,6 +47,14 @@ def test_an_old_name_is_imported_with_a_warning_that_names_the_new_one(old, name
         found = getattr(module, name)
     home, _, attribute = new.rpartition(".")
     assert found is getattr(importlib.import_module(home), attribute)
+
+
+def test_an_old_attribute_is_read_with_a_warning_that_names_the_new_one():
+    graph = Graph("empty", ())
+    with pytest.warns(DeprecationWarning, match=r"Graph\.placements is deprecated .* use nodes"):
+        assert graph.placements is graph.nodes
+    with pytest.warns(DeprecationWarning, match="use report_health"):
+        assert Node.say_health is Node.report_health
 
 
 def test_unknown_modules_and_names_are_refused_as_usual():
@@ -87,7 +95,8 @@ class TestRecordsOfTheLastRelease:
     def test_a_run_is_opened(self):
         run = open_run(RUN)
         assert run.damage == []
-        assert [view.name for view in run.graph().nodes][:2] == ["world", "coordinator"]
+        assert run.graph is not None
+        assert [node.name for node in run.graph.nodes][:2] == ["world", "coordinator"]
         assert run.history.end > run.history.start
         assert run.results["graph"] == "hospital"
 

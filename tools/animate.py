@@ -13,8 +13,9 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection
 from socialbot.runs.report import recorded
-from socialbot.runs.state import AgentMind, DetectedPerson, HeadView, RunState
+from socialbot.runs.state import AgentMind, HeadView, RunState
 
 SIZE = (720, 360)
 SCENE = (480, 360)
@@ -56,7 +57,7 @@ def sights(moment: RunState) -> list[str]:
     return [f"{person.track_id}, {person.distance_m:.1f} m away" for person in persons if person.distance_m is not None]
 
 
-def draw_person(canvas: Canvas, person: DetectedPerson, scale: float) -> None:
+def draw_person(canvas: Canvas, person: PersonDetection, scale: float) -> None:
     """Draw a box with id and distance."""
     left, top, right, bottom = (
         scale * value for value in (person.x, person.y, person.x + person.w, person.y + person.h)
@@ -120,7 +121,7 @@ def frames(folder: Path, begin_s: float, end_s: float, rate_hz: float) -> Iterat
             if picture is not None:
                 lately = run.history.between(stamp - round(SHOWN_S * SECOND), stamp)
                 did = [record.what for record in lately if record.kind == "action"]
-                yield frame(run.course.at(stamp), picture.jpeg, did)
+                yield frame(run.states.at(stamp), picture.jpeg, did)
 
 
 def main() -> None:

@@ -191,7 +191,7 @@ def test_the_page_beside_the_json_has_the_table_of_the_terminal(findings, tmp_pa
     write(findings.content(), findings.page(), tmp_path / "engine.json")
     html = (tmp_path / "engine.html").read_text("utf-8")
     words = " ".join(read(html).split())
-    assert headings(html) == ["Workloads", "How this was measured"]
+    assert headings(html) == ["Workloads", "Measurement conditions"]
     assert "2 of 4 requirements are met; not met: W1.hook_cost, W2a.ratio_1000." in words
     assert "requirements not met" in words
     assert "1000 plans for one kind of event 500 k 50 k 0.1 0.4 0.6 below 500 100" in words

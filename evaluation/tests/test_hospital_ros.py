@@ -74,7 +74,7 @@ def test_a_recovery_goes_from_the_failed_result_to_the_first_command_of_the_new_
 
 def test_results_of_another_hospital_in_the_domain_are_an_error():
     notes = {name: Notes() for name in ("world", "coordinator")}
-    with pytest.raises(NodeError, match="did not tell"):
+    with pytest.raises(NodeError, match="without a message of the ward"):
         list(Account(notes, Seen(results=[FAILED])).recoveries())
 
 

@@ -26,7 +26,7 @@ from evaluation.hospital_scale import (
 )
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
 from evaluation.report import Report
-from socialbot.agents.hospital.ward.ward import PROBLEM_OF, drawn_problems, large_ward
+from socialbot.agents.hospital.ward.ward import PROBLEMS, drawn_problems, large_ward
 
 GOOD = Result(
     story=Story(3, 50.0),
@@ -123,7 +123,7 @@ def test_a_small_ward_is_disinfected_and_every_problem_kind_is_drawn_somewhere()
     assert (result.infections, result.missions, result.share) == (3, 3, 100.0)
     assert result.drawn.total() == 3
     assert result.planning_s
-    assert {fault.kind for fault in drawn_problems(large_ward(), 0, 100.0)} == set(PROBLEM_OF)
+    assert {fault.kind for fault in drawn_problems(large_ward(), 0, 100.0)} == set(PROBLEMS)
 
 
 @pytest.mark.parametrize("time_s", [1.4, 3.3])

@@ -76,7 +76,7 @@ def test_beside_the_json_there_is_a_page(report, tmp_path, capsys):
     report.finish(tmp_path / "figures.json")
     html = (tmp_path / "figures.html").read_text("utf-8")
     words = read(html)
-    assert headings(html) == ["Figures", "nodes", "&lt;b&gt;by rate", "How this was measured"]
+    assert headings(html) == ["Figures", "nodes", "&lt;b&gt;by rate", "Measurement conditions"]
     assert "1 of 2 requirements are met; not met: latency_p99_ms." in words
     for told in ("latency", "20.5", "at most 15", "80", "python -m", "numpy"):
         assert told in words

@@ -7,7 +7,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, cast
+from typing import Any, Protocol, TypeVar, Union, cast
 
 import msgspec
 import numpy as np
@@ -27,10 +27,6 @@ from socialbot.core.messages import (
 )
 from socialbot.core.registry import message_types
 from socialbot.graph.node import WireForm
-
-if TYPE_CHECKING:
-    pass  # merged
-
 
 M = TypeVar("M", bound=Message)
 
@@ -115,12 +111,11 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
     type. Raises MessageError when the content does not fit, or ``ros_message`` is of another type.
     """
     if issubclass(message_type, Structured):
-        if hasattr(ros_message, "header"):
-            return cast(M, _decode_typed(message_type, ros_message, stamp))
-        return cast(M, _decode_structured(message_type, _text(ros_message), stamp))
+        decode_form = _decode_typed if hasattr(ros_message, "header") else _decode_json
+        return cast(M, decode_form(message_type, ros_message, stamp))
     name = ros_type(message_type)
     try:
-        return cast(M, _DECODERS[message_type](ros_message, header_stamp(ros_message) or stamp))
+        return cast(M, _DECODERS[message_type](message_type, ros_message, header_stamp(ros_message) or stamp))
     except (AttributeError, TypeError, ValueError, IndexError) as error:
         raise MessageError(f"not a valid {name}: {error}") from error
 
@@ -129,29 +124,17 @@ def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any
     """Encode ``message`` with ``types``. Raises MessageError when its ROS type cannot express it."""
     if isinstance(message, Structured):
         if ros_type(type(message), form) == STRING:
-            return types.make(STRING, data=_json(message))
+            return types.make(STRING, data=_json(message, f"{type(message).__name__} "))
         return to_typed(message, types)
     name = ros_type(type(message))
     return _ENCODERS[type(message)](message, name, types)
 
 
-def schema_name(message_type: type[Structured]) -> str:
-    """Schema name and version in the JSON of ``message_type``, such as ``socialbot/Utterance/1``."""
-    return str(message_type.__struct_config__.tag)
-
-
-def _json(message: Structured) -> str:
+def _json(value: Any, what: str = "") -> str:
     try:
-        return msgspec.json.encode(message).decode()
+        return msgspec.json.encode(value).decode()
     except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
-        raise MessageError(f"{type(message).__name__} cannot be written as JSON: {error}") from error
-
-
-def _text(ros_message: Any) -> str:
-    text = getattr(ros_message, "data", None)
-    if not isinstance(text, str):
-        raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
-    return text
+        raise MessageError(f"{what}cannot be written as JSON: {error}") from error
 
 
 def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
@@ -162,16 +145,19 @@ def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) 
     return message
 
 
-def _decode_structured(message_type: type[Structured], text: str, stamp: int) -> Structured:
+def _decode_json(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
+    text = getattr(ros_message, "data", None)
+    if not isinstance(text, str):
+        raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
     if message_type in (Utterance, Structured) and not text.lstrip().startswith("{"):
         return Utterance(stamp=stamp, id=f"text-{stamp}", text=text)
-    wanted = "a schema of socialbot" if message_type is Structured else schema_name(message_type)
+    wanted = "a schema of socialbot" if message_type is Structured else str(message_type.__struct_config__.tag)
     try:
         message = _json_decoder(message_type).decode(text)
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
         raise MessageError(f"JSON does not fit {wanted}: {error}", remedy=_schema_remedy(str(error))) from error
     if not isinstance(message, message_type):
-        raise MessageError(f"JSON does not fit {wanted}: it is {schema_name(type(message))}")
+        raise MessageError(f"JSON does not fit {wanted}: it is {message.__struct_config__.tag}")
     return message
 
 
@@ -185,47 +171,34 @@ def _json_decoder(message_type: type[Structured]) -> msgspec.json.Decoder[Any]:
 def _schema_remedy(error: str) -> str | None:
     if "$.schema" in error:
         return "connect the topic to a sender of that schema, and run the same version of socialbot on both sides"
-    if "`schema`" in error:
-        return 'name the schema in the JSON: {"schema": "socialbot/...", ...}'
-    return None
+    return 'name the schema in the JSON: {"schema": "socialbot/...", ...}' if "`schema`" in error else None
 
 
 def _bytes(data: Any) -> np.ndarray:
     return np.frombuffer(data, np.uint8)
 
 
-def _decode_image(ros: Any, stamp: int) -> Image:
-    return Image(
-        stamp=stamp,
-        frame_id=ros.header.frame_id,
-        height=ros.height,
-        width=ros.width,
-        encoding=ros.encoding,
-        step=ros.step,
-        data=_bytes(ros.data),
-        is_bigendian=bool(ros.is_bigendian),
-    )
+def _floats(numbers: Any) -> tuple[float, ...]:
+    return tuple(map(float, numbers))
 
 
-def _decode_compressed(ros: Any, stamp: int) -> CompressedImage:
-    return CompressedImage(stamp=stamp, frame_id=ros.header.frame_id, format=ros.format, data=_bytes(ros.data))
+_FIELDS: Mapping[type[Message], Mapping[str, Callable[[Any], Any] | None]] = {
+    Image: {"height": None, "width": None, "encoding": None, "is_bigendian": bool, "step": None, "data": _bytes},
+    CompressedImage: {"format": None, "data": _bytes},
+    CameraInfo: {"width": None, "height": None, "distortion_model": None, "k": _floats, "d": _floats},
+}
+"""Fields that have the same name in ROS, and how they are converted from ROS."""
 
 
-def _decode_camera_info(ros: Any, stamp: int) -> CameraInfo:
-    # ROS 1 writes these fields in capitals.
-    k, d = (ros.k, ros.d) if hasattr(ros, "k") else (ros.K, ros.D)
-    return CameraInfo(
-        stamp=stamp,
-        frame_id=ros.header.frame_id,
-        width=ros.width,
-        height=ros.height,
-        k=_floats(k),
-        d=_floats(d),
-        distortion_model=ros.distortion_model,
-    )
+def _decode_fields(message_type: Any, ros: Any, stamp: int) -> Message:
+    fields = {}
+    for name, convert in _FIELDS[message_type].items():
+        value = getattr(ros, name) if hasattr(ros, name) else getattr(ros, name.upper())  # ROS 1 writes K and D
+        fields[name] = convert(value) if convert else value
+    return message_type(stamp=stamp, frame_id=ros.header.frame_id, **fields)
 
 
-def _decode_trajectory(ros: Any, stamp: int) -> JointTrajectory:
+def _decode_trajectory(message_type: type[Message], ros: Any, stamp: int) -> JointTrajectory:
     if len(ros.points) != 1:
         raise MessageError(f"a trajectory must have 1 point (got {len(ros.points)})")
     point = ros.points[0]
@@ -238,7 +211,7 @@ def _decode_trajectory(ros: Any, stamp: int) -> JointTrajectory:
     )
 
 
-def _decode_boxes(ros: Any, stamp: int) -> BoxMarkers:
+def _decode_boxes(message_type: type[Message], ros: Any, stamp: int) -> BoxMarkers:
     if ros.type != _LINE_LIST or len(ros.points) % len(_CORNERS):
         raise MessageError(f"an ImageMarker of type {ros.type} with {len(ros.points)} points is no list of boxes")
     boxes = []
@@ -246,10 +219,6 @@ def _decode_boxes(ros: Any, stamp: int) -> BoxMarkers:
         corner, opposite = ros.points[first], ros.points[first + 3]
         boxes.append((corner.x, corner.y, opposite.x - corner.x, opposite.y - corner.y))
     return BoxMarkers(stamp=stamp, frame_id=ros.header.frame_id, boxes=tuple(boxes))
-
-
-def _floats(numbers: Any) -> tuple[float, ...]:
-    return tuple(map(float, numbers))
 
 
 def _array(numbers: tuple[float, ...]) -> np.ndarray:
@@ -267,43 +236,30 @@ def _duration(types: TypeFactory, seconds: float) -> Any:
     return types.make("builtin_interfaces/msg/Duration", sec=whole, nanosec=rest)
 
 
-def _encode_image(image: Image, name: str, types: TypeFactory) -> Any:
-    return types.make(
-        name,
-        header=_header(types, image.stamp, image.frame_id),
-        height=image.height,
-        width=image.width,
-        encoding=image.encoding,
-        is_bigendian=int(image.is_bigendian),
-        step=image.step,
-        data=image.data,
-    )
+def _encode_fields(message: Image | CompressedImage | CameraInfo, name: str, types: TypeFactory) -> Any:
+    fields = {field: getattr(message, field) for field in _FIELDS[type(message)]}
+    if isinstance(message, Image):
+        fields["is_bigendian"] = int(message.is_bigendian)
+    elif isinstance(message, CameraInfo):
+        fields |= _camera_fields(message, types)
+    return types.make(name, header=_header(types, message.stamp, message.frame_id), **fields)
 
 
-def _encode_compressed(image: CompressedImage, name: str, types: TypeFactory) -> Any:
-    header = _header(types, image.stamp, image.frame_id)
-    return types.make(name, header=header, format=image.format, data=image.data)
-
-
-def _encode_camera_info(info: CameraInfo, name: str, types: TypeFactory) -> Any:
+def _camera_fields(info: CameraInfo, types: TypeFactory) -> dict[str, Any]:
     if len(info.k) != 9:
         raise MessageError(f"k of a CameraInfo must have 9 numbers (got {len(info.k)})")
     k = _array(info.k)
+    p = np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).reshape(-1)
     region = types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    return types.make(
-        name,
-        header=_header(types, info.stamp, info.frame_id),
-        height=info.height,
-        width=info.width,
-        distortion_model=info.distortion_model,
-        d=_array(info.d),
-        k=k,
-        r=np.eye(3).reshape(-1),
-        p=np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).reshape(-1),
-        binning_x=0,
-        binning_y=0,
-        roi=region,
-    )
+    return {
+        "d": _array(info.d),
+        "k": k,
+        "r": np.eye(3).reshape(-1),
+        "p": p,
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": region,
+    }
 
 
 def _encode_trajectory(trajectory: JointTrajectory, name: str, types: TypeFactory) -> Any:
@@ -348,17 +304,13 @@ def _encode_boxes(markers: BoxMarkers, name: str, types: TypeFactory) -> Any:
     )
 
 
-_DECODERS: Mapping[type[Message], Callable[[Any, int], Message]] = {
-    Image: _decode_image,
-    CompressedImage: _decode_compressed,
-    CameraInfo: _decode_camera_info,
+_DECODERS: Mapping[type[Message], Callable[[type[Message], Any, int], Message]] = {
+    **dict.fromkeys(_FIELDS, _decode_fields),
     JointTrajectory: _decode_trajectory,
     BoxMarkers: _decode_boxes,
 }
 _ENCODERS: Mapping[type[Message], Callable[[Any, str, TypeFactory], Any]] = {
-    Image: _encode_image,
-    CompressedImage: _encode_compressed,
-    CameraInfo: _encode_camera_info,
+    **dict.fromkeys(_FIELDS, _encode_fields),
     JointTrajectory: _encode_trajectory,
     BoxMarkers: _encode_boxes,
 }
@@ -367,19 +319,15 @@ _ENCODERS: Mapping[type[Message], Callable[[Any, str, TypeFactory], Any]] = {
 S = TypeVar("S", bound=Structured)
 
 MISSING = msgspec.NODEFAULT
-INTEGERS = range(-(2**63), 2**63)
 _NUMBERS = {"bool": np.bool_, "int64": np.int64, "float64": np.float64}
 
 
 def to_typed(message: Structured, types: TypeFactory) -> Any:
     """Encode ``message`` as its own ROS type. Raises MessageError when that cannot express it."""
     try:
-        seconds, rest = divmod(message.stamp, SECOND)
-        if abs(seconds) >= 2**31:
+        if abs(message.stamp // SECOND) >= 2**31:
             raise MessageError(f"the stamp {message.stamp} is out of range")
-        stamp = types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-        frame_id = _text_field(getattr(message, "frame_id", ""))
-        header = types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+        header = _header(types, message.stamp, _text_field(getattr(message, "frame_id", "")))
         return types.make(type_name(type(message)), header=header, **_values(message, types))
     except MessageError as error:
         raise MessageError(error.what, where=type(message).__name__) from error
@@ -391,7 +339,7 @@ def from_typed(message_type: type[S], ros_message: Any) -> S:
         header = ros_message.header
         given = {
             "schema": message_type.__struct_config__.tag,
-            "stamp": header.stamp.sec * SECOND + header.stamp.nanosec,
+            "stamp": header_stamp(ros_message),
             "frame_id": header.frame_id,
             **_given(message_type, ros_message),
         }
@@ -423,10 +371,10 @@ def _one(field: Field, value: Any, types: TypeFactory) -> Any:
         case "string":
             return _text_field(value)
         case "json":
-            return _text_field(_json_field(value))
+            return _text_field(_json(value))
         case "float64":
             return float(value)
-        case "int64" if value not in INTEGERS:
+        case "int64" if not -(2**63) <= value < 2**63:
             raise MessageError(f"{field.name} does not fit into 64 bits (got {value})")
         case _:
             return value
@@ -442,13 +390,6 @@ def _text_field(text: str) -> str:
             f"{text!r} has a zero byte, which ends a ROS string", remedy="remove it, or write wire: json"
         )
     return text
-
-
-def _json_field(value: Any) -> str:
-    try:
-        return msgspec.json.encode(value).decode()
-    except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
-        raise MessageError(f"cannot be written as JSON: {error}") from error
 
 
 def _given(struct: type, ros_message: Any) -> dict[str, Any]:

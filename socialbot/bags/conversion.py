@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import shutil
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +30,7 @@ FRAME_ID = "camera_color_optical_frame"
 _IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 _DEFAULT_RATE_HZ = 30.0
 
-Frames = Iterator[tuple[int, np.ndarray]]
+Frames = Generator[tuple[int, np.ndarray], None, None]
 """Stamp (ns) and image: uint8, shape (height, width, 3), BGR."""
 
 
@@ -68,24 +68,21 @@ class _ImageFormat:
         _check("jpeg_quality", self.jpeg_quality, 1 <= self.jpeg_quality <= 100)
         _check("width", self.width, self.width is None or 2 <= self.width <= 65500)
 
-    def scale(self, pixels: np.ndarray) -> np.ndarray:
+    def image(self, stamp: int, pixels: np.ndarray) -> tuple[CompressedImage, CameraInfo]:
+        """Scale and encode an image; the camera is a pinhole with square pixels and no distortion."""
         height, width = pixels.shape[:2]
-        if self.width is None or self.width == width:
-            return pixels
-        size = (self.width, max(1, round(height * self.width / width)))
-        return cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if self.width < width else cv2.INTER_LINEAR)
-
-    def image(self, stamp: int, pixels: np.ndarray) -> CompressedImage:
+        if self.width is not None and self.width != width:
+            method = cv2.INTER_AREA if self.width < width else cv2.INTER_LINEAR
+            height, width = max(1, round(height * self.width / width)), self.width
+            pixels = cv2.resize(pixels, (width, height), interpolation=method)
         _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
-        return CompressedImage(
-            stamp=stamp, frame_id=FRAME_ID, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
-        )
-
-    def camera_info(self, stamp: int, width: int, height: int) -> CameraInfo:
-        """Pinhole camera with square pixels and no distortion."""
         focal = width / 2 / math.tan(math.radians(self.hfov_deg) / 2)
         k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
-        return CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5)
+        kind = "bgr8; jpeg compressed bgr8"
+        return (
+            CompressedImage(stamp=stamp, frame_id=FRAME_ID, format=kind, data=data.reshape(-1)),
+            CameraInfo(stamp=stamp, frame_id=FRAME_ID, width=width, height=height, k=k, d=(0.0,) * 5),
+        )
 
 
 def import_bag(
@@ -130,36 +127,32 @@ def import_bag(
     image_format = _ImageFormat(hfov_deg, jpeg_quality, width)
     until = math.inf if limit_s is None else nanoseconds(limit_s)
     info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
-    first = last = next_info = 0
-    height = columns = images = 0
+    first = last = next_info = images = 0
+    info = None
     with BagWriter(out) as bag:
         try:
             with closing(_frames(str(source), camera, rate_hz, start, clock or WallClock())) as frames:
-                for stamp, original in frames:
+                for stamp, pixels in frames:
                     first = first if images else stamp
                     if stamp - first >= until or stopped():
                         break
-                    pixels = image_format.scale(original)
-                    height, columns = pixels.shape[:2]
+                    image, info = image_format.image(stamp, pixels)
                     if stamp >= next_info:
-                        bag.write(info_topic, image_format.camera_info(stamp, columns, height), stamp)
+                        bag.write(info_topic, info, stamp)
                         next_info = stamp + SECOND
-                    bag.write(topic, image_format.image(stamp, pixels), stamp)
+                    bag.write(topic, image, stamp)
                     images, last = images + 1, stamp
                     advance(images)
-            if not images:
-                raise BagError(
-                    "no image could be read", where=str(source), remedy="check that it is not empty or damaged"
-                )
+            if info is None:
+                remedy = "check that it is not empty or damaged"
+                raise BagError("no image could be read", where=str(source), remedy=remedy)
         except SocialbotError:
             bag.discard()
             raise
-    return Imported(bag.path, images, columns, height, (last - first) / SECOND)
+    return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND)
 
 
-def _frames(
-    source: str, camera: FrameSource | None, rate_hz: float, start: int, clock: Clock
-) -> Generator[tuple[int, np.ndarray], None, None]:
+def _frames(source: str, camera: FrameSource | None, rate_hz: float, start: int, clock: Clock) -> Frames:
     if camera is not None:
         return _camera(source, camera, clock)
     path = Path(source)
@@ -167,19 +160,18 @@ def _frames(
         return _folder(path, rate_hz, start)
     if path.is_file():
         return _video(path, start)
-    raise BagError(
-        "no such video, folder or camera", where=source, remedy="check the path; a camera is 0 or /dev/video0"
-    )
+    remedy = "check the path; a camera is 0 or /dev/video0"
+    raise BagError("no such video, folder or camera", where=source, remedy=remedy)
 
 
-def _camera(source: str, camera: FrameSource, clock: Clock) -> Generator[tuple[int, np.ndarray], None, None]:
+def _camera(source: str, camera: FrameSource, clock: Clock) -> Frames:
     with closing(camera):
         while (pixels := camera.read()) is not None:
             yield clock.now(), pixels
     log.warning("%s: the camera delivers no more images", source)
 
 
-def _folder(folder: Path, rate_hz: float, start: int) -> Generator[tuple[int, np.ndarray], None, None]:
+def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
     paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES), key=natural)
     if not paths:
         raise BagError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
@@ -190,16 +182,13 @@ def _folder(folder: Path, rate_hz: float, start: int) -> Generator[tuple[int, np
             raise BagError("cannot be decoded", where=str(path), remedy="remove or replace this image")
         shape = shape or pixels.shape
         if pixels.shape != shape:
-            raise BagError(
-                f"the image has {pixels.shape[1]}x{pixels.shape[0]} pixels, but {paths[0].name} has "
-                f"{shape[1]}x{shape[0]}",
-                where=str(path),
-                remedy="remove it, or scale all images to one size",
-            )
+            size, other = (f"{each[1]}x{each[0]}" for each in (pixels.shape, shape))
+            what = f"the image has {size} pixels, but {paths[0].name} has {other}"
+            raise BagError(what, where=str(path), remedy="remove it, or scale all images to one size")
         yield start + round(index * SECOND / rate_hz), pixels
 
 
-def _video(path: Path, start: int) -> Generator[tuple[int, np.ndarray], None, None]:
+def _video(path: Path, start: int) -> Frames:
     capture = cv2.VideoCapture(str(path))
     try:
         if not capture.isOpened():

@@ -2,7 +2,7 @@
 
 A damaged message is counted in `Bag.skipped`, and reading continues. A file with a broken structure raises one BagError
 after all intact messages. A truncated .mcap file, such as after a power failure, is read up to the end of its intact
-part, and `Bag.damage` says so.
+part, and `Bag.damage` describes it.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import heapq
 import logging
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeVar
 
 import msgspec
@@ -95,7 +95,7 @@ def open_bag(path: str | Path) -> Bag:
     return bag
 
 
-class Bag:
+class Bag(AbstractContextManager["Bag"]):
     """Bag opened by `open_bag`.
 
     ``damage`` describes missing parts of the files, ``skipped`` the damaged messages in the last pass over each topic.
@@ -107,15 +107,16 @@ class Bag:
         self.skipped: dict[str, Skipped] = {}
         self._readers = readers
         self._connections = [connection for reader in readers for connection in reader.connections]
-        self.topics: tuple[BagTopic, ...] = self._sum_topics()
+        topics: dict[str, BagTopic] = {}
+        for each in self._connections:
+            before = topics.get(each.topic)
+            topics[each.topic] = BagTopic(each.topic, each.msgtype, each.msgcount + (before.count if before else 0))
+        self.topics: tuple[BagTopic, ...] = tuple(topics[name] for name in sorted(topics))
         filled = [reader for reader in readers if reader.message_count]
         self.start: int = min((reader.start_time for reader in filled), default=0)
         self.end: int = max((reader.end_time - 1 for reader in filled), default=0)
 
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -135,10 +136,10 @@ class Bag:
 
     def topic(self, name: str) -> BagTopic:
         """Return the topic ``name``. Raises BagError if the bag has none."""
-        for topic in self.topics:
-            if topic.name == name:
-                return topic
-        raise BagError(f"no topic {name!r} in the bag", where=str(self.path), remedy=suggestion(name, self._names()))
+        found = next((topic for topic in self.topics if topic.name == name), None)
+        if found is None:
+            raise self._refused(f"no topic {name!r} in the bag", suggestion(name, self._names()))
+        return found
 
     def definition(self, type_name: str) -> tuple[str, str]:
         """Definition and hash of a ROS 2 type in the bag, or empty texts."""
@@ -164,23 +165,16 @@ class Bag:
             BagError: There is none, there are several and none is ``wanted``, or the wanted one has no images.
         """
         names = [topic.name for topic in self.image_topics]
-        where = str(self.path)
         if not names:
-            raise BagError(
-                "the bag has no images",
-                where=where,
-                remedy=f"record an image topic; the bag has {', '.join(self._names())}",
-            )
-        if wanted is None:
-            if len(names) > 1:
-                raise BagError(
-                    f"the bag has {len(names)} image topics", where=where, remedy=f"choose one of {', '.join(names)}"
-                )
-            wanted = names[0]
+            remedy = f"record an image topic; the bag has {', '.join(self._names())}"
+            raise self._refused("the bag has no images", remedy)
+        if wanted is None and len(names) > 1:
+            raise self._refused(f"the bag has {len(names)} image topics", f"choose one of {', '.join(names)}")
+        wanted = wanted or names[0]
         if wanted not in names:
-            found = [f"{wanted} is {topic.type}" for topic in self.topics if topic.name == wanted]
-            what = found[0] if found else f"no topic {wanted!r} in the bag"
-            raise BagError(what, where=where, remedy=suggestion(wanted, names))
+            known = wanted in self._names()
+            what = f"{wanted} is {self.topic(wanted).type}" if known else f"no topic {wanted!r} in the bag"
+            raise self._refused(what, suggestion(wanted, names))
         return self.topic(wanted)
 
     def camera_info_topic_for(self, image_topic: str) -> BagTopic | None:
@@ -210,11 +204,8 @@ class Bag:
         """
         for name in topics:
             if self.topic(name).type not in codec.decodable_types():
-                raise BagError(
-                    f"the type of {name}, {self.topic(name).type}, is unknown",
-                    where=str(self.path),
-                    remedy=f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}",
-                )
+                remedy = f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}"
+                raise self._refused(f"the type of {name}, {self.topic(name).type}, is unknown", remedy)
         return self._decoded(topics, kinds or {})
 
     def locations(self, name: str) -> Iterator[MessageLocation]:
@@ -223,7 +214,7 @@ class Bag:
         Raises:
             BagError: The file is truncated.
         """
-        stamps = Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
+        stamps = self._stamps(name)
         times = Receptions(str(self.path))
         for file, connection, time, data in self._read_files([name]):
             ros_message = self._attempt(connection, functools.partial(deserialize, connection, data))
@@ -231,6 +222,9 @@ class Bag:
             received = times.next(time)
             if header is not None:
                 yield MessageLocation(stamps.next(header, received), file, name, time)
+
+    def _stamps(self, name: str) -> Stamps:
+        return Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
 
     def message_at(self, place: MessageLocation) -> Message | None:
         """Read the message at one of `locations`, with its stamp; None if it is damaged. Raises BagError."""
@@ -253,38 +247,39 @@ class Bag:
         """
         for name in topics:
             self.topic(name)
-        return self._raw(topics)
+
+        def read() -> Iterator[tuple[str, int, str, bytes]]:
+            for connection, time, data in self._read(topics):
+                cdr = self._attempt(connection, functools.partial(to_cdr, connection, data))
+                if cdr is not None:
+                    yield topics[connection.topic], time, connection.msgtype, cdr
+
+        return read()
 
     def check(self) -> Mapping[str, Skipped]:
         """Read all messages, and return the damaged ones by topic. Raises BagError if a file is truncated."""
         for connection, _, data in self._read(self._names()):
             read = deserialize if is_known(connection) else to_cdr
-            self._attempt(connection, lambda read=read, connection=connection, data=data: read(connection, data))
+            self._attempt(connection, functools.partial(read, connection, data))
         return self.skipped
 
     def _decoded(self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]]) -> Iterator[tuple[str, Message]]:
-        stamps = {name: Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES) for name in topics}
-        for connection, time, data in self._read(topics):
+        stamps = {name: self._stamps(name) for name in topics}
 
-            def decode(connection: Connection = connection, time: int = time, data: bytes = data) -> Message:
-                ros_message = deserialize(connection, data)
-                kind = kinds.get(topics[connection.topic]) or codec.decodable_types()[connection.msgtype]
-                message = codec.decode(kind, ros_message, stamp=time)
-                header = codec.header_stamp(ros_message)
-                if header is None or isinstance(message, Structured):
-                    return message
-                stamp = stamps[connection.topic].next(header, time)
-                return message if stamp == message.stamp else msgspec.structs.replace(message, stamp=stamp)
+        def decode(connection: Connection, time: int, data: bytes) -> Message:
+            ros_message = deserialize(connection, data)
+            kind = kinds.get(topics[connection.topic]) or codec.decodable_types()[connection.msgtype]
+            message = codec.decode(kind, ros_message, stamp=time)
+            header = codec.header_stamp(ros_message)
+            if header is None or isinstance(message, Structured):
+                return message
+            stamp = stamps[connection.topic].next(header, time)
+            return message if stamp == message.stamp else msgspec.structs.replace(message, stamp=stamp)
 
-            message = self._attempt(connection, decode)
+        for item in self._read(topics):
+            message = self._attempt(item[0], functools.partial(decode, *item))
             if message is not None:
-                yield topics[connection.topic], message
-
-    def _raw(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
-        for connection, time, data in self._read(topics):
-            cdr = self._attempt(connection, lambda connection=connection, data=data: to_cdr(connection, data))
-            if cdr is not None:
-                yield topics[connection.topic], time, connection.msgtype, cdr
+                yield topics[item[0].topic], message
 
     def _read(self, names: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
         for name in names:
@@ -319,13 +314,8 @@ class Bag:
     def _names(self) -> list[str]:
         return [topic.name for topic in self.topics]
 
-    def _sum_topics(self) -> tuple[BagTopic, ...]:
-        topics: dict[str, BagTopic] = {}
-        for connection in self._connections:
-            before = topics.get(connection.topic)
-            count = connection.msgcount + (before.count if before else 0)
-            topics[connection.topic] = BagTopic(connection.topic, connection.msgtype, count)
-        return tuple(topics[name] for name in sorted(topics))
+    def _refused(self, what: str, remedy: str) -> BagError:
+        return BagError(what, where=str(self.path), remedy=remedy)
 
 
 def _numbered(
@@ -341,11 +331,9 @@ def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
     metadata = path / "metadata.yaml"
     files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
     if not metadata.exists() and not files:
-        raise BagError(
-            "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file",
-            where=str(path),
-            remedy="give the folder that `bag record` made; for a folder of pictures use `bag import`",
-        )
+        what = "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file"
+        remedy = "give the folder that `bag record` made; for a folder of images use `bag import`"
+        raise BagError(what, where=str(path), remedy=remedy)
     if metadata.exists():
         try:
             return [_open(path)]
@@ -360,11 +348,8 @@ def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
 
 def _open_file(path: Path, damage: list[str]) -> Reader:
     if path.suffix not in _REPAIRS:
-        raise BagError(
-            f"not a bag: {path.suffix or 'no suffix'}",
-            where=str(path),
-            remedy="give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or pictures",
-        )
+        remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
+        raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)
     try:
         return _open(path)
     except BagError:
@@ -381,19 +366,15 @@ def _open(path: Any) -> Reader:
             check_depth((path / "metadata.yaml").read_text("utf-8"))
         reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
         reader.open()
-        _check_types(reader)
+        # Rosbags does not check the types.
+        texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
+        numbers = [each.msgcount for each in reader.connections]
+        numbers += [reader.message_count, reader.start_time, reader.end_time]
+        if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
+            raise ValueError("a topic name or type is not a text, or a count is not a number")
     except Exception as error:
         raise _broken(path, error) from error
     return reader
-
-
-def _check_types(reader: Reader) -> None:
-    """Check that names are texts and counts are numbers, unlike rosbags. Raises ValueError."""
-    texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
-    numbers = [reader.message_count, reader.start_time, reader.end_time]
-    numbers += [each.msgcount for each in reader.connections]
-    if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
-        raise ValueError("a topic name or type is not a text, or a count is not a number")
 
 
 def _broken(path: Any, error: Exception) -> BagError:

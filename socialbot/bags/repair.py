@@ -48,10 +48,7 @@ class _Joined(io.RawIOBase):
     """First ``length`` bytes of a file, followed by ``tail``."""
 
     def __init__(self, file: BinaryIO, length: int, tail: bytes) -> None:
-        self._file = file
-        self._length = length
-        self._tail = tail
-        self._position = 0
+        self._file, self._length, self._tail, self._position = file, length, tail, 0
 
     def readable(self) -> bool:
         return True
@@ -94,7 +91,7 @@ def salvage(path: Path) -> Salvaged | None:
 
 @dataclass
 class _Chunk:
-    """Chunk record: its position, header fields and index records."""
+    """Chunk record of ``length`` bytes from ``start``: ``times`` and ``sizes`` are parts of its index record."""
 
     start: int
     length: int
@@ -108,19 +105,19 @@ def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
     """Return the end of the intact records, and their chunks. A chunk without index is not intact."""
     chunks: list[_Chunk] = []
     whole = len(MAGIC)
-    while True:
-        start = file.tell()
-        head = file.read(9)
-        if len(head) < 9:
-            break
+    while len(head := file.read(9)) == 9:
         kind, length = head[0], int.from_bytes(head[1:], "little")
-        end = start + 9 + length
+        end = file.tell() + length
         if kind not in _KNOWN or kind == _FOOTER or end > size:
             break
         if kind == _CHUNK:
-            chunks.append(_read_chunk(file, start, 9 + length))
+            times, uncompressed, _ = file.read(16), file.read(8), file.read(4)
+            name_length = file.read(4)
+            name = file.read(min(int.from_bytes(name_length, "little"), length))
+            sizes = name_length + name + file.read(8) + uncompressed
+            chunks.append(_Chunk(end - length - 9, 9 + length, times, sizes, {}))
         elif kind == _MESSAGE_INDEX and chunks:
-            chunks[-1].index[int.from_bytes(file.read(2), "little")] = start
+            chunks[-1].index[int.from_bytes(file.read(2), "little")] = end - length - 9
             chunks[-1].index_length = end - chunks[-1].start - chunks[-1].length
         if kind != _CHUNK:
             whole = end
@@ -128,32 +125,16 @@ def _scan(file: BinaryIO, size: int) -> tuple[int, list[_Chunk]]:
     return whole, [chunk for chunk in chunks if chunk.start < whole and chunk.index]
 
 
-def _read_chunk(file: BinaryIO, start: int, length: int) -> _Chunk:
-    times = file.read(16)
-    uncompressed = file.read(8)
-    file.seek(4, io.SEEK_CUR)
-    name_length = file.read(4)
-    name = file.read(min(int.from_bytes(name_length, "little"), length))
-    compressed = file.read(8)
-    return _Chunk(start, length, times, name_length + name + compressed + uncompressed, {})
-
-
 def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
     """Build a summary of ``chunks`` and the footer. With empty statistics, readers scan the chunks."""
-    records = [_record(_CHUNK_INDEX, _chunk_index(chunk)) for chunk in chunks]
-    records.append(_record(_STATISTICS, bytes(46)))
-    records.append(_record(_FOOTER, struct.pack("<QQI", whole, 0, 0)))
-    return b"".join(records) + MAGIC
-
-
-def _chunk_index(chunk: _Chunk) -> bytes:
-    offsets = b"".join(struct.pack("<HQ", *entry) for entry in chunk.index.items())
-    place = struct.pack("<QQI", chunk.start, chunk.length, len(offsets))
-    return chunk.times + place + offsets + struct.pack("<Q", chunk.index_length) + chunk.sizes
-
-
-def _record(kind: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", kind, len(content)) + content
+    records = []
+    for chunk in chunks:
+        offsets = b"".join(struct.pack("<HQ", *entry) for entry in chunk.index.items())
+        place = struct.pack("<QQI", chunk.start, chunk.length, len(offsets))
+        index = chunk.times + place + offsets + struct.pack("<Q", chunk.index_length) + chunk.sizes
+        records.append((_CHUNK_INDEX, index))
+    records += [(_STATISTICS, bytes(46)), (_FOOTER, struct.pack("<QQI", whole, 0, 0))]
+    return b"".join(struct.pack("<BQ", kind, len(content)) + content for kind, content in records) + MAGIC
 
 
 log = logging.getLogger("socialbot.bags")
@@ -206,17 +187,16 @@ class Stamps:
             log.warning("%s: the clock of the sender is %.1f s off; corrected", self._topic, -self._offset / SECOND)
         if header > 0:
             header += self._offset
-        why = self._defect(header, time)
+        why = ""
+        if header <= 0:
+            why = "are zero"
+        elif last is not None and header < last:
+            why = "go backwards"
+        elif header - time > nanoseconds(CLOCKS_APART_S):
+            why = "lie in the future"
         if why and not self._warned:
             self._warned = True
             log.warning("%s: header stamps %s; the times of reception are used instead", self._topic, why)
         stamp = header if not why else time if last is None else last + max(time - self._time, 0)
         self._stamp, self._time = stamp, time
         return stamp
-
-    def _defect(self, header: int, time: int) -> str:
-        if header <= 0:
-            return "are zero"
-        if self._stamp is not None and header < self._stamp:
-            return "go backwards"
-        return "lie in the future" if header - time > nanoseconds(CLOCKS_APART_S) else ""

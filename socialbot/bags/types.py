@@ -37,14 +37,9 @@ _LINE = 100
 
 @dataclass(frozen=True)
 class Field:
-    """Field of a ROS type.
+    """Field of a ROS type; ``kind`` is a scalar type of ROS, `JSON`, or a struct.
 
-    Attributes:
-        name: The name.
-        kind: A scalar type of ROS, `JSON`, or a struct.
-        count: The suffix of the type: empty, ``[]`` for an array, ``[N]`` for a fixed one, ``[<=1]`` if optional.
-        choices: The allowed values of an enumeration.
-        missing_is_nan: Whether NaN stands for a missing number.
+    ``count`` is the suffix of the type: empty, ``[]`` for an array, ``[N]`` for a fixed one, ``[<=1]`` if optional.
     """
 
     name: str
@@ -57,20 +52,8 @@ class Field:
     def definition(self) -> str:
         """Line of the field in a definition."""
         kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else ros_name(self.kind)
-        return f"{kind}{self.count} {self.name}{self._note}"
-
-    @property
-    def constants(self) -> tuple[str, ...]:
-        """Lines of the constants for the choices."""
-        return tuple(
-            f'string {self.name.upper()}_{choice.upper().replace(" ", "_")}="{choice}"' for choice in self.choices
-        )
-
-    @property
-    def _note(self) -> str:
-        if self.kind == JSON:
-            return "  # JSON"
-        return "  # NaN: none" if self.missing_is_nan else ""
+        note = "  # JSON" if self.kind == JSON else "  # NaN: none" if self.missing_is_nan else ""
+        return f"{kind}{self.count} {self.name}{note}"
 
 
 def ros_name(struct: type) -> str:
@@ -98,18 +81,18 @@ def fields_of(struct: type) -> tuple[Field, ...]:
     return tuple(_field(field.name, field.type) for field in info.fields if field.name not in hidden)
 
 
-def parts_of(struct: type) -> Iterator[type]:
-    """Structs in the fields of ``struct``, recursively."""
+def _with_parts(struct: type) -> Iterator[type]:
+    """A struct and the structs in its fields, recursively."""
+    yield struct
     for field in fields_of(struct):
         if isinstance(field.kind, type):
-            yield field.kind
-            yield from parts_of(field.kind)
+            yield from _with_parts(field.kind)
 
 
 @functools.cache
 def definitions() -> Mapping[str, str]:
     """Definitions (texts of .msg files) by ROS type."""
-    every = {part: None for kind in message_types(built_in=True) for part in (kind, *parts_of(kind))}
+    every = {part: None for kind in message_types(built_in=True) for part in _with_parts(kind)}
     texts = {type_name(struct): _definition(struct) for struct in every}
     assert len(texts) == len(every), "two structs of one name"
     return MappingProxyType(dict(sorted(texts.items())))
@@ -117,16 +100,16 @@ def definitions() -> Mapping[str, str]:
 
 def _definition(struct: type) -> str:
     fields = fields_of(struct)
-    lines = [f"# {line}".rstrip() for line in _doc(struct)]
-    lines += [constant for field in fields for constant in field.constants]
+    paragraphs = (inspect.getdoc(struct) or "").replace("``", "").replace("`", "").split("\n\n")
+    lines = [f"# {line}".rstrip() for paragraph in paragraphs for line in textwrap.wrap(paragraph, _LINE)]
+    lines += [
+        f'string {field.name.upper()}_{choice.upper().replace(" ", "_")}="{choice}"'
+        for field in fields
+        for choice in field.choices
+    ]
     if issubclass(struct, Structured):
         lines.append("std_msgs/Header header")
     return "\n".join([*lines, *(field.definition for field in fields)]) + "\n"
-
-
-def _doc(struct: type) -> list[str]:
-    paragraphs = (inspect.getdoc(struct) or "").replace("``", "").replace("`", "").split("\n\n")
-    return [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, _LINE)]
 
 
 def _field(name: str, kind: structs.Type) -> Field:
@@ -162,79 +145,53 @@ def _plain(kind: structs.Type) -> structs.Type:
 
 PACKAGES = ("foxglove_msgs", "hri_msgs", "tf2_msgs", "vision_msgs")
 
+_FIELDS = {
+    "foxglove_msgs/msg/Point2": "float64 x, float64 y",
+    "foxglove_msgs/msg/Color": "float64 r, float64 g, float64 b, float64 a",
+    "foxglove_msgs/msg/KeyValuePair": "string key, string value",
+    "foxglove_msgs/msg/PointsAnnotation": (
+        "builtin_interfaces/Time timestamp, uint8 UNKNOWN=0, uint8 POINTS=1, uint8 LINE_LOOP=2, "
+        "uint8 LINE_STRIP=3, uint8 LINE_LIST=4, uint8 type, foxglove_msgs/Point2[] points, "
+        "foxglove_msgs/Color outline_color, foxglove_msgs/Color[] outline_colors, foxglove_msgs/Color fill_color, "
+        "float64 thickness, foxglove_msgs/KeyValuePair[] metadata"
+    ),
+    "foxglove_msgs/msg/CircleAnnotation": (
+        "builtin_interfaces/Time timestamp, foxglove_msgs/Point2 position, float64 diameter, float64 thickness, "
+        "foxglove_msgs/Color fill_color, foxglove_msgs/Color outline_color, "
+        "foxglove_msgs/KeyValuePair[] metadata"
+    ),
+    "foxglove_msgs/msg/TextAnnotation": (
+        "builtin_interfaces/Time timestamp, foxglove_msgs/Point2 position, string text, float64 font_size, "
+        "foxglove_msgs/Color text_color, foxglove_msgs/Color background_color, "
+        "foxglove_msgs/KeyValuePair[] metadata"
+    ),
+    "foxglove_msgs/msg/ImageAnnotations": (
+        "builtin_interfaces/Time timestamp, foxglove_msgs/CircleAnnotation[] circles, "
+        "foxglove_msgs/PointsAnnotation[] points, foxglove_msgs/TextAnnotation[] texts, "
+        "foxglove_msgs/KeyValuePair[] metadata"
+    ),
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "vision_msgs/msg/Point2D": "float64 x, float64 y",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position, float64 theta",
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center, float64 size_x, float64 size_y",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id, float64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis, geometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header, vision_msgs/ObjectHypothesisWithPose[] results, vision_msgs/BoundingBox2D bbox, "
+        "string id"
+    ),
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header, vision_msgs/Detection2D[] detections",
+    "hri_msgs/msg/IdsList": "std_msgs/Header header, string[] ids",
+    "hri_msgs/msg/NormalizedRegionOfInterest2D": (
+        "std_msgs/Header header, float32 xmin, float32 ymin, float32 xmax, float32 ymax, float32 c"
+    ),
+}
 DEFINITIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "foxglove_msgs/msg/Point2": "float64 x\nfloat64 y\n",
-        "foxglove_msgs/msg/Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n",
-        "foxglove_msgs/msg/KeyValuePair": "string key\nstring value\n",
-        "foxglove_msgs/msg/PointsAnnotation": """
-builtin_interfaces/Time timestamp
-uint8 UNKNOWN=0
-uint8 POINTS=1
-uint8 LINE_LOOP=2
-uint8 LINE_STRIP=3
-uint8 LINE_LIST=4
-uint8 type
-foxglove_msgs/Point2[] points
-foxglove_msgs/Color outline_color
-foxglove_msgs/Color[] outline_colors
-foxglove_msgs/Color fill_color
-float64 thickness
-foxglove_msgs/KeyValuePair[] metadata
-""",
-        "foxglove_msgs/msg/CircleAnnotation": """
-builtin_interfaces/Time timestamp
-foxglove_msgs/Point2 position
-float64 diameter
-float64 thickness
-foxglove_msgs/Color fill_color
-foxglove_msgs/Color outline_color
-foxglove_msgs/KeyValuePair[] metadata
-""",
-        "foxglove_msgs/msg/TextAnnotation": """
-builtin_interfaces/Time timestamp
-foxglove_msgs/Point2 position
-string text
-float64 font_size
-foxglove_msgs/Color text_color
-foxglove_msgs/Color background_color
-foxglove_msgs/KeyValuePair[] metadata
-""",
-        "foxglove_msgs/msg/ImageAnnotations": """
-builtin_interfaces/Time timestamp
-foxglove_msgs/CircleAnnotation[] circles
-foxglove_msgs/PointsAnnotation[] points
-foxglove_msgs/TextAnnotation[] texts
-foxglove_msgs/KeyValuePair[] metadata
-""",
-        "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
-        "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",
-        "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
-        "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
-        "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
-        "vision_msgs/msg/ObjectHypothesisWithPose": """
-vision_msgs/ObjectHypothesis hypothesis
-geometry_msgs/PoseWithCovariance pose
-""",
-        "vision_msgs/msg/Detection2D": """
-std_msgs/Header header
-vision_msgs/ObjectHypothesisWithPose[] results
-vision_msgs/BoundingBox2D bbox
-string id
-""",
-        "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections\n",
-        "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids\n",
-        "hri_msgs/msg/NormalizedRegionOfInterest2D": """
-std_msgs/Header header
-float32 xmin
-float32 ymin
-float32 xmax
-float32 ymax
-float32 c
-""",
-    }
+    {name: fields.replace(", ", "\n") + "\n" for name, fields in _FIELDS.items()}
 )
-"""Definitions by type name."""
+"""Definitions (texts of .msg files) of other packages by type name."""
 
 
 _HEADER = "std_msgs/msg/Header"
@@ -290,15 +247,19 @@ class RosbagsTypes:
 
 def deserialize(connection: Connection, data: bytes) -> Any:
     """Decode ``data`` of ``connection``. Damaged bytes raise any exception."""
-    ros1 = isinstance(connection.owner, Ros1Reader)
-    types = _types(connection.msgtype, connection.msgdef, ros1)
-    return types.deserialize_ros1(data, connection.msgtype) if ros1 else _read_cdr(types, data, connection.msgtype)
+    types = _types(connection.msgtype, connection.msgdef, _is_ros1(connection))
+    if _is_ros1(connection):
+        return types.deserialize_ros1(data, connection.msgtype)
+    return _read_cdr(types, data, connection.msgtype)
 
 
 def is_known(connection: Connection) -> bool:
     """Whether the type of ``connection`` is defined in the bag or by ROS."""
-    ros1 = isinstance(connection.owner, Ros1Reader)
-    return connection.msgtype in _types(connection.msgtype, connection.msgdef, ros1).fielddefs
+    return connection.msgtype in _types(connection.msgtype, connection.msgdef, _is_ros1(connection)).fielddefs
+
+
+def _is_ros1(connection: Connection) -> bool:
+    return isinstance(connection.owner, Ros1Reader)
 
 
 def to_cdr(connection: Connection, data: bytes) -> bytes:
@@ -306,7 +267,7 @@ def to_cdr(connection: Connection, data: bytes) -> bytes:
 
     Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
     """
-    if isinstance(connection.owner, Ros1Reader):
+    if _is_ros1(connection):
         return bytes(_ros2_types(connection.msgtype, connection.msgdef).ros1_to_cdr(data, connection.msgtype))
     _check_cdr(data)
     return bytes(data)
@@ -349,12 +310,9 @@ def _ros2_types(name: str, definition: MessageDefinition) -> Typestore:
     """ROS 2 types of a ROS 1 connection: headers have no sequence number."""
     ros1, ros2 = _types(name, definition, ros1=True).fielddefs, known_types().fielddefs
     for each in ros1.keys() & ros2.keys() - {_HEADER}:
-        if _layout(ros1[each]) != _layout(ros2[each]):
+        one, other = ([(name.lower(), kind) for name, kind in types[each][1]] for types in (ros1, ros2))
+        if one != other:
             raise ValueError(f"{each} of ROS 1 has other fields than that of ROS 2")
     types = get_typestore(Stores.EMPTY)
     types.register({**ros1, _HEADER: ros2[_HEADER]})
     return types
-
-
-def _layout(fields: tuple[Any, Any]) -> list[tuple[str, Any]]:
-    return [(name.lower(), kind) for name, kind in fields[1]]

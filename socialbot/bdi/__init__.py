@@ -16,7 +16,6 @@ I go inside.
 False
 """
 
-from socialbot.bdi.actions import Action, PlanFailed, action, fail, wait
 from socialbot.bdi.durative_actions import LongAction, Pool, ThreadAction
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed, Failure, Intention, MentalState, Sleep
@@ -38,16 +37,21 @@ from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, sta
 from socialbot.bdi.sensors import Sensed, Sensor, ThreadSensor
 from socialbot.bdi.society import Society
 from socialbot.bdi.steps import (
+    Action,
+    PlanFailed,
+    action,
     apart,
     as_long_as,
     ask,
     enter,
+    fail,
     first_of,
     for_each,
     message,
     send,
     test,
     together,
+    wait,
     wait_for,
     when,
 )  # fmt: skip

@@ -50,7 +50,6 @@ class Level:
 
 
 def written(item: Event | Step, plan: Plan) -> str:
-    """Text of an event or step in the notation of its plan."""
     if plan.text is None:
         return str(item)
     from socialbot.bdi.agentspeak.printer import agentspeak
@@ -110,7 +109,6 @@ def later_request(body: Any) -> Request | None:
 
 
 def _line(frame: Any) -> str:
-    """Source line at which a generated function is suspended."""
     source = frame.f_globals["__loader__"].get_source("").split("\n")
     return source[frame.f_lineno - 1].strip()
 
@@ -151,9 +149,7 @@ def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> s
                 continue
             event = compiled.plan.event
             if args is None and event.literal.names():
-                raise RuleError(
-                    f"{event} can happen in many ways", remedy="give the arguments of the event you think of"
-                )
+                raise RuleError(f"{event} has variables", remedy="give the arguments of the event")
             args = event.literal.args if args is None else args
             own = reason_against(interpreter, compiled, args, ())
             if own is not None:
@@ -161,7 +157,7 @@ def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> s
             earlier = reasons_against(interpreter, trigger, args, (), compiled)
             first = next((other["plan"] for other in earlier if other["because"] == COMES_LATER), None)
             return "it applies" if first is None else f"{first} comes first"
-    raise RuleError(f"there is no plan {label}", remedy="give the label of a plan, or its text")
+    raise RuleError(f"no plan {label}", remedy="give the label of a plan, or its text")
 
 
 def _shown(term: object) -> str:

@@ -16,7 +16,6 @@ from socialbot.bdi.intentions import (
     REASONS,
     TAIL,
     Body,
-    Deadline,
     Failed,
     Failure,
     Intention,
@@ -24,13 +23,12 @@ from socialbot.bdi.intentions import (
     Request,
     TimedRequest,
     asking_for,
-    asking_within,
-    failure,
     goal_of,
-    one_turn,
+    once,
     origin_of,
 )
 from socialbot.bdi.library import CompiledPlan, Trigger, record_behind
+from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import closed, resolve
 
@@ -44,18 +42,7 @@ MAX_CHAIN = 64
 
 
 class IntentionStack:
-    """Intentions of one agent; iteration yields each `Intention`, the oldest first.
-
-    Only the engine's thread may call the methods.
-
-    Attributes:
-        ready: Runnable intentions, in the order of their turns.
-        waiting: Pauses until an event, by the key of the event.
-        conditions: Pauses until a condition holds.
-        current: Intention of the step being executed.
-        atomic: Intention with an atomic plan, which excludes the others.
-        turn_may_end: Whether other intentions may take their turn: the current step has begun no other plan.
-    """
+    """Intentions of one agent, for the engine's thread; iteration yields each `Intention`, the oldest first."""
 
     __slots__ = (
         "_all", "_begun", "_interpreter", "_numbers", "atomic", "conditions", "current", "ready", "turn_may_end",
@@ -67,21 +54,18 @@ class IntentionStack:
         self._all: dict[Intention, None] = {}
         self._numbers = 0
         self._begun: Body | None = None
-        self.ready: deque[Intention] = deque()
-        self.waiting: dict[str, list[Any]] = {}
-        self.conditions: list[Any] = []
-        self.current: Intention | None = None
-        self.atomic: Intention | None = None
-        self.turn_may_end = False
+        self.ready: deque[Intention] = deque()  # runnable, in the order of their turns
+        self.waiting: dict[str, list[Any]] = {}  # pauses until an event, by its key
+        self.conditions: list[Any] = []  # pauses until a condition holds
+        self.current: Intention | None = None  # its step is being executed
+        self.atomic: Intention | None = None  # it excludes the others
+        self.turn_may_end = False  # the current step has begun no other plan
 
     def __iter__(self) -> Iterator[Intention]:
         return iter(list(self._all))
 
     def __len__(self) -> int:
         return len(self._all)
-
-    def __contains__(self, intention: object) -> bool:
-        return intention in self._all
 
     def desires(self) -> tuple[Literal, ...]:
         """Goals of all intentions."""
@@ -93,7 +77,6 @@ class IntentionStack:
     # Adopting
 
     def new(self, event: Request | None = None) -> Intention:
-        """Create an intention without plans."""
         self._numbers += 1
         intention = Intention(self._numbers, event)
         self._all[intention] = None
@@ -113,9 +96,8 @@ class IntentionStack:
         return body
 
     def _let_wait(self, intention: Intention) -> None:
-        """End the turn of a plan whose first steps were executed in place."""
         if self._begun is not None and intention.frames and intention.frames[-1][0] is self._begun:
-            intention.frames.append((one_turn(), None, None))
+            intention.frames.append((once(None), None, None))
         self._begun = None
 
     def adopt(self, request: Request, ended: Callable[[Failure | None], None] | None = None) -> None:
@@ -134,9 +116,8 @@ class IntentionStack:
         self.settle(intention)
 
     def adopt_within(self, request: Request, seconds: float) -> None:
-        """Adopt a goal with a time limit in a new intention."""
         intention = self.new(request)
-        intention.frames.append((asking_within(request, seconds), None, None))
+        intention.frames.append((once(TimedRequest(request, seconds)), None, None))
         self.settle(intention)
 
     def adopt_later(self, request: Request, *, suspended: bool) -> None:
@@ -148,7 +129,6 @@ class IntentionStack:
             self.ready.append(intention)
 
     def branch(self, body: Body, parent: Intention, ended: Callable[[Intention, Failure | None], None]) -> Intention:
-        """Create an intention for a branch of another one."""
         intention = self.new()
         intention.ended = lambda failure: ended(intention, failure)
         intention.frames.append((body, None, None))
@@ -168,7 +148,6 @@ class IntentionStack:
             (self.ready.appendleft if intention.atomic else self.ready.append)(intention)
 
     def pop_kept(self, frames: list[Any]) -> None:
-        """Remove achieved goals on top that were kept only for their failure plans."""
         while frames and frames[-1][0] is None:
             _, goal, plan = frames.pop()
             if plan is not KEPT:
@@ -185,7 +164,6 @@ class IntentionStack:
             intention.ended(failure)
 
     def _take_on(self, intention: Intention, goal: Request | None, plan: CompiledPlan, result: Any) -> None:
-        """Push the result of a plan on an intention: a body, its last goal, or a failure."""
         if result.__class__ is tuple:
             self.replace_goal(intention, goal, plan)
             self.pursue(intention, result)
@@ -239,7 +217,6 @@ class IntentionStack:
             self._interpreter.trace.record("continued", str(self.goal(goal)), goal[4])
 
     def finished(self, intention: Intention, goal: Request | None, plan: CompiledPlan | None) -> None:
-        """Record the completion of a plan."""
         if goal is not None:
             self._achieved(goal)
         if intention.atomic:
@@ -260,7 +237,6 @@ class IntentionStack:
     # Pauses
 
     def rest(self, intention: Intention, pause: Pause) -> None:
-        """Pause an intention."""
         intention.pause = pause
         try:
             pause.begin(self._interpreter, intention)
@@ -284,32 +260,30 @@ class IntentionStack:
         kind, trigger, args, notes, cause = timed.request
         marker = (kind & ~TAIL, trigger, args, notes, cause)
         intention.frames.append((None, marker, KEPT))
-        self._interpreter.timers.after(timed.seconds, Deadline(self, intention, marker, timed.seconds))
-        self.pursue(intention, marker)
 
-    def expire(self, intention: Intention, marker: Request, seconds: float) -> None:
-        """Fail a goal after its time limit, and end all its steps."""
+        def over() -> bool:
+            return not intention.active or all(goal is not marker for _, goal, _ in intention.frames)
 
         def give_up() -> None:
             frames = intention.frames
             while frames[-1][1] is not marker or frames[-1][2] is not KEPT:
                 self._close(intention, frames.pop())
             frames.pop()
-            problem = Failed("timeout", f"not achieved in {seconds} s")
+            problem = Failed("timeout", f"not achieved in {timed.seconds} s")
             self.fail_goal(intention, marker, self.failure_of(None, problem, marker))
             self.settle(intention)
 
-        self.interrupt(intention, give_up)
+        self._interpreter.timers.after(timed.seconds, lambda: self.interrupt(intention, give_up), over)
+        self.pursue(intention, marker)
 
     def notify(self, key: str, args: Args, notes: Annotations) -> None:
         """Continue the intentions that wait for this event."""
         for pause in list(self.waiting.get(key, ())):
-            if pause.hear(args, notes):
+            if pause.matches(args, notes):
                 self.unlisten(pause)
                 pause.end()
 
     def unlisten(self, pause: Any) -> None:
-        """Cancel a pause until an event."""
         pauses = self.waiting.get(pause.key, [])
         if pause in pauses:
             pauses.remove(pause)
@@ -347,11 +321,13 @@ class IntentionStack:
         what = failed_step(plan, problem) or ("step" if goal is None else str(self.goal(goal)))
         if cause is None:
             cause = record_behind(problem) or (goal[4] if goal is not None else "")
-        found = failure(problem, what, cause)
+        reason, message, notes = "exception", f"{type(problem).__name__}: {problem}", ()
+        if isinstance(problem, PlanFailed):
+            reason, message, notes = problem.reason, str(problem), problem.annotations
         trace = self._interpreter.trace
-        log().info("%s: %s: %s", trace.name, what, found.message)
-        record = trace.record("failure", what, cause, reason=found.reason, message=found.message)
-        return Failure(found.reason, found.message, what, record, found.more, origin_of(plan))
+        log().info("%s: %s: %s", trace.name, what, message)
+        record = trace.record("failure", what, cause, reason=reason, message=message)
+        return Failure(reason, message, what, record, notes, origin_of(plan))
 
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
         """Fail the step of a paused intention."""
@@ -443,9 +419,7 @@ class IntentionStack:
         def close() -> None:
             cause = next((goal[4] for _, goal, _ in reversed(intention.frames) if goal is not None), "")
             while intention.frames:
-                body = intention.frames.pop()[0]
-                if body is not None and not body.gi_running:
-                    body.close()
+                self._close(intention, intention.frames.pop())
             self._interpreter.trace.record("dropped", "intention", cause, reason="cancelled")
             if intention.ended is not None:
                 intention.ended(Failure("cancelled", REASONS["cancelled"], "", ""))
@@ -471,7 +445,6 @@ class IntentionStack:
             self.settle(intention)
 
     def fail_request(self, request: Request, problem: Failure) -> None:
-        """Fail a goal without a plan for it."""
         intention = self.new(request)
         self.fail_goal(intention, request, problem)
         self.settle(intention)

@@ -1,10 +1,13 @@
-"""Interpreter of an agent: the reasoning cycle. A turn handles one event and a step of one intention."""
+"""Interpreter of an agent: the reasoning cycle and its timers. A turn handles one event and a step of one intention."""
 
 from __future__ import annotations
 
+import heapq
+import os
+import select
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator
-from itertools import repeat
+from collections.abc import Callable, Collection, Iterable, Iterator
+from itertools import count, repeat
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._intention_stack import IntentionStack
@@ -15,7 +18,9 @@ from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Event, Literal, Reactor, Structure
 from socialbot.bdi.sensors import Sensor, changes
 from socialbot.bdi.stdlib.registry import opened
+from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Trail, closed, free, resolve, undo, unify
+from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -23,6 +28,88 @@ if TYPE_CHECKING:
 
     from socialbot.bdi.durative_actions import Pool
     from socialbot.bdi.engine import Engine
+
+
+FEW_TIMERS = 64
+"""Heap size below which expired timers are not removed."""
+
+
+class Timers:
+    """Callbacks by due time, for the engine's thread. A callback has no effect once its function ``over`` returns True.
+
+    Actions driven by these timers behave the same in every simulated run.
+    """
+
+    __slots__ = ("_most", "_sequence", "_trace", "heap", "now")
+
+    def __init__(self, clock: Clock, trace: TraceWriter) -> None:
+        self.now = clock.now
+        self.heap: list[tuple[int, int, Callable[[], object], Callable[[], bool] | None]] = []
+        self._trace = trace
+        self._most = FEW_TIMERS
+        self._sequence = count()
+
+    def at(self, time: int, callback: Callable[[], object], over: Callable[[], bool] | None = None) -> None:
+        """Call ``callback`` at ``time`` (ns)."""
+        heapq.heappush(self.heap, (time, next(self._sequence), callback, over))
+        if len(self.heap) > self._most:
+            self.remove(lambda _: False)
+            self._most = max(FEW_TIMERS, 2 * len(self.heap))
+
+    def after(self, seconds: float, callback: Callable[[], object], over: Callable[[], bool] | None = None) -> None:
+        self.at(self.now() + nanoseconds(seconds), callback, over)
+
+    def remove(self, unwanted: Callable[[Callable[[], object]], bool]) -> None:
+        """Remove the timers of the unwanted callbacks, and those that have no effect."""
+        # The interpreter keeps a reference to this list.
+        self.heap[:] = [timer for timer in self.heap if not (unwanted(timer[2]) or (timer[3] and timer[3]()))]
+        heapq.heapify(self.heap)
+
+    def run_due(self) -> None:
+        """Call the due callbacks; their exceptions are written to the trace."""
+        heap, now = self.heap, self.now()
+        while heap and heap[0][0] <= now:
+            _, _, callback, over = heapq.heappop(heap)
+            try:
+                if over is None or not over():
+                    callback()
+            except Exception as problem:  # noqa: BLE001 - a sensor or a step behind a timer is user code
+                self._trace.record_failure("timer", "", problem)
+
+
+class Wakeup:
+    """Event that wakes one waiting thread, twice as fast as a lock.
+
+    Repeated calls of `ring` without a waiting thread count as one.
+    """
+
+    def __init__(self) -> None:
+        if hasattr(os, "eventfd"):
+            self._reader = self._writer = os.eventfd(0)
+        else:
+            self._reader, self._writer = os.pipe()
+            os.set_blocking(self._writer, False)
+        self._poll = select.poll()
+        self._poll.register(self._reader, select.POLLIN)
+
+    def ring(self) -> None:
+        """Wake the current or next waiting thread; callable from any thread."""
+        # Only the system call: the caller still holds the interpreter lock that the woken thread needs.
+        try:  # noqa: SIM105
+            os.write(self._writer, b"\1\0\0\0\0\0\0\0")
+        except BlockingIOError:
+            pass  # The pipe is full, so a wake-up is pending already.
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait for `ring`, at most ``seconds``."""
+        if seconds is None or self._poll.poll(max(0.0, seconds * 1000)):
+            os.read(self._reader, 65536)
+
+    def __del__(self) -> None:
+        # Not earlier: while another thread may still ring, the descriptor must not be reused for another file.
+        for number in {self._reader, self._writer}:
+            os.close(number)
+
 
 STEPS = 8
 """Maximum number of steps in a turn of the only runnable intention; then the clock is checked."""
@@ -36,18 +123,11 @@ class Interpreter:
     """Reasoning cycle: selects events, plans and intentions. Compiled plans receive it as ``ag``.
 
     Attributes:
-        engine: The agent, as actions receive it.
-        beliefs, intentions, library, messaging, timers, trace: The parts of the agent.
-        relations, triggers, ready: Shortcuts to those of the belief base, the library and the intention stack.
         inbox: Items posted from any thread: beliefs to add, as tuples, and functions to call.
-        events: Queue of events and goals.
         others: Queued events that take precedence over later steps of a plan; empty during the turn of an event.
-        stage: Current stage of plans.
         cause: Trace record of the current internal action.
         action: Trace record of the last action.
         signalled: Whether the wake-up of the engine was called since the last turn.
-        pool: Threads for blocking actions, created on demand.
-        random: Random number generator, created on demand.
     """
 
     __slots__ = (
@@ -86,7 +166,6 @@ class Interpreter:
             self.signal()
 
     def signal(self) -> None:
-        """Call the wake-up of the engine."""
         self.signalled = True
         if self.engine.wake is not None:
             self.engine.wake()
@@ -134,11 +213,7 @@ class Interpreter:
     # The cycle
 
     def run_until_idle(self, budget: int = 10_000) -> bool:
-        """Run turns while work is pending, at most ``budget``; return whether any remains.
-
-        A turn processes posted items and due timers, handles one event, and executes a step of one intention. The only
-        runnable intention executes up to `STEPS` steps.
-        """
+        """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
         inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.timers.heap
         while budget > 0:
@@ -202,7 +277,6 @@ class Interpreter:
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
-        """Process all posted items."""
         inbox = self.inbox
         while inbox:
             self._take(inbox.popleft())
@@ -219,7 +293,6 @@ class Interpreter:
     # Steps of intentions
 
     def _advance(self, intention: Intention) -> None:
-        """Execute steps of an intention until other work is pending."""
         frames, intentions = intention.frames, self.intentions
         if intention.suspended or not intention.active:
             return

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed, Failure, Intention, Pause, PauseTimer
+from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed, Failure, Intention, Pause, Request
 from socialbot.bdi.literals import Event, Literal, literal_from_key, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
@@ -20,25 +20,15 @@ from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
+    from socialbot.bdi.library import Trigger
     from socialbot.bdi.society import Society
 
-PERFORMATIVES = {
-    "tell": "the receiver believes it, from the sender",
-    "untell": "the receiver no longer believes it from the sender",
-    "achieve": "the receiver takes on a goal",
-    "unachieve": "the receiver gives up a goal, whoever wanted it",
-    "askOne": "the receiver answers with the first thing it believes that fits, or false",
-    "askAll": "the receiver answers with a list of all it believes that fits",
-    "askHow": "the receiver answers with a list of its plans for an event",
-    "tellHow": "the receiver gets a plan, from the sender",
-    "untellHow": "the receiver loses a plan of the sender",
-    "signal": "the receiver has the event that a belief is added, but does not believe it",
-}
-"""Performatives and their effects."""
+PERFORMATIVES = (
+    "tell", "untell", "signal", "achieve", "unachieve", "askOne", "askAll", "askHow", "tellHow", "untellHow",
+)  # fmt: skip
 
 TIMEOUT = Atom("timeout")
 """Answer to a question after its time limit."""
-
 
 Reply = Callable[["Engine", Any], None]
 
@@ -94,7 +84,7 @@ class Messaging:
         if answer is not None and act.startswith("ask"):
             asking = AnswerPause(answer, receivers, resolve(receiver).__class__ is tuple, limit_s)
         for agent in receivers:
-            self._deliver(agent, act, content, cause, None if asking is None else asking.hear)
+            deliver(self._engine, agent, act, content, cause, None if asking is None else asking.take)
         return asking
 
     def broadcast(self, performative: str | Atom, content: Any, cause: Any = "") -> None:
@@ -105,7 +95,7 @@ class Messaging:
             cause = trace.record("message", f"{act} to all: {show(content)}", cause)
         for agent in [] if self.society is None else list(self.society.agents.values()):
             if agent is not self._engine:
-                self._deliver(agent, act, content, cause, None)
+                deliver(self._engine, agent, act, content, cause)
 
     def tell(self, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
         """Send a belief, given by its key and arguments, to another agent."""
@@ -136,11 +126,10 @@ class Messaging:
                 agent.beliefs.declare(message)
             said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
             agent.beliefs.add(relation, said, said_by, cause)
-        _RECEIVERS[performative](agent, sender, content, said_by, cause, reply)
-
-    def _deliver(self, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None) -> None:
-        # Agents share no variables.
-        deliver(self._engine, receiver, act, detached(content), cause, reply)
+        if performative.startswith("ask"):
+            _ask(agent, sender, performative, content, said_by, cause, reply)
+        else:
+            _apply(agent, performative, content, said_by, cause)
 
     def _find(self, receiver: Any) -> Engine:
         if receiver.__class__ is Atom:
@@ -148,136 +137,82 @@ class Messaging:
         if receiver in ("self", self._engine.name):
             return self._engine
         if self.society is None:
-            raise Failed("action_failed", f"{self._engine.name} is alone: there is no agent {receiver}")
+            raise Failed("action_failed", f"there is no agent {receiver}: {self._engine.name} is in no society")
         return self.society.find(receiver)
 
 
 def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
-    """Post a message to an agent."""
-    receiver.call(functools.partial(receiver.messaging.receive, sender, act, content, cause, reply))
+    """Post a message to an agent; agents share no variables."""
+    receiver.call(functools.partial(receiver.messaging.receive, sender, act, detached(content), cause, reply))
 
 
-# Handlers of performatives
+# Effects of performatives on the receiver
 
 
-def _tell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    for each in each_of(content):
-        belief = literal_of("tell", each)
-        agent.beliefs.add(agent.beliefs.relation(belief.key), belief.args, _notes(belief, said_by), cause)
-
-
-def _untell(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    for each in each_of(content):
-        belief = literal_of("untell", each)
-        agent.beliefs.remove(agent.beliefs.relation(belief.key), belief.args, _notes(belief, said_by), cause, False)
-
-
-def _signal(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    for each in each_of(content):
-        signal = literal_of("signal", each)
-        added = agent.beliefs.relation(signal.key).added
-        if added is not None:
-            agent.interpreter.events.append((added, signal.args, (*_notes(signal, said_by), Atom("signal")), cause))
-
-
-def _achieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    for each in each_of(content):
-        goal = literal_of("achieve", each)
-        kind = SUBGOAL if closed(goal.args) else SUBGOAL | OPEN
-        agent.intentions.adopt((kind, agent.library.triggers[f"+!{goal.key}"], goal.args, _notes(goal, said_by), cause))
-
-
-def _unachieve(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    from socialbot.bdi.stdlib.goals import drop_goal
+def _apply(agent: Engine, act: str, content: Any, said_by: Any, cause: Any) -> None:
+    """Apply a message other than a question."""
+    from socialbot.bdi.stdlib import _plans, goals  # they import the parser
 
     for each in each_of(content):
-        drop_goal(agent, literal_of("unachieve", each))
+        if act in ("tellHow", "untellHow"):
+            (_plans.learn if act == "tellHow" else _plans.unlearn)(agent, each, said_by)
+            continue
+        literal = literal_of(act, each)
+        key, args, notes = literal.key, literal.args, _notes(literal, said_by)
+        match act:
+            case "tell":
+                agent.beliefs.add(agent.beliefs.relation(key), args, notes, cause)
+            case "untell":
+                agent.beliefs.remove(agent.beliefs.relation(key), args, notes, cause, here=False)
+            case "signal":
+                added = agent.beliefs.relation(key).added
+                if added is not None:
+                    agent.interpreter.events.append((added, args, (*notes, Atom("signal")), cause))
+            case "achieve":
+                agent.intentions.adopt(_request(agent.library.triggers[f"+!{key}"], args, notes, cause))
+            case "unachieve":
+                goals.drop_goal(agent, literal)
 
 
-def _ask_one(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
-    query = literal_of("askOne", content)
-    trail: Trail = []
-    for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail):
-        found = resolve(query)
-        undo(trail, 0)
-        _answer(agent, sender, query, found, cause, reply)
-        return
-    undo(trail, 0)
-    trigger = agent.library.triggers.get(f"+?{query.key}")
-    if trigger is None or not trigger.plans:
-        _answer(agent, sender, query, None, cause, reply)
-        return
-
-    def ended(failure: Failure | None) -> None:
-        _answer(agent, sender, query, resolve(query) if failure is None else None, cause, reply)
-
-    kind = SUBGOAL if closed(query.args) else SUBGOAL | OPEN
-    agent.intentions.adopt((kind, trigger, query.args, _notes(query, said_by), cause), ended)
-
-
-def _ask_all(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
-    query = literal_of("askAll", content)
-    trail: Trail = []
-    found = tuple(resolve(query) for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail))
-    _answer(agent, sender, query, found, cause, reply)
-
-
-def _ask_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
+def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
+    """Answer a question through ``reply``, or else by a message: tell the solutions, or untell the query."""
     from socialbot.bdi.stdlib._plans import relevant
 
-    found = relevant(agent, content)
-    if reply is not None:
-        reply(agent, found)
-    elif found:
-        deliver(agent, sender, "tellHow", found, cause)
+    def answer(found: Any) -> None:
+        if reply is None:
+            deliver(agent, sender, "untell" if found is None else "tell", content if found is None else found, cause)
+            return
+        said = (source(Atom(agent.name)),)
+        solutions = tuple(each.with_(annotations=_notes(each, said)) for each in each_of(found or ()))
+        reply(agent, detached(solutions if act == "askAll" else solutions[0] if solutions else Atom("false")))
 
+    def ended(failure: Failure | None) -> None:
+        answer(resolve(query) if failure is None else None)
 
-def _tell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    from socialbot.bdi.stdlib._plans import learn
-
-    for each in each_of(content):
-        learn(agent, each, said_by)
-
-
-def _untell_how(agent: Engine, sender: Engine, content: Any, said_by: Any, cause: Any, reply: Any) -> None:
-    from socialbot.bdi.stdlib._plans import unlearn
-
-    for each in each_of(content):
-        unlearn(agent, each, said_by)
-
-
-_RECEIVERS: dict[str, Callable[..., None]] = {
-    "tell": _tell,
-    "untell": _untell,
-    "achieve": _achieve,
-    "unachieve": _unachieve,
-    "askOne": _ask_one,
-    "askAll": _ask_all,
-    "askHow": _ask_how,
-    "tellHow": _tell_how,
-    "untellHow": _untell_how,
-    "signal": _signal,
-}
-
-
-# Answers
-
-
-def _answer(agent: Engine, sender: Engine, query: Literal, found: Any, cause: Any, reply: Reply | None) -> None:
-    """Answer a question through ``reply``, or else by a message: tell the solution, or untell the query."""
-    if reply is not None:
-        said_by = (source(Atom(agent.name)),)
-        if found is None:
-            found = Atom("false")
-        elif found.__class__ is tuple:
-            found = tuple(each.with_(annotations=_notes(each, said_by)) for each in found)
-        else:
-            found = found.with_(annotations=_notes(found, said_by))
-        reply(agent, detached(found))
-    elif found is None:
-        deliver(agent, sender, "untell", detached(query), cause)
+    if act == "askHow":
+        plans = relevant(agent, content)
+        if reply is not None:
+            reply(agent, plans)
+        elif plans:
+            deliver(agent, sender, "tellHow", plans, cause)
+        return
+    query = literal_of(act, content)
+    trail: Trail = []
+    solutions = (resolve(query) for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail))
+    if act == "askAll":
+        answer(tuple(solutions))
+        return
+    found = next(solutions, None)
+    undo(trail, 0)
+    trigger = agent.library.triggers.get(f"+?{query.key}")
+    if found is not None or trigger is None or not trigger.plans:
+        answer(found)
     else:
-        deliver(agent, sender, "tell", detached(found), cause)
+        agent.intentions.adopt(_request(trigger, query.args, _notes(query, said_by), cause), ended)
+
+
+def _request(trigger: Trigger, args: tuple[Any, ...], notes: Any, cause: Any) -> Request:
+    return (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, notes, cause)
 
 
 class AnswerPause(Pause):
@@ -296,11 +231,11 @@ class AnswerPause(Pause):
         if not self.missing:
             self._answered(())
         elif self.limit_s is not None:
-            interpreter.timers.after(self.limit_s, PauseTimer(self, self._late))
+            interpreter.timers.after(self.limit_s, self._late, lambda: self.intention is None)
 
-    def hear(self, replier: Engine, answer: Any) -> None:
+    def take(self, replier: Engine, answer: Any) -> None:
         """Accept an answer, from the thread of the replying agent."""
-        self.interpreter.post(lambda: self._take(replier.name, answer))
+        self.interpreter.post(functools.partial(self._take, replier.name, answer))
 
     def _take(self, name: str, answer: Any) -> None:
         if self.intention is None or name not in self.missing:
@@ -311,8 +246,7 @@ class AnswerPause(Pause):
             self._answered(tuple(self.found) if self.several else answer)
 
     def _late(self) -> None:
-        if self.intention is not None:
-            self._answered(tuple(self.found) if self.several else TIMEOUT)
+        self._answered(tuple(self.found) if self.several else TIMEOUT)
 
     def _answered(self, answer: Any) -> None:
         trail: Trail = []
@@ -355,14 +289,14 @@ def _notes(what: Literal, said_by: tuple[object, ...]) -> tuple[object, ...]:
 
 
 def _closed(term: Any) -> Any:
-    """Copy of a term with ``_`` in place of variables, for an event."""
     term = resolve(term)
-    if closed(term) and not isinstance(term, Event):
-        return term
-    if isinstance(term, Event):
-        return Event(term.change, _closed(term.literal), term.seconds)
-    if term.__class__ is tuple:
-        return tuple(map(_closed, term))
-    if isinstance(term, Literal):
-        return term.with_(args=_closed(term.args), annotations=_closed(term.annotations))
+    match term:
+        case Event():
+            return Event(term.change, _closed(term.literal), term.seconds)
+        case _ if closed(term):
+            return term
+        case tuple():
+            return tuple(map(_closed, term))
+        case Literal():
+            return term.with_(args=_closed(term.args), annotations=_closed(term.annotations))
     return Atom("_")

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._timers import Timers
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import Belief, Computed, Literal, Reactor, ground, literal_from_key, source
@@ -15,6 +14,9 @@ from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from socialbot.bdi._interpreter import Timers
 
 Args = tuple[Any, ...]
 
@@ -41,7 +43,6 @@ class HeldBelief:
 
     @property
     def source(self) -> str:
-        """The sources, separated by commas."""
         return ",".join(self.sources)
 
 
@@ -86,12 +87,10 @@ class Relation:
         self.first_facts[args] = fact
 
     def enter(self, args: Args) -> None:
-        """Add a belief to the indexes."""
         for positions, index in self.indexes.items():
             index.setdefault(_at(args, positions), {})[args] = None
 
     def leave(self, args: Args) -> None:
-        """Remove a belief from the indexes."""
         self.first_facts.pop(args, None)
         for positions, index in self.indexes.items():
             key = _at(args, positions)
@@ -101,7 +100,6 @@ class Relation:
                 del index[key]
 
     def clear(self) -> None:
-        """Remove all beliefs, without events."""
         self.facts.clear()
         self.first_facts.clear()
         for index in self.indexes.values():
@@ -139,28 +137,29 @@ class Relation:
         return str(self.literal(args)) if closed(args) else str(literal_from_key(self.key, args))
 
 
+@dataclass(eq=False, slots=True)
 class HoldTimer:
-    """Timer of a plan with the event ``+b.held_for(seconds)``."""
+    """Timer callback of a ``held_for`` plan for a belief: it queues the event, unless the belief was removed before."""
 
-    __slots__ = ("args", "base", "fact", "plan", "relation", "seconds")
+    base: BeliefBase
+    relation: Relation
+    args: Args
+    fact: Fact
+    plan: CompiledPlan
+    seconds: float
 
-    def __init__(
-        self, base: BeliefBase, relation: Relation, args: Args, fact: Fact, plan: CompiledPlan, seconds: float
-    ) -> None:
-        self.base = base
-        self.relation = relation
-        self.args = args
-        self.fact = fact
-        self.plan = plan
-        self.seconds = seconds
-
-    def __call__(self) -> None:
-        if not self.over():
-            self.base.on_held(self)
+    def start(self, due: int) -> None:
+        self.base.timers.at(due, self, self.over)
 
     def over(self) -> bool:
-        """Whether the belief was removed before the timer was due."""
         return self.relation.first_facts.get(self.args) is not self.fact
+
+    def __call__(self) -> None:
+        base, relation, args, cause = self.base, self.relation, self.args, self.fact[2]
+        if base.trace.sink is not None:
+            cause = base.trace.record("held", relation.text(args), cause, seconds=self.seconds)
+        trigger = Trigger(self.plan.plan.event.key, (self.plan,))
+        base.events.append((trigger, args, relation.facts[args][1], cause))
 
 
 class BeliefBase:
@@ -170,7 +169,7 @@ class BeliefBase:
     arguments. With ``here`` they return the event as a request instead of queuing it.
     """
 
-    __slots__ = ("_now", "_timers", "events", "known", "library", "relations", "trace")
+    __slots__ = ("_now", "events", "known", "library", "relations", "timers", "trace")
 
     def __init__(self, library: Library, events: deque[Any], timers: Timers, trace: TraceWriter) -> None:
         self.library = library
@@ -178,7 +177,7 @@ class BeliefBase:
         self.trace = trace
         self.relations: dict[str, Relation] = {}
         self.known: dict[tuple[type[Literal], int], Relation] = _NONE
-        self._timers = timers
+        self.timers = timers
         self._now = timers.now
 
     # Reading
@@ -209,7 +208,6 @@ class BeliefBase:
         return relation
 
     def know(self, kind: type[Literal], arity: int, relation: Relation) -> None:
-        """Store the relation of a class of beliefs."""
         if self.known is _NONE:
             self.known = {}
         self.known[kind, arity] = relation
@@ -323,23 +321,14 @@ class BeliefBase:
         self.events.append((relation.removed, found, taken, cause))
         return None
 
-    def remove_known(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
-        """Variant of `remove` for arguments without variables."""
+    def remove_known(self, relation: Relation, args: Args, notes: Annotations | None, cause: Any, here: bool) -> Any:
+        """Variant of `remove` for arguments without variables; without ``notes``, it removes a source of any name."""
         fact = relation.facts.get(args)
         if fact is None:
             return None
-        if not relation.quiet or self.trace.sink is not None or fact[1] != notes:
-            return self.remove(relation, args, notes, cause, here)
-        del relation.facts[args]
-        return None
-
-    def remove_any(self, relation: Relation, args: Args, cause: Any, here: bool) -> Any:
-        """Remove one source, of any name (``-b[source(_)]``), for arguments without variables."""
-        fact = relation.facts.get(args)
-        if fact is None:
-            return None
-        if not relation.quiet or self.trace.sink is not None or len(fact[1]) > 1:
-            return self.remove(relation, args, (source(Var()),), cause, here)
+        alone = len(fact[1]) == 1 if notes is None else fact[1] == notes
+        if not relation.quiet or self.trace.sink is not None or not alone:
+            return self.remove(relation, args, (source(Var()),) if notes is None else notes, cause, here)
         del relation.facts[args]
         return None
 
@@ -357,7 +346,6 @@ class BeliefBase:
             self.events.append((relation.removed, args, fact[1], cause))
 
     def forget_all(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
-        """Remove every matching belief with all its sources."""
         for found in list(relation.match(args, notes, [])):
             self.forget_one(relation, found, cause)
 
@@ -390,20 +378,11 @@ class BeliefBase:
         except Exception as problem:  # noqa: BLE001 - user code
             self.trace.record_failure(str(plan.plan), fact[2], problem)
             return
-        self._timers.at(due, HoldTimer(self, relation, args, fact, plan, seconds))
-
-    def on_held(self, timer: HoldTimer) -> None:
-        """Queue the event of an expired `HoldTimer`."""
-        relation, args, cause = timer.relation, timer.args, timer.fact[2]
-        if self.trace.sink is not None:
-            cause = self.trace.record("held", relation.text(args), cause, seconds=timer.seconds)
-        trigger = Trigger(timer.plan.plan.event.key, (timer.plan,))
-        self.events.append((trigger, args, relation.facts[args][1], cause))
+        HoldTimer(self, relation, args, fact, plan, seconds).start(due)
 
     # The plan library
 
     def use(self, library: Library) -> None:
-        """Switch to the plans of another library."""
         self.library = library
         for relation in self.relations.values():
             self.equip(relation)

@@ -14,9 +14,8 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi.actions import Action, PlanFailed
 from socialbot.bdi.intentions import Failed, Intention, Pause
-from socialbot.bdi.terms import show
+from socialbot.bdi.steps import Action, PlanFailed
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -30,14 +29,11 @@ FINISHED, FAILED, CANCELLED = "finished", "failed", "cancelled"
 IDLE_S = 10.0
 """Idle time after which a pool thread ends."""
 
-THREADS = 4
-"""Default size of a `Pool`; further actions are queued."""
-
 
 class Running(Pause):
-    """Execution of a durative action. Subclasses override `start` and `stop`.
+    """Execution of a durative action. Subclasses override `start` and `stop`, for the engine's thread.
 
-    ``what`` is the text of the action in the trace, ``cause`` its record.
+    ``what`` is the text of the action in the trace, ``cause`` its record. The action reports its end with `conclude`.
     """
 
     def __init__(self, what: str, cause: Any) -> None:
@@ -47,14 +43,14 @@ class Running(Pause):
         self._over = False
         self._then: Callable[[], None] | None = None
         self._stopper: int | None = None
-        self._said: tuple[str, Exception | None] | None = None
+        self._answer: tuple[str, Exception | None] | None = None
 
     def start(self) -> None:
-        """Start the action in the engine's thread."""
+        """Start the action."""
         raise NotImplementedError
 
     def stop(self) -> None:
-        """Request the action to stop, in the engine's thread; the action answers with `conclude`."""
+        """Request the action to stop."""
         raise NotImplementedError
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
@@ -73,41 +69,38 @@ class Running(Pause):
         # The last request has the widest scope: an outer goal, or the whole intention.
         self._then = then
         if self._over:
-            self._go_on()
+            self._continue()
         elif not asked:
-            self._ask_to_stop()
+            self._request_stop()
 
-    def _ask_to_stop(self) -> None:
+    def _request_stop(self) -> None:
         self._stopper = threading.get_ident()
         try:
             self.stop()
         except Exception as problem:  # noqa: BLE001 - a failing cancel() must not block the agent
             self.interpreter.trace.record_failure(self.what, self.cause, problem)
-            self._said = self._said or (CANCELLED, None)
+            self._answer = self._answer or (CANCELLED, None)
         finally:
             self._stopper = None
-        if self._said is not None:
-            self._end(*self._said)
+        if self._answer is not None:
+            self._end(*self._answer)
 
-    def conclude(self, how: str, problem: Exception | None = None) -> None:
+    def conclude(self, problem: Exception | None = None, *, cancelled: bool = False) -> None:
         """Report the outcome, from any thread; only the first call counts."""
+        answer = (CANCELLED, None) if cancelled else (FINISHED if problem is None else FAILED, problem)
         if self._stopper == threading.get_ident():
-            # A reply during `stop` needs no further turn.
-            self._said = self._said or (how, problem)
+            # A reply during the request to stop needs no further turn.
+            self._answer = self._answer or answer
         else:
-            self._post(lambda: self._end(how, problem))
+            self.interpreter.post(lambda: self._end(*answer))
 
     def report(self, fraction: float, text: str) -> None:
-        """Report the progress, from any thread."""
-        self._post(lambda: self._note(fraction, text))
+        def note() -> None:
+            if not self._over:
+                self.state = f"{fraction:.0%} {text}".strip()
+                self.interpreter.trace.record("progress", self.what, self.cause, fraction=fraction, text=text)
 
-    def _post(self, function: Callable[[], None]) -> None:
-        self.interpreter.post(function)
-
-    def _note(self, fraction: float, text: str) -> None:
-        if not self._over:
-            self.state = f"{fraction:.0%} {text}".strip()
-            self.interpreter.trace.record("progress", self.what, self.cause, fraction=fraction, text=text)
+        self.interpreter.post(note)
 
     def _end(self, how: str, problem: Exception | None) -> None:
         if self._over:
@@ -115,11 +108,11 @@ class Running(Pause):
         self._over = True
         self._record_end(how, problem)
         if self._then is not None:
-            self._go_on()
+            self._continue()
         else:
-            self.end(Failed("cancelled", f"{self.what} stopped unasked") if how == CANCELLED else problem)
+            self.end(Failed("cancelled", f"{self.what} stopped without a request") if how == CANCELLED else problem)
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         then, self._then = self._then, None
         if then is not None:
             then()
@@ -130,67 +123,61 @@ class Running(Pause):
 
     def __str__(self) -> str:
         state = "is asked to stop" if self._then is not None else self.state
-        return f"{self.what} goes on{f': {state}' if state else ''}"
+        return f"{self.what} is executing{f': {state}' if state else ''}"
 
 
-# Callback-based actions
-
-
-class LongAction(Action):
-    """Durative action: override `start`, and `cancel` if it can be stopped.
-
-    From any thread it may call `progress` repeatedly and, once, `done` or `failed`. Calls after its end have no effect.
-    """
-
+class _ReportingAction(Action):
     _pause: Running
-
-    def start(self, *args: Any, **kwargs: Any) -> None:
-        """Start the action with the values of its arguments. An exception fails the goal."""
-        raise RuleError(f"the action {self.functor} does nothing", remedy="override start()")
-
-    def cancel(self) -> None:
-        """Stop the action. The engine's thread calls this once; call `cancelled`, `done` or `failed` afterwards."""
-        self.cancelled()
 
     def progress(self, fraction: float, text: str = "") -> None:
         """Report a progress from 0 to 1, which is only written to the trace."""
         self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
 
+
+class LongAction(_ReportingAction):
+    """Durative action: override `start`, and `cancel` if it can be stopped.
+
+    From any thread it may call `progress` repeatedly and, once, `done` or `failed`. Calls after its end have no effect.
+    """
+
+    def start(self, *args: Any, **kwargs: Any) -> None:
+        """Start the action with the values of its arguments. An exception fails the goal."""
+        raise RuleError(f"action {self.functor} has no start()", remedy="override start()")
+
+    def cancel(self) -> None:
+        """Stop the action. The engine's thread calls this once; call `cancelled`, `done` or `failed` afterwards."""
+        self.cancelled()
+
     def done(self) -> None:
         """Report success."""
-        self._pause.conclude(FINISHED)
+        self._pause.conclude()
 
     def failed(self, reason: str | Exception = "the action failed") -> None:
         """Report a failure; the goal fails."""
-        self._pause.conclude(FAILED, reason if isinstance(reason, Exception) else PlanFailed(reason))
+        self._pause.conclude(reason if isinstance(reason, Exception) else PlanFailed(reason))
 
     def cancelled(self) -> None:
         """Report the end after `cancel`."""
-        self._pause.conclude(CANCELLED)
+        self._pause.conclude(cancelled=True)
 
     def execute(self, *args: Any) -> Pause:
         """Pause the intention until the action ends."""
-        self._pause = _LongRun(self, args)
+        self._pause = _LongRun(str(self), self.id)
+        self._pause.action = self
         return self._pause
 
 
 class _LongRun(Running):
-    def __init__(self, action: LongAction, args: tuple[Any, ...]) -> None:
-        super().__init__(text(action.functor, args), action.id)
-        self.action = action
-        self.args = args
+    action: LongAction
 
     def start(self) -> None:
-        self.action.start(*self.args)
+        self.action.start(*self.action.args)
 
     def stop(self) -> None:
         self.action.cancel()
 
 
-# Actions in threads
-
-
-class ThreadAction(Action):
+class ThreadAction(_ReportingAction):
     """Action with a blocking ``execute``, run in a thread; return values and exceptions count as usual.
 
     ``cancelling`` is set to request a stop; the action has stopped once ``execute`` returns. It may only use the
@@ -199,18 +186,13 @@ class ThreadAction(Action):
 
     threaded: ClassVar[bool] = True
     cancelling: threading.Event
-    _pause: Running
-
-    def progress(self, fraction: float, text: str = "") -> None:
-        """Report a progress from 0 to 1, which is only written to the trace."""
-        self._pause.report(min(max(float(fraction), 0.0), 1.0), text)
 
 
 class ThreadRun(Running):
     """Execution of a `ThreadAction`."""
 
     def __init__(self, action: ThreadAction) -> None:
-        super().__init__(text(action.functor, action.args), action.id)
+        super().__init__(str(action), action.id)
         self.action = action
         action.cancelling = threading.Event()
         action._pause = self
@@ -224,7 +206,7 @@ class ThreadRun(Running):
     def stop(self) -> None:
         self.action.cancelling.set()
         if self._claim.acquire(blocking=False):
-            self.conclude(CANCELLED)  # no thread has begun it
+            self.conclude(cancelled=True)  # no thread has begun it
 
     def _work(self) -> None:
         if not self._claim.acquire(blocking=False):
@@ -234,24 +216,21 @@ class ThreadRun(Running):
             if inspect.iscoroutine(found):
                 found.close()
                 raise RuleError(f"execute of {self.action.functor} is async", remedy="make it an Action")
-            problem = refusal(found)
+            problem = _problem_of(found)
         except BaseException as error:  # noqa: BLE001 - user code; SystemExit must not end the thread silently
-            problem = error if isinstance(error, Exception) else PlanFailed(type(error).__name__)
-        if self.action.cancelling.is_set():
-            self.conclude(CANCELLED)
-        else:
-            self.conclude(FINISHED if problem is None else FAILED, problem)
+            problem = _problem_of(error)
+        self.conclude(problem, cancelled=self.action.cancelling.is_set())
 
 
 class Pool:
-    """Daemon threads of one agent, ``size`` at most, started on demand.
+    """Daemon threads of one agent, ``size`` at most, started on demand; further actions are queued.
 
-    Set ``engine.pool = Pool(8)`` for another size. Idle threads end; so do all at the end of `Engine.run`.
+    Set ``engine.interpreter.pool = Pool(8)`` for another size. Idle threads end; so do all at the end of `Engine.run`.
     """
 
-    def __init__(self, size: int = THREADS) -> None:
+    def __init__(self, size: int = 4) -> None:
         if size < 1:
-            raise RuleError(f"a pool of {size} threads", remedy="give 1 or more")
+            raise RuleError(f"a pool cannot have {size} threads", remedy="give 1 or more")
         self.size = size
         self._work: deque[Callable[[], None]] = deque()
         self._change = threading.Condition()
@@ -263,7 +242,7 @@ class Pool:
         """Queue ``work`` for the next free thread. It must not raise."""
         with self._change:
             if self._closed:
-                raise PlanFailed("the agent has ended")
+                raise PlanFailed("the pool of threads is closed")
             self._work.append(work)
             if len(self._work) > self._idle and self._threads < self.size:
                 self._threads += 1
@@ -290,9 +269,6 @@ class Pool:
                 work = self._work.popleft()
             work()
             del work  # else it would keep the engine alive until the next work
-
-
-# Coroutines
 
 
 class CoroutineRun(Running):
@@ -326,18 +302,9 @@ class CoroutineRun(Running):
         self.task.cancel()
 
     def _done(self, task: asyncio.Task[Any]) -> None:
-        if task.cancelled():
-            self.conclude(CANCELLED)
-            return
-        problem = task.exception()
-        if problem is None:
-            problem = refusal(task.result())
-        elif not isinstance(problem, Exception):
-            problem = PlanFailed(type(problem).__name__)
-        if self.asked:
-            self.conclude(CANCELLED)
-        else:
-            self.conclude(FINISHED if problem is None else FAILED, problem)
+        cancelled = task.cancelled()
+        problem = None if cancelled else _problem_of(task.exception() or task.result())
+        self.conclude(problem, cancelled=cancelled or self.asked)
 
     def __del__(self) -> None:
         if not self.begun:
@@ -360,11 +327,7 @@ def loop() -> asyncio.AbstractEventLoop:
         return _loop
 
 
-def refusal(found: object) -> Exception | None:
-    """Failure for the result of an action: False is a failure."""
+def _problem_of(found: object) -> Exception | None:
+    if isinstance(found, BaseException):
+        return found if isinstance(found, Exception) else PlanFailed(type(found).__name__)
     return Failed("action_failed", "the action returned False") if found is False else None
-
-
-def text(functor: str, args: tuple[Any, ...]) -> str:
-    """Text of an action in the trace."""
-    return f"{functor}({', '.join(map(show, args))})"

@@ -12,14 +12,13 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import why_not
-from socialbot.bdi._interpreter import Interpreter
-from socialbot.bdi._timers import Timers, Wakeup
-from socialbot.bdi.actions import Action
+from socialbot.bdi._interpreter import Interpreter, Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Goal, Literal, source
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor
+from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, conjunction
 from socialbot.bdi.trace import Sink, TraceWriter
 from socialbot.core.clock import SECOND, Clock

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.actions import PlanFailed
 from socialbot.bdi.literals import Annotation, Goal, Literal, error, error_msg, literal_from_key
+from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._explain import Level
-    from socialbot.bdi._intention_stack import IntentionStack
     from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import HeldBelief
     from socialbot.bdi.library import CompiledPlan, Trigger
@@ -34,25 +33,25 @@ END = object()
 """Result of a body without remaining steps."""
 
 REASONS = {
-    "action_failed": "an action said that it failed",
+    "action_failed": "the action failed",
     "exception": "an action raised an exception",
-    "no_relevant": "no plan fits the goal",
-    "no_applicable": "plans fit the goal, but the condition of none holds",
-    "test_goal_failed": "nothing believed answers a question",
-    "constraint_failed": "a comparison or unification in a body does not hold",
+    "no_relevant": "no plan for the goal",
+    "no_applicable": "no plan whose condition holds",
+    "test_goal_failed": "no belief answers the question",
+    "constraint_failed": "a comparison or unification does not hold",
     "ia_failed": "an internal action failed",
-    "wrong_arguments": "an internal action was given the wrong number or kind of arguments",
-    "no_value": "a variable has no value where one is needed",
-    "timeout": "it took longer than allowed",
-    "wait_timeout": "what was waited for did not come",
-    "ask_failed": "the answer to a question does not fit",
-    "cancelled": "it was given up from outside",
+    "wrong_arguments": "wrong number or kind of arguments of an internal action",
+    "no_value": "a variable has no value",
+    "timeout": "the time limit has passed",
+    "wait_timeout": "the event did not occur, or the condition did not hold, in time",
+    "ask_failed": "the answer to a question does not match",
+    "cancelled": "the goal was dropped",
 }
 """Reasons of failures: ``-g[error(E), error_msg(M)]`` binds E to a key, as an atom, and M to a sentence."""
 
 
 class code(Annotation):  # noqa: N801 - written as AgentSpeak writes it
-    """Annotation with the step that failed."""
+    """Step that failed."""
 
 
 class Failed(PlanFailed):
@@ -77,18 +76,8 @@ class Failure:
 
     @property
     def annotations(self) -> tuple[Any, ...]:
-        """Annotations of the failure event."""
         given = (error(Atom(self.reason)), error_msg(self.message), code(self.step))
         return (*self.more, *given) if self.more else given
-
-
-def failure(problem: Exception, step: str, cause: Any) -> Failure:
-    """Failure for an exception in a step."""
-    if isinstance(problem, Failed):
-        return Failure(problem.reason, str(problem), step, cause, problem.annotations)
-    if isinstance(problem, PlanFailed):
-        return Failure("action_failed", str(problem), step, cause)
-    return Failure("exception", f"{type(problem).__name__}: {problem}", step, cause)
 
 
 Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
@@ -116,11 +105,9 @@ class Intention:
         self.atomic = False
         self.ended: Callable[[Failure | None], None] | None = None
 
-    def goals(self) -> Iterator[Request]:
+    def goals(self) -> list[Request]:
         """Goals of the plans, the outermost first."""
-        for _, goal, _ in self.frames:
-            if goal is not None:
-                yield goal
+        return [goal for _, goal, _ in self.frames if goal is not None]
 
     @property
     def state(self) -> str:
@@ -133,7 +120,6 @@ class Intention:
         return "" if self.pause is None else str(self.pause)
 
     def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[Level, ...]:
-        """Plans with their current steps, the outermost first; ``kinds`` as for `goal_of`."""
         from socialbot.bdi._explain import stack_of
 
         return stack_of(self, kinds or {})
@@ -149,26 +135,6 @@ class TimedRequest:
 
     request: Request
     seconds: float
-
-
-class Deadline:
-    """Timer callback for the time limit of a goal."""
-
-    __slots__ = ("intention", "intentions", "marker", "seconds")
-
-    def __init__(self, intentions: IntentionStack, intention: Intention, marker: Request, seconds: float) -> None:
-        self.intentions = intentions
-        self.intention = intention
-        self.marker = marker
-        self.seconds = seconds
-
-    def __call__(self) -> None:
-        if not self.over():
-            self.intentions.expire(self.intention, self.marker, self.seconds)
-
-    def over(self) -> bool:
-        """Whether the goal has been achieved or has failed."""
-        return not self.intention.active or all(goal is not self.marker for _, goal, _ in self.intention.frames)
 
 
 class Pause:
@@ -200,48 +166,31 @@ class Pause:
             intention = self.intention
             self.cancel(lambda: intention and self.interpreter.intentions.resume(intention, problem))
 
-        self.interpreter.timers.after(seconds, PauseTimer(self, expire))
+        self.interpreter.timers.after(seconds, expire, lambda: self.intention is None)
 
 
-class PauseTimer:
-    """Timer callback that is only active during a pause."""
-
-    __slots__ = ("action", "pause")
-
-    def __init__(self, pause: Pause, action: Callable[[], object]) -> None:
-        self.pause = pause
-        self.action = action
-
-    def __call__(self) -> None:
-        if not self.over():
-            self.action()
-
-    def over(self) -> bool:
-        return self.pause.intention is None
-
-
+@dataclass(eq=False)
 class Sleep(Pause):
     """Pause for a duration."""
 
-    def __init__(self, seconds: float) -> None:
-        self.seconds = seconds
+    seconds: float
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
-        interpreter.timers.after(self.seconds, PauseTimer(self, self.end))
+        interpreter.timers.after(self.seconds, self.end, lambda: self.intention is None)
 
     def __str__(self) -> str:
         return f"waits {self.seconds} s"
 
 
+@dataclass(eq=False)
 class EventPause(Pause):
     """Pause until an event."""
 
-    def __init__(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...], limit_s: float | None) -> None:
-        self.key = key
-        self.args = args
-        self.notes = notes
-        self.limit_s = limit_s
+    key: str
+    args: tuple[Any, ...]
+    notes: tuple[Any, ...]
+    limit_s: float | None
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
@@ -250,7 +199,7 @@ class EventPause(Pause):
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))
 
-    def hear(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
+    def matches(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
         """Whether an event matches; binds its variables."""
         trail: Trail = []
         if unify(self.args, args, trail) and annotations_match(self.notes, notes, trail):
@@ -266,13 +215,13 @@ class EventPause(Pause):
         return f"waits for {self.key}"
 
 
+@dataclass(eq=False)
 class ConditionPause(Pause):
     """Pause until a condition holds."""
 
-    def __init__(self, solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> None:
-        self.solve = solve
-        self.found = found
-        self.limit_s = limit_s
+    solve: Callable[[], Any]
+    found: list[Any]
+    limit_s: float | None
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
@@ -337,18 +286,15 @@ class ForkPause(Pause):
             nonlocal missing
             missing -= 1
             if missing <= 0:
-                self._gone()
+                last, self._then = self._then, None
+                assert last is not None
+                last()
 
         for branch in left:
             branch.ended = None
             self.interpreter.intentions.drop(branch, gone)
         if not left:
-            self._gone()
-
-    def _gone(self) -> None:
-        then, self._then = self._then, None
-        assert then is not None
-        then()
+            gone()
 
     def __str__(self) -> str:
         return f"waits for {'all' if self.every else 'one'} of {len(self.branches)} branches"
@@ -381,17 +327,12 @@ def origin_of(plan: CompiledPlan | None) -> str:
     return "" if plan is None or plan is KEPT or plan.plan.origin is None else str(plan.plan.origin)
 
 
-def one_turn() -> Body:
-    """Body that does nothing for one turn."""
-    yield
+def once(result: Any) -> Body:
+    """Body with one result; with None, it does nothing for one turn."""
+    yield result
 
 
 def asking_for(request: Request) -> Body:
     """Body that only adopts a goal."""
     kind, *rest = request
     yield (kind | TAIL if not kind & EVENT else kind, *rest)  # type: ignore[misc]
-
-
-def asking_within(request: Request, seconds: float) -> Body:
-    """Body that only adopts a goal with a time limit."""
-    yield TimedRequest(request, seconds)

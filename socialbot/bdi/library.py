@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
+import traceback
 from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
@@ -19,13 +23,10 @@ FEW = 2
 
 
 class CompiledPlan:
-    """Plan of a library with its generated code.
+    """Plan of a library with its code, generated at the first use.
 
-    Attributes:
-        run: Tries the plan for an event without variables.
-        run_open: Tries the plan for a goal with variables.
-        probe: Counts the conditions that hold for an event.
-        lines: The steps by line of the generated code.
+    ``run`` tries the plan for an event, ``run_open`` for a goal with variables; ``probe`` counts the conditions that
+    hold. ``lines`` are the steps by line of the code.
     """
 
     __slots__ = ("_shown", "library", "lines", "plan", "probe", "run", "run_open")
@@ -43,60 +44,45 @@ class CompiledPlan:
         return self._shown
 
     def reset(self) -> None:
-        """Discard the code after a change of the library; the next use compiles it again."""
-        self.run: Run = self._run
-        self.run_open: Run = self._run_open
-        self.probe: Callable[..., None] = self._probe
+        self.run: Run = functools.partial(self._compile_and_run, "run")
+        self.run_open: Run = functools.partial(self._compile_and_run, "run_open")
+        self.probe: Callable[..., None] = functools.partial(self._compile_and_run, "probe")
         self.lines: dict[int, Step] = {}
 
-    def compile(self, *, opened: bool = False, probe: bool = False) -> None:
-        """Compile the code for events, optionally that for goals with variables, and the probe."""
+    def compile(self, *names: str) -> None:
+        """Compile some of the functions ``run``, ``run_open`` and ``probe``, if not done yet; by default ``run``."""
         # Imported here, because the compiler is large.
         from socialbot.bdi.compiler._plans import compile_plan, compile_probe
 
-        if self.run == self._run:
-            self.run = compile_plan(self, opened=False)
-        if opened and self.run_open == self._run_open:
-            self.run_open = compile_plan(self, opened=True)
-        if probe and self.probe == self._probe:
-            self.probe = compile_probe(self)
+        for name in names or ("run",):
+            if isinstance(getattr(self, name), functools.partial):
+                probe = name == "probe"
+                setattr(self, name, compile_probe(self) if probe else compile_plan(self, opened=name == "run_open"))
 
-    def _run(self, interpreter: Any, args: Any, annotations: Any, cause: Any) -> Any:
-        self.compile()
-        return self.run(interpreter, args, annotations, cause)
-
-    def _run_open(self, interpreter: Any, args: Any, annotations: Any, cause: Any) -> Any:
-        from socialbot.bdi.compiler._plans import compile_plan
-
-        self.run_open = compile_plan(self, opened=True)
-        return self.run_open(interpreter, args, annotations, cause)
-
-    def _probe(self, interpreter: Any, args: Any, annotations: Any, trail: Any) -> None:
-        from socialbot.bdi.compiler._plans import compile_probe
-
-        self.probe = compile_probe(self)
-        self.probe(interpreter, args, annotations, trail)
+    def _compile_and_run(self, name: str, *args: Any) -> Any:
+        self.compile(name)
+        return getattr(self, name)(*args)
 
     def step_at(self, error: BaseException) -> Step | None:
         """Step whose code raised an exception."""
         found = None
-        trace = error.__traceback__
-        while trace is not None:
-            if trace.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
-                found = self.lines.get(trace.tb_lineno, found)
-            trace = trace.tb_next
+        for _, line in _generated_frames(error):
+            found = self.lines.get(line, found)
         return found
 
 
 def record_behind(error: BaseException) -> Any:
     """Trace record of the plan whose code raised an exception, if any."""
     found = None
-    trace = error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
-            found = trace.tb_frame.f_locals.get("c", found)
-        trace = trace.tb_next
+    for frame, _ in _generated_frames(error):
+        found = frame.f_locals.get("c", found)
     return found
+
+
+def _generated_frames(error: BaseException) -> Iterator[tuple[FrameType, int]]:
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if frame.f_code.co_filename.startswith(GENERATED_FILE):
+            yield frame, line
 
 
 class Trigger:
@@ -108,11 +94,7 @@ class Trigger:
         self.key = key
         self.goal = key[1:2] in ("!", "?")
         self.plans = plans
-        self.position: int | None = None
-        self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
-        self.rest = plans
-        if plans:
-            self._index()
+        self.index()
 
     def candidates(self, args: tuple[Any, ...]) -> tuple[CompiledPlan, ...]:
         """Plans that may match the arguments (without variables), in the order of trial."""
@@ -125,25 +107,26 @@ class Trigger:
         position, value = self.position, None
         if position is not None:
             value = compiled.plan.event.literal.args[position]
-        if first or compiled.plan.priority > last or position is None or not _told_apart(value):
+        if first or compiled.plan.priority > last or position is None or not _is_constant(value):
             plans = (compiled, *self.plans) if first else (*self.plans, compiled)
             self.plans = tuple(sorted(plans, key=lambda item: -item.plan.priority))
-            self._index()
+            self.index()
         else:
             self.plans += (compiled,)
             self.by[value] = (*self.by.get(value, self.rest), compiled)
 
-    def _index(self) -> None:
+    def index(self) -> None:
         heads = [compiled.plan.event.literal.args for compiled in self.plans]
-        constants = [sum(_told_apart(args[i]) for args in heads) for i in range(len(heads[0]))]
+        constants = [sum(map(_is_constant, column)) for column in zip(*heads, strict=True)]
         self.position = constants.index(max(constants)) if len(heads) > FEW and any(constants) else None
-        self.by, self.rest = {}, self.plans
+        self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
+        self.rest = self.plans
         if self.position is None:
             return
         rest: tuple[CompiledPlan, ...] = ()
         for compiled, args in zip(self.plans, heads, strict=True):
             value = args[self.position]
-            if _told_apart(value):
+            if _is_constant(value):
                 self.by[value] = (*self.by.get(value, rest), compiled)
             else:
                 rest = (*rest, compiled)
@@ -191,7 +174,6 @@ class Library:
         return twin
 
     def add_rule(self, rule: Plan | Inference | list[Plan]) -> None:
-        """Add an inference, a plan, or a list of plans."""
         if isinstance(rule, Inference):
             self.add_inference(rule)
         else:
@@ -202,7 +184,7 @@ class Library:
         """Add a plan. Raises RuleError for a duplicate label."""
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(
-                f"the label {plan.label} is taken", where=str(plan.origin or plan), remedy="choose another label"
+                f"the label {plan.label} is already used", where=str(plan.origin or plan), remedy="choose another label"
             )
         compiled = CompiledPlan(plan, self)
         for kind in plan.classes():
@@ -218,10 +200,8 @@ class Library:
         kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
         if trigger is None or len(kept) == len(trigger.plans):
             return False
-        trigger.plans = trigger.rest = kept
-        trigger.by, trigger.position = {}, None
-        if kept:
-            trigger._index()
+        trigger.plans = kept
+        trigger.index()
         self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
         return True
 
@@ -236,7 +216,6 @@ class Library:
             self.recompile()
 
     def declare(self, kind: type[Literal]) -> None:
-        """Register a class of beliefs or goals."""
         if issubclass(kind, Goal):
             self.goals[kind.functor] = kind
         elif issubclass(kind, Belief) and kind is not Structure:
@@ -255,27 +234,24 @@ class Library:
         """Compile all plans and inferences, for all kinds of events and for the trace."""
         for trigger in list(self.triggers.values()):
             for compiled in trigger.plans:
-                compiled.compile(opened=trigger.goal and bool(compiled.plan.event.literal.args), probe=True)
+                opened = ["run_open"] if trigger.goal and compiled.plan.event.literal.args else []
+                compiled.compile("run", "probe", *opened)
         for inferences in self.inferences.values():
             for rule in inferences:
                 rule.compile()
 
     def recompile(self) -> None:
         """Discard the code of every plan and inference."""
-        for trigger in self.triggers.values():
-            for compiled in trigger.plans:
-                compiled.reset()
-        for inferences in self.inferences.values():
-            for compiled in inferences:
-                compiled.reset()
+        plans = (compiled for trigger in self.triggers.values() for compiled in trigger.plans)
+        for compiled in itertools.chain(plans, *self.inferences.values()):
+            compiled.reset()
 
 
-def _told_apart(term: object) -> bool:
-    """Whether a term only matches equal values; literals with annotations match literals with more of them."""
+def _is_constant(term: object) -> bool:
     if isinstance(term, tuple):
-        return all(map(_told_apart, term))
+        return all(map(_is_constant, term))
     if isinstance(term, Literal):
-        return not term.annotations and _told_apart(term.args)
+        return not term.annotations and _is_constant(term.args)
     return ground(term)
 
 

@@ -39,9 +39,6 @@ class Event(Pattern):
     literal: Literal
     seconds: Seconds = 0.0
 
-    def names(self) -> set[str]:
-        return self.literal.names()
-
     @property
     def key(self) -> str:
         """Key of the trigger with the relevant plans, as in ``+!at/2``."""
@@ -67,7 +64,7 @@ class Event(Pattern):
 
 
 @dataclass(eq=False, repr=False)
-class HeldFor:
+class HeldFor(Pattern):
     """Belief with the minimum duration for which it is held; ``+`` makes an event of it."""
 
     belief: Belief
@@ -78,8 +75,6 @@ class HeldFor:
 
     def __str__(self) -> str:
         return str(+self)[1:]
-
-    __repr__ = __str__
 
 
 @dataclass(eq=False, repr=False)
@@ -96,9 +91,7 @@ class PlanHead:
         return Plan(self.event, self.condition, body_of(body)).check()
 
     def __and__(self, other: object) -> None:
-        raise RuleError(
-            f"the condition of {self.event} falls apart", remedy="put it in parentheses: event / (a & b) >> [...]"
-        )
+        raise RuleError(f"the condition of {self.event} is not in parentheses", remedy="write event / (a & b) >> [...]")
 
 
 ANYTHING = Variable("_")
@@ -148,11 +141,11 @@ class Literal(Pattern):
         if not self.annotations and all(arg.__class__ in _PLAIN for arg in self.args):
             return
         if not ground(self.args) or not ground(self.annotations):
-            raise RuleError(f"{self} has a variable in it", remedy="give values only")
+            raise RuleError(f"{self} has a variable", remedy="give values only")
         try:
             hash(self.args)
         except TypeError as problem:
-            raise RuleError(f"{self}: {problem}", remedy="give values that cannot change") from problem
+            raise RuleError(f"{self}: {problem}", remedy="give immutable values") from problem
 
     def names(self) -> set[str]:
         """Names of the variables in the arguments and annotations."""
@@ -192,8 +185,6 @@ class Literal(Pattern):
         notes = f"[{', '.join(map(show, self.annotations))}]" if self.annotations else ""
         return f"{name}({', '.join(map(show, self.args))}){notes}"
 
-    __repr__ = __str__
-
 
 def literal(
     functor: str, args: tuple[object, ...] = (), annotations: tuple[object, ...] = (), *, negated: bool = False
@@ -226,7 +217,10 @@ class Belief(Literal, Condition):
     def changed(self, *before: object) -> Event:
         """Event that this belief replaced another one of its name, with the arguments ``before``."""
         if len(before) != len(self.args) or not before:
-            raise RuleError(f"{self} changes from {len(self.args)} arguments", remedy="give as many to changed()")
+            raise RuleError(
+                f"changed() of {self} needs {len(self.args)} arguments",
+                remedy="give the arguments of the replaced belief",
+            )
         return Event(Change.CHANGED, self.with_(args=(*self.args, *before)))
 
     def __pos__(self) -> Event:
@@ -249,8 +243,6 @@ class Structure(Belief):
         text = super().__str__()
         return text if self.args else text.replace("()", "", 1)
 
-    __repr__ = __str__
-
 
 class SingletonBelief(Belief):
     """Belief that replaces any other belief of its name."""
@@ -270,19 +262,23 @@ class Computed(Belief):
 
         ``ANYTHING`` marks an unknown argument.
         """
-        raise RuleError(f"{self.functor} is never computed", remedy="override solutions()")
+        raise RuleError(f"{self.functor} has no solutions()", remedy="override solutions()")
 
 
-class Goal(Literal):
-    """Achievement goal: the head of a plan, or a step that pursues it at once."""
+class TimedLiteral(Literal):
+    """Goal or action, with an optional time limit."""
 
     limit_s: object = None
 
     def within(self: T, seconds: object) -> T:
-        """Copy of the goal that fails (``timeout``) if it is not achieved in ``seconds``."""
+        """Copy of the goal or action that fails (``timeout``) if it has not ended after ``seconds``."""
         twin: Any = copy.copy(self)
         twin.limit_s = seconds
         return twin
+
+
+class Goal(TimedLiteral):
+    """Achievement goal: the head of a plan, or a step that pursues it at once."""
 
     def __neg__(self) -> Event:
         """Event of the failure of this goal."""

@@ -18,9 +18,8 @@ from socialbot.bdi.terms import (
     Cons,
     Disjunction,
     Expression,
-    FunctionCondition,
     Negation,
-    Truth,
+    Pattern,
     Variable,
     names_in,
 )
@@ -64,13 +63,13 @@ class Plan:
             raise RuleError(
                 f"{self.event} never happens: a Reactor is an event only",
                 where=str(self),
-                remedy="react to its coming, or make it a Belief",
+                remedy="react to +event, or make it a Belief",
             )
         if any(isinstance(arg, (Expression, Call)) for arg in self.event.literal.args):
             raise RuleError(
                 f"{self.event} computes in its arguments", where=str(self), remedy="compare in the condition instead"
             )
-        _Checker(self).check(self)
+        _Checker(self)
         return self
 
     def classes(self) -> Iterator[type[Literal]]:
@@ -126,7 +125,16 @@ def flat(items: Iterable[object]) -> Iterator[Plan]:
         elif isinstance(item, (list, tuple)):
             yield from flat(item)
         else:
-            raise RuleError(f"{item!r} is no rule", remedy="write event / condition >> [steps]")
+            raise RuleError(f"{item!r} is not a plan", remedy="write event / condition >> [steps]")
+
+
+def parts_of(item: object) -> tuple[object, ...]:
+    """Direct parts of a plan, step, condition or term, or the items of a tuple."""
+    if isinstance(item, tuple):
+        return item
+    if isinstance(item, Literal):
+        return (*item.args, *item.annotations)
+    return tuple(vars(item).values()) if isinstance(item, (Pattern, Step, Plan, Inference)) else ()
 
 
 def _classes(part: object) -> Iterator[type[Literal]]:
@@ -141,107 +149,90 @@ def _classes(part: object) -> Iterator[type[Literal]]:
 
 
 class _Checker:
-    """Check that each variable has a value at its use."""
+    """Check that each variable has a value at its use. The methods return the names with a value afterwards."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-
-    def check(self, plan: Plan) -> None:
         self.body(plan.body, self.condition(plan.condition, plan.event.literal.names() - {"_"}))
 
     def condition(self, condition: Condition, bound: set[str]) -> set[str]:
-        """Variables with a value after the condition, checked from left to right."""
-        if isinstance(condition, Conjunction):
-            for term in condition.terms:
-                bound = self.condition(term, bound)
-        elif isinstance(condition, Disjunction):
-            bound = set.intersection(*(self.condition(term, bound) for term in condition.terms))
-        elif isinstance(condition, Negation):
-            self.condition(condition.condition, bound)
-        elif isinstance(condition, Literal):
-            bound = self.pattern((*condition.args, *condition.annotations), bound, str(condition))
-        elif isinstance(condition, FunctionCondition):
-            self.bound(condition.names() - bound, str(condition))
-        elif isinstance(condition, Comparison):
-            if condition.symbol.startswith("=") and condition.symbol != "==":
-                return self.pattern((condition.left, condition.right), bound, str(condition))
-            self.bound(condition.names() - bound, str(condition))
-        else:
-            assert isinstance(condition, Truth), condition
+        match condition:
+            case Conjunction():
+                for term in condition.terms:
+                    bound = self.condition(term, bound)
+            case Disjunction():
+                return set.intersection(*(self.condition(term, bound) for term in condition.terms))
+            case Negation():
+                self.condition(condition.condition, bound)
+            case Literal():
+                return self.pattern((*condition.args, *condition.annotations), bound, condition)
+            case Comparison(symbol="=" | "=.."):
+                return self.pattern((condition.left, condition.right), bound, condition)
+            case _:
+                self.bound(condition.names() - bound, condition)
         return bound
 
-    def pattern(self, terms: tuple[object, ...], bound: set[str], where: str) -> set[str]:
-        """Variables with a value after matching terms from left to right."""
+    def pattern(self, terms: tuple[object, ...], bound: set[str], where: object) -> set[str]:
         for term in terms:
-            if isinstance(term, (Expression, Call)):
-                # AgentSpeak functions take queries with variables of their own.
-                if isinstance(term, Expression):
+            match term:
+                case Expression():
                     self.bound(names_in(term) - bound, where)
-            elif isinstance(term, Variable):
-                bound = bound | ({term.name} - {"_"})
-            elif isinstance(term, tuple):
-                bound = self.pattern(term, bound, where)
-            elif isinstance(term, Cons):
-                bound = self.pattern((*term.items, term.tail), bound, where)
-            elif isinstance(term, Literal):
-                bound = self.pattern((*term.args, *term.annotations), bound, where)
-        return bound
+                case Variable():
+                    bound = bound | ({term.name} - {"_"})
+                case tuple():
+                    bound = self.pattern(term, bound, where)
+                case Cons():
+                    bound = self.pattern((*term.items, term.tail), bound, where)
+                case Literal():
+                    bound = self.pattern((*term.args, *term.annotations), bound, where)
+        return bound  # The variables in the query of an AgentSpeak function are its own.
 
     def body(self, body: tuple[Step, ...], bound: set[str]) -> set[str]:
         for step in body:
+            self.values(step)
             bound = self.step(step, bound)
         return bound
 
     def step(self, step: Step, bound: set[str]) -> set[str]:
-        for part in (getattr(step, name, None) for name in ("action", "goal", "literal")):
-            if isinstance(part, Literal) and not part.functor.startswith("."):
-                self.values(part.args, str(step))
-        if isinstance(step, (Ask, Constrain)):
-            query = step.query if isinstance(step, Ask) else step.condition
-            return bound if isinstance(query, Variable) else self.condition(query, bound)
-        if isinstance(step, Achieve):
-            if isinstance(step.goal, Variable) or step.apart:
-                self.bound(step.goal.names() - bound, str(step))
-            else:
-                return self.pattern(step.goal.args, bound, str(step))
-            return bound
-        if isinstance(step, Await):
-            if isinstance(step.what, Event):
-                return self.pattern(step.what.literal.args, bound, str(step))
-            return self.condition(step.what, bound)
-        if isinstance(step, Do):
-            if step.action.functor.startswith("."):
-                return bound | step.action.names()
-            self.bound(step.action.names() - bound, str(step))
-        elif isinstance(step, Update):
-            if step.sign in ("-", "--") and isinstance(step.literal, Literal):
-                return self.pattern(step.literal.args, bound, str(step))
-            self.bound(step.literal.names() - bound, str(step))
-        elif isinstance(step, Forget):
-            self.bound(step.literal.names() - bound - {"_"}, str(step))
-        elif isinstance(step, If):
-            then = self.body(step.then, self.condition(step.condition, bound))
-            return then & self.body(step.otherwise, bound) | bound
-        elif isinstance(step, (While, For)):
-            self.body(step.body, self.condition(step.condition, bound))
-        elif isinstance(step, Fork):
-            for branch in step.branches:
-                bound = bound | self.body(branch, bound)
-        else:
-            assert isinstance(step, Enter), step
+        match step:
+            case Ask(query=Variable()) | Enter():
+                return bound
+            case Ask(query=Condition() as part) | Constrain(condition=part) | Await(what=Condition() as part):
+                return self.condition(part, bound)
+            case Await(what=Event(literal=literal)):
+                return self.pattern(literal.args, bound, step)
+            case Achieve(goal=Literal() as goal, apart=False):
+                return self.pattern(goal.args, bound, step)
+            case Update(sign="-" | "--", literal=Literal() as literal):
+                return self.pattern(literal.args, bound, step)
+            case Do(action=action) if action.functor.startswith("."):
+                return bound | action.names()
+            case Achieve(goal=part) | Update(literal=part) | Do(action=part):
+                self.bound(part.names() - bound, step)
+            case Forget():
+                self.bound(step.literal.names() - bound - {"_"}, step)
+            case If():
+                then = self.body(step.then, self.condition(step.condition, bound))
+                return then & self.body(step.otherwise, bound) | bound
+            case While() | For():
+                self.body(step.body, self.condition(step.condition, bound))
+            case Fork():
+                for branch in step.branches:
+                    bound = bound | self.body(branch, bound)
         return bound
 
-    def values(self, terms: tuple[object, ...], where: str) -> None:
-        """Reject conditions in place of values."""
-        for term in terms:
-            if isinstance(term, (Comparison, Conjunction, Disjunction, Negation)):
-                raise RuleError(
-                    f"{term} is no value, in {where}",
-                    where=str(self.plan),
-                    remedy="put conditions before >>, or in when()",
-                )
+    def values(self, step: Step) -> None:
+        for part in (getattr(step, name, None) for name in ("action", "goal", "literal")):
+            if isinstance(part, Literal) and not part.functor.startswith("."):
+                for term in part.args:
+                    if isinstance(term, (Comparison, Conjunction, Disjunction, Negation)):
+                        raise RuleError(
+                            f"{term} is not a value, in {step}",
+                            where=str(self.plan),
+                            remedy="put conditions before >>, or in when()",
+                        )
 
-    def bound(self, unbound: set[str], where: str) -> None:
+    def bound(self, unbound: set[str], where: object) -> None:
         if unbound:
             raise RuleError(
                 f"{', '.join(sorted(unbound))} has no value in {where}",

@@ -17,13 +17,13 @@ import json
 import os
 import random
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bdi._explain import later_request
-from socialbot.bdi.belief_base import HoldTimer, Relation
+from socialbot.bdi.belief_base import Annotations, Args, Fact, HoldTimer
 from socialbot.bdi.intentions import EVENT, OPEN, SUBGOAL, Intention, Request
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 SCHEMA, VERSION = "socialbot/mind", 1
 
+Kinds = Mapping[str, type[Literal]]
+"""Classes of beliefs and goals by name."""
+
 HELD = "held "
 """Key prefix of ``held_for`` events."""
 
@@ -45,6 +48,18 @@ class MindError(SocialbotError):
     """Error while saving or restoring a mind."""
 
     exit_code = 3
+
+
+class _Mind(NamedTuple):
+    """Decoded mind, with the keys and plans of events and timers as texts."""
+
+    stage: str | None
+    random: random.Random | None
+    records: int
+    beliefs: list[tuple[str, Args, Fact]]
+    pursuits: list[tuple[str, str | None, bool, tuple[Args, Annotations, str]]]
+    held_plans: list[str]
+    timers: list[tuple[str, str, Args, int, float]]
 
 
 # Saving
@@ -56,27 +71,47 @@ def save(engine: Engine) -> dict[str, Any]:
     Posted items and due timers are processed first. Raises MindError for a belief or goal with a value other than
     numbers, strings, lists, atoms and literals.
     """
-    engine.interpreter.take_in()
+    interpreter = engine.interpreter
+    interpreter.take_in()
     engine.timers.run_due()
     return {
         "schema": SCHEMA,
         "version": VERSION,
         "name": engine.name,
         "time": engine.clock.now(),
-        "stage": engine.interpreter.stage,
-        "random": _random_state(engine),
+        "stage": interpreter.stage,
+        "random": None if interpreter.random is None else list(interpreter.random.getstate()),
         "records": _next_record(engine),
         "beliefs": [
-            _belief(relation, args) for relation in list(engine.beliefs.relations.values()) for args in relation.facts
+            {
+                "belief": relation.key.rpartition("/")[0],
+                "args": _encode(args, where),
+                "annotations": _encode(notes, where),
+                "since": since,
+                "cause": str(cause),
+            }
+            for relation in list(engine.beliefs.relations.values())
+            for args, (since, notes, cause) in relation.facts.items()
+            for where in [f"belief {relation.literal(args)}"]
         ],
         "pursuits": [
-            _pursuit(request, suspended=intention.suspended)
+            _event(request, suspended=intention.suspended)
             for intention in engine.intentions
             if (request := _request_of(intention)) is not None
         ]
-        + [_pursuit((EVENT, *event)) for event in engine.interpreter.events],
+        + [_event((EVENT, *event)) for event in interpreter.events],
         "held_plans": sorted({_plan_id(plan) for plan in _held_plans(engine)}),
-        "ripening": _hold_timers(engine),
+        "ripening": [
+            {
+                "belief": timer.relation.key,
+                "args": _encode(timer.args, f"belief {timer.relation.literal(timer.args)}"),
+                "plan": _plan_id(timer.plan),
+                "due": due,
+                "seconds": float(timer.seconds),
+            }
+            for due, _, timer, _ in sorted(engine.timers.heap, key=lambda timer: timer[:2])
+            if isinstance(timer, HoldTimer) and not timer.over()
+        ],
     }
 
 
@@ -107,7 +142,6 @@ def write_data(data: dict[str, Any], path: str | PathLike[str]) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a rename durable against power failures."""
     with contextlib.suppress(OSError):  # unsupported on some systems
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -116,27 +150,8 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def _random_state(engine: Engine) -> list[Any] | None:
-    if engine.interpreter.random is None:
-        return None  # not used yet
-    version, numbers, gauss = engine.interpreter.random.getstate()
-    return [version, list(numbers), gauss]
-
-
 def _next_record(engine: Engine) -> int:
     return int(engine.trace.numbers.__reduce__()[1][0])  # reads the counter without advancing it
-
-
-def _belief(relation: Relation, args: tuple[Any, ...]) -> dict[str, Any]:
-    since, notes, cause = relation.facts[args]
-    where = f"belief {relation.literal(args)}"
-    return {
-        "belief": relation.key.rpartition("/")[0],
-        "args": [_encode(arg, where) for arg in args],
-        "annotations": [_encode(note, where) for note in notes],
-        "since": since,
-        "cause": str(cause),
-    }
 
 
 def _request_of(intention: Intention) -> Request | None:
@@ -149,14 +164,14 @@ def _request_of(intention: Intention) -> Request | None:
     return (later_request(body) if body is not None else None) or intention.event
 
 
-def _pursuit(request: Request, *, suspended: bool = False) -> dict[str, Any]:
+def _event(request: Request, *, suspended: bool = False) -> dict[str, Any]:
     _, trigger, args, notes, cause = request
     where = f"{'goal' if trigger.goal else 'event'} {trigger.key.rpartition('/')[0]}"
     variables: dict[int, str] = {}
     saved: dict[str, Any] = {
         "event": trigger.key,
-        "args": [_encode(arg, where, variables) for arg in resolve(args)],
-        "annotations": [_encode(note, where, variables) for note in resolve(notes)],
+        "args": _encode(resolve(args), where, variables),
+        "annotations": _encode(resolve(notes), where, variables),
         "cause": str(cause),
     }
     if suspended:
@@ -176,28 +191,16 @@ def _plan_id(plan: CompiledPlan) -> str:
     return plan.plan.label or str(plan.plan)
 
 
-def _hold_timers(engine: Engine) -> list[dict[str, Any]]:
-    found = []
-    for due, _, timer in sorted(engine.timers.heap, key=lambda timer: timer[:2]):
-        if isinstance(timer, HoldTimer) and not timer.over():
-            where = f"belief {timer.relation.literal(timer.args)}"
-            found.append(
-                {
-                    "belief": timer.relation.key,
-                    "args": [_encode(arg, where) for arg in timer.args],
-                    "plan": _plan_id(timer.plan),
-                    "due": due,
-                    "seconds": float(timer.seconds),
-                }
-            )
-    return found
+def _encode(terms: tuple[Any, ...], where: str, variables: dict[int, str] | None = None) -> list[Any]:
+    """JSON data of terms; ``where`` names their owner in an error."""
+    return [_encode_term(term, where, variables) for term in terms]
 
 
-def _encode(term: Any, where: str, variables: dict[int, str] | None = None) -> Any:
+def _encode_term(term: Any, where: str, variables: dict[int, str] | None) -> Any:
     if term is None or type(term) in (str, int, float, bool):
         return term
     if type(term) is tuple:
-        return {"list": [_encode(item, where, variables) for item in term]}
+        return {"list": _encode(term, where, variables)}
     if isinstance(term, Atom):
         return {"atom": term.name}
     if isinstance(term, Var) and variables is not None:
@@ -205,57 +208,18 @@ def _encode(term: Any, where: str, variables: dict[int, str] | None = None) -> A
     if isinstance(term, Literal):
         return {
             "functor": term.functor,
-            "args": [_encode(arg, where, variables) for arg in term.args],
-            "annotations": [_encode(note, where, variables) for note in term.annotations],
+            "args": _encode(term.args, where, variables),
+            "annotations": _encode(term.annotations, where, variables),
             "negated": term.negated,
         }
     raise MindError(
         f"{show(term)} ({type(term).__name__}) cannot be saved",
         where=where,
-        remedy="use numbers, strings, tuples, atoms and literals in what the agent is to remember",
+        remedy="use numbers, strings, tuples, atoms and literals in beliefs and goals",
     )
 
 
 # Restoring
-
-
-@dataclass(frozen=True)
-class _Fact:
-    key: str
-    args: tuple[Any, ...]
-    notes: tuple[Any, ...]
-    since: int
-    cause: str
-
-
-@dataclass(frozen=True)
-class _Pursuit:
-    key: str
-    args: tuple[Any, ...]
-    notes: tuple[Any, ...]
-    cause: str
-    plan: str | None
-    suspended: bool
-
-
-@dataclass(frozen=True)
-class _HoldTimer:
-    key: str
-    args: tuple[Any, ...]
-    plan: str
-    due: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class _Mind:
-    stage: str | None
-    random: random.Random | None
-    records: int
-    facts: list[_Fact]
-    pursuits: list[_Pursuit]
-    held_plans: set[str]
-    hold_timers: list[_HoldTimer]
 
 
 def read(path: str | PathLike[str]) -> dict[str, Any]:
@@ -268,7 +232,7 @@ def read(path: str | PathLike[str]) -> dict[str, Any]:
     except MindError as problem:
         raise MindError(problem.what, where=str(path), remedy=problem.remedy) from problem
     except (ValueError, RecursionError) as problem:
-        raise MindError("this is no saved mind, or it is damaged", where=str(path)) from problem
+        raise MindError("the file is not a saved mind, or damaged", where=str(path)) from problem
     return data
 
 
@@ -286,17 +250,17 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
     engine.interpreter.stage = mind.stage
     engine.interpreter.random = mind.random
     engine.trace.numbers = itertools.count(max(mind.records, _next_record(engine)))
-    for fact in mind.facts:
-        relation = beliefs.relation(fact.key)
-        held = relation.facts[fact.args] = (fact.since, fact.notes, fact.cause)
+    for key, args, fact in mind.beliefs:
+        relation = beliefs.relation(key)
+        relation.facts[args] = fact
         if relation.indexes:
-            relation.enter(fact.args)
+            relation.enter(args)
         if relation.held is not None:
-            relation.begin(fact.args, held)
-        beliefs.notify(relation, fact.args, True, fact.cause)
+            relation.begin(args, fact)
+        beliefs.notify(relation, args, True, fact[2])
     _set_hold_timers(engine, mind)
-    for pursuit in mind.pursuits:
-        _pursue(engine, pursuit)
+    for key, plan_id, suspended, event in mind.pursuits:
+        _pursue(engine, key, plan_id, suspended, event)
 
 
 def _clear(engine: Engine) -> None:
@@ -308,9 +272,7 @@ def _clear(engine: Engine) -> None:
         if isinstance(item, tuple) or getattr(item, "mental", False):
             inbox.remove(item)
     engine.interpreter.events.clear()
-    engine.timers.remove(
-        lambda timer: isinstance(timer, HoldTimer) or ((over := getattr(timer, "over", None)) is not None and over())
-    )
+    engine.timers.remove(lambda callback: isinstance(callback, HoldTimer))
     for relation in engine.beliefs.relations.values():
         relation.clear()
 
@@ -325,75 +287,71 @@ def _set_hold_timers(engine: Engine, mind: _Mind) -> None:
             relation = engine.beliefs.relation(key)
             for args in relation.facts:
                 engine.beliefs.set_hold_timer(relation, args, plan)
-    for item in mind.hold_timers:
-        plan = plans.get((item.key, item.plan))
-        relation = engine.beliefs.relation(item.key)
-        fact = relation.first_facts.get(item.args)
+    for key, plan_id, args, due, seconds in mind.timers:
+        plan = plans.get((key, plan_id))
+        relation = engine.beliefs.relation(key)
+        fact = relation.first_facts.get(args)
         if plan is None or fact is None:
-            log().warning("%s: the plan %s or its belief %s is missing", engine.name, item.plan, item.key)
+            log().warning("%s: the plan %s or its belief %s is missing", engine.name, plan_id, key)
         else:
-            timer = HoldTimer(engine.beliefs, relation, item.args, fact, plan, item.seconds)
-            engine.timers.at(item.due, timer)
+            HoldTimer(engine.beliefs, relation, args, fact, plan, seconds).start(due)
 
 
-def _pursue(engine: Engine, pursuit: _Pursuit) -> None:
-    trigger = engine.library.triggers[pursuit.key]
-    if pursuit.plan is not None:
-        plan = next((plan for plan in trigger.plans if _plan_id(plan) == pursuit.plan), None)
+def _pursue(
+    engine: Engine, key: str, plan_id: str | None, suspended: bool, event: tuple[Args, Annotations, str]
+) -> None:
+    trigger = engine.library.triggers[key]
+    if plan_id is not None:
+        plan = next((plan for plan in trigger.plans if _plan_id(plan) == plan_id), None)
         if plan is None:
-            log().warning("%s: the plan %s is missing", engine.name, pursuit.plan)
+            log().warning("%s: the plan %s is missing", engine.name, plan_id)
             return
-        trigger = Trigger(pursuit.key, (plan,))
-    if not trigger.goal:
-        if trigger.plans:
-            engine.interpreter.events.append((trigger, pursuit.args, pursuit.notes, pursuit.cause))
-        return
-    kind = SUBGOAL if closed(pursuit.args) else SUBGOAL | OPEN
-    request = (kind, trigger, pursuit.args, pursuit.notes, pursuit.cause)
-    if kind == SUBGOAL and not pursuit.suspended:
-        engine.interpreter.events.append(request[1:])
-    else:
-        engine.intentions.adopt_later(request, suspended=pursuit.suspended)
-
-
-# Decoding
+        trigger = Trigger(key, (plan,))
+    opened = not closed(event[0])
+    if trigger.goal and (suspended or opened):
+        engine.intentions.adopt_later((SUBGOAL | OPEN if opened else SUBGOAL, trigger, *event), suspended=suspended)
+    elif trigger.goal or trigger.plans:
+        engine.interpreter.events.append((trigger, *event))
 
 
 def _check(data: Any) -> None:
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise MindError("this is no saved mind", remedy="give a file that was written by saving a mind")
+        raise MindError("this is not a saved mind", remedy="give a file that was written by saving a mind")
     if data.get("version") != VERSION:
         raise MindError(
-            f"this mind is of version {data.get('version')!r}, known is {VERSION}",
-            remedy="use the socialbot it is from",
+            f"version {data.get('version')!r} of a saved mind is not supported (supported: {VERSION})",
+            remedy="use the version of socialbot that wrote it",
         )
 
 
 def _decode_mind(engine: Engine, data: Any) -> _Mind:
     """Decode and check all data before any change."""
     _check(data)
+    kinds = {**engine.library.goals, **engine.library.kinds}
     try:
-        ahead = max(0, _typed(data["time"], int) - engine.clock.now())
+        match data:
+            case {
+                "time": int(time),
+                "stage": str() | None as stage,
+                "records": int(records),
+                "held_plans": list(plans),
+            }:
+                ahead = max(0, time - engine.clock.now())
+            case _:
+                raise ValueError("the time, stage, record number or plans are missing or of a wrong type")
+        if not all(isinstance(plan, str) for plan in plans):
+            raise ValueError("a plan is not a text")
         return _Mind(
-            _typed(data["stage"], str, type(None)),
+            stage,
             _decode_random(data["random"]),
-            _typed(data["records"], int),
-            [_decode_fact(engine, item, ahead) for item in data["beliefs"]],
-            [_decode_pursuit(engine, item) for item in data["pursuits"]],
-            {_typed(plan, str) for plan in data["held_plans"]},
-            [
-                _HoldTimer(
-                    _typed(item["belief"], str),
-                    _terms(engine, item["args"]),
-                    _typed(item["plan"], str),
-                    _typed(item["due"], int) - ahead,
-                    _typed(item["seconds"], float, int),
-                )
-                for item in data["ripening"]
-            ],
+            records,
+            [_decode_belief(item, kinds, ahead) for item in data["beliefs"]],
+            [_decode_event(item, kinds) for item in data["pursuits"]],
+            plans,
+            [_decode_timer(item, kinds, ahead) for item in data["ripening"]],
         )
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as problem:
-        what = f"this mind is damaged ({type(problem).__name__}: {problem})"
+    except (KeyError, TypeError, ValueError, RecursionError, OverflowError) as problem:
+        what = f"the saved mind is damaged ({type(problem).__name__}: {problem})"
         raise MindError(what, remedy="restore an older one") from problem
 
 
@@ -401,57 +359,61 @@ def _decode_random(state: Any) -> random.Random | None:
     if state is None:
         return None
     version, numbers, gauss = state
-    numbers_to_come = random.Random()
-    numbers_to_come.setstate((version, tuple(numbers), gauss))
-    return numbers_to_come
+    decoded = random.Random()
+    decoded.setstate((version, tuple(numbers), gauss))
+    return decoded
 
 
-def _decode_fact(engine: Engine, item: dict[str, Any], ahead: int) -> _Fact:
-    args = _terms(engine, item["args"])
-    key = f"{_typed(item['belief'], str)}/{len(args)}"
-    since = _typed(item["since"], int) - ahead
-    return _Fact(key, args, _terms(engine, item["annotations"]), since, _typed(item["cause"], str))
+def _decode_belief(item: Any, kinds: Kinds, ahead: int) -> tuple[str, Args, Fact]:
+    match item:
+        case {"belief": str(name), "args": args, "annotations": notes, "since": int(since), "cause": str(cause)}:
+            terms = _decode(args, kinds)
+            return f"{name}/{len(terms)}", terms, (since - ahead, _decode(notes, kinds), cause)
+    raise ValueError(f"{item!r} is not a belief")
 
 
-def _decode_pursuit(engine: Engine, item: dict[str, Any]) -> _Pursuit:
-    key = _typed(item["event"], str)
+def _decode_event(item: Any, kinds: Kinds) -> tuple[str, str | None, bool, tuple[Args, Annotations, str]]:
     variables: dict[str, Var] = {}
-    args = _terms(engine, item["args"], variables)
-    if not key.startswith(("+", "-", HELD)) or key.rpartition("/")[2] != str(len(args)):
-        raise ValueError(f"{key} is no event")
-    notes = _terms(engine, item["annotations"], variables)
-    plan = _typed(item.get("plan"), str, type(None))
-    return _Pursuit(key, args, notes, _typed(item["cause"], str), plan, item.get("suspended") is True)
+    match item:
+        case {"event": str(key), "args": args, "annotations": notes, "cause": str(cause)}:
+            terms, plan = _decode(args, kinds, variables), item.get("plan")
+            if key.startswith(("+", "-", HELD)) and key.endswith(f"/{len(terms)}") and isinstance(plan, str | None):
+                event = (terms, _decode(notes, kinds, variables), cause)
+                return key, plan, item.get("suspended") is True, event
+    raise ValueError(f"{item!r} is not an event")
 
 
-def _terms(engine: Engine, items: Any, variables: dict[str, Var] | None = None) -> tuple[Any, ...]:
-    return tuple(_decode(engine, item, variables) for item in _typed(items, list))
+def _decode_timer(item: Any, kinds: Kinds, ahead: int) -> tuple[str, str, Args, int, float]:
+    match item:
+        case {
+            "belief": str(key),
+            "plan": str(plan),
+            "args": args,
+            "due": int(due),
+            "seconds": float() | int() as seconds,
+        }:
+            return key, plan, _decode(args, kinds), due - ahead, seconds
+    raise ValueError(f"{item!r} is not a timer")
 
 
-def _decode(engine: Engine, item: Any, variables: dict[str, Var] | None) -> Any:
-    if item is None or isinstance(item, (str, int, float)):
-        return item
-    if "list" in item:
-        return _terms(engine, item["list"], variables)
-    if "atom" in item:
-        return Atom(_typed(item["atom"], str))
-    if "variable" in item and variables is not None:
-        name = _typed(item["variable"], str)
-        return variables.setdefault(name, Var(name.partition("#")[0]))
-    functor = _typed(item["functor"], str)
-    args = _terms(engine, item["args"], variables)
-    notes = _terms(engine, item["annotations"], variables)
-    kind = engine.library.kinds.get(functor) or engine.library.goals.get(functor)
-    if kind is None or item["negated"]:
-        return literal(functor, args, notes, negated=bool(item["negated"]))
-    made = kind(*args)
-    return made.with_(annotations=notes) if notes else made
+def _decode(items: Any, kinds: Kinds, variables: dict[str, Var] | None = None) -> Args:
+    """Terms of a list of JSON data."""
 
+    def term(item: Any) -> Any:
+        match item:
+            case None | str() | int() | float():
+                return item
+            case {"list": list(terms)}:
+                return tuple(map(term, terms))
+            case {"atom": str(name)}:
+                return Atom(name)
+            case {"variable": str(name)} if variables is not None:
+                return variables.setdefault(name, Var(name.partition("#")[0]))
+            case {"functor": str(name), "args": list(args), "annotations": list(notes), "negated": bool(negated)}:
+                kind, args, notes = kinds.get(name), tuple(map(term, args)), tuple(map(term, notes))
+                if kind is None or negated:
+                    return literal(name, args, notes, negated=negated)
+                return kind(*args).with_(annotations=notes) if notes else kind(*args)
+        raise ValueError(f"{item!r} is not a term")
 
-def _typed(value: Any, *kinds: type) -> Any:
-    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-        raise TypeError(f"{value!r} is no {kinds[0].__name__}")
-    return value
-
-
-__all__ = ["SCHEMA", "VERSION", "MindError", "read", "restore", "save", "write", "write_data"]
+    return term({"list": items})

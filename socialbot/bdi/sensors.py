@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
@@ -33,13 +34,13 @@ class Sensor:
 
     def sense(self, percept: Any) -> Sensed:
         """Return the beliefs for ``percept``."""
-        raise RuleError(f"the sensor {type(self).__name__} senses nothing", remedy="override sense()")
+        raise RuleError(f"sensor {type(self).__name__} has no sense()", remedy="override sense()")
 
     def attach(self, engine: Engine) -> None:
         """Assign the sensor to ``engine`` and start it."""
         if self.period_s is not None and not self.period_s > 0:
             where = type(self).__name__
-            raise RuleError(f"a period of {self.period_s} s", where=where, remedy="give more than 0 s, or None")
+            raise RuleError(f"invalid period of {self.period_s} s", where=where, remedy="give more than 0 s, or None")
         if self.engine is not None and self.engine is not engine:
             raise RuleError(
                 f"the sensor {type(self).__name__} belongs to {self.engine.name}", remedy="make one for each agent"
@@ -81,9 +82,7 @@ class Sensor:
     def _reset(self) -> None:
         assert self.engine is not None
         self._rung = False
-        if self._ticking is not None:
-            self.engine.timers.cancel(self._ticking)
-            self._ticking = None
+        self.engine.timers.remove(lambda callback: callback is self._ticking)
         if self.running:
             self._tick()
 
@@ -112,16 +111,14 @@ class ThreadSensor(Sensor):
 
     def read(self) -> Any:
         """Block until a percept and return it, or None for no percept; raise EOFError after the last one."""
-        raise EOFError(f"the sensor {type(self).__name__} reads nothing: override read()")
+        raise EOFError(f"sensor {type(self).__name__} has no read()")
 
     def start(self) -> None:
         """Start the thread, if none is running."""
         if not self.running:
             super().start()
             self.ending = threading.Event()
-            threading.Thread(
-                target=self._watch, args=(self.ending,), name=type(self).__name__, daemon=True
-            ).start()  # fmt: skip
+            threading.Thread(target=self._watch, args=(self.ending,), name=type(self).__name__, daemon=True).start()
 
     def suspend(self) -> None:
         """Request the thread to end."""
@@ -130,23 +127,19 @@ class ThreadSensor(Sensor):
         super().suspend()
 
     def _watch(self, ending: threading.Event) -> None:
-        assert self.engine is not None, "add the sensor to an engine first"
+        engine, name = self.engine, type(self).__name__
+        assert engine is not None, "add the sensor to an engine first"
         while not ending.is_set():
             try:
                 percept = self.read()
             except EOFError:
                 return
             except Exception as problem:  # noqa: BLE001 - user code
-                self._report(problem)
+                engine.call(functools.partial(engine.trace.record_failure, name, "", problem))
                 ending.wait(self.retry_s)
                 continue
             if percept is not None and not ending.is_set():
                 self.push(percept)
-
-    def _report(self, problem: Exception) -> None:
-        engine = self.engine
-        assert engine is not None
-        engine.call(lambda: engine.trace.record_failure(type(self).__name__, "", problem))
 
 
 def changes(sensed: Sensed) -> list[Event]:

@@ -10,8 +10,9 @@ import heapq
 import itertools
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from socialbot.bdi._interpreter import Wakeup
 from socialbot.bdi._messaging import deliver
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
@@ -20,17 +21,8 @@ from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
-if TYPE_CHECKING:
-    from socialbot.bdi._timers import Wakeup
-
-TURNS = 4
-"""Number of turns of an agent before the next agent runs."""
-
 VISITS = 16
 """Number of agent visits between checks for `Society.stop`."""
-
-LISTENING = "+message/3"
-"""Trigger of message events; agents without plans for it receive beliefs on a faster path."""
 
 
 class Society:
@@ -45,7 +37,7 @@ class Society:
         self._due: dict[Engine, int] = {}
         self._sequence = itertools.count()
         self._sources: dict[str, tuple[object, ...]] = {}
-        self._bell: Wakeup | None = None
+        self._wakeup: Wakeup | None = None
         self.stopping = False
 
     def add(self, agent: Engine | str) -> Engine:
@@ -53,7 +45,7 @@ class Society:
         if isinstance(agent, str):
             agent = Engine(agent, self.clock)
         if agent.name in self.agents:
-            raise RuleError(f"there are two agents {agent.name}", remedy="give each agent a name of its own")
+            raise RuleError(f"agent name {agent.name} is already taken", remedy="give each agent a name of its own")
         if agent.messaging.society is not None:
             raise RuleError(f"{agent.name} is in another society", remedy="remove it there first")
         self.agents[agent.name] = agent
@@ -75,7 +67,11 @@ class Society:
         name = receiver.name if receiver.__class__ is Atom else receiver
         agent = self.agents.get(name) if isinstance(name, str) else None
         if agent is None:
-            raise self._unknown(name)
+            from difflib import get_close_matches  # rarely needed
+
+            near = get_close_matches(str(name), self.agents, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise Failed("action_failed", f"there is no agent {name}{hint}")
         return agent
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
@@ -87,28 +83,26 @@ class Society:
             sender.messaging.send(receiver, "tell", literal_from_key(key, args), cause)
             return
         ag = agent.interpreter
-        if ag.messaging.accepts is not None or LISTENING in ag.triggers:
+        if ag.messaging.accepts is not None or "+message/3" in ag.triggers:
             deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
-        notes = self._sources.get(sender.name) or self.source_of(sender.name)
+        notes = self._sources.get(sender.name)
+        if notes is None:
+            notes = self._sources.setdefault(sender.name, (source(Atom(sender.name)),))
         relation = ag.relations.get(key) or ag.beliefs.relation(key)
         ag.inbox.append((relation, args, notes, cause, None))
         if not ag.signalled:
             ag.signalled = True
             self._ready.append(agent)
 
-    def source_of(self, name: str) -> tuple[object, ...]:
-        """Annotations of the messages of an agent."""
-        return self._sources.setdefault(name, (source(Atom(name)),))
-
     # Running
 
-    def run_until_idle(self, budget: int = 1_000_000, turns: int = TURNS) -> bool:
+    def run_until_idle(self, budget: int = 1_000_000, turns: int = 4) -> bool:
         """Run ready agents for ``turns`` turns each, at most ``budget`` visits; return whether work remains."""
         ready, timers = self._ready, self._timers
         while budget > 0:
             if timers and timers[0][0] <= self.clock.now():
-                self._ring()
+                self._queue_due()
             if not ready:
                 return False
             budget -= 1
@@ -131,49 +125,41 @@ class Society:
 
         The clock must advance by itself. With ``linger=False`` it returns once no work and no timers remain.
         """
-        from socialbot.bdi._timers import Wakeup
-
         end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
-        bell = self._bell = Wakeup()
+        wakeup = self._wakeup = Wakeup()
         try:
             while not self.stopping:
                 busy = self.run_until_idle(VISITS)
-                left = None if end is None else end - self.clock.now()
-                if left is not None and left <= 0:
+                if end is not None and self.clock.now() >= end:
                     return
-                if not busy and not self.stopping:
-                    due = self.next_wakeup()
-                    if (
-                        due is None
-                        and not linger
-                        and not any(agent.interpreter.inbox for agent in self.agents.values())
-                    ):
-                        return
-                    waits = [
-                        time for time in (left, None if due is None else due - self.clock.now()) if time is not None
-                    ]
-                    bell.wait(min(waits) / SECOND if waits else None)
+                if busy or self.stopping:
+                    continue
+                due = self.next_wakeup()
+                if due is None and not linger and not any(agent.interpreter.inbox for agent in self.agents.values()):
+                    return
+                times = [time for time in (end, due) if time is not None]
+                wakeup.wait((min(times) - self.clock.now()) / SECOND if times else None)
         finally:
-            self._bell = None
+            self._wakeup = None
             self.stopping = False
 
     def stop(self) -> None:
         """End `run`, from any thread."""
         self.stopping = True
-        self._ring_bell()
+        self._ring()
 
     def _woken(self, agent: Engine) -> None:
         self._ready.append(agent)
-        self._ring_bell()
+        self._ring()
 
-    def _ring_bell(self) -> None:
-        bell = self._bell
-        if bell is not None:
-            bell.ring()
+    def _ring(self) -> None:
+        wakeup = self._wakeup
+        if wakeup is not None:
+            wakeup.ring()
         if self.wake is not None:
             self.wake()
 
-    def _ring(self) -> None:
+    def _queue_due(self) -> None:
         """Queue the agents with due timers."""
         timers, now = self._timers, self.clock.now()
         while timers and timers[0][0] <= now:
@@ -183,10 +169,3 @@ class Society:
                 if not agent.interpreter.signalled and agent.messaging.society is self:
                     agent.interpreter.signalled = True
                     self._ready.append(agent)
-
-    def _unknown(self, name: Any) -> Failed:
-        from difflib import get_close_matches
-
-        near = get_close_matches(str(name), self.agents, 1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        return Failed("action_failed", f"there is no agent {name}{hint}")

@@ -2,14 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi.actions import Action
-from socialbot.bdi.literals import Belief, Change, Event, Goal, HeldFor, Literal, Reactor
+from socialbot.bdi.literals import Belief, Change, Event, Goal, HeldFor, Literal, Reactor, TimedLiteral
 from socialbot.bdi.terms import Condition, Conjunction, Variable, conjunction, show
 from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from socialbot.bdi.engine import Engine
+
+
+class Action(TimedLiteral):
+    """Step of a plan's body that acts on the world.
+
+    During its execution ``engine`` is its engine and ``id`` its trace record. An exception fails the goal of its plan
+    but never stops the agent.
+    """
+
+    engine: Engine
+    id: str
+    function: ClassVar[Callable[..., Any] | None] = None
+    threaded: ClassVar[bool] = False
+
+    def execute(self, *args: Any, **kwargs: Any) -> Any:
+        """Execute the action with the values of its arguments; the result False reports a failure."""
+        raise RuleError(f"action {self.functor} has no execute()", remedy="override execute()")
+
+
+def action(function: Callable[..., Any]) -> type[Action]:
+    """Decorator that makes an action from a function with the engine as its first parameter."""
+    return type(
+        function.__name__,
+        (Action,),
+        {"__doc__": function.__doc__, "__module__": function.__module__, "function": staticmethod(function)},
+    )
+
+
+class fail(Action):  # noqa: N801 - reads as a step of a plan
+    """Action that fails the current goal for a reason."""
+
+    def execute(self, reason: str = "failed by the plan") -> None:
+        raise PlanFailed(reason)
+
+
+class PlanFailed(Exception):  # noqa: N818 - a failure of a plan, not an error
+    """Exception that an action raises to report a failure."""
+
+    reason = "action_failed"
+    annotations: tuple[Any, ...] = ()
+
+
+class wait(Action):  # noqa: N801 - reads as a step of a plan
+    """Action that pauses its intention for some seconds; other intentions continue."""
+
+    def execute(self, seconds: float) -> Any:
+        from socialbot.bdi.intentions import Sleep
+
+        return Sleep(seconds)
 
 
 class send(Action):  # noqa: N801 - reads as a step of a plan
@@ -65,7 +116,7 @@ class Achieve(Step):
 
 @dataclass(eq=False, repr=False)
 class Ask(Step):
-    """Test goal ``?q``: binds variables by beliefs, or else by a plan for ``+?q``."""
+    """Test goal ``?q``, written ``ask(q)``: binds variables by beliefs, or else by a plan for ``+?q``."""
 
     query: Condition | Variable
 
@@ -109,7 +160,7 @@ class Constrain(Step):
 
 @dataclass(eq=False, repr=False)
 class Enter(Step):
-    """Begin of a stage; plans of other stages no longer apply."""
+    """Begin of a stage (see `stage`), written ``enter(name)``; plans of other stages no longer apply."""
 
     stage: str
 
@@ -147,25 +198,20 @@ class If(Nested):
 
 
 @dataclass(eq=False, repr=False)
-class While(Nested):
+class _Loop(Nested):
+    condition: Condition
+    body: tuple[Step, ...]
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__}({self.condition}, {_list(self.body)})"
+
+
+class While(_Loop):
     """Loop over the body while the condition holds."""
 
-    condition: Condition
-    body: tuple[Step, ...]
 
-    def __str__(self) -> str:
-        return f"While({self.condition}, {_list(self.body)})"
-
-
-@dataclass(eq=False, repr=False)
-class For(Nested):
+class For(_Loop):
     """Loop over the initial solutions of the condition."""
-
-    condition: Condition
-    body: tuple[Step, ...]
-
-    def __str__(self) -> str:
-        return f"For({self.condition}, {_list(self.body)})"
 
 
 @dataclass(eq=False, repr=False)
@@ -209,19 +255,12 @@ def wait_for(what: object, limit_s: object = None) -> Await:
     return Await(what if isinstance(what, Event) else conjunction(what), limit_s)
 
 
-def enter(stage: str) -> Enter:
-    """Enter a stage (see `stage`)."""
-    return Enter(stage)
-
-
 def test(condition: object) -> Constrain:
     """Condition as a step: it binds its variables, or fails the goal."""
     return Constrain(conjunction(condition))
 
 
-def ask(query: Condition) -> Ask:
-    """Bind variables by beliefs; without a match, by a plan for the test goal."""
-    return Ask(query)
+enter, ask = Enter, Ask
 
 
 def apart(goal: Goal) -> Achieve:
@@ -232,7 +271,7 @@ def apart(goal: Goal) -> Achieve:
 def body_of(items: Iterable[object]) -> tuple[Step, ...]:
     """Convert a list of actions, goals, +beliefs and -beliefs to steps. Raises RuleError for other items."""
     if not isinstance(items, Iterable) or isinstance(items, (str, Literal)):
-        raise RuleError(f"{items} is no list of steps", remedy=f"write >> [{items}]")
+        raise RuleError(f"{items} is not a list of steps", remedy=f"write >> [{items}]")
     return tuple(map(step_of, items))
 
 
@@ -247,10 +286,10 @@ def step_of(item: object) -> Step:
     if isinstance(item, Event) and item.change in (Change.ADDED, Change.REMOVED):
         return Update("++", item.literal) if item.change is Change.ADDED else Forget(item.literal)
     if isinstance(item, (Belief, HeldFor, Conjunction)):
-        raise RuleError(f"{item} is no step of a plan", remedy="write +belief or -belief to change what is believed")
+        raise RuleError(f"{item} is not a step of a plan", remedy="write +belief or -belief to change a belief")
     if isinstance(item, type) and issubclass(item, (Action, Goal)):
         raise RuleError(f"{item.__name__} is a class", remedy=f"write {item.__name__}()")
-    raise RuleError(f"{item!r} is no step of a plan", remedy="use actions, goals, +belief and -belief")
+    raise RuleError(f"{item!r} is not a step of a plan", remedy="use actions, goals, +belief and -belief")
 
 
 def _limit(seconds: object) -> str:

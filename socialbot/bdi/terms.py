@@ -10,6 +10,7 @@ Plans may use variables and expressions instead of values.
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +18,8 @@ from typing import Any, ClassVar
 
 from socialbot.core.errors import RuleError
 
-COMPARISONS = frozenset({">", ">=", "<", "<=", "==", "!=", "=", "=.."})
-"""``==`` and ``!=`` compare values, ``=`` unifies, ``=..`` decomposes a literal."""
 
-OPERATORS = frozenset({"+", "-", "*", "/", "//", "%", "**", "div", "mod"})
-"""``//`` and ``%`` round down, as in Python; ``div`` and ``mod`` round towards zero, as in AgentSpeak."""
-
-
+@functools.total_ordering
 class Atom:
     """Symbol, such as ``yes`` in AgentSpeak; it differs from the equally named string."""
 
@@ -45,23 +41,8 @@ class Atom:
     def __reduce__(self) -> tuple[type[Atom], tuple[str]]:
         return Atom, (self.name,)
 
-    def __copy__(self) -> Atom:
-        return self
-
-    def __deepcopy__(self, memo: object) -> Atom:
-        return self
-
     def __lt__(self, other: object) -> bool:
         return self is not other and order(self) < order(other)
-
-    def __gt__(self, other: object) -> bool:
-        return self is not other and order(self) > order(other)
-
-    def __le__(self, other: object) -> bool:
-        return not self > other
-
-    def __ge__(self, other: object) -> bool:
-        return not self < other
 
     def __str__(self) -> str:
         return self.name
@@ -77,8 +58,7 @@ class Pattern:
         return str(self)
 
     def names(self) -> set[str]:
-        """Names of the variables."""
-        raise NotImplementedError
+        return names_in(tuple(vars(self).values()))
 
 
 def _arithmetic(symbol: str) -> tuple[Callable[[Term, object], Expression], Callable[[Term, object], Expression]]:
@@ -115,7 +95,7 @@ class Variable(Term):
 
     def __init__(self, name: str) -> None:
         if not name.isidentifier():
-            raise RuleError(f"{name!r} is no name for a variable", remedy="use letters, digits and _")
+            raise RuleError(f"{name!r} is not a variable name", remedy="use letters, digits and _")
         self.name = name
 
     def names(self) -> set[str]:
@@ -124,25 +104,20 @@ class Variable(Term):
     def __str__(self) -> str:
         return self.name
 
-    __repr__ = __str__
 
-
+@dataclass(eq=False, repr=False)
 class Expression(Term):
-    """Arithmetic expression of two terms; ``symbol`` is one of `OPERATORS`."""
+    """Arithmetic expression of two terms; ``symbol`` is ``+ - * / // % **``, ``div`` or ``mod``.
 
-    def __init__(self, symbol: str, left: object, right: object) -> None:
-        assert symbol in OPERATORS, symbol
-        self.symbol = symbol
-        self.left = left
-        self.right = right
+    ``//`` and ``%`` round down, as in Python; ``div`` and ``mod`` round towards zero, as in AgentSpeak.
+    """
 
-    def names(self) -> set[str]:
-        return names_in((self.left, self.right))
+    symbol: str
+    left: object
+    right: object
 
     def __str__(self) -> str:
         return f"{_part(self.left)} {self.symbol} {_part(self.right)}"
-
-    __repr__ = __str__
 
 
 class Call(Term):
@@ -152,29 +127,19 @@ class Call(Term):
         self.function = function
         self.args = args
 
-    def names(self) -> set[str]:
-        return names_in(self.args)
-
     def __str__(self) -> str:
         return f"{self.function}({', '.join(map(show, self.args))})"
 
-    __repr__ = __str__
 
-
+@dataclass(eq=False, repr=False)
 class Cons(Term):
     """List pattern of the first ``items`` and the ``tail``: ``[H1, H2 | T]``."""
 
-    def __init__(self, items: tuple[object, ...], tail: object) -> None:
-        self.items = items
-        self.tail = tail
-
-    def names(self) -> set[str]:
-        return names_in((*self.items, self.tail))
+    items: tuple[object, ...]
+    tail: object
 
     def __str__(self) -> str:
         return f"[{', '.join(map(show, self.items))} | {show(self.tail)}]"
-
-    __repr__ = __str__
 
 
 class Condition(Pattern):
@@ -197,26 +162,21 @@ class Condition(Pattern):
 
     def __rshift__(self, body: object) -> Any:
         raise RuleError(
-            f"{self} alone is no event",
-            remedy=f"an event is written +{self} or -{self}; several conditions go in parentheses: "
-            "event / (a & b) >> [...]",
+            f"{self} alone is not an event",
+            remedy=f"write +{self} or -{self}; put conditions in parentheses: event / (a & b) >> [...]",
         )
 
 
+@dataclass(eq=False, repr=False)
 class Comparison(Condition):
-    """Comparison of two terms; ``symbol`` is one of `COMPARISONS`."""
+    """Comparison of two terms; ``symbol`` is ``> >= < <= == !=``, ``=`` (unifies) or ``=..`` (decomposes a literal)."""
 
-    def __init__(self, symbol: str, left: object, right: object) -> None:
-        assert symbol in COMPARISONS, symbol
-        self.symbol = symbol
-        self.left = left
-        self.right = right
-
-    def names(self) -> set[str]:
-        return names_in((self.left, self.right))
+    symbol: str
+    left: object
+    right: object
 
     def __rshift__(self, body: object) -> None:
-        raise RuleError(f"{self} alone is no rule", remedy="put conditions in parentheses: event / (a & b) >> [...]")
+        raise RuleError(f"{self} alone is not a plan", remedy="put conditions in parentheses: event / (a & b) >> [...]")
 
     def __bool__(self) -> bool:
         raise RuleError(
@@ -225,8 +185,6 @@ class Comparison(Condition):
 
     def __str__(self) -> str:
         return f"{show(self.left)} {self.symbol} {show(self.right)}"
-
-    __repr__ = __str__
 
 
 def variables(names: str) -> tuple[Variable, ...]:
@@ -279,9 +237,6 @@ class Negation(Condition):
 
     condition: Condition
 
-    def names(self) -> set[str]:
-        return self.condition.names()
-
     def __str__(self) -> str:
         joined = isinstance(self.condition, (Conjunction, Disjunction))
         return f"~({self.condition})" if joined else f"~{self.condition}"
@@ -308,9 +263,6 @@ class Truth(Condition):
 
     value: bool
 
-    def names(self) -> set[str]:
-        return set()
-
     def __str__(self) -> str:
         return "true" if self.value else "false"
 
@@ -320,9 +272,6 @@ class Conjunction(Condition):
     """Conditions that must all hold, tried from left to right."""
 
     terms: tuple[Condition, ...]
-
-    def names(self) -> set[str]:
-        return set().union(*(term.names() for term in self.terms))
 
     def __str__(self) -> str:
         return " & ".join(
@@ -335,9 +284,6 @@ class Disjunction(Condition):
     """Conditions of which one must hold, tried from left to right."""
 
     terms: tuple[Condition, ...]
-
-    def names(self) -> set[str]:
-        return set().union(*(names_in(term) for term in self.terms))
 
     def __or__(self, other: object) -> Disjunction:
         return Disjunction((*self.terms, conjunction(other)))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from os import PathLike
 from string import Formatter
 from typing import IO, TYPE_CHECKING, Any
@@ -15,24 +15,6 @@ from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from logging import Logger
-
-KINDS = {
-    "belief": "a belief was added, or told by one more source; its cause is a percept, or the plan that added it",
-    "unbelief": "a belief was removed; detail left: who still tells it, where only one of its sources was taken off",
-    "event": "a Reactor came",
-    "held": "a belief has been held for the time that a rule asks for",
-    "goal": "a goal was adopted",
-    "plan": "a rule was chosen for an event: the agent intends to do its steps; detail: rule, label, rejected",
-    "continued": "the last step of the plan for a goal is a goal, which stands for it from now on",
-    "action": "an action was executed, or begun",
-    "progress": "an action that takes its time says how far it is; detail: fraction, text",
-    "action_end": "such an action has ended; detail: outcome (finished, failed or cancelled), message",
-    "message": "something was said to another agent",
-    "achieved": "all steps of the plan for a goal are done",
-    "failure": "an action, a goal or a sensor failed; detail: reason, message, rejected",
-    "dropped": "an intention ended because nothing handles the failure, or it was given up",
-}
-"""Kinds of records and their meanings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +28,8 @@ class Record:
     cause: str
     detail: dict[str, object] = field(default_factory=dict)
 
+
+_FIELDS = tuple(field.name for field in fields(Record))
 
 Sink = Callable[[Record], None]
 """Receives the records in order. The first exception of a sink is logged; no exception stops the agent."""
@@ -112,7 +96,7 @@ class Trace:
 
     def __init__(self, limit: int = 100_000) -> None:
         if limit < 1:
-            raise RuleError(f"a trace of {limit} records", remedy="give a limit of 1 or more")
+            raise RuleError(f"a trace cannot keep {limit} records", remedy="give a limit of 1 or more")
         self.limit = limit
         self._order: deque[Record] = deque()
         self._by_id: dict[str, Record] = {}
@@ -147,7 +131,7 @@ class Trace:
         """Return a record and its chain of causes, as far as the trace has them. Raises RuleError for an unknown id."""
         record = self._by_id.get(record_id)
         if record is None:
-            raise RuleError(f"there is no record {record_id}", remedy="give the id of one, which the trace still keeps")
+            raise RuleError(f"no record {record_id}", remedy="give the id of a record in the trace")
         chain: dict[str, Record] = {}
         while record is not None and record.id not in chain:
             chain[record.id] = record
@@ -167,22 +151,11 @@ class JsonLines:
 
         self._encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
         self._own = isinstance(file, (str, PathLike))
-        self._file: IO[str] = (
-            open(file, "a" if append else "w", encoding="utf-8")  # noqa: SIM115 - close() closes it
-            if isinstance(file, (str, PathLike))
-            else file
-        )
+        mode = "a" if append else "w"
+        self._file = open(file, mode, encoding="utf-8") if isinstance(file, (str, PathLike)) else file  # noqa: SIM115
 
     def __call__(self, record: Record) -> None:
-        line = {
-            "id": record.id,
-            "time": record.time,
-            "kind": record.kind,
-            "what": record.what,
-            "cause": record.cause,
-            "detail": record.detail,
-        }
-        self._file.write(self._encode(line) + "\n")
+        self._file.write(self._encode({name: getattr(record, name) for name in _FIELDS}) + "\n")
         self._file.flush()
 
     def close(self) -> None:
@@ -210,11 +183,13 @@ def read_trace(file: str | PathLike[str], limit: int = 100_000) -> Trace:
                 trace(Record(**json.loads(line.encode("utf-8"))))
         except (ValueError, TypeError, RecursionError) as problem:
             if number < len(lines):
-                raise RuleError("this is no record", where=f"{file}:{number}", remedy="give a trace file") from problem
+                raise RuleError(
+                    "this is not a trace record", where=f"{file}:{number}", remedy="give a trace file"
+                ) from problem
     return trace
 
 
-class Tee:
+class tee:  # noqa: N801 - reads as a function
     """Sink that passes each record to several sinks, even if one of them raises."""
 
     def __init__(self, *sinks: Sink) -> None:
@@ -230,55 +205,54 @@ class Tee:
         if problem is not None:
             raise problem
 
-    def __getattr__(self, name: str) -> Any:
-        # Methods of the first sink that has them, such as `Trace.explain`.
-        if not name.startswith("_") and name != "sinks":
-            for sink in self.sinks:
-                if hasattr(sink, name):
-                    return getattr(sink, name)
-        raise AttributeError(name)
+    @property
+    def explain(self) -> Any:
+        """Method `Trace.explain` of the first sink that has it, or None."""
+        return next((sink.explain for sink in self.sinks if hasattr(sink, "explain")), None)  # type: ignore[attr-defined]
 
 
-def tee(*sinks: Sink) -> Tee:
-    """Create a sink that passes each record to several sinks."""
-    return Tee(*sinks)
+SENTENCES = {
+    "belief": "it believed {}{source:, source: }",
+    "unbelief": "it believed {} no longer",
+    "event": "there was {}",
+    "held": "it had believed {} for {seconds} s",
+    "goal": "it wanted {}",
+    "plan": "it chose the plan{label: } for {}",
+    "continued": "the goal {} went on as another",
+    "action": "it did {}",
+    "progress": "{} was {percent} done{text:: }",
+    "action_end": "{} {outcome}{message:: }",
+    "message": "it said: {}",
+    "achieved": "it achieved {}",
+    "failure": "{} failed{message:: }",
+    "dropped": "it gave up an intention{message:: }",
+}
+"""Templates by kind of record: ``{}`` is its text, ``{reason}`` a detail, and ``{reason:: }`` a detail after ``: ``,
+empty without a value. Other packages may add their kinds of records."""
+
+KINDS = frozenset(SENTENCES)
+"""Kinds of records of an engine."""
+
+
+class _Detail(str):
+    """Detail whose format specification is its prefix."""
+
+    def __format__(self, before: str) -> str:
+        return f"{before}{self!s}" if self else ""
 
 
 def sentence(record: Record) -> str:
     """Describe a record in a few words."""
-    detail = record.detail
-    match record.kind:
-        case "belief" if detail.get("source") not in (None, "", "self"):
-            return f"it believed {record.what}, told by {detail['source']}"
-        case "plan" if detail.get("label"):
-            return f"it chose the plan {detail['label']} for {record.what}"
-        case "progress":
-            return f"{record.what} was {detail.get('fraction', 0):.0%} done{_after(detail.get('text'))}"
-        case "action_end":
-            return f"{record.what} {detail.get('outcome', 'ended')}{_after(detail.get('message'))}"
-        case "held":
-            return f"it had believed {record.what} for {detail.get('seconds')} s"
-        case "failure":
-            return f"{record.what or 'something'} failed{_after(detail.get('message'))}"
-        case "dropped":
-            return f"it gave up an intention{_after(detail.get('message') or detail.get('reason'))}"
-    words = SENTENCES.get(record.kind)
-    return _fill(words, record) if words else f"{record.kind} {record.what}"
-
-
-SENTENCES = {
-    "belief": "it believed {}",
-    "unbelief": "it believed {} no longer",
-    "event": "there was {}",
-    "goal": "it wanted {}",
-    "plan": "it chose the plan for {}",
-    "continued": "the goal {} went on as another",
-    "action": "it did {}",
-    "message": "it said: {}",
-    "achieved": "it achieved {}",
-}
-"""Templates by kind of record: ``{}`` is its text, ``{reason}`` a detail, and ``{reason:: }`` a detail after ``: ``,
-empty without a value. Other packages may add their kinds of records."""
+    detail, words = record.detail, SENTENCES.get(record.kind)
+    if words is None:
+        return f"{record.kind} {record.what}"
+    details = defaultdict(_Detail)
+    details.update({name: _Detail(value) for name, value in detail.items() if value is not None})
+    details["percent"] = _Detail(f"{detail.get('fraction', 0):.0%}")
+    details["message"] = details["message"] or details["reason"]
+    if details["source"] == "self":
+        del details["source"]
+    return Formatter().vformat(words, (record.what,), details)
 
 
 def as_text(chain: Iterable[Record]) -> str:
@@ -296,27 +270,3 @@ def as_text(chain: Iterable[Record]) -> str:
         lines.append(f"because of {begin.cause}")
     text = ",\n".join(lines) + "."
     return text[0].upper() + text[1:]
-
-
-class _Detail(str):
-    """Detail whose format specification is its prefix."""
-
-    def __format__(self, before: str) -> str:
-        return f"{before}{self!s}" if self else ""
-
-
-class _Details(dict[str, object]):
-    def __missing__(self, name: str) -> str:
-        return ""
-
-    def __getitem__(self, name: str) -> _Detail:
-        value = super().__getitem__(name)
-        return _Detail("" if value is None else value)
-
-
-def _fill(words: str, record: Record) -> str:
-    return Formatter().vformat(words, (record.what,), _Details(record.detail))
-
-
-def _after(text: object) -> str:
-    return f": {text}" if text else ""

@@ -69,7 +69,7 @@ def cons(items: tuple[Any, ...], tail: Any) -> Any:
     if tail.__class__ is Cons:
         return Cons(items + tail.items, tail.tail)
     if tail.__class__ is not Var:
-        raise TypeError(f"{tail} is no list")
+        raise TypeError(f"{tail} is not a list")
     return Cons(items, tail)
 
 

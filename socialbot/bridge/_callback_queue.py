@@ -17,17 +17,12 @@ from socialbot.core.messages import Message
 from socialbot.graph.health import HealthMonitor
 from socialbot.graph.node import Delivery, Input
 
-MAX_WAITING = 16
-"""Maximum number of waiting messages per stream; older ones are dropped."""
-
+MAX_WAITING = 16  # maximum number of waiting messages per stream; older ones are dropped
 OVERTAKEN_S = 1.0
 """Maximum age difference of messages that arrived out of order. A larger one means that time was reset."""
 
-GRACE_S = 0.05
-"""Real time to wait after the deadline of an input, for messages in transit."""
-
-CALLS_AVERAGED = 8
-"""Number of calls in the average cost of a message."""
+GRACE_S = 0.05  # real time to wait after the deadline of an input, for messages in transit
+CALLS_AVERAGED = 8  # number of calls in the average cost of a message
 
 
 @dataclass(eq=False)
@@ -60,19 +55,13 @@ class InputQueue:
             self._keep(MAX_WAITING)
 
     def take(self) -> Message:
-        """Remove and return the next message.
-
-        A stream faster than the node skips to its newest message. After one delay the node catches up without loss.
-        """
+        """Remove and return the next message; the newest one if the stream is faster than the node."""
         if self._slow:
             self._keep(1)
         return self.waiting.popleft()
 
     def pause(self, now: int) -> float:
-        """Time (s) to wait for a newer message at ``now`` (ns); 0 to take a waiting one.
-
-        A slow node waits if the newest message is nearly as old as the spacing of the stream: the next one is due.
-        """
+        """Time (s) to wait at ``now`` (ns) for a newer message; 0 unless the node is slow and the next one is due."""
         age = (now - self.waiting[-1].stamp) / SECOND
         due = 0.9 * self.spacing_s < age < 2 * self.spacing_s
         return 2 * self.spacing_s - age if self._slow and due else 0.0
@@ -96,11 +85,9 @@ class InputQueue:
             self.skipped += 1
 
 
+@dataclass(eq=False)
 class PendingTimer:
-    """A pending timer."""
-
-    def __init__(self, callback: Callable[[], None]) -> None:
-        self.callback: Callable[[], None] | None = callback
+    callback: Callable[[], None] | None
 
     def cancel(self) -> None:
         self.callback = None
@@ -109,9 +96,7 @@ class PendingTimer:
 class CallbackQueue:
     """Callbacks of one node. Any thread may add them; the thread of the node takes them.
 
-    Args:
-        now: Returns the time of the node (ns).
-        simulated: Whether that time is simulated. Its owner then calls `time_changed`.
+    ``now`` returns the time of the node (ns). If it is ``simulated``, its owner calls `time_changed`.
     """
 
     def __init__(self, now: Callable[[], int], *, simulated: bool) -> None:
@@ -125,7 +110,7 @@ class CallbackQueue:
         self._when_idle: Callable[[], None] | None = None
         self._timers: list[tuple[int, int, PendingTimer]] = []
         self._sequence = itertools.count()
-        self._closed = False
+        self.closed = False
         self._health: HealthMonitor | None = None
         self._overdue: float | None = None  # when (monotonic, s) an input passed its deadline
 
@@ -139,10 +124,6 @@ class CallbackQueue:
     def inputs(self) -> tuple[InputQueue, ...]:
         """The inputs that have received messages."""
         return tuple(self._inputs.values())
-
-    @property
-    def closed(self) -> bool:
-        return self._closed
 
     def put(self, port: Input[Any], message: Message) -> None:
         with self._changed:
@@ -194,13 +175,13 @@ class CallbackQueue:
     def close(self) -> None:
         """Make `take` return None from now on."""
         with self._changed:
-            self._closed = True
+            self.closed = True
             self._changed.notify()
 
     def take(self) -> Callable[[], None] | tuple[InputQueue, Message] | None:
         """Wait for the next callback or message, and remove it. Return None when the queue is closed."""
         with self._changed:
-            while not self._closed:
+            while not self.closed:
                 if self._calls:
                     return self._calls.popleft()
                 timer_s = (self._timers[0][0] - self._now()) / SECOND if self._timers else None
@@ -218,12 +199,13 @@ class CallbackQueue:
                     pause = self._order[0].pause(self._now()) if alone else 0.0
                     if not pause:
                         return self._next_message()
-                    self._changed.wait(_shortest(pause, timer_s, deadline_s))
+                    waits = (pause, timer_s, deadline_s)
                 elif self._when_idle is not None and not self._expected and self._overdue is None:
                     idle, self._when_idle = self._when_idle, None
                     return idle
                 else:
-                    self._changed.wait(_shortest(None if self._simulated else timer_s, deadline_s))
+                    waits = (None if self._simulated else timer_s, deadline_s)
+                self._changed.wait(min((wait for wait in waits if wait is not None), default=None))
             return None
 
     def _until_deadline(self) -> float | None:
@@ -247,7 +229,3 @@ class CallbackQueue:
         if queue.waiting:
             self._order.append(queue)
         return queue, message
-
-
-def _shortest(*waits: float | None) -> float | None:
-    return min((wait for wait in waits if wait is not None), default=None)

@@ -10,7 +10,7 @@ import functools
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock as SteadyClock
@@ -40,8 +40,8 @@ from socialbot.bridge.diagnostics import (
     publisher_connection,
     subscription_connection,
 )
-from socialbot.bridge.sim_clock import KEPT_TOPIC
 from socialbot.bridge.transport import (
+    KEPT_TOPIC,
     QUEUE_DEPTH,
     Receiver,
     Sender,
@@ -56,36 +56,12 @@ from socialbot.core.messages import Health, Message
 from socialbot.graph.health import health_topics
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 
-AUTOSTART = "autostart"
-AUTOSTART_DOC = "whether the node configures and activates itself"
+if TYPE_CHECKING:
+    from socialbot.bridge.process import SupervisorChannel
 
-HEARTBEAT_S = 0.5
-"""Period of the state reports to a supervisor."""
-
-DDS_HOLD_S = 1.0
-"""Time to keep a topic on DDS after its last outside subscriber, so that messages stay in order."""
-
+HEARTBEAT_S = 0.5  # period of the state reports to a supervisor
+DDS_HOLD_S = 1.0  # time to keep a topic on DDS after its last outside subscriber, so that messages stay in order
 STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
-
-
-def node_clock(ros: RosNode, *, simulated: bool) -> Clock:
-    """Wall clock, or the time of /clock. Neither goes back when the system time is set."""
-    if not simulated:
-        return WallClock()
-    source = ros.get_clock()
-    return ForwardClock(lambda: source.now().nanoseconds)
-
-
-class SupervisorLink(Protocol):
-    """Connection to the supervisor of this process."""
-
-    def send(self, node: str, word: str, /) -> None:
-        """Report the state of a node, from any thread and without blocking."""
-        ...
-
-    def wait(self) -> tuple[str, str] | None:
-        """Wait for a command: a node and its target state. None when the supervisor is gone."""
-        ...
 
 
 class IntraProcess:
@@ -133,13 +109,7 @@ class NodeHost:
 
     Configuration builds the node, activation starts it, and deactivation stops it. The next activation builds another.
 
-    Args:
-        graph: The graph.
-        config: The node to host.
-        ros_context: The rclpy context.
-        sim_time: Whether the time comes from /clock.
-        supervisor: Commands activation, and receives the state.
-        intra_process: The other nodes of this process.
+    With ``sim_time`` the time comes from /clock. A ``supervisor`` commands activation, and receives the state.
     """
 
     def __init__(
@@ -149,7 +119,7 @@ class NodeHost:
         *,
         ros_context: RosContext,
         sim_time: bool,
-        supervisor: SupervisorLink | None = None,
+        supervisor: SupervisorChannel | None = None,
         intra_process: IntraProcess | None = None,
     ) -> None:
         self.name = config.name
@@ -169,13 +139,15 @@ class NodeHost:
             parameter_overrides=[RosParameter("use_sim_time", RosParameter.Type.BOOL, sim_time)] if sim_time else [],
         )
         declare_parameters(self._ros, config)
-        doc = ParameterDescriptor(description=AUTOSTART_DOC, read_only=True)
-        self._autostart = bool(self._ros.declare_parameter(AUTOSTART, True, doc).value)
+        doc = ParameterDescriptor(description="whether the node configures and activates itself", read_only=True)
+        self._autostart = bool(self._ros.declare_parameter("autostart", True, doc).value)
         self._simulated = bool(self._ros.get_parameter("use_sim_time").value)
-        self._clock = node_clock(self._ros, simulated=self._simulated)
+        ros_clock = self._ros.get_clock()
+        # Neither clock goes back when the system time is set.
+        self._clock: Clock = ForwardClock(lambda: ros_clock.now().nanoseconds) if self._simulated else WallClock()
         self._error: SocialbotError | None = None
-        self._publications: dict[str, tuple[Publisher, Sender]] = {}
-        self._health_publications: list[tuple[Publisher, Sender]] = []
+        self._senders: dict[str, Sender] = {}
+        self._health_senders: list[Sender] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
@@ -183,15 +155,14 @@ class NodeHost:
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
-            self._jumps = self._ros.get_clock().create_jump_callback(every_step, post_callback=self._time_changed)
+            self._jumps = ros_clock.create_jump_callback(every_step, post_callback=self._time_changed)
             self._kept_publisher = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
         self._reporter = DiagnosticsReporter(
             self._ros, self.statistics, self._connections, self._inputs, lambda: self._ros.state
         )
         if sealed:
-            self._renewal = self._ros.create_timer(
-                self._transport.renewal_s, lambda: self._transport.renew(), clock=STEADY
-            )
+            period_s = self._transport.renewal_s
+            self._renewal = self._ros.create_timer(period_s, lambda: self._transport.renew(), clock=STEADY)
         if supervisor is not None:
             self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
@@ -246,11 +217,11 @@ class NodeHost:
         """Build the node and its publishers and subscriptions."""
         self._build()
         for topic in health_topics(self._graph, self.name):
-            self._health_publications.append(self._publication(topic, Health, Delivery.EVERY))
+            self._health_senders.append(self._transport.advertise(self._ros, topic, Health))
         for topic, port in self._config.publications:
-            publication = self._publication(topic, port.message_type, port.delivery)
-            self._publications[port.name] = publication
-            self._connections.append(publisher_connection(self._graph, topic, publication[0]))
+            sender = self._transport.advertise(self._ros, topic, port.message_type, port.delivery)
+            self._senders[port.name] = sender
+            self._connections.append(publisher_connection(self._graph, topic, sender.publisher))
         for topic, port in self._config.subscriptions:
             kind = self._transport.message_class(port.message_type)
             qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
@@ -281,17 +252,11 @@ class NodeHost:
         for connection in self._connections:
             if not isinstance(connection.endpoint, Publisher):
                 self._ros.destroy_subscription(connection.endpoint)
-        for publisher, _ in (*self._publications.values(), *self._health_publications):
-            self._ros.destroy_publisher(publisher)
-        self._health_publications.clear()
-        self._connections.clear()
-        self._publications.clear()
-        self._latched.clear()
+        for sender in (*self._senders.values(), *self._health_senders):
+            self._ros.destroy_publisher(sender.publisher)
+        for kept in (self._health_senders, self._connections, self._senders, self._latched):
+            kept.clear()
         self._transport = open_transport(form=self._graph.wire)
-
-    def _publication(self, topic: str, kind: type[Message], delivery: Delivery) -> tuple[Publisher, Sender]:
-        publisher = self._ros.create_publisher(self._transport.message_class(kind), topic, publisher_qos(delivery))
-        return publisher, self._transport.sender(publisher, latched=delivery is Delivery.LATCHED)
 
     def _build(self) -> NodeThread:
         thread = self._thread = NodeThread(
@@ -316,8 +281,8 @@ class NodeHost:
             self._unwatch = None
 
     def _publish(self, port: Output[Any], message: Message) -> None:
-        publisher, sender = self._publications[port.name]
-        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(publisher, message):
+        sender = self._senders[port.name]
+        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(sender.publisher, message):
             sender.publish(message)
 
     def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any) -> None:
@@ -332,8 +297,8 @@ class NodeHost:
             return
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
-        if self._thread is not None and self._thread.started:
-            self._thread.queue.put(port, message)
+        if (thread := self.active_thread) is not None:
+            thread.queue.put(port, message)
         elif self._thread is not None and port.delivery is Delivery.EVERY:
             self._early.append((port, message))
 
@@ -352,16 +317,16 @@ class NodeHost:
         self._kept_publisher.publish(header)
 
     def _publish_health(self, health: Health) -> None:
-        for publisher, sender in self._health_publications:
-            if publisher.get_subscription_count():
+        for sender in self._health_senders:
+            if sender.publisher.get_subscription_count():
                 sender.publish(health)
 
     def _inputs(self) -> Any:
         return self._thread.queue.inputs if self._thread is not None else ()
 
     def _beat(self) -> None:
-        if self._thread is not None and self._thread.started:
-            self._thread.check_alive()
+        if (thread := self.active_thread) is not None:
+            thread.check_alive()
         elif self._supervisor is not None:
             self._supervisor.send(self.name, self._ros.state)
 

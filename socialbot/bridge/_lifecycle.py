@@ -9,7 +9,7 @@ import functools
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidHandle
@@ -20,36 +20,26 @@ from rclpy.node import Node as RosNode
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Node, NodeConfig, Parameter, check_parameters
 
+if TYPE_CHECKING:
+    from socialbot.bridge._host import NodeHost
+
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
 
-SET_PARAMETER_TIMEOUT_S = 7.0
-"""Timeout to apply a parameter; a starting node may be waiting for its connections."""
-
+SET_PARAMETER_TIMEOUT_S = 7.0  # timeout to apply a parameter; a starting node may be waiting for its connections
 UNBOUNDED = 1e308
 UNBOUNDED_INTEGER = 2**62
 
 
-class TransitionSteps(Protocol):
-    """Callbacks of the transitions. An exception makes the transition fail."""
-
-    def configure(self) -> None: ...
-
-    def activate(self) -> None: ...
-
-    def deactivate(self) -> None: ...
-
-    def clean_up(self) -> None: ...
-
-
 class LifecycleHost(LifecycleNode):
-    """Lifecycle node that runs ``steps`` in the executor thread, on requests of services or `transition_to`.
+    """Lifecycle node that runs the steps of ``host`` in the executor thread, by services or `transition_to`.
 
-    Without ``services`` only this process can request transitions. ``error`` is the exception of the last failed step.
+    An exception makes a transition fail; ``error`` is the last one. Without ``services`` only this process can request
+    transitions.
     """
 
-    def __init__(self, name: str, steps: TransitionSteps, *, services: bool, **options: Any) -> None:
+    def __init__(self, name: str, host: NodeHost, *, services: bool, **options: Any) -> None:
         super().__init__(name, enable_communication_interface=services, **options)
-        self._steps = steps
+        self._host = host
         self._log = logging.getLogger(f"socialbot.{name}")
         self.error: Exception | None = None
         if services:
@@ -81,22 +71,22 @@ class LifecycleHost(LifecycleNode):
         self._state_machine.destroy_when_not_in_use()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._run(self._steps.configure)
+        return self._run(self._host.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._run(self._steps.activate)
+        return self._run(self._host.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._run(self._steps.deactivate)
+        return self._run(self._host.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._run(self._steps.clean_up)
+        return self._run(self._host.clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         if state.label == ACTIVE:
-            self._run(self._steps.deactivate)
+            self._run(self._host.deactivate)
         if state.label in (ACTIVE, INACTIVE):
-            self._run(self._steps.clean_up)
+            self._run(self._host.clean_up)
         return TransitionCallbackReturn.SUCCESS
 
     def _run(self, step: Callable[[], None]) -> TransitionCallbackReturn:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from socialbot.bridge._callback_queue import CallbackQueue, InputQueue, PendingTimer
-from socialbot.bridge.diagnostics import Connection, NodeStatistics, is_power_of_ten, restarts, unconnected
+from socialbot.bridge.diagnostics import Connection, NodeStatistics, restarts, unconnected
+from socialbot.bridge.transport import is_power_of_ten
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
@@ -21,19 +22,12 @@ from socialbot.graph.node import Node, NodeConfig, Output, outcome
 
 R = TypeVar("R")
 
-CONNECT_TIMEOUT_S = 5.0
-"""Connection timeout, after which a node starts anyway: others may be started by hand."""
-
-RECONNECT_TIMEOUT_S = 1.0
-"""Connection timeout of a restarted process."""
-
-QUIET_WAIT_S = 2.0
-"""Time after which a node reports missing connections."""
-
+CONNECT_TIMEOUT_S = 5.0  # connection timeout, after which a node starts anyway: others may be started by hand
+RECONNECT_TIMEOUT_S = 1.0  # connection timeout of a restarted process
+QUIET_WAIT_S = 2.0  # time after which a node reports missing connections
 POLL_S = 0.02
 
 SCHEDSTAT = "/proc/thread-self/schedstat"
-_SCHEDSTAT_BYTES = 80
 
 
 class _ThreadSchedstat(threading.local):
@@ -47,7 +41,7 @@ class _ThreadSchedstat(threading.local):
         """Time (ns) spent running or runnable; 0 without Linux."""
         if self._file is None:
             return 0
-        running, runnable, _ = os.pread(self._file.fileno(), _SCHEDSTAT_BYTES, 0).split()
+        running, runnable, _ = os.pread(self._file.fileno(), 80, 0).split()
         return int(running) + int(runnable)
 
 
@@ -68,66 +62,44 @@ class Stopwatch:
         return elapsed / 1e9, max(0, blocked) / 1e9
 
 
-@dataclass(frozen=True)
-class _InternalCall:
+class _InternalCall(functools.partial[None]):
     """Internal callback, excluded from the statistics of the node."""
 
-    callback: Callable[[], None]
 
-    def __call__(self) -> None:
-        self.callback()
-
-
+@dataclass
 class _NodeContext:
     """`Context` of a node over ROS."""
 
-    def __init__(
-        self,
-        clock: Clock,
-        queue: CallbackQueue,
-        publish: Callable[[Output[Any], Message], None],
-        vitals: HealthMonitor,
-        statistics: NodeStatistics,
-    ) -> None:
-        self.clock = clock
-        self.vitals = vitals
-        self._queue = queue
-        self._publish = publish
-        self._statistics = statistics
-        self.call_soon = queue.call_soon
+    clock: Clock
+    queue: CallbackQueue
+    send: Callable[[Output[Any], Message], None]
+    health_monitor: HealthMonitor
+    statistics: NodeStatistics
 
     def publish(self, port: Output[Any], message: Message) -> None:
         watch = Stopwatch()
-        self._publish(port, message)
-        self._statistics.count_publication(*watch.seconds())
+        self.send(port, message)
+        self.statistics.count_publication(*watch.seconds())
+
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        self.queue.call_soon(callback)
 
     def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
-        return self._queue.call_at(time, callback)
+        return self.queue.call_at(time, callback)
 
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
         def run() -> None:
-            self._queue.call_expected(functools.partial(then, outcome(work)))
+            self.queue.call_expected(functools.partial(then, outcome(work)))
 
-        self._queue.expect()
+        self.queue.expect()
         threading.Thread(target=run, name="background", daemon=True).start()
 
 
 class NodeThread:
     """Thread of one node. The node starts once its ``connections`` are complete, or after a timeout.
 
-    Args:
-        config: The node to build.
-        parameters: The values of its parameters.
-        clock: The clock of the node.
-        simulated: Whether that clock is simulated.
-        publish: Publishes a message of an output port.
-        connections: The connections of the node.
-        statistics: Receives the statistics of the node.
-        publish_health: Publishes the health of the node.
-        on_alive: Called by the thread when the node has started, and for each `check_alive`.
-
-    Attributes:
-        failure: The error that kept the node from starting, if any.
+    The thread calls ``on_alive`` when the node has started, and for each `check_alive`. ``failure`` is the error that
+    kept the node from starting.
     """
 
     def __init__(
@@ -212,13 +184,13 @@ class NodeThread:
     def _await_connections(self) -> None:
         begun = time.monotonic()
         report_at = begun + QUIET_WAIT_S
-        while (lacking := unconnected(self._connections)) and not self.queue.closed:
+        while (missing := unconnected(self._connections)) and not self.queue.closed:
             now = time.monotonic()
             if now > begun + (RECONNECT_TIMEOUT_S if restarts() else CONNECT_TIMEOUT_S):
-                logging.getLogger(f"socialbot.{self.name}").info("starts without %s", lacking)
+                logging.getLogger(f"socialbot.{self.name}").info("starts without %s", missing)
                 return
             if now > report_at:
-                self._health.wait(lacking)
+                self._health.wait(missing)
                 report_at = now + BEAT_S
             time.sleep(POLL_S)
 

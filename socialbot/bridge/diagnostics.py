@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 import os
 import resource
 import time
@@ -14,8 +13,9 @@ from socket import gethostname
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
-from socialbot.bridge.transport import message_class, open_transport, refusal_reason
+from socialbot.bridge.transport import log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
 from socialbot.graph.node import Graph
 
@@ -25,36 +25,18 @@ if TYPE_CHECKING:
     from socialbot.bridge._callback_queue import InputQueue
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
-SEAL = "seal"
-"""Key of the sealed copy of name and values."""
-
-UNCONNECTED = "unconnected"
-"""Key of the topics without a peer; empty if the node is connected."""
-
-MACHINE_VARIABLE = "SOCIALBOT_MACHINE"
-"""Variable with the name of this machine in a deployment; default: the host name."""
-
-RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"
-"""Variable with the number of restarts, set by the supervisor."""
-
-LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"
-"""Variable with the error of the previous process, set by the supervisor."""
-
+SEAL = "seal"  # key of the sealed copy of name and values
+UNCONNECTED = "unconnected"  # key of the topics without a peer; empty if the node is connected
+MACHINE_VARIABLE = "SOCIALBOT_MACHINE"  # variable with the name of this machine in a deployment; default: the host name
+RESTARTS_VARIABLE = "SOCIALBOT_RESTARTS"  # variable with the number of restarts, set by the supervisor
+LAST_ERROR_VARIABLE = "SOCIALBOT_LAST_ERROR"  # variable with the error of the previous process, set by the supervisor
 TICK_S = 0.1
 TICKS_PER_REPORT = 10
 PERCENTILE_WINDOW = 600
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
-OnStatus = Callable[[str, dict[str, str]], None]
-"""Receives the name of a node and the values of its status."""
-
-log = logging.getLogger("socialbot.diagnostics")
+OnStatus = Callable[[str, dict[str, str]], None]  # receives the name of a node and the values of its status
 _DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
-
-
-def is_power_of_ten(count: int) -> bool:
-    """Whether ``count`` is 1, 10, 100, ...; repeated failures are logged at these counts."""
-    return str(count).strip("0") == "1"
 
 
 class DiagnosticsPublisher:
@@ -102,9 +84,7 @@ class DiagnosticsSubscriber:
                 verified = self._verify(status)
             except MessageError as error:
                 self.refused += 1
-                if is_power_of_ten(self.refused):
-                    reason = refusal_reason(error)
-                    log.warning("%s: refused %d messages (%s): %s", DIAGNOSTICS_TOPIC, self.refused, reason, error)
+                log_refusal(DIAGNOSTICS_TOPIC, self.refused, error)
             else:
                 if verified is not None:
                     self._on_status(*verified)
@@ -154,13 +134,13 @@ class Connection:
 
 def publisher_connection(graph: Graph, topic: str, publisher: Any) -> Connection:
     """Connection of an rclpy publisher to its subscribers in ``graph``."""
-    subscribers = sum(topic == name for node in graph.placements for name, _ in node.subscriptions)
+    subscribers = sum(topic == name for node in graph.nodes for name, _ in node.subscriptions)
     return Connection(topic, subscribers, publisher.get_subscription_count, publisher)
 
 
 def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Connection:
     """Connection of an rclpy subscription to its publishers in ``graph``."""
-    publishers = sum(topic == name for node in graph.placements for name, _ in node.publications)
+    publishers = sum(topic == name for node in graph.nodes for name, _ in node.publications)
     return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 
@@ -214,40 +194,18 @@ class NodeStatistics:
         return longest
 
 
-@dataclass(frozen=True)
-class DurationStats:
-    """Mean and percentiles of durations (s), or zeros."""
-
-    mean: float = 0.0
-    p50: float = 0.0
-    p99: float = 0.0
-
-    @staticmethod
-    def of(durations: Collection[float]) -> DurationStats:
-        ordered = sorted(durations)
-        if not ordered:
-            return DurationStats()
-        p50, p99 = (ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.99))
-        return DurationStats(sum(ordered) / len(ordered), p50, p99)
+def duration_stats(durations: Collection[float]) -> tuple[float, float, float]:
+    """Mean, 50th and 99th percentile of durations (s); zeros without any."""
+    if not durations:
+        return 0.0, 0.0, 0.0
+    values = np.fromiter(durations, float)
+    p50, p99 = np.percentile(values, (50, 99), method="higher")
+    return float(values.mean()), float(p50), float(p99)
 
 
-@dataclass(frozen=True)
-class ResourceUsage:
-    """Counters at a time (s): calls, published messages, CPU seconds."""
-
-    time: float = 0.0
-    calls: int = 0
-    published: int = 0
-    cpu_s: float = 0.0
-
-    def rates_since(self, before: ResourceUsage) -> dict[str, float]:
-        """Calls and messages per second, and percent of one core."""
-        seconds = self.time - before.time
-        return {
-            "call_hz": round((self.calls - before.calls) / seconds, 1),
-            "publish_hz": round((self.published - before.published) / seconds, 1),
-            "cpu_percent": round(100 * (self.cpu_s - before.cpu_s) / seconds, 1),
-        }
+def rates(before: Mapping[str, float], after: Mapping[str, float], seconds: float) -> dict[str, float]:
+    """Increase of each counter per second."""
+    return {name: round((count - before[name]) / seconds, 1) for name, count in after.items()}
 
 
 class DiagnosticsReporter:
@@ -270,27 +228,32 @@ class DiagnosticsReporter:
         self._inputs = inputs
         self._state = state
         self._ticks = itertools.count()
-        self._lacking = ""
-        self._usage = ResourceUsage(time.monotonic(), cpu_s=_cpu_s())
+        self._missing = ""
+        self._counted_at, self._counts = time.monotonic(), self._count()
         self._rates: dict[str, float] = {}
         self._publisher = DiagnosticsPublisher(ros)
         self._timer = ros.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
         state = self._state()
-        lacking = unconnected(self._connections) if state == "active" else state
+        missing = unconnected(self._connections) if state == "active" else state
         is_due = next(self._ticks) % TICKS_PER_REPORT == 0
         if is_due:
-            before, counts = self._usage, self._statistics
-            self._usage = ResourceUsage(time.monotonic(), counts.calls, counts.published, _cpu_s())
-            self._rates = self._usage.rates_since(before)
-        if is_due or lacking != self._lacking:
-            self._lacking = lacking
-            self._publisher.publish([self._status(state, lacking)])
+            now, counts = time.monotonic(), self._count()
+            self._rates = rates(self._counts, counts, now - self._counted_at)
+            self._counted_at, self._counts = now, counts
+        if is_due or missing != self._missing:
+            self._missing = missing
+            self._publisher.publish([self._status(state, missing)])
 
-    def _status(self, state: str, lacking: str) -> Any:
+    def _count(self) -> dict[str, float]:
+        statistics = self._statistics
+        return {"call_hz": statistics.calls, "publish_hz": statistics.published, "cpu_percent": 100 * _cpu_s()}
+
+    def _status(self, state: str, missing: str) -> Any:
         statistics, inputs = self._statistics, self._inputs()
-        calls, ages = DurationStats.of(statistics.durations), DurationStats.of(statistics.ages)
+        call_mean, call_p50, call_p99 = duration_stats(statistics.durations)
+        age_mean, _, age_p99 = duration_stats(statistics.ages)
         publication, block = statistics.take_longest_publication()
         values: dict[str, Any] = {
             "machine": machine(),
@@ -304,23 +267,23 @@ class DiagnosticsReporter:
             "first_failure": statistics.first_failure,
             "received": sum(one.received for one in inputs),
             "skipped": sum(one.skipped for one in inputs),
-            "call_mean_ms": round(1000 * calls.mean, 3),
-            "call_p50_ms": round(1000 * calls.p50, 3),
-            "call_p99_ms": round(1000 * calls.p99, 3),
-            "age_mean_ms": round(1000 * ages.mean, 1),
-            "age_p99_ms": round(1000 * ages.p99, 1),
+            "call_mean_ms": round(1000 * call_mean, 3),
+            "call_p50_ms": round(1000 * call_p50, 3),
+            "call_p99_ms": round(1000 * call_p99, 3),
+            "age_mean_ms": round(1000 * age_mean, 1),
+            "age_p99_ms": round(1000 * age_p99, 1),
             "publish_max_ms": round(1000 * publication, 3),
             "publish_blocked_max_ms": round(1000 * block, 3),
             "pid": os.getpid(),
             **self._rates,
             **process_costs(),
-            UNCONNECTED: lacking,
+            UNCONNECTED: missing,
         }
         failing = statistics.failures or statistics.refused
         summary = "refused messages" if failing else "running" if state == "active" else state
         status = message_class("diagnostic_msgs/msg/DiagnosticStatus")
         return status(
-            level=status.WARN if failing or lacking else status.OK,
+            level=status.WARN if failing or missing else status.OK,
             name=self._ros.get_name(),
             message=statistics.first_failure or summary,
             hardware_id=machine(),

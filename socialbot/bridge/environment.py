@@ -11,11 +11,11 @@ import re
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from socialbot.core.errors import GraphError, InstallationError, ParameterError
 
@@ -24,22 +24,21 @@ if TYPE_CHECKING:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
+T = TypeVar("T")
+
 log = logging.getLogger("socialbot.security")
 
 PROFILE = Path(__file__).with_name("dds_profile.xml")
 """Fast DDS profile for one machine, with shared memory for images and without network access."""
 
-WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")
-"""Fast DDS profile for several machines."""
-
+WIFI_PROFILE = Path(__file__).with_name("dds_wifi.xml")  # Fast DDS profile for several machines
 HIGHEST_DOMAIN = 232
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 KEYS_VARIABLE = "SOCIALBOT_KEYS"
 """Variable with the key folder, and the name of the own key if there are several: FOLDER or FOLDER:NAME."""
 
-DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"
-"""Variable with the maximum datagram size in the Wi-Fi profile."""
+DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 
 _UDP_READER = """<data_reader profile_name="{topic}">
@@ -150,6 +149,17 @@ def require_ros() -> None:
         )
 
 
+POLL_S = 0.05
+
+
+def wait_for(get: Callable[[], T], timeout_s: float, ended: Callable[[], bool] = lambda: False) -> T:
+    """Poll ``get`` until its value is true, until ``ended``, or for ``timeout_s``; return the last value."""
+    deadline = time.monotonic() + timeout_s
+    while not (value := get()) and not ended() and time.monotonic() < deadline:
+        time.sleep(POLL_S)
+    return value
+
+
 SPIN_TIMEOUT_S = 0.5
 
 
@@ -224,9 +234,7 @@ def split_ros_args(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
 
 SHARED = Path("/dev/shm")
 
-YOUNG_S = 3.0
-"""Minimum age (s) of a stale segment; a younger one may not be locked yet."""
-
+YOUNG_S = 3.0  # minimum age (s) of a stale segment; a younger one may not be locked yet
 _LOCK = re.compile(r"fastrtps_[\da-z]{16}_el")
 """Locks of segments only. Testing the lock of a port could make a new process refuse it, and receive no images."""
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import functools
-import logging
 import os
 import time
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -17,29 +15,25 @@ from socialbot.bridge.diagnostics import (
     Connection,
     DiagnosticsSubscriber,
     OnStatus,
-    is_power_of_ten,
     subscription_connection,
     unconnected,
 )
-from socialbot.bridge.environment import spinning_node
-from socialbot.bridge.transport import Receiver, observer_qos, open_transport
-from socialbot.core.errors import MessageError, NodeError
+from socialbot.bridge.environment import spinning_node, wait_for
+from socialbot.bridge.transport import observer_qos, open_transport
+from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, WireForm
 
-log = logging.getLogger("socialbot.observer")
-
 POLL_S = 0.02
 DISCOVERY_S = 0.8
-STATUS_PERIOD_S = 2.5
-"""Maximum time between two statuses of a live node."""
+STATUS_PERIOD_S = 2.5  # maximum time between two statuses of a live node
 
 
 class LatestStatistics:
     """Latest statistics of each node of ``graph``, from /diagnostics."""
 
     def __init__(self, graph: Graph) -> None:
-        self._names = {placement.name for placement in graph.placements}
+        self._names = {config.name for config in graph.nodes}
         self.latest: dict[str, dict[str, str]] = {}
 
     def note(self, name: str, values: dict[str, str]) -> None:
@@ -69,42 +63,18 @@ def observe_graph(
     *,
     latched: Collection[str] = (),
 ) -> Iterator[GraphObserver]:
-    """Observe a graph from one thread inside the block.
+    """Observe a graph inside the block; one thread calls ``observe`` and ``on_status``.
 
-    Args:
-        topics: The topics to subscribe to, with their message types.
-        observe: Called with topic and message.
-        on_status: Called with the name and the statistics of a node.
-        form: The message form of the graph.
-        latched: The topics whose last message is also received if older than the observer.
-
-    Raises:
-        InstallationError: ROS, or the message package for this form, is not installed.
+    The last message of ``latched`` topics is also received if older than the observer. Raises InstallationError when
+    ROS, or the message package for this ``form``, is not installed.
     """
-
-    def receive(topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
-        try:
-            message = receiver.decode(kind, ros_message)
-        except MessageError as error:
-            refused[topic] += 1
-            if is_power_of_ten(refused[topic]):
-                log.warning("%s: refused %d messages: %s", topic, refused[topic], error)
-            return
-        if message is not None:
-            observe(topic, message)
-
-    refused: Counter[str] = Counter()
     with spinning_node("observer") as ros:
         transport = open_transport(form=form)
-        subscriptions = {
-            topic: ros.create_subscription(
-                transport.message_class(kind),
-                topic,
-                functools.partial(receive, topic, kind, transport.receiver(topic, latched=topic in latched)),
-                observer_qos(latched=topic in latched),
-            )
-            for topic, kind in topics.items()
-        }
+        subscriptions = {}
+        for topic, kind in topics.items():
+            take, late = functools.partial(observe, topic), topic in latched
+            subscribed = transport.subscribe(ros, topic, kind, take, qos=observer_qos(latched=late), latched=late)
+            subscriptions[topic] = subscribed.endpoint
         DiagnosticsSubscriber(ros, on_status)
         yield GraphObserver(ros, subscriptions)
 
@@ -122,37 +92,37 @@ def await_graph(
     Returns:
         The missing connections at the timeout, or when ``ended``: such as "head: /head/command".
     """
-    lacking = {placement.name: "everything" for placement in graph.placements}
+    lacking = {config.name: "everything" for config in graph.nodes}
 
     def note(name: str, values: Mapping[str, str]) -> None:
         if UNCONNECTED in values and name in lacking:
             lacking[name] = values[UNCONNECTED]
 
     DiagnosticsSubscriber(ros, note)
-    deadline = time.monotonic() + timeout_s
-    while True:
+
+    def missing() -> list[str]:
         both = {**lacking, ros.get_name(): unconnected(own or [])}
-        missing = [f"{name}: {topics}" for name, topics in both.items() if topics]
-        if not missing or ended() or time.monotonic() > deadline:
-            return missing
-        time.sleep(POLL_S)
+        return [f"{name}: {topics}" for name, topics in both.items() if topics]
+
+    wait_for(lambda: not missing(), timeout_s, ended)
+    return missing()
+
+
+def not_connected(missing: Iterable[str], timeout_s: float) -> NodeError:
+    """Error for a graph with ``missing`` connections after ``timeout_s``."""
+    return NodeError(
+        f"the graph is not connected after {timeout_s:.0f} s; missing: {'; '.join(missing)}",
+        remedy="read the nodes' logs in the folder of the run; `socialbot doctor` checks the installation",
+    )
 
 
 def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = None) -> None:
-    """Check that no other node in this ROS domain has a name from ``graph``.
+    """Raise NodeError if another node in this ROS domain has a name from ``graph``, or ``only`` from these names.
 
     A killed node stays discovered for a while, so only names on /diagnostics count. If keys are set, their status needs
     a valid seal, so that an intruder cannot block the start.
-
-    Args:
-        ros: A spinning rclpy node.
-        graph: The graph to start.
-        only: The nodes to start; default: all.
-
-    Raises:
-        NodeError: A name is in use.
     """
-    names = {placement.name for placement in graph.placements if only is None or placement.name in only}
+    names = {config.name for config in graph.nodes if only is None or config.name in only}
     alive: set[str] = set()
 
     def note(name: str, _: Mapping[str, str]) -> None:

@@ -8,11 +8,12 @@ import threading
 import time
 from bisect import bisect_right
 from collections import deque
+from concurrent.futures import Future
 from typing import Any
 
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import message_class, open_transport, publisher_qos, refusal_reason, subscription_qos
+from socialbot.bridge.transport import message_class, open_transport, refusal_reason, subscription_qos
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (
@@ -41,65 +42,40 @@ _KEY_MISMATCHES = {
 
 
 class CommandClient:
-    """Send commands to agents and wait for their answers.
+    """Send commands to agents of a graph with messages in ``form``, by a spinning rclpy node; wait for their answers.
 
-    Args:
-        ros: A spinning rclpy node.
-        form: The message form of the graph.
-
-    Attributes:
-        shut: The mismatch of the keys of the graph and of this process, which blocks commands; empty without one.
+    ``shut`` is the mismatch of the keys of the graph and of this process, which blocks commands; empty without one.
     """
 
     def __init__(self, ros: Any, form: WireForm = "json") -> None:
         self.shut = ""
         self._keys_fit = False
-        self._transport = open_transport(form=form)
+        transport = open_transport(form=form)
         self._clock = WallClock()
-        self._waiting: dict[str, tuple[asyncio.AbstractEventLoop, asyncio.Future[AgentAnswer]]] = {}
-        self._sender = self._transport.sender(
-            ros.create_publisher(
-                self._transport.message_class(AgentCommand), AGENT_COMMANDS, publisher_qos(Delivery.EVERY)
-            )
-        )
-        self._receiver = self._transport.receiver(AGENT_ANSWERS)
-        ros.create_subscription(
-            self._transport.message_class(AgentAnswer),
-            AGENT_ANSWERS,
-            self._on_answer,
-            subscription_qos(Delivery.EVERY, outside=False),
-        )
-        self._health = self._transport.receiver(HEALTH_TOPIC)
-        ros.create_subscription(
-            self._transport.message_class(Health),
-            HEALTH_TOPIC,
-            self._check_keys,
-            subscription_qos(Delivery.EVERY, outside=False),
-        )
+        self._waiting: dict[str, Future[AgentAnswer]] = {}
+        self._sender = transport.advertise(ros, AGENT_COMMANDS, AgentCommand)
+        transport.subscribe(ros, AGENT_ANSWERS, AgentAnswer, self._on_answer)
+        self._health = transport.receiver(HEALTH_TOPIC)
+        qos = subscription_qos(Delivery.EVERY)
+        ros.create_subscription(transport.message_class(Health), HEALTH_TOPIC, self._check_keys, qos)
 
     async def ask(self, agent: str, command: Command, text: str) -> AgentAnswer | None:
         """Send a command to an agent; None if it does not answer in time."""
-        loop = asyncio.get_running_loop()
         id = f"person-{secrets.token_hex(4)}"
-        answer: asyncio.Future[AgentAnswer] = loop.create_future()
-        self._waiting[id] = loop, answer
+        answer = self._waiting[id] = Future()
         asked = AgentCommand(stamp=self._clock.now(), id=id, agent=agent, command=command, text=text)
         try:
-            await loop.run_in_executor(None, self._sender.publish, asked)
-            return await asyncio.wait_for(answer, ANSWER_TIMEOUT_S)
+            await asyncio.to_thread(self._sender.publish, asked)
+            return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_TIMEOUT_S)
         except asyncio.TimeoutError:
             return None
         finally:
             del self._waiting[id]
 
-    def _on_answer(self, ros_message: Any) -> None:
-        try:
-            answer = self._receiver.decode(AgentAnswer, ros_message)
-        except MessageError:
-            return
-        if answer is not None and (waiting := self._waiting.get(answer.id)) is not None:
-            loop, future = waiting
-            loop.call_soon_threadsafe(_set_result, future, answer)
+    def _on_answer(self, answer: AgentAnswer) -> None:
+        waiting = self._waiting.get(answer.id)
+        if waiting is not None and not waiting.done() and waiting.set_running_or_notify_cancel():
+            waiting.set_result(answer)
 
     def _check_keys(self, ros_message: Any) -> None:
         if self._keys_fit:
@@ -112,18 +88,10 @@ class CommandClient:
             self._keys_fit, self.shut = True, ""
 
 
-def _set_result(future: asyncio.Future[AgentAnswer], answer: AgentAnswer) -> None:
-    if not future.done():
-        future.set_result(answer)
-
-
 MAX_RATE_HZ = 10.0
-UNWATCHED_S = 3.0
-"""Time without requests that ends the subscription."""
-
+UNWATCHED_S = 3.0  # time without requests that ends the subscription
 FIRST_IMAGE_TIMEOUT_S = 1.0
-MAX_IMAGES = 600
-"""Number of stored images: one minute."""
+MAX_IMAGES = 600  # number of stored images: one minute
 
 
 class LiveImages:
@@ -181,7 +149,7 @@ class LiveImages:
 
 def live_image_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedImage]] | None:
     """Image topic of ``graph``: preferably of one of its own nodes, and compressed."""
-    published = {topic for placement in graph.placements for topic, _ in placement.publications}
+    published = {topic for config in graph.nodes for topic, _ in config.publications}
     found: list[tuple[str, type[Image] | type[CompressedImage]]] = []
     for topic, kind in graph.topics().items():
         if issubclass(kind, (Image, CompressedImage)):

@@ -1,4 +1,4 @@
-"""Play a bag into a running ROS graph: the recorded messages, and /clock.
+"""Play a bag into a running ROS graph: the recorded messages, and /clock. Step the time of a simulated graph.
 
 A paced replay stops the clock after each image until the graph has answered it, so a slow machine only makes it
 longer. `WorldPlayer` replays bags to graphs without image inputs.
@@ -10,19 +10,26 @@ import functools
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bags.codec import ROS_TYPES, STRING, decodable_types, decode, raw_stamp, with_stamp
+from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
 from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
 from socialbot.bags.repair import Stamps
-from socialbot.bags.world_replay import STEP_S, PlaybackResult, WorldScript, play
-from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
-from socialbot.bridge.graph_observer import await_graph
-from socialbot.bridge.sim_clock import SimClock
-from socialbot.bridge.transport import Receiver, Sender, message_class, open_transport, publisher_qos, subscription_qos
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.graph_observer import await_graph, not_connected
+from socialbot.bridge.transport import (
+    KEPT_TOPIC,
+    Sender,
+    Subscription,
+    message_class,
+    open_transport,
+    publisher_qos,
+    subscription_qos,
+)
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import CameraInfo, Health, Message
@@ -32,16 +39,10 @@ from socialbot.graph.node import Delivery, Graph
 
 log = logging.getLogger("socialbot.player")
 
-TICK_S = 0.02
-"""Period of /clock between messages."""
-
-MAX_CATCH_UP = 3.0
-"""Maximum speed of a delayed replay; timers would fire late at a higher one."""
-
+TICK_S = 0.02  # period of /clock between messages
+MAX_CATCH_UP = 3.0  # maximum speed of a delayed replay; timers would fire late at a higher one
 ANSWER_TIMEOUT_S = 2.0
-SHORT_ANSWER_TIMEOUT_S = 0.2
-"""Timeout after three unanswered images in a row."""
-
+SHORT_ANSWER_TIMEOUT_S = 0.2  # timeout after three unanswered images in a row
 GRAPH_TIMEOUT_S = 30.0
 
 
@@ -70,23 +71,15 @@ class PlaybackOptions:
 class _Answers:
     """Latest stamp that the graph has answered."""
 
-    def __init__(self, receiver: Receiver, kind: type[Message]) -> None:
-        self._receiver = receiver
-        self._kind = kind
+    def __init__(self) -> None:
         self._changed = threading.Condition()
         self._latest = 0
         self._unanswered = 0
 
-    def note(self, ros_message: Any) -> None:
-        try:
-            answer = self._receiver.decode(self._kind, ros_message)
-        except MessageError as error:
-            log.warning("refused an answer to an image: %s", error)
-            return
-        if answer is not None:
-            with self._changed:
-                self._latest = max(self._latest, answer.stamp)
-                self._changed.notify()
+    def note(self, answer: Message) -> None:
+        with self._changed:
+            self._latest = max(self._latest, answer.stamp)
+            self._changed.notify()
 
     def wait(self, stamp: int) -> bool:
         timeout_s = ANSWER_TIMEOUT_S if self._unanswered < 3 else SHORT_ANSWER_TIMEOUT_S
@@ -111,33 +104,28 @@ class BagPlayer:
         self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
-        self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Sender] = {}
+        self._encoded: set[str] = set()
         kinds = {} if graph is None else graph.topics()
         self._types = RosbagsTypes()
         for name, topic in topics.items():
             recorded = bag.topic(name).type
             wanted = self._transport.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
-            self._publishers[topic] = ros.create_publisher(wanted, topic, publisher_qos(_delivery(recorded)))
+            publisher = ros.create_publisher(wanted, topic, publisher_qos(_delivery(recorded)))
+            self._senders[topic] = self._transport.sender(publisher)
             if wanted is not message_class(recorded) or (self._transport.sealed and recorded == STRING):
-                self._senders[topic] = self._transport.sender(self._publishers[topic])
-        said = ros.create_publisher(self._transport.message_class(Health), HEALTH_TOPIC, publisher_qos(Delivery.EVERY))
-        self._health = self._transport.sender(said)
-        if playing.paced_by:
-            kind = kinds[playing.paced_by]
-            self._answers = _Answers(self._transport.receiver(playing.paced_by), kind)
-            self._answering = ros.create_subscription(
-                self._transport.message_class(kind), playing.paced_by, self._answers.note, publisher_qos(Delivery.EVERY)
-            )
+                self._encoded.add(topic)
+        self._health = self._transport.advertise(ros, HEALTH_TOPIC, Health)
+        self._answers = _Answers()
+        self._subscriptions: dict[str, Subscription[Any]] = {}
+        if topic := playing.paced_by:
+            self._subscriptions[topic] = self._transport.subscribe(ros, topic, kinds[topic], self._answers.note)
         self._images = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
         self._begun = 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        publishers = [publisher_connection(graph, topic, one) for topic, one in self._publishers.items()]
-        if not self._playing.paced_by:
-            return publishers
-        return [*publishers, subscription_connection(graph, self._playing.paced_by, self._answering)]
+        return _connections(graph, self._senders, self._subscriptions)
 
     def play(self) -> PlaybackResult:
         """Play until the end of the tail, or a stop request."""
@@ -147,10 +135,13 @@ class BagPlayer:
             self._pass_time(at)
             if self._ending.asked:
                 return played
-            if ros_type in IMAGE_TYPES and self._playing.await_graph is not None:
-                cdr = self._correct_stamp(topic, cdr, at)
-            self._publish(topic, ros_type, cdr, at)
             image = ros_type in IMAGE_TYPES
+            if image and self._playing.await_graph is not None:
+                # The stamp that `Bag.messages` gives the message, for equal input in both runners.
+                stamps = self._stamps.setdefault(topic, Stamps(topic, set_right=True))
+                stamp = stamps.next(raw_stamp(cdr), at)
+                cdr = cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
+            self._publish(topic, ros_type, cdr, at)
             played.sent += image or not self._images
             if image and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
                 played.unanswered += 1
@@ -160,8 +151,8 @@ class BagPlayer:
 
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
         """Publish the recorded bytes. Encode messages again that need a seal or another form."""
-        if topic not in self._senders:
-            self._publishers[topic].publish(cdr)
+        if topic not in self._encoded:
+            self._senders[topic].publisher.publish(cdr)
         elif self._transport.sealed and name == STRING:
             from rclpy.serialization import deserialize_message
 
@@ -173,11 +164,6 @@ class BagPlayer:
                 log.warning("%s: message skipped: %s", topic, error)
                 return
             self._senders[topic].publish(message)
-
-    def _correct_stamp(self, topic: str, cdr: bytes, at: int) -> bytes:
-        """Set the stamp that `Bag.messages` gives the message, for equal input in both runners."""
-        stamp = self._stamps.setdefault(topic, Stamps(topic, set_right=True)).next(raw_stamp(cdr), at)
-        return cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
 
     def _pass_time(self, until: int) -> None:
         """Publish /clock up to ``until`` in real time, or faster after a delay."""
@@ -204,28 +190,16 @@ class WorldPlayer:
         self._script = WorldScript(bag, topics, graph)
         self._skipped = bag.skipped
         own = open_transport(form=graph.wire)
-        self._publishers = {
-            topic: ros.create_publisher(own.message_class(graph.topics()[topic]), topic, publisher_qos(Delivery.EVERY))
-            for topic in topics.values()
-        }
-        self._senders = {topic: own.sender(publisher) for topic, publisher in self._publishers.items()}
+        self._senders = {topic: own.advertise(ros, topic, graph.topics()[topic]) for topic in topics.values()}
         self._subscriptions = {
-            topic: ros.create_subscription(
-                own.message_class(kind),
-                topic,
-                functools.partial(self._on_command, topic, kind, own.receiver(topic)),
-                subscription_qos(Delivery.EVERY, outside=False),
-            )
-            for topic, kind in self._script.told.items()
+            topic: own.subscribe(ros, topic, kind, functools.partial(self._script.give_command, topic))
+            for topic, kind in self._script.commands.items()
         }
-        self._clock = SimClock(ros, [placement.name for placement in graph.placements], start=bag.start)
+        self._clock = SimClock(ros, [config.name for config in graph.nodes], start=bag.start)
         self._start, self._begun = bag.start, 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
-        return [
-            *(publisher_connection(graph, topic, one) for topic, one in self._publishers.items()),
-            *(subscription_connection(graph, topic, one) for topic, one in self._subscriptions.items()),
-        ]
+        return _connections(graph, self._senders, self._subscriptions)
 
     def play(self) -> PlaybackResult:
         """Play until the last message, or a stop request."""
@@ -245,27 +219,15 @@ class WorldPlayer:
             self._clock.advance(min(nanoseconds(STEP_S), until - self._clock.now) / SECOND)
         time.sleep(max(0.0, self._begun + (self._clock.now - self._start) / SECOND / self._rate - time.monotonic()))
 
-    def say(self, topic: str, message: Message) -> None:
+    def send(self, topic: str, message: Message) -> None:
         """Publish a message to the agents."""
         self._senders[topic].publish(message)
-
-    def _on_command(self, topic: str, kind: type[Message], receiver: Receiver, ros_message: Any) -> None:
-        try:
-            command = receiver.decode(kind, ros_message)
-        except MessageError as error:
-            log.warning("%s: refused a command: %s", topic, error)
-            return
-        if command is not None:
-            self._script.hear(topic, command)
 
 
 def play_bag(
     bag: Bag, topics: Mapping[str, str], playing: PlaybackOptions, *, parent: int | None = None
 ) -> PlaybackResult:
     """Play ``bag`` in this process. Raises NodeError when the awaited graph is incomplete at the timeout."""
-    environment.require_ros()
-    from socialbot.bridge.environment import spinning_node
-
     with Ending(parent).on_signals() as ending, spinning_node("bag_player") as ros:
         graph = playing.await_graph
         images = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
@@ -277,14 +239,95 @@ def play_bag(
             own = player.connections(graph)
             missing = await_graph(ros, graph, own, timeout_s=GRAPH_TIMEOUT_S, ended=lambda: ending.asked)
             if missing and not ending.asked:
-                raise NodeError(
-                    f"the graph is not connected after {GRAPH_TIMEOUT_S:.0f} s; missing: {'; '.join(missing)}",
-                    remedy="look into the nodes' logs; `socialbot doctor` checks the installation",
-                )
+                raise not_connected(missing, GRAPH_TIMEOUT_S)
         return player.play()
+
+
+def _connections(
+    graph: Graph, senders: Mapping[str, Sender], subscriptions: Mapping[str, Subscription[Any]]
+) -> list[Connection]:
+    return [
+        *(publisher_connection(graph, topic, one.publisher) for topic, one in senders.items()),
+        *(subscription_connection(graph, topic, one.endpoint) for topic, one in subscriptions.items()),
+    ]
 
 
 def _delivery(ros_type: str) -> Delivery:
     if ros_type == ROS_TYPES[CameraInfo]:
         return Delivery.LATCHED
     return Delivery.NEWEST if ros_type in IMAGE_TYPES else Delivery.EVERY
+
+
+CLOCK_STEP_S = 0.1
+STEP_TIMEOUT_S = 30.0  # real time (s) that a node has for the work of one step
+REPEAT_S = 0.25  # real time (s) after which the time is published again, for a new node
+NUDGE_NS = 1000
+
+
+class SimClock:
+    """Clock of a graph, published through the rclpy node ``ros``, which another thread spins.
+
+    ``now`` is the time (ns), which changes only in `advance` and `until`. ``awaited`` are the names of the nodes to
+    wait for: remove a node that leaves, add one that joins.
+    """
+
+    def __init__(self, ros: Any, nodes: Iterable[str], *, start: int = SECOND, step_s: float = CLOCK_STEP_S) -> None:
+        from rosgraph_msgs.msg import Clock
+        from std_msgs.msg import Header
+
+        self.now = start
+        self.awaited = set(nodes)
+        self._step = nanoseconds(step_s)
+        self._kept: dict[str, int] = {}
+        self._changed = threading.Condition()
+        self._clock_type = Clock
+        self._clock = ros.create_publisher(Clock, "/clock", publisher_qos(Delivery.EVERY))
+        self._subscription = ros.create_subscription(Header, KEPT_TOPIC, self._note, subscription_qos(Delivery.EVERY))
+
+    def advance(self, seconds: float) -> None:
+        """Advance the time. Raises NodeError when a node does not finish its work."""
+        end = self.now + nanoseconds(seconds)
+        self._step_nodes()
+        while self.now < end:
+            self.now = min(self.now + self._step, end)
+            self._step_nodes()
+
+    def until(self, holds: Callable[[], bool], *, limit_s: float) -> bool:
+        """Advance the time until ``holds`` returns true, or by ``limit_s``; return whether it did."""
+        end = self.now + nanoseconds(limit_s)
+        while not holds():
+            if self.now >= end:
+                return False
+            self.advance(min(self._step, end - self.now) / SECOND)
+        return True
+
+    def _note(self, header: Any) -> None:
+        with self._changed:
+            self._kept[header.frame_id] = header.stamp.sec * SECOND + header.stamp.nanosec
+            self._changed.notify()
+
+    def _step_nodes(self) -> None:
+        deadline = time.monotonic() + STEP_TIMEOUT_S
+        self._publish()
+        while not self._wait():
+            if time.monotonic() > deadline:
+                raise NodeError(
+                    f"the work due at {self.now / SECOND:.3f} s is not done after {STEP_TIMEOUT_S:.0f} s",
+                    where=", ".join(sorted(self._late())),
+                    remedy="see the log of the node",
+                )
+            # Nodes only react to a time that has changed.
+            self.now += NUDGE_NS
+            self._publish()
+
+    def _publish(self) -> None:
+        message = self._clock_type()
+        message.clock.sec, message.clock.nanosec = divmod(self.now, SECOND)
+        self._clock.publish(message)
+
+    def _wait(self) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._late(), REPEAT_S)
+
+    def _late(self) -> list[str]:
+        return [name for name in self.awaited if self._kept.get(name, -1) < self.now]

@@ -1,4 +1,4 @@
-"""Run one or several composed nodes of a graph in this process."""
+"""Run one or several composed nodes of a graph in this process, and connect it to its supervisor."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import gc
 import inspect
 import logging
 import os
+import socket
 import tempfile
 import threading
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from socialbot.graph.node import Graph
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
-    from socialbot.bridge._host import NodeHost, SupervisorLink
+    from socialbot.bridge._host import NodeHost
 
 POLL_S = 0.2
 
@@ -35,35 +36,33 @@ def run_nodes(
     sim_time: bool,
     parent: int | None = None,
     ros_args: list[str] | None = None,
-    supervisor: SupervisorLink | None = None,
 ) -> None:
     """Run nodes of ``graph`` until SIGINT or SIGTERM, or until the parent process ends.
 
+    They exchange messages without DDS where possible. A supervisor, if the process has one, commands their activation.
+
     Args:
-        graph: The graph.
-        names: The nodes to run. They exchange messages without DDS where possible.
         sim_time: Whether the time comes from /clock.
         parent: The process id of the parent, which has checked the names.
         ros_args: The arguments after ``--ros-args``.
-        supervisor: Commands the activation of the nodes.
 
     Raises:
-        SocialbotError: A node cannot start.
-        NodeError: Nodes with these names are running already.
+        SocialbotError: A node cannot start, or nodes with these names are running already.
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
 
     from socialbot.bridge._host import IntraProcess, NodeHost
 
-    configs = [graph.placement(name) for name in names]
+    configs = [graph.node(name) for name in names]
+    supervisor = own_channel()
     _read_by_udp(graph, names)
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
         try:
             if parent is None:
-                with spinning_node("newcomer") as ros:
+                with spinning_node("name_check") as ros:
                     expect_free_names(ros, graph, names)
             intra_process = IntraProcess()
             for config in configs if not ending.asked else ():
@@ -84,7 +83,7 @@ def run_nodes(
                     host.start()
                 if supervisor is not None:
                     arguments = supervisor, hosts, executor
-                    threading.Thread(target=_obey, args=arguments, name="supervisor", daemon=True).start()
+                    threading.Thread(target=_follow_commands, args=arguments, name="supervisor", daemon=True).start()
                 while not ending.asked and not any(host.ended for host in hosts):
                     executor.spin_once(timeout_sec=POLL_S)
         finally:
@@ -101,7 +100,7 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
     topics = {
         topic
         for name in names
-        for topic, port in graph.placement(name).subscriptions
+        for topic, port in graph.node(name).subscriptions
         if not issubclass(port.message_type, (Image, CompressedImage))
     }
     environment.prepare()
@@ -109,7 +108,7 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
     environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
 
 
-def _obey(supervisor: SupervisorLink, hosts: list[NodeHost], executor: Executor) -> None:
+def _follow_commands(supervisor: SupervisorChannel, hosts: list[NodeHost], executor: Executor) -> None:
     """Run the transitions commanded by the supervisor, in the executor thread."""
     named = {host.name: host for host in hosts}
     while (command := supervisor.wait()) is not None:
@@ -153,3 +152,77 @@ def _logging_to(hosts: Iterable[NodeHost]) -> Iterator[None]:
     finally:
         root.removeHandler(handler)
         root.setLevel(level)
+
+
+CHANNEL_VARIABLE = "SOCIALBOT_LIFELINE"  # the environment variable with the file descriptor of the channel
+_MAX_BYTES = 4096
+
+
+class SupervisorChannel:
+    """One end of the channel between a node process and its supervisor, for node states and commands.
+
+    The ends are local sockets: private to both processes, and closed when either ends. A message is a node name and a
+    state; delivery is atomic.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+        self.broken = False
+
+    def fileno(self) -> int:
+        """The file descriptor, for ``select``."""
+        return self._end.fileno()
+
+    def send(self, node: str, state: str, /) -> None:
+        """Send the state of ``node``; thread-safe. Never blocks: a full buffer drops the message."""
+        try:
+            self._end.send(f"{node} {state}".encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            self.broken = True
+
+    def receive(self) -> list[tuple[str, str]]:
+        """Node names and states received since the last call; sets ``broken`` after a disconnect."""
+        received = []
+        while (message := self._receive(socket.MSG_DONTWAIT)) is not None:
+            received.append(message)
+        return received
+
+    def wait(self) -> tuple[str, str] | None:
+        """Wait for the next node name and state; None after a disconnect."""
+        return self._receive(0)
+
+    def close(self) -> None:
+        self.broken = True
+        self._end.close()
+
+    def _receive(self, flags: int) -> tuple[str, str] | None:
+        if self.broken:
+            return None
+        try:
+            data = self._end.recv(_MAX_BYTES, flags)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError:
+            data = b""
+        if not data:
+            self.broken = True
+            return None
+        node, _, state = data.decode(errors="replace").partition(" ")
+        return node, state
+
+
+def channel_pair() -> tuple[SupervisorChannel, socket.socket]:
+    """The supervisor's end, and the socket of the process to start."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    return SupervisorChannel(ours), theirs
+
+
+def own_channel(environment: MutableMapping[str, str] = os.environ) -> SupervisorChannel | None:
+    """The channel to the supervisor of this process, if any. Child processes do not inherit it."""
+    number = environment.pop(CHANNEL_VARIABLE, "")
+    if not number:
+        return None
+    os.set_inheritable(int(number), False)
+    return SupervisorChannel(socket.socket(fileno=int(number)))

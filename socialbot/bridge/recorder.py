@@ -17,7 +17,7 @@ from typing import Any
 from socialbot.bags.codec import STRING
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.topics import HIDDEN, AdaptiveSubscription
+from socialbot.bridge.topics import AdaptiveSubscription, is_hidden, observer_node
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
@@ -25,8 +25,7 @@ from socialbot.core.errors import InstallationError, MessageError
 log = logging.getLogger("socialbot.recorder")
 
 DISCOVERY_PERIOD_S = 0.2
-FLUSH_PERIOD_S = 0.5
-"""Maximum time of a message in memory, where it would be lost with a killed process."""
+FLUSH_PERIOD_S = 0.5  # maximum time of a message in memory, where it would be lost with a killed process
 _SPIN_S = 0.05
 
 
@@ -49,15 +48,13 @@ def record(
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Recording:
-    """Record topics to the new bag ``out``.
+    """Record topics to the new bag ``out`` for ``duration_s``, or until ``stopped`` returns true.
 
     Args:
         out: The bag folder to create.
         topics: The topics; by default all but hidden ones (``/rosout``, ``/_name``), including later ones.
-        duration_s: The duration of the recording.
         storage: "mcap" or "sqlite3".
         clock: The clock for the times of reception.
-        stopped: Whether to end the recording now.
 
     Raises:
         BagError: ``out`` exists or cannot be written.
@@ -65,13 +62,9 @@ def record(
     """
     environment.require_ros()
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
 
-    from socialbot.bridge.environment import ros_context
-
-    with BagWriter(out, storage=storage) as bag, ros_context() as context:
-        node = Node("bag_recorder", context=context, start_parameter_services=False)
-        executor = SingleThreadedExecutor(context=context)
+    with BagWriter(out, storage=storage) as bag, observer_node("bag_recorder") as node:
+        executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         recorder = _TopicRecorder(node, bag, topics, clock or WallClock())
         began = time.monotonic()
@@ -87,7 +80,6 @@ def record(
                 executor.spin_once(timeout_sec=_SPIN_S)
         finally:
             executor.shutdown()
-            node.destroy_node()
         return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
 
 
@@ -118,7 +110,7 @@ class _TopicRecorder:
         for subscription in self._subscriptions:
             subscription.adapt()
         for topic, type_names in self._node.get_topic_names_and_types():
-            if topic in self._topics or not (self._topics or topic in HIDDEN or "/_" in topic):
+            if topic in self._topics or not (self._topics or is_hidden(topic)):
                 for type_name in type_names:
                     self._subscribe(topic, type_name)
 

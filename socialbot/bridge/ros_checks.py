@@ -1,24 +1,32 @@
-"""Checks of ROS 2 and DDS for ``socialbot doctor``."""
+"""Checks of ROS 2 and DDS for ``socialbot doctor``.
+
+The round trip sends images between two processes, best effort, as a camera driver does. The processes are
+``python -m socialbot.bridge.ros_checks listen`` and ``send``.
+"""
 
 from __future__ import annotations
 
+import array
+import functools
 import importlib.util
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, MutableMapping
+import time
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
-from socialbot.bridge._round_trip import cause, try_round_trip
-from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, stale_locks
+from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, spinning_node, stale_locks, wait_for
 from socialbot.bridge.transport import open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 
@@ -38,8 +46,7 @@ class Finding:
     remedy: str = ""
 
 
-Check = Callable[[], Finding | None]
-"""One check; it returns None if it does not apply to this computer."""
+Check = Callable[[], Finding | None]  # one check; it returns None if it does not apply to this computer
 
 
 WHEELS: Mapping[str, str] = MappingProxyType(
@@ -53,13 +60,11 @@ GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 TRANSLATED = ("visualization_msgs", "tf2_msgs", "vision_msgs", "hri_msgs")
 
 MB = 1_000_000
-SEGMENT_BYTES = 32 * MB
-"""Shared memory of one process (bytes): several images of 0.9 MB in transit."""
+SEGMENT_BYTES = 32 * MB  # shared memory of one process (bytes): several images of 0.9 MB in transit
 SHARED_MEMORY_BYTES = 8 * SEGMENT_BYTES
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 GOOD_SHARE = 0.95
-LAST_SAFE_DOMAIN = 101
-"""Highest domain whose ports are outside the ephemeral range of Linux."""
+LAST_SAFE_DOMAIN = 101  # highest domain whose ports are outside the ephemeral range of Linux
 
 
 def ros(variables: Mapping[str, str] = os.environ) -> Finding:
@@ -70,9 +75,11 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
             environment.require_ros()
         except InstallationError as error:
             return Finding(name, "error", error.what, error.remedy or "")
-    if complaint := _import_complaint():
-        remedy = f"see the other findings on ROS; or install the wheels anew: pip install --force-reinstall {_pins()}"
-        return Finding(name, "error", f"rclpy cannot be imported: {complaint}", remedy)
+    try:  # in a child process, because mixed libraries may crash it
+        _python("-c", "import rclpy, sensor_msgs.msg", timeout_s=60.0)
+    except NodeError as error:
+        remedy = f"see the other findings on ROS; or reinstall the wheels: pip install --force-reinstall {_pins()}"
+        return Finding(name, "error", f"rclpy cannot be imported: {error.what}", remedy)
     found = {wheel: version for wheel in WHEELS if (version := _version(wheel)) is not None}
     if not found:
         distribution = variables.get("ROS_DISTRO", "of unknown name")
@@ -92,44 +99,31 @@ def library_path(variables: Mapping[str, str] = os.environ, prefix: Path = Path(
         return None
     entries = [Path(entry) for entry in variables.get("LD_LIBRARY_PATH", "").split(os.pathsep) if entry]
     if GUARD not in variables:
-        return Finding(
-            name,
-            "error",
-            "the start-up file of the ROS wheels has not run",
-            "install them into a venv (not with --target or --user), and start Python without -S",
-        )
+        remedy = "install them into a venv (not with --target or --user), and start Python without -S"
+        return Finding(name, "error", "the start-up file of the ROS wheels has not run", remedy)
     if prefix / "lib" not in entries:
-        return Finding(
-            name,
-            "error",
-            f"{GUARD} is set, but LD_LIBRARY_PATH does not name the wheels' libraries: the environment was cleaned",
-            f"start it with: env -u {GUARD} socialbot ...",
-        )
+        text = f"{GUARD} is set, but LD_LIBRARY_PATH does not name the wheels' libraries: the environment was cleaned"
+        return Finding(name, "error", text, f"start it with: env -u {GUARD} socialbot ...")
     foreign = [entry for entry in entries if not entry.is_relative_to(prefix) and _holds_ros(entry)]
     if foreign:
-        return Finding(
-            name,
-            "warning",
-            f"ROS libraries of another installation come in: {', '.join(map(str, foreign))}",
-            f"start it with: env -u LD_LIBRARY_PATH -u {GUARD} socialbot ...",
-        )
+        text = f"ROS libraries of another installation come in: {', '.join(map(str, foreign))}"
+        return Finding(name, "warning", text, f"start it with: env -u LD_LIBRARY_PATH -u {GUARD} socialbot ...")
     return Finding(name, "ok", "set by the wheels")
 
 
 def other_ros(variables: Mapping[str, str] = os.environ) -> Finding | None:
     """Check that no second ROS installation is sourced beside the wheels."""
     name = "other ROS"
+    remedy = "use a shell that does not source /opt/ros/*/setup.bash (see ~/.bashrc), or a venv without the wheels"
     if not _wheels_installed():
         return None
     spec = importlib.util.find_spec("rclpy")
     if spec is not None and spec.origin is not None and not Path(spec.origin).is_relative_to(sys.prefix):
-        return Finding(
-            name, "error", f"rclpy is taken from {Path(spec.origin).parent}, not from the wheels", _unsource()
-        )
+        return Finding(name, "error", f"rclpy is taken from {Path(spec.origin).parent}, not from the wheels", remedy)
     sourced = [each for each in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH") if variables.get(each)]
     if sourced:
         listed = ", ".join(f"{each}={variables[each]}" for each in sourced)
-        return Finding(name, "warning", f"sourced beside the wheels: {listed}", _unsource())
+        return Finding(name, "warning", f"sourced beside the wheels: {listed}", remedy)
     return Finding(name, "ok", "none sourced beside the wheels")
 
 
@@ -150,9 +144,8 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
     if int(domain) > LAST_SAFE_DOMAIN:
         return Finding(name, "warning", f"{text}: its ports may be taken", "set ROS_DOMAIN_ID to 101 or less")
     if variables.get("ROS_LOCALHOST_ONLY") == "1":
-        return Finding(
-            name, "warning", f"{text}, ROS_LOCALHOST_ONLY", "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE has replaced it"
-        )
+        remedy = "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE has replaced it"
+        return Finding(name, "warning", f"{text}, ROS_LOCALHOST_ONLY", remedy)
     return Finding(name, "ok", text)
 
 
@@ -167,12 +160,9 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
             return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
         return Finding(name, "ok", f"messages are sealed; {f'open by {way}' if way else 'this machine only'}")
     if way:
-        return Finding(
-            name,
-            "warning",
-            f"open to the network ({way}) without keys: anybody there can command the robot",
-            f"make keys and set {KEYS_VARIABLE}: docs/security.md; or keep others off by a firewall or VPN",
-        )
+        text = f"open to the network ({way}) without keys: anybody there can command the robot"
+        remedy = f"make keys and set {KEYS_VARIABLE}: docs/security.md; or keep others off by a firewall or VPN"
+        return Finding(name, "warning", text, remedy)
     return Finding(name, "ok", "not open to the network")
 
 
@@ -191,12 +181,10 @@ def profile(variables: Mapping[str, str] = os.environ) -> Finding:
     except (ElementTree.ParseError, ValueError) as error:
         return Finding(name, "error", f"{path} is no DDS profile: {error}", unset)
     if size is None or size < SEGMENT_BYTES:
-        room = "sets no shared-memory segment" if size is None else f"gives shared memory of {size / MB:.1f} MB only"
+        lack = "sets no shared-memory segment" if size is None else f"gives shared memory of {size / MB:.1f} MB only"
+        text = f"{path} {lack}; best-effort subscribers lose raw images without an error"
         return Finding(
-            name,
-            "warning",
-            f"{path} {room}; best-effort readers lose raw pictures in silence",
-            f"set segment_size to {SEGMENT_BYTES} or more in an SHM transport, or {unset}",
+            name, "warning", text, f"set segment_size to {SEGMENT_BYTES} or more in an SHM transport, or {unset}"
         )
     return Finding(name, "ok", f"{path}, with shared memory of {size / MB:.0f} MB")
 
@@ -227,12 +215,9 @@ def shared_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
         return Finding(name, "warning", f"{folder} cannot be written; pictures go by UDP", f"chmod 1777 {folder}")
     free = shutil.disk_usage(folder).free
     if free < SHARED_MEMORY_BYTES:
-        return Finding(
-            name,
-            "warning",
-            f"{free / MB:.0f} MB free in {folder}; each process takes {SEGMENT_BYTES // MB} MB",
-            "in a container: docker run --shm-size=512m; elsewhere end programs, or remove what is stale",
-        )
+        text = f"{free / MB:.0f} MB free in {folder}; each process takes {SEGMENT_BYTES // MB} MB"
+        remedy = "in a container: docker run --shm-size=512m; elsewhere end programs, or remove stale segments"
+        return Finding(name, "warning", text, remedy)
     return Finding(name, "ok", f"{free / MB:,.0f} MB free in {folder}")
 
 
@@ -243,12 +228,13 @@ def stale_memory(folder: Path = Path("/dev/shm")) -> Finding | None:
         return None
     stale = list(stale_locks(folder))
     if not stale:
-        return Finding(name, "ok", "no shared memory of dead processes")
-    size = sum(_size(lock.with_name(lock.name[:-3])) for lock in stale)
+        return Finding(name, "ok", "no shared memory of ended processes")
+    segments = [lock.with_name(lock.name[:-3]) for lock in stale]
+    size = sum(segment.stat().st_blocks * 512 for segment in segments if segment.exists())
     script = Path(sys.prefix) / "tools" / "fastdds" / "fastdds.py"
     tool = f"{sys.executable} {script}" if script.exists() else "fastdds"
     count = f"{len(stale)} segment{'s' if len(stale) > 1 else ''}"
-    text = f"{count} of dead processes hold {size / MB:.1f} MB of {folder}"
+    text = f"{count} of ended processes hold {size / MB:.1f} MB of {folder}"
     return Finding(name, "warning", text, f"{tool} shm clean")
 
 
@@ -258,14 +244,11 @@ def receive_buffer(path: Path = Path("/proc/sys/net/core/rmem_max")) -> Finding 
     if not path.exists():
         return None
     size = int(path.read_text())
+    text = f"net.core.rmem_max is {size / MB:.1f} MB"
     if size < RECEIVE_BUFFER_BYTES:
-        return Finding(
-            name,
-            "warning",
-            f"net.core.rmem_max is {size / MB:.1f} MB; raw pictures from other machines get lost",
-            f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}; keep it in /etc/sysctl.d/60-socialbot.conf",
-        )
-    return Finding(name, "ok", f"net.core.rmem_max is {size / MB:.1f} MB")
+        remedy = f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}; keep it in /etc/sysctl.d/60-socialbot.conf"
+        return Finding(name, "warning", f"{text}; raw images from other machines get lost", remedy)
+    return Finding(name, "ok", text)
 
 
 def round_trip() -> Finding | None:
@@ -280,18 +263,16 @@ def round_trip() -> Finding | None:
     text = f"{trial.received} of {trial.sent} pictures of 0.9 MB arrived in another process"
     if trial.received == 0:
         return Finding(name, "error", text, "see the findings on DDS and shared memory; is a firewall on 'lo'?")
-    if trial.share < GOOD_SHARE:
+    if trial.received < GOOD_SHARE * trial.sent:
         return Finding(name, "warning", text, "see the findings on the DDS profile and shared memory; is it very busy?")
     return Finding(name, "ok", text)
 
 
 def viewers() -> Finding:
     """List the installed optional message packages of `socialbot translate`."""
-    name = "translate"
-    there = {package: importlib.util.find_spec(package) is not None for package in TRANSLATED}
-    text = f"speaks {', '.join(package for package in there if there[package]) or 'none of its packages'}"
-    missing = [package for package in there if not there[package]]
-    return Finding(name, "ok", f"{text}; not installed: {', '.join(missing)}" if missing else text)
+    missing = [package for package in TRANSLATED if importlib.util.find_spec(package) is None]
+    text = f"publishes {', '.join(each for each in TRANSLATED if each not in missing) or 'none of its packages'}"
+    return Finding("translate", "ok", f"{text}; not installed: {', '.join(missing)}" if missing else text)
 
 
 CHECKS: tuple[Check, ...] = (
@@ -315,30 +296,118 @@ def _pins() -> str:
     return " ".join(f"{wheel}=={version}" for wheel, version in WHEELS.items())
 
 
-def _import_complaint() -> str:
-    """Return the import error of ROS. A child process imports it, because mixed libraries may crash it."""
-    command = [sys.executable, "-c", "import rclpy, sensor_msgs.msg"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    except subprocess.TimeoutExpired:
-        return "it hangs"
-    return cause(done.stderr, done.returncode) if done.returncode else ""
-
-
 def _holds_ros(folder: Path) -> bool:
     return any(folder.glob("librcl.so*")) or re.fullmatch(r"ros_.*\.libs", folder.name) is not None
-
-
-def _unsource() -> str:
-    return "use a shell that does not source /opt/ros/*/setup.bash (see ~/.bashrc), or a venv without the wheels"
 
 
 def _tag(element: ElementTree.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _size(path: Path) -> int:
+def _python(*arguments: str, timeout_s: float, variables: Mapping[str, str] | None = None) -> str:
+    """Output of a Python process. Raises NodeError with the cause of a failure."""
+    command = [sys.executable, *arguments]
     try:
-        return path.stat().st_blocks * 512
-    except OSError:
-        return 0
+        done = subprocess.run(
+            command, env=variables, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=timeout_s
+        )
+    except subprocess.TimeoutExpired as error:
+        raise NodeError("the process hangs") from error
+    if done.returncode:
+        raise NodeError(cause(done.stderr, done.returncode))
+    return done.stdout
+
+
+def cause(errors: str, exit_code: int) -> str:
+    """Return the line of ``errors``, the stderr of a process, that best explains its exit."""
+    lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if not lines:
+        return f"signal {-exit_code}" if exit_code < 0 else f"exit code {exit_code}"
+    # Of a chain of exceptions, the first is the cause.
+    return next((line for line in lines if re.match(r"[\w.]*(Error|Exception)\b", line)), lines[-1])[:LONGEST_CAUSE]
+
+
+TOPIC = "/socialbot_trial/image"
+IMAGES = 30
+RATE_HZ = 30.0
+WIDTH, HEIGHT = 640, 480
+DOMAINS = range(80, 101)
+DISCOVERY_S = 8.0
+LIMIT_S = 25.0
+LONGEST_CAUSE = 300
+_SETTLE_S = 0.3
+
+
+class Trial(NamedTuple):
+    """Result of a round trip: the numbers of images sent and received."""
+
+    sent: int
+    received: int
+
+
+def try_round_trip() -> Trial:
+    """Send ``IMAGES`` images of 0.9 MB between two processes of this computer, in an unused domain.
+
+    Raises:
+        NodeError: A process failed.
+    """
+    of_networks = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "ROS_LOCALHOST_ONLY")
+    variables = {name: value for name, value in os.environ.items() if name not in of_networks}
+    variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    environment.prepare(variables, domain=free_domain())
+    with ThreadPoolExecutor(2) as threads:
+        return Trial(*threads.map(functools.partial(_count, variables), ("send", "listen")))
+
+
+def _count(variables: Mapping[str, str], part: str) -> int:
+    """Run a part of the round trip in a process; return the count that it prints."""
+    try:
+        # Fast DDS logs errors to stdout, too.
+        return int(_python("-m", __name__, part, timeout_s=LIMIT_S, variables=variables).split()[-1])
+    except NodeError as error:
+        raise NodeError(f"cannot {part}: {error.what}") from error
+
+
+def free_domain(domains: Sequence[int] = DOMAINS) -> int:
+    """Return an unused one of ``domains``. Raises NodeError when there is none."""
+    for domain in domains:
+        # Each participant binds the discovery port of its domain.
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise NodeError(f"the domains {domains[0]} to {domains[-1]} are all in use", remedy="end other ROS programs")
+
+
+def main(part: str) -> int:
+    """Run one part of the round trip; return the number of images."""
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import Image
+
+    qos = QoSProfile(depth=IMAGES, reliability=ReliabilityPolicy.BEST_EFFORT)
+    received: list[Any] = []
+    with spinning_node(f"trial_{part}") as ros:
+        if part == "listen":
+            ros.create_subscription(Image, TOPIC, lambda image: received.append(image), qos)
+            wait_for(lambda: ros.count_publishers(TOPIC), DISCOVERY_S)
+            period_s = DISCOVERY_S + IMAGES / RATE_HZ
+            wait_for(lambda: len(received) >= IMAGES or not ros.count_publishers(TOPIC), period_s)
+            return len(received)
+        data = array.array("B", bytes(3 * WIDTH * HEIGHT))
+        image = Image(height=HEIGHT, width=WIDTH, encoding="bgr8", step=3 * WIDTH, data=data)
+        publisher = ros.create_publisher(Image, TOPIC, qos)
+        if not wait_for(publisher.get_subscription_count, DISCOVERY_S):
+            return IMAGES
+        # Discovery may finish at different times on the two sides.
+        time.sleep(_SETTLE_S)
+        for _ in range(IMAGES):
+            publisher.publish(image)
+            time.sleep(1 / RATE_HZ)
+        time.sleep(_SETTLE_S)
+    return IMAGES
+
+
+if __name__ == "__main__":
+    print(main(sys.argv[1]))

@@ -1,36 +1,32 @@
-"""Announce a run of ``socialbot up`` over ROS, and end it on request."""
+"""Announce a run of ``socialbot up`` over ROS and in a run lock, and end it on request."""
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import secrets
+import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, TypeVar
+from typing import Any
 
-from socialbot.bags.codec import ros_type
-from socialbot.bridge.diagnostics import is_power_of_ten, machine
-from socialbot.bridge.transport import Sender, message_class, open_transport, publisher_qos, subscription_qos
+from socialbot.bridge.diagnostics import machine
+from socialbot.bridge.transport import is_power_of_ten, open_transport
 from socialbot.core.clock import WallClock
-from socialbot.core.errors import MessageError
-from socialbot.core.messages import DownRequest, Structured, UpState, UpStatus
-from socialbot.graph.node import Delivery
+from socialbot.core.messages import DownRequest, UpState, UpStatus
 
 UP_TOPIC, DOWN_TOPIC = "/socialbot/up", "/socialbot/down"
 
 ANNOUNCE_PERIOD_S = 1.0
 LAST_STATUS_TIMEOUT_S = 2.0
 
-MAX_RUNS = 1000
-"""Maximum number of stored runs, in case of forged run ids."""
-
+MAX_RUNS = 1000  # maximum number of stored runs, in case of forged run ids
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-
-S = TypeVar("S", bound=Structured)
 
 log = logging.getLogger("socialbot.up")
 
@@ -51,10 +47,11 @@ class RunAnnouncer:
         self._asked = False
         self._ended = False
         self._lock = threading.Lock()
-        self._publisher, self._sender = _sender(ros, UP_TOPIC, UpStatus)
-        self._twins: set[str] = set()
-        self._requests = _Subscriber(ros, DOWN_TOPIC, DownRequest, self._on_request)
-        self._statuses = _Subscriber(ros, UP_TOPIC, UpStatus, self._on_status)
+        self._duplicates: set[str] = set()
+        transport = open_transport()
+        self._sender = transport.advertise(ros, UP_TOPIC, UpStatus)
+        self._requests = transport.subscribe(ros, DOWN_TOPIC, DownRequest, self._on_request)
+        self._statuses = transport.subscribe(ros, UP_TOPIC, UpStatus, self._on_status)
 
     def __enter__(self) -> RunAnnouncer:
         return self
@@ -63,12 +60,7 @@ class RunAnnouncer:
         from rclpy.duration import Duration
 
         self._publish("ended", str(error) if error is not None else "")
-        self._publisher.wait_for_all_acked(Duration(seconds=LAST_STATUS_TIMEOUT_S))
-
-    @property
-    def refused(self) -> int:
-        """Number of requests without a valid seal."""
-        return self._requests.refused
+        self._sender.publisher.wait_for_all_acked(Duration(seconds=LAST_STATUS_TIMEOUT_S))
 
     def announce(self) -> None:
         """Publish the status if it is due."""
@@ -89,10 +81,10 @@ class RunAnnouncer:
     def _on_status(self, status: UpStatus) -> None:
         """Log another run with the same nodes once, such as one that was unreachable at the start."""
         same = (status.graph, status.machine, status.state) == (self._graph, machine(), "up")
-        if not same or status.run in self._twins | {self.run} or len(self._twins) >= MAX_RUNS:
+        if not same or status.run in self._duplicates | {self.run} or len(self._duplicates) >= MAX_RUNS:
             return
-        self._twins.add(status.run)
-        if is_power_of_ten(len(self._twins)):
+        self._duplicates.add(status.run)
+        if is_power_of_ten(len(self._duplicates)):
             where = f"here, process {status.pid}" if is_here(status) else "on another computer"
             log.error("%s on %s is up twice, the other %s: end one of them", status.graph, status.machine, where)
 
@@ -119,8 +111,9 @@ class RunStatuses:
     def __init__(self, ros: Any) -> None:
         self.statuses: dict[str, UpStatus] = {}
         self._ros = ros
-        _, self._sender = _sender(ros, DOWN_TOPIC, DownRequest)
-        self._subscriber = _Subscriber(ros, UP_TOPIC, UpStatus, self.note)
+        transport = open_transport()
+        self._sender = transport.advertise(ros, DOWN_TOPIC, DownRequest)
+        self._statuses = transport.subscribe(ros, UP_TOPIC, UpStatus, self.note)
 
     @property
     def incomplete(self) -> bool:
@@ -131,7 +124,7 @@ class RunStatuses:
     @property
     def refused(self) -> int:
         """Number of statuses without a valid seal."""
-        return self._subscriber.refused
+        return self._statuses.refused
 
     def ask_to_end(self, run: str) -> None:
         """Ask a run to end. Repeat the call: a run that is not connected yet does not receive the request."""
@@ -166,30 +159,23 @@ def boot_id() -> str:
     return BOOT_ID.read_text("ascii").strip()
 
 
-def _sender(ros: Any, topic: str, kind: type[Structured]) -> tuple[Any, Sender]:
-    publisher = ros.create_publisher(message_class(ros_type(kind)), topic, publisher_qos(Delivery.EVERY))
-    return publisher, open_transport().sender(publisher)
+SOCKETS = Path("/proc/net/unix")
+_NAME = re.compile(r"@socialbot/up/(\d+)/([\da-f]+)/(\d+)$", re.MULTILINE)
 
 
-class _Subscriber(Generic[S]):
-    """Subscriber of one topic, which counts and logs refused messages."""
+@contextmanager
+def run_lock(run: str) -> Iterator[None]:
+    """Hold the lock of ``run`` in the ROS domain of this process. The kernel releases it if the process ends."""
+    with closing(socket.socket(socket.AF_UNIX)) as lock:
+        lock.bind(f"\0socialbot/up/{_domain()}/{run}/{os.getpid()}")
+        yield
 
-    def __init__(self, ros: Any, topic: str, kind: type[S], take: Callable[[S], None]) -> None:
-        self.refused = 0
-        self._topic = topic
-        self._kind = kind
-        self._take = take
-        self._receiver = open_transport().receiver(topic)
-        qos = subscription_qos(Delivery.EVERY, outside=False)
-        ros.create_subscription(message_class(ros_type(kind)), topic, self._receive, qos)
 
-    def _receive(self, ros_message: Any) -> None:
-        try:
-            message = self._receiver.decode(self._kind, ros_message)
-        except MessageError as error:
-            self.refused += 1
-            if is_power_of_ten(self.refused):
-                log.warning("%s: refused %d messages: %s", self._topic, self.refused, error)
-            return
-        if message is not None:
-            self._take(message)
+def locked_runs() -> Mapping[str, int]:
+    """Process ids of the live runs in this ROS domain and computer, by run id."""
+    found = _NAME.findall(SOCKETS.read_text("utf-8", errors="replace"))
+    return {run: int(pid) for domain, run, pid in found if int(domain) == _domain()}
+
+
+def _domain() -> int:
+    return int(os.environ.get("ROS_DOMAIN_ID") or 0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import enum
 import hashlib
 import os
 import re
@@ -13,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from cryptography.exceptions import InternalError, InvalidSignature, UnsupportedAlgorithm
@@ -57,21 +56,19 @@ def new_key(name: str, folder: Path) -> tuple[Path, Path]:
         SecurityError: A key of that name exists, or the files cannot be written.
     """
     _check_name(name)
-    secret, public = _files(name, folder)
+    secret, public = folder / f"{name}{PRIVATE}", folder / f"{name}{PUBLIC}"
     key = Ed25519PrivateKey.generate()
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
-        _keep_out_of_git(folder)
+        if not (folder / ".gitignore").exists():
+            (folder / ".gitignore").write_text(f"*{PRIVATE}\n", "utf-8")
         if public.exists():
             raise FileExistsError(None, "it exists already")
         _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
         _write_new(public, _pem(key.public_key()), 0o644)
     except OSError as error:
-        raise SecurityError(
-            f"cannot create the key {name!r}: {error.strerror}",
-            where=str(folder),
-            remedy="choose another name or folder",
-        ) from error
+        what = f"cannot create the key {name!r}: {error.strerror}"
+        raise SecurityError(what, where=str(folder), remedy="choose another name or folder") from error
     return secret, public
 
 
@@ -81,18 +78,21 @@ def load_keys(folder: Path, name: str = "") -> Keys:
     Raises:
         SecurityError: Keys are missing, damaged, do not form a pair, or other users can read or change them.
     """
-    name = name or _only_private(folder)
+    if not name:
+        found = private_names(folder)
+        if len(found) != 1:
+            what = f"several private keys: {', '.join(found)}" if found else "no private key"
+            remedy = "name one: FOLDER:NAME" if found else f"make one: socialbot key new NAME --folder {folder}"
+            raise SecurityError(what, where=str(folder), remedy=remedy)
+        name = found[0]
     _check_name(name)
     trusted = load_public_keys(folder)
     private = load_private_key(folder / f"{name}{PRIVATE}")
     if name not in trusted:
         raise SecurityError(f"there is no {name}{PUBLIC}", where=str(folder), remedy="copy the public key there, too")
     if _pem(private.public_key()) != _pem(trusted[name]):
-        raise SecurityError(
-            f"{name}{PRIVATE} and {name}{PUBLIC} are not a pair",
-            where=str(folder),
-            remedy="copy the public key from the machine of the private one",
-        )
+        remedy = "copy the public key from the machine of the private one"
+        raise SecurityError(f"{name}{PRIVATE} and {name}{PUBLIC} are not a pair", where=str(folder), remedy=remedy)
     return Keys(name, private, trusted)
 
 
@@ -132,36 +132,21 @@ def fingerprint(key: Ed25519PublicKey) -> str:
     return base64.b32encode(digest[:15]).decode().lower()
 
 
-def _files(name: str, folder: Path) -> tuple[Path, Path]:
-    return folder / f"{name}{PRIVATE}", folder / f"{name}{PUBLIC}"
-
-
 def _check_name(name: str) -> None:
     if not NAME.fullmatch(name):
         raise SecurityError(f"{name!r} is not a valid key name", remedy="use up to 64 letters, digits, _ and -")
 
 
-def _only_private(folder: Path) -> str:
-    names = private_names(folder)
-    if len(names) != 1:
-        found = f"several private keys: {', '.join(names)}" if names else "no private key"
-        remedy = "name one: FOLDER:NAME" if names else f"make one: socialbot key new NAME --folder {folder}"
-        raise SecurityError(found, where=str(folder), remedy=remedy)
-    return names[0]
-
-
-def _loaded(path: Path, load: object) -> object:
+def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
     try:
         with path.open("rb") as file:
-            return load(file.read(MAX_KEY_BYTES))  # type: ignore[operator]
+            return load(file.read(MAX_KEY_BYTES))
     except OSError as error:
-        raise SecurityError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="see docs/security.md"
-        ) from error
+        what, remedy = f"cannot be read: {error.strerror}", "see docs/security.md"
+        raise SecurityError(what, where=str(path), remedy=remedy) from error
     except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
-        raise SecurityError(
-            "the file holds no usable key", where=str(path), remedy="copy it again, or make a new key"
-        ) from error
+        remedy = "copy it again, or make a new key"
+        raise SecurityError("the file holds no usable key", where=str(path), remedy=remedy) from error
 
 
 def _refuse_mode(path: Path, bits: int, what: str, remedy: str) -> None:
@@ -174,95 +159,62 @@ def _write_new(path: Path, data: bytes, mode: int) -> None:
         file.write(data)
 
 
-def _keep_out_of_git(folder: Path) -> None:
-    ignored = folder / ".gitignore"
-    if not ignored.exists():
-        ignored.write_text(f"*{PRIVATE}\n", "utf-8")
-
-
 def _pem(key: Ed25519PublicKey) -> bytes:
     return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
 
 
-MAX_STREAMS = 256
-"""Number of streams above which expired ones are removed."""
+MAX_STREAMS = 256  # number of streams above which expired ones are removed
 
 
-class FreshnessVerdict(enum.Enum):
-    """Result of a freshness check."""
-
-    NEW = "new"
-    RENEWED = "renewed"
-    """Known message with a new seal, for late subscribers."""
-    LATE = "late"
-    EARLY = "early"
-    """Stamp in the future: the clocks differ."""
-    REPLAYED = "replayed"
+FreshnessVerdict = Literal["new", "renewed", "late", "early", "replayed"]
+"""Result of a freshness check. "renewed": a known message with a new seal, for late subscribers. "early": a stamp in
+the future, because the clocks differ."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Last:
-    number: int
-    time: int
-
-
+@dataclass
 class Freshness:
     """Freshness check: order and age of the messages of one receiver.
 
     Messages older than the receiver are late: a crashed predecessor may have executed them. Times are system times,
     because simulated time may stand still.
 
-    Args:
+    Attributes:
         window_s: The allowed difference (s) between the time of a message and the clock.
         joins_late: Accept messages older than the receiver, for latched topics.
-        wall: The wall clock (ns), which may be set at any time.
+        now: The wall clock (ns), which may be set at any time.
         steady: A steady clock (ns), for the age of the receiver.
     """
 
-    def __init__(
-        self,
-        window_s: float,
-        *,
-        joins_late: bool = False,
-        wall: Callable[[], int] = time.time_ns,
-        steady: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self._window = round(window_s * SECOND)
-        self._joins_late = joins_late
-        self.now = wall
-        self._steady = steady
-        self._begun = steady()
-        self._streams: dict[tuple[str, str], _Last] = {}
+    window_s: float
+    joins_late: bool = False
+    now: Callable[[], int] = time.time_ns
+    steady: Callable[[], int] = time.monotonic_ns
+
+    def __post_init__(self) -> None:
+        self._window = round(self.window_s * SECOND)
+        self._begun = self.steady()
+        self._last: dict[tuple[str, str], tuple[int, int]] = {}
 
     @property
     def stream_count(self) -> int:
-        return len(self._streams)
+        return len(self._last)
 
     def judge(self, sender: str, stream: str, number: int, time: int) -> FreshnessVerdict:
         """Check and remember a message with a valid signature from ``time`` (ns)."""
-        now = self.now()
-        last = self._streams.get((sender, stream))
-        if last is not None and (number < last.number or (number == last.number and _was_heard(time, last.time, now))):
-            return FreshnessVerdict.REPLAYED
+        now, key = self.now(), (sender, stream)
+        last_number, last_time = self._last.get(key, (-1, 0))
+        # Unless a clock was set back, a renewal is newer than the known one.
+        is_old = time == last_time or time < last_time <= now
+        if number < last_number or (number == last_number and is_old):
+            return "replayed"
         if time - now > self._window:
-            return FreshnessVerdict.EARLY
-        if now - time > self._max_age():
-            return FreshnessVerdict.LATE
-        self._remember((sender, stream), _Last(number, time), now)
-        return FreshnessVerdict.RENEWED if last is not None and number == last.number else FreshnessVerdict.NEW
-
-    def _max_age(self) -> int:
-        return self._window if self._joins_late else min(self._window, self._steady() - self._begun)
-
-    def _remember(self, stream: tuple[str, str], last: _Last, now: int) -> None:
-        if stream not in self._streams and len(self._streams) >= MAX_STREAMS:
-            self._streams = {key: one for key, one in self._streams.items() if now - one.time <= self._window}
-        self._streams[stream] = last
-
-
-def _was_heard(time: int, last: int, now: int) -> bool:
-    """Whether a renewal at ``time`` is no newer than the known one at ``last``, unless a clock was set back."""
-    return time == last or time < last <= now
+            return "early"
+        if now - time > (self._window if self.joins_late else min(self._window, self.steady() - self._begun)):
+            return "late"
+        if key not in self._last and len(self._last) >= MAX_STREAMS:
+            self._last = {known: last for known, last in self._last.items() if now - last[1] <= self._window}
+        self._last[key] = number, time
+        return "renewed" if number == last_number else "new"
 
 
 SCHEMA = "socialbot/Sealed/1"
@@ -321,70 +273,69 @@ class SealError(MessageError):
         self.reason = reason
 
 
+@dataclass
 class Stream:
     """Seals the messages of one publisher on one ``topic``, in the order of publication."""
 
-    def __init__(self, keys: Keys, realm: str, topic: str, *, wall: Callable[[], int] = time.time_ns) -> None:
-        self._keys = keys
-        self._realm = realm
-        self._topic = topic
-        self._wall = wall
-        self._id = secrets.token_hex(STREAM_BYTES)
-        self._number = 0
-        self._time = 0
+    keys: Keys
+    realm: str
+    topic: str
+    now: Callable[[], int] = time.time_ns
 
-    def seal(self, text: str, *, anew: bool = False) -> str:
-        """Seal ``text``; ``anew`` renews the seal of the previous text."""
-        self._number += not anew
-        now = self._wall()
+    def __post_init__(self) -> None:
+        self._id = secrets.token_hex(STREAM_BYTES)
+        self._number = self._time = 0
+
+    def seal(self, text: str, *, renew: bool = False) -> str:
+        """Seal ``text``; with ``renew`` it is the previous text again."""
+        self._number += not renew
+        now = self.now()
         # The time distinguishes renewed seals.
         self._time = now if now != self._time else now + 1
         blank = Sealed(
-            sender=self._keys.name,
+            sender=self.keys.name,
             stream=self._id,
             number=self._number,
             time=self._time,
-            topic=self._topic,
+            topic=self.topic,
             payload=text,
             signature=b"",
         )
-        signature = self._keys.private.sign(blank.signed(self._realm))
+        signature = self.keys.private.sign(blank.signed(self.realm))
         return msgspec.json.encode(msgspec.structs.replace(blank, signature=signature)).decode()
 
 
+@dataclass
 class Opener:
     """Verifier for the messages of one receiver on one ``topic``."""
 
-    def __init__(self, keys: Keys, realm: str, topic: str, freshness: Freshness) -> None:
-        self._keys = keys
-        self._realm = realm
-        self._topic = topic
-        self._freshness = freshness
+    keys: Keys
+    realm: str
+    topic: str
+    freshness: Freshness
 
     def open(self, text: str) -> str | None:
         """Return the payload of ``text``; None for a renewed seal of a known message. Raises SealError."""
         sealed = read(text)
         self._verify(sealed)
-        verdict = self._freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
-        if verdict is FreshnessVerdict.NEW:
-            return sealed.payload
-        if verdict is FreshnessVerdict.RENEWED:
-            return None
-        raise SealError(verdict.value, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
+        verdict = self.freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
+        if verdict in ("new", "renewed"):
+            return sealed.payload if verdict == "new" else None
+        raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 
     def _verify(self, sealed: Sealed) -> None:
-        key = self._keys.trusted.get(sealed.sender)
+        key = self.keys.trusted.get(sealed.sender)
         if key is None:
             raise SealError("unknown sender", repr(sealed.sender[:LONGEST_SHOWN]))
         try:
-            key.verify(sealed.signature, sealed.signed(self._realm))
+            key.verify(sealed.signature, sealed.signed(self.realm))
         except (InvalidSignature, UnicodeError) as error:
             raise SealError("forged", f"the seal is not {sealed.sender!r}'s, or it was altered") from error
-        if sealed.topic != self._topic:
+        if sealed.topic != self.topic:
             raise SealError("moved", f"from {sealed.sender!r}, sealed for {sealed.topic}")
 
     def _age(self, sealed: Sealed) -> str:
-        seconds = (self._freshness.now() - sealed.time) / SECOND
+        seconds = (self.freshness.now() - sealed.time) / SECOND
         return f"{seconds:.3f} s ago" if seconds >= 0 else f"{-seconds:.3f} s ahead of our clock"
 
 
@@ -397,17 +348,17 @@ def read(text: str) -> Sealed:
         raise SealError(reason, str(error)[:LONGEST_SHOWN]) from error
 
 
+@dataclass(frozen=True)
 class Seal:
     """Factory of streams and openers with the keys of a process, valid in one ``realm``."""
 
-    def __init__(self, keys: Keys, *, realm: str, window_s: float = WINDOW_S) -> None:
-        self.window_s = window_s
-        self._keys = keys
-        self._realm = realm
+    keys: Keys
+    realm: str
+    window_s: float = WINDOW_S
 
     def stream(self, topic: str) -> Stream:
-        return Stream(self._keys, self._realm, topic)
+        return Stream(self.keys, self.realm, topic)
 
     def opener(self, topic: str, *, joins_late: bool = False) -> Opener:
         """Opener of one subscription; ``joins_late`` for a latched topic."""
-        return Opener(self._keys, self._realm, topic, Freshness(self.window_s, joins_late=joins_late))
+        return Opener(self.keys, self.realm, topic, Freshness(self.window_s, joins_late))

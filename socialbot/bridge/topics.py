@@ -3,48 +3,68 @@
 from __future__ import annotations
 
 import array
-import itertools
-import json
+import io
 import math
 import os
-import re
+import sys
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, get_args
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.representer import SafeRepresenter
 
 from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.transport import matching_qos, message_class, open_transport, publisher_qos
+from socialbot.bridge.environment import POLL_S, wait_for
+from socialbot.bridge.transport import matching_qos, message_class, open_transport
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
-from socialbot.graph.node import Delivery, WireForm
+from socialbot.graph.node import WireForm
 
-MAX_ITEMS = 64
-"""Maximum array length; longer arrays are replaced by their size."""
+T = TypeVar("T")
 
-_PLAIN = re.compile(r"[A-Za-z_/][\w/.+-]*(?: [\w/.+-]+)*", re.ASCII)
-_WORDS_OF_YAML = frozenset({"true", "false", "null", "yes", "no", "on", "off"})
+MAX_ITEMS = 64  # maximum array length; longer arrays are replaced by their size
 
 
 def message_text(message: Any, *, raw: bool = False) -> str:
     """Format an rclpy message as YAML. Unless ``raw``, decode JSON and replace long arrays by their size."""
-    return "\n".join(_lines(_plain(message, raw=raw)))
+    value = _plain(message, raw=raw)
+    text = _yaml(value)
+    # Escape control characters, which could change the terminal.
+    return text if all(line.isprintable() for line in text.splitlines()) else _yaml(value, allow_unicode=False)
 
 
-class _Cut(str):
-    """Text in place of a long array."""
+def _yaml(value: Any, *, allow_unicode: bool = True) -> str:
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Representer = _Representer
+    yaml.default_flow_style, yaml.allow_unicode, yaml.width = False, allow_unicode, sys.maxsize
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    text = io.StringIO()
+    yaml.dump(value, text)
+    return text.getvalue().rstrip("\n")
 
-    __slots__ = ()
+
+class _Representer(SafeRepresenter):
+    """Writes short lists in one line."""
+
+    def represent_list(self, data: list[Any]) -> Any:
+        nested = any(isinstance(item, (list, dict)) for item in data)
+        letters = sum(len(item) for item in data if isinstance(item, str))
+        short = not nested and letters <= MAX_ITEMS
+        return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=short)
+
+
+_Representer.add_representer(list, _Representer.represent_list)
 
 
 def _plain(value: Any, *, raw: bool) -> Any:
@@ -58,7 +78,7 @@ def _plain(value: Any, *, raw: bool) -> Any:
     if isinstance(value, str) or (not isinstance(value, Sequence) and not hasattr(value, "dtype")):
         return value
     if len(value) > MAX_ITEMS and not raw:
-        return _Cut(f"<{len(value)} {_kind(value)}>")
+        return f"<{len(value)} {_kind(value)}>"
     items: Iterable[Any] = value.tolist() if isinstance(value, np.ndarray) else value
     return [_plain(item, raw=raw) for item in items]
 
@@ -76,65 +96,9 @@ def _decoded(message: Any) -> Any:
 def _kind(values: Any) -> str:
     if isinstance(values, (bytes, bytearray)) or (isinstance(values, array.array) and values.itemsize == 1):
         return "bytes"
-    if isinstance(values, (array.array, np.ndarray)):
-        return "numbers"
-    return "items"
+    return "numbers" if isinstance(values, (array.array, np.ndarray)) else "items"
 
 
-def _lines(value: Any) -> Iterator[str]:
-    if isinstance(value, Mapping) and value:
-        for name, item in value.items():
-            yield from _entry(f"{_scalar(name)}:", item)
-    elif isinstance(value, list) and not _short(value):
-        for item in value:
-            first, *rest = _lines(item)
-            yield f"- {first}"
-            yield from (f"  {line}" for line in rest)
-    else:
-        yield _inline(value)
-
-
-def _entry(name: str, value: Any) -> Iterator[str]:
-    if (isinstance(value, Mapping) and value) or (isinstance(value, list) and not _short(value)):
-        yield name
-        yield from (f"  {line}" for line in _lines(value))
-    else:
-        yield f"{name} {_inline(value)}"
-
-
-def _short(values: list[Any]) -> bool:
-    if any(isinstance(value, (list, Mapping)) for value in values):
-        return False
-    return (
-        all(not isinstance(value, str) for value in values) or sum(len(_scalar(value)) for value in values) <= MAX_ITEMS
-    )
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_scalar, value))}]"
-    return "{}" if isinstance(value, Mapping) else _scalar(value)
-
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, bool) or value is None:
-        return json.dumps(value)
-    if isinstance(value, float) and not math.isfinite(value):
-        return ".nan" if math.isnan(value) else f"{'-' if value < 0 else ''}.inf"
-    if isinstance(value, _Cut) or not isinstance(value, str):
-        return str(value)
-    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS_OF_YAML:
-        return value
-    if value.isprintable() and '"' in value:
-        return "'" + value.replace("'", "''") + "'"
-    # Escape control characters, which could change the terminal.
-    return json.dumps(value, ensure_ascii=not value.isprintable())
-
-
-HIDDEN = ("/parameter_events", "/rosout")
-"""Topics of every ROS node. Names like ``/_name`` are hidden, too."""
-
-POLL_S = 0.05
 ADAPT_PERIOD_S = 0.5
 QUIET_S = 1.0
 SETTLE_TIMEOUT_S = 3.0
@@ -154,19 +118,24 @@ class TopicInfo:
 
     @property
     def hidden(self) -> bool:
-        return self.name in HIDDEN or "/_" in self.name
+        return is_hidden(self.name)
+
+
+def is_hidden(topic: str) -> bool:
+    """Whether ``topic`` belongs to every ROS node, or has a name such as ``/_name``."""
+    return topic in ("/parameter_events", "/rosout") or "/_" in topic
 
 
 @contextmanager
-def observer_node() -> Iterator[Any]:
-    """Open a hidden rclpy node without parameter services. Raises InstallationError without ROS."""
+def observer_node(name: str = "_topic") -> Iterator[Any]:
+    """Open an rclpy node without parameter services, hidden by default. Raises InstallationError without ROS."""
     environment.require_ros()
     from rclpy.node import Node
 
     from socialbot.bridge.environment import ros_context
 
     with ros_context() as context:
-        ros = Node(f"_topic_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False)
+        ros = Node(f"{name}_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False)
         try:
             yield ros
         finally:
@@ -184,17 +153,24 @@ def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
 
 def settled_topics(ros: Any, ended: Ended = lambda: False) -> tuple[TopicInfo, ...]:
     """List the topics once they are stable for ``QUIET_S``, or after ``SETTLE_TIMEOUT_S``."""
-    begun = changed = time.monotonic()
-    topics = list_topics(ros)
-    while time.monotonic() - begun < SETTLE_TIMEOUT_S and not ended():
-        # An empty list may mean that discovery has not finished.
-        if topics and time.monotonic() - changed >= QUIET_S:
+    # An empty list may mean that discovery has not finished.
+    return _settled(lambda: list_topics(ros), bool, QUIET_S, SETTLE_TIMEOUT_S, ended)
+
+
+def _settled(
+    get: Callable[[], T], is_complete: Callable[[T], bool], steady_s: float, timeout_s: float, ended: Ended
+) -> T:
+    """Poll ``get`` until its value is complete and has not changed for ``steady_s``; return the last value."""
+    begun = steady_since = time.monotonic()
+    value = get()
+    while time.monotonic() - begun < timeout_s and not ended():
+        if is_complete(value) and time.monotonic() - steady_since >= steady_s:
             break
         time.sleep(POLL_S)
-        before, topics = topics, list_topics(ros)
-        if topics != before:
-            changed = time.monotonic()
-    return topics
+        before, value = value, get()
+        if value != before or not is_complete(value):
+            steady_since = time.monotonic()
+    return value
 
 
 def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lambda: False) -> str | None:
@@ -203,14 +179,11 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
     Raises:
         GraphError: There is no publisher within ``timeout_s``.
     """
-    deadline = time.monotonic() + timeout_s
-    while not (publishers := _publishers(ros, name)):
-        if ended():
-            return None
-        if time.monotonic() >= deadline:
-            raise _nobody(name, list_topics(ros))
-        time.sleep(POLL_S)
-    return publishers[0].topic_type
+    if publishers := wait_for(lambda: _publishers(ros, name), timeout_s, ended):
+        return publishers[0].topic_type
+    if ended():
+        return None
+    raise _missing("publisher", name, [topic.name for topic in list_topics(ros) if topic.publishers])
 
 
 def messages(
@@ -245,18 +218,18 @@ def messages(
         executor.shutdown()
 
 
+@dataclass
 class AdaptiveSubscription:
     """Subscription whose quality of service matches all publishers, including new ones."""
 
-    def __init__(self, ros: Any, name: str, kind: Any, take: Callable[[Any], None], *, raw: bool) -> None:
-        self._ros = ros
-        self._name = name
-        self._kind = kind
-        self._take = take
-        self._raw = raw
-        self._qos: Any = None
-        self._subscription: Any = None
-        self._adapted = -math.inf
+    ros: Any
+    name: str
+    kind: Any
+    take: Callable[[Any], None]
+    raw: bool
+    _qos: Any = field(default=None, init=False)
+    _subscription: Any = field(default=None, init=False)
+    _adapted: float = field(default=-math.inf, init=False)
 
     @property
     def latched(self) -> bool:
@@ -272,19 +245,19 @@ class AdaptiveSubscription:
         if time.monotonic() - self._adapted < ADAPT_PERIOD_S:
             return
         self._adapted = time.monotonic()
-        publishers = _publishers(self._ros, self._name)
+        publishers = _publishers(self.ros, self.name)
         qos = matching_qos(publishers, DEPTH)
         if qos == self._qos or (not publishers and self._subscription is not None):
             return
         if self._subscription is not None:
-            self._ros.destroy_subscription(self._subscription)
+            self.ros.destroy_subscription(self._subscription)
         self._qos = qos
-        self._subscription = self._ros.create_subscription(
-            self._kind,
-            self._name,
-            self._take,
+        self._subscription = self.ros.create_subscription(
+            self.kind,
+            self.name,
+            self.take,
             qos,
-            raw=self._raw,
+            raw=self.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
@@ -301,31 +274,20 @@ class TopicRate:
     messages: int
 
 
-class RateMeter:
-    """Rate over the last ``window`` messages."""
-
-    def __init__(self, window: int) -> None:
-        self._last: deque[tuple[float, int]] = deque(maxlen=window)
-
-    def note(self, time_s: float, size: int) -> None:
-        self._last.append((time_s, size))
-
-    def rate(self) -> TopicRate | None:
-        """Rate over the window; None with fewer than two messages."""
-        times = [time_s for time_s, _ in self._last]
-        if len(times) < 2 or times[-1] <= times[0]:
-            return None
-        periods = [later - earlier for earlier, later in itertools.pairwise(times)]
-        span = times[-1] - times[0]
-        mean = span / len(periods)
-        return TopicRate(
-            hz=1 / mean,
-            min_s=min(periods),
-            max_s=max(periods),
-            deviation_s=math.sqrt(sum((period - mean) ** 2 for period in periods) / len(periods)),
-            bytes_per_s=sum(size for _, size in itertools.islice(self._last, 1, None)) / span,
-            messages=len(times),
-        )
+def topic_rate(received: Sequence[tuple[float, int]]) -> TopicRate | None:
+    """Rate of messages received at times (s) with sizes (bytes); None with fewer than two."""
+    times = [time_s for time_s, _ in received]
+    if len(times) < 2 or times[-1] <= times[0]:
+        return None
+    periods, span = np.diff(times), times[-1] - times[0]
+    return TopicRate(
+        hz=len(periods) / span,
+        min_s=float(periods.min()),
+        max_s=float(periods.max()),
+        deviation_s=float(periods.std()),
+        bytes_per_s=sum(size for _, size in list(received)[1:]) / span,
+        messages=len(times),
+    )
 
 
 def _publishers(ros: Any, name: str) -> list[Any]:
@@ -336,23 +298,21 @@ def _subscribers(ros: Any, name: str) -> list[Any]:
     return [each for each in ros.get_subscriptions_info_by_topic(name) if each.node_name != ros.get_name()]
 
 
-def _nobody(name: str, topics: Collection[TopicInfo]) -> GraphError:
-    domain = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-    published = [topic.name for topic in topics if topic.publishers and not topic.hidden]
-    if not published:
-        return GraphError(
-            f"no publisher of {name}, nor of any other topic",
-            where=domain,
-            remedy="start a graph; if one runs, use its ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE",
-        )
-    return GraphError(f"no publisher of {name}", where=domain, remedy=suggestion(name, published))
+def _missing(end: str, name: str, found: Collection[str]) -> GraphError:
+    """Error for a topic without a publisher or subscriber; ``found`` are the topics that have one."""
+    visible = [topic for topic in found if not is_hidden(topic)]
+    others = "" if visible else ", nor of any other topic"
+    start = "start a graph; if one runs, use its ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE"
+    remedy = suggestion(name, visible) if visible else start
+    return GraphError(f"no {end} of {name}{others}", where=_domain(), remedy=remedy)
 
 
-POLL_S = 0.05
-STEADY_S = 0.5
-"""Time for which all discovered subscribers must be connected; discovery may still be running."""
-CONNECT_TIMEOUT_S = 3.0
-"""Timeout of connections to subscribers: a killed process stays discovered for a while."""
+def _domain() -> str:
+    return f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+
+
+STEADY_S = 0.5  # time for which all discovered subscribers must be connected; discovery may still be running
+CONNECT_TIMEOUT_S = 3.0  # timeout of connections to subscribers: a killed process stays discovered for a while
 ACKNOWLEDGE_TIMEOUT_S = 5.0
 
 
@@ -395,18 +355,19 @@ def publish_once(ros: Any, name: str, message: Structured, *, timeout_s: float, 
     from rclpy.duration import Duration
 
     kind = type(message)
-    deadline = time.monotonic() + timeout_s
-    while (form := _subscribed_form(ros, name, kind)) is None:
-        if ended():
-            return
-        if time.monotonic() >= deadline:
-            raise _no_subscriber(ros, name, ros_type(kind))
-        time.sleep(POLL_S)
-    own = open_transport(form=form)
-    publisher = ros.create_publisher(own.message_class(kind), name, publisher_qos(Delivery.EVERY))
-    sender = own.sender(publisher)
-    _await_subscribers(ros, publisher, name, ros_type(kind, form), ended)
-    if not publisher.get_subscription_count():
+    form: WireForm | None = wait_for(lambda: _subscribed_form(ros, name, kind), timeout_s, ended)
+    if form is None and ended():
+        return
+    if form is None:
+        raise _no_subscriber(ros, name, ros_type(kind))
+    sender = open_transport(form=form).advertise(ros, name, kind)
+    publisher = sender.publisher
+
+    def is_complete(connected: int) -> bool:
+        known = [each for each in ros.get_subscriptions_info_by_topic(name) if each.topic_type == ros_type(kind, form)]
+        return connected >= len(known)
+
+    if not _settled(publisher.get_subscription_count, is_complete, STEADY_S, CONNECT_TIMEOUT_S, ended):
         raise _no_subscriber(ros, name, ros_type(kind))
     sender.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT_S)):
@@ -418,26 +379,8 @@ def _subscribed_form(ros: Any, name: str, kind: type[Structured]) -> WireForm | 
     return next((form for form in get_args(WireForm) if ros_type(kind, form) in taken), None)
 
 
-def _await_subscribers(ros: Any, publisher: Any, name: str, type_name: str, ended: Ended) -> None:
-    """Wait until ``publisher`` has been connected to all discovered subscribers for ``STEADY_S``."""
-    begun = steady_since = time.monotonic()
-    connected = publisher.get_subscription_count()
-    while time.monotonic() - begun < CONNECT_TIMEOUT_S and not ended():
-        before, connected = connected, publisher.get_subscription_count()
-        known = sum(each.topic_type == type_name for each in ros.get_subscriptions_info_by_topic(name))
-        if connected != before or connected < known:
-            steady_since = time.monotonic()
-        if time.monotonic() - steady_since >= STEADY_S:
-            return
-        time.sleep(POLL_S)
-
-
 def _no_subscriber(ros: Any, name: str, type_name: str) -> GraphError:
-    topics = [topic for topic in list_topics(ros) if topic.subscribers and not topic.hidden]
-    other = next((", ".join(topic.types) for topic in topics if topic.name == name), "")
-    where = f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-    if other:
-        return GraphError(f"the type of {name} is {other}, not {type_name}", where=where)
-    return GraphError(
-        f"no subscriber of {name}", where=where, remedy=suggestion(name, [topic.name for topic in topics])
-    )
+    topics = {topic.name: topic for topic in list_topics(ros) if topic.subscribers}
+    if name in topics:
+        return GraphError(f"the type of {name} is {', '.join(topics[name].types)}, not {type_name}", where=_domain())
+    return _missing("subscriber", name, topics)

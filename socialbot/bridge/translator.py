@@ -50,16 +50,8 @@ def translated_topics(graph: Graph) -> dict[str, type[Message]]:
 class Translator:
     """Thread-safe translator of messages of ``graph``, which publishes through the spinning node ``ros``.
 
-    Args:
-        ros: The rclpy node.
-        graph: The graph.
-        head: Whether to publish the commanded head pose, too. On a robot the drivers publish it.
-
-    Raises:
-        ParameterError: ``head`` is set, and the graph has no head.
-
-    Attributes:
-        missing: The packages that are not installed, or lack their libraries.
+    With ``head`` it publishes the commanded head pose, too; on a robot the drivers publish it. Raises ParameterError if
+    the graph has no head. ``missing`` are the packages that are not installed, or lack their libraries.
     """
 
     def __init__(self, ros: Any, graph: Graph, *, head: bool) -> None:
@@ -94,7 +86,7 @@ class Translator:
             return
         with self._lock:
             if isinstance(message, JointTrajectory):
-                self._joints.tell(message)
+                self._joints.take(message)
             elif isinstance(message, PersonDetections):
                 self._publish_people(message)
 

@@ -8,9 +8,11 @@ import importlib
 import math
 import os
 import threading
-from collections.abc import Collection, MutableMapping
+from collections.abc import Callable, Collection, MutableMapping
+from dataclasses import dataclass, field
+from logging import getLogger
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from socialbot.bridge.security import Opener, Seal, Stream
 
 M = TypeVar("M", bound=Message)
+
+log = getLogger("socialbot.transport")
 
 _REMEDY = (
     "install the ROS wheels (pip install ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp) "
@@ -75,48 +79,48 @@ RENEWALS_PER_WINDOW = 2
 """Number of renewals of latched messages per window, so that they stay valid for late subscribers."""
 
 
+@dataclass
 class Sender:
-    """Thread-safe sender of messages through one rclpy publisher."""
+    """Thread-safe sender of messages through one rclpy ``publisher``."""
 
-    def __init__(self, types: TypeFactory, publisher: Any, stream: Stream | None, form: WireForm = "json") -> None:
-        self._types = types
-        self._form: WireForm = form
-        self._publisher = publisher
-        self._stream = stream
-        self._last: str | None = None
-        self._lock = threading.Lock()
+    publisher: Any
+    types: TypeFactory
+    stream: Stream | None
+    form: WireForm = "json"
+    _last: str | None = field(default=None, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def publish(self, message: Message) -> None:
         """Encode, seal if there are keys, and publish ``message``."""
-        ros_message = encode(message, self._types, self._form)
+        ros_message = encode(message, self.types, self.form)
         if isinstance(message, Structured):
             self.forward(ros_message)
         else:
-            self._publisher.publish(ros_message)
+            self.publisher.publish(ros_message)
 
     def forward(self, ros_message: Any) -> None:
         """Publish an encoded structured message: a String, if it has to be sealed."""
-        if self._stream is None:
-            self._publisher.publish(ros_message)
+        if self.stream is None:
+            self.publisher.publish(ros_message)
             return
         with self._lock:
             self._last = text = ros_message.data
-            ros_message.data = self._stream.seal(text)
-            self._publisher.publish(ros_message)
+            ros_message.data = self.stream.seal(text)
+            self.publisher.publish(ros_message)
 
     def renew(self) -> None:
         """Publish the last message again with a new seal. Receivers ignore a known message."""
         with self._lock:
-            if self._stream is not None and self._last is not None:
-                self._publisher.publish(self._types.make(STRING, data=self._stream.seal(self._last, anew=True)))
+            if self.stream is not None and self._last is not None:
+                self.publisher.publish(self.types.make(STRING, data=self.stream.seal(self._last, renew=True)))
 
 
+@dataclass
 class Receiver:
     """Decoder of the verified messages of one subscription."""
 
-    def __init__(self, types: TypeFactory, opener: Opener | None) -> None:
-        self._types = types
-        self._opener = opener
+    types: TypeFactory
+    opener: Opener | None
 
     def decode(self, message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M | None:
         """Decode ``ros_message`` as `codec.decode` does; None for a known message with a renewed seal.
@@ -134,7 +138,7 @@ class Receiver:
     def open(self, ros_message: Any) -> Any | None:
         """Return the String without its seal, if a seal is required. None and errors are those of `decode`."""
         text = getattr(ros_message, "data", None)
-        if self._opener is None:
+        if self.opener is None:
             if isinstance(text, str) and text.startswith(_SEALED_PREFIX):
                 from socialbot.bridge.security import SealError
 
@@ -142,8 +146,33 @@ class Receiver:
             return ros_message
         if not isinstance(text, str):
             raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
-        payload = self._opener.open(text)
-        return None if payload is None else self._types.make(STRING, data=payload)
+        payload = self.opener.open(text)
+        return None if payload is None else self.types.make(STRING, data=payload)
+
+
+@dataclass
+class Subscription(Generic[M]):
+    """Subscription that passes valid messages to ``take`` and counts ``refused`` ones; see `Transport.subscribe`.
+
+    ``endpoint`` is the rclpy subscription.
+    """
+
+    topic: str
+    kind: type[M]
+    receiver: Receiver
+    take: Callable[[M], None]
+    endpoint: Any = None
+    refused: int = 0
+
+    def receive(self, ros_message: Any) -> None:
+        try:
+            message = self.receiver.decode(self.kind, ros_message)
+        except MessageError as error:
+            self.refused += 1
+            log_refusal(self.topic, self.refused, error)
+            return
+        if message is not None:
+            self.take(message)
 
 
 class Transport:
@@ -173,10 +202,35 @@ class Transport:
         """Return the rclpy class for ``message_type``. Raises InstallationError when it is not installed."""
         return message_class(ros_type(message_type, self._form))
 
+    def advertise(self, ros: Any, topic: str, kind: type[Message], delivery: Delivery = Delivery.EVERY) -> Sender:
+        """Make a publisher of the rclpy node ``ros``, and its sender."""
+        publisher = ros.create_publisher(self.message_class(kind), topic, publisher_qos(delivery))
+        return self.sender(publisher, latched=delivery is Delivery.LATCHED)
+
+    def subscribe(
+        self,
+        ros: Any,
+        topic: str,
+        kind: type[M],
+        take: Callable[[M], None],
+        *,
+        qos: Any = None,
+        latched: bool = False,
+    ) -> Subscription[M]:
+        """Subscribe the rclpy node ``ros`` to a topic of the graph, by default to every message.
+
+        ``take`` gets the valid messages in the thread that spins the node; refused ones are logged.
+        """
+        subscription = Subscription(topic, kind, self.receiver(topic, latched=latched), take)
+        subscription.endpoint = ros.create_subscription(
+            self.message_class(kind), topic, subscription.receive, qos or subscription_qos(Delivery.EVERY)
+        )
+        return subscription
+
     def sender(self, publisher: Any, *, latched: bool = False) -> Sender:
         """Make the sender of an rclpy publisher. `renew` includes it if it is ``latched``."""
         stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
-        sender = Sender(self._types, publisher, stream, self._form)
+        sender = Sender(publisher, self._types, stream, self._form)
         if latched:
             self._latched.append(sender)
         return sender
@@ -227,6 +281,17 @@ def refusal_reason(error: MessageError) -> str:
     return getattr(error, "reason", "unfit")
 
 
+def log_refusal(topic: str, count: int, error: MessageError) -> None:
+    """Log the first, tenth, hundredth, ... refused message of a topic."""
+    if is_power_of_ten(count):
+        log.warning("%s: refused %d messages (%s): %s", topic, count, refusal_reason(error), error)
+
+
+def is_power_of_ten(count: int) -> bool:
+    """Whether ``count`` is 1, 10, 100, ...; repeated failures are logged at these counts."""
+    return str(count).strip("0") == "1"
+
+
 def split_keys(text: str) -> tuple[str, str]:
     """Split FOLDER:NAME; the name may be empty."""
     folder, colon, name = text.rpartition(":")
@@ -259,8 +324,10 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
 QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
 """History depth of publishers and subscriptions."""
 
-OBSERVER_DEPTH = 2000
-"""History depth of an observer, which may fall behind on many topics."""
+KEPT_TOPIC = "/clock_kept"
+"""Topic for the time up to which a node has finished its work (std_msgs/Header: name and time)."""
+
+OBSERVER_DEPTH = 2000  # history depth of an observer, which may fall behind on many topics
 
 
 def publisher_qos(delivery: Delivery) -> Any:
@@ -268,7 +335,7 @@ def publisher_qos(delivery: Delivery) -> Any:
     return _qos(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
 
 
-def subscription_qos(delivery: Delivery, *, outside: bool) -> Any:
+def subscription_qos(delivery: Delivery, *, outside: bool = False) -> Any:
     """Profile of subscriptions: that of the publisher within the graph.
 
     Drivers ``outside`` the graph may publish best effort and volatile. A stricter subscription would not match them, so

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,7 @@ from socialbot.bdi.agentspeak import agentspeak, parse_condition, parse_event, p
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import OPEN, SUBGOAL
-from socialbot.bdi.literals import SELF, Change, Literal
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.literals import SELF, Change, Literal, literal
 from socialbot.bdi.saving import read, restore, write
 from socialbot.bdi.terms import names_in, show
 from socialbot.bdi.trace import Record, Trace, as_text, tee
@@ -25,31 +24,38 @@ from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
 from socialbot.core.errors import ParameterError, SocialbotError
 
 HELP = """\
-+b(1)             believes something from now on (-b(1): no longer; -+b(2): instead of b(1))
-!go               gives it a goal
-?b(X) & X > 1     asks what it believes
-+!go : b(X) <- .print(X).                        adds a plan; rules and beliefs likewise, with a dot at the end
-beliefs [NAME]    what it believes, who says so, since when
-desires           the goals it pursues           intentions        what it does about them, step by step
-plans [NAME]      its plans                      trace on|off      show all that goes on in it
-why [ID|NAME]     what led to a record of the trace, or to the last action
++b(1)             add a belief (-b(1): remove it; -+b(2): replace it)
+!go               add a goal
+?b(X) & X > 1     query the beliefs
++!go : b(X) <- .print(X).                        add a plan; rules and beliefs likewise, with a final dot
+beliefs [NAME]    beliefs, their sources, and the times of their begin
+desires           pursued goals                  intentions        intentions, step by step
+plans [NAME]      plans                          trace on|off      show every event of the agent
+why [ID|NAME]     reasons of a record of the trace, or of the last action
 why-not PLAN ARG, ...                            why a plan would not be chosen now
-time [+5 s]       the time; lets time pass       run [SECONDS]     lets it go on, lets time pass
-hold              stops it after each input      step [N]          lets it make N turns
-load FILE         adds AgentSpeak                save FILE, restore FILE: its mind
+time [+5 s]       show the time; advance it      run [SECONDS]     continue; advance the time
+hold              stop after each input          step [N]          run N reasoning cycles
+load FILE         add AgentSpeak                 save FILE, restore FILE: state of the agent
 help, quit"""
 
-UNITS = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
-PATIENCE_S = 1.0
-"""The reasoning time (s) of an agent per input line, in slices of `TURNS` reasoning cycles."""
+FORMATS = {
+    "time": (r"(\+\s*(?P<number>\d+(\.\d+)?)\s*(?P<unit>ms|s|min|h)?)?", "time +5 s, or +500 ms, +2 min"),
+    "run": (r"(\d+(\.\d*)?\s*s?)?", "run 5"),
+    "step": (r"\d*", "step, or step 3"),
+    "trace": (r"on|off|", "trace on, or trace off"),
+    "why-not": (r".+", "why-not LABEL ARGUMENT, ..."),
+    **{command: (r".+", f"{command} FILE") for command in ("load", "save", "restore")},
+}
+"""Pattern of the arguments of a command, and how to write it; other commands take any."""
+
+UNITS = {"ms": 0.001, None: 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+PATIENCE_S = 1.0  # reasoning time (s) of an agent per input line, in slices of TURNS reasoning cycles
 
 TURNS = 100
 MOST_SOLUTIONS = 50
-LOUD = frozenset({"failure", "dropped"})
-"""The kinds of records that are shown even if the trace is off."""
+LOUD = frozenset({"failure", "dropped"})  # kinds of records that are shown even if the trace is off
 
 _COMMAND = re.compile(r"([a-z][a-z-]*)(?:\s+(.*))?", re.DOTALL)
-_DURATION = re.compile(r"\+\s*(\d+(?:\.\d+)?)\s*([a-z]*)")
 
 
 class Shell:
@@ -62,7 +68,6 @@ class Shell:
     def __init__(self, engine: Engine, write_line: Callable[[str], object] = print) -> None:
         self.engine = engine
         self.clock: Clock = engine.clock
-        self.simulated = isinstance(engine.clock, ManualClock)
         self.write = write_line
         self.trace = Trace()
         self.tracing = False
@@ -70,10 +75,10 @@ class Shell:
         self.text = ""
         self._ended = False
         self._lock = threading.RLock()
-        self._bell = threading.Event()
+        self._wakeup = threading.Event()
         self._stepping = False
         engine.trace.sink = tee(*([engine.trace.sink] if engine.trace.sink else []), self.trace, self._show)
-        engine.actions = _Actions(engine.actions, self)
+        engine.actions = EchoActions(engine.actions)
         if engine.out is None:
             engine.out = lambda text: self.write(f"[{engine.name}] {text}")
 
@@ -81,12 +86,12 @@ class Shell:
 
     def start(self) -> None:
         """Start the thread of the agent, unless its clock is simulated."""
-        if self.simulated:
+        if isinstance(self.clock, ManualClock):
             return
         host = self.engine.wake
 
         def wake() -> None:
-            self._bell.set()
+            self._wakeup.set()
             if host is not None:
                 host()
 
@@ -96,31 +101,29 @@ class Shell:
     def close(self) -> None:
         """End the thread."""
         self._ended = True
-        self._bell.set()
+        self._wakeup.set()
 
     def _serve(self) -> None:
         while not self._ended:
             with self._lock:
-                self._bell.clear()
+                self._wakeup.clear()
                 busy = not self.held and self.engine.run_until_idle(256)
                 due = self.engine.next_wakeup()
             if not busy:
                 late = None if due is None or self.held else max(0.0, (due - self.clock.now()) / SECOND)
-                self._bell.wait(late)
+                self._wakeup.wait(late)
 
-    def _think(self) -> None:
-        if not self.held and self._busy() and self.simulated:
-            self.write(f"It is still busy after {PATIENCE_S} s of real time: run lets it go on.")
-
-    def _busy(self) -> bool:
-        """Run the agent until it is idle; return whether it exceeds `PATIENCE_S`."""
+    def _think(self) -> bool:
+        """Run the agent until it is idle; return whether it exceeds `PATIENCE_S`, and say so in simulated time."""
         end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end:
+        while not self.held and time.monotonic() < end:
             busy = self.engine.run_until_idle(TURNS)
             due = self.engine.next_wakeup()
             if not busy and (due is None or due > self.clock.now()):
                 return False
-        return True
+        if not self.held and isinstance(self.clock, ManualClock):
+            self.write(f"The agent is still busy at {self._seconds(self.clock.now())}: run continues.")
+        return not self.held
 
     # Input
 
@@ -141,63 +144,62 @@ class Shell:
 
     def _handle(self, line: str) -> bool:
         whole = f"{self.text}\n{line}".strip()
-        going_on, self.text = bool(self.text), ""
+        continued, self.text = bool(self.text), ""
         if not whole or whole.startswith("//"):
             return True
-        if not going_on and (found := _COMMAND.fullmatch(whole)) is not None:
+        if not continued and (found := _COMMAND.fullmatch(whole)) is not None:
             word, rest = found[1], (found[2] or "").strip()
             if word in ("quit", "exit"):
                 return False
             command = getattr(self, f"do_{word.replace('-', '_')}", None)
             if command is not None:
+                pattern, usage = FORMATS.get(word, (".*", ""))
+                if not re.fullmatch(pattern, rest, re.DOTALL):
+                    raise ParameterError(f"cannot read {rest!r}", where=word, remedy=f"write {usage}")
                 command(rest)
                 return True
-        if (line.strip() or not going_on) and _wants_more(whole):
+        if (line.strip() or not continued) and _is_incomplete(whole):
             self.text = whole
             return True
-        self._say(whole)
+        self._execute(whole)
         self._think()
         return True
 
-    def _say(self, text: str) -> None:
+    def _execute(self, text: str) -> None:
         """Handle an input without a command: a belief change, goal, query, plan or rule."""
         if text.startswith("!"):
             self._want(parse_literal(text.lstrip("!")))
         elif text.startswith("?"):
             self._ask(text[1:])
         elif text.startswith("-+"):
-            belief = parse_literal(text[2:])
-            belief.check()
-            self._change(partial(self.engine.beliefs.replace, self.engine.beliefs.relation(belief.key)), belief)
+            self._believe(parse_literal(text[2:]), replace=True)
         elif (event := _belief_event(text)) is not None:
-            self._believe(event.literal, event.change)
+            if event.change is Change.REMOVED:
+                self.engine.forget(event.literal)
+            else:
+                self._believe(event.literal)
         elif text.endswith("."):
             self.engine.add_text(text, "<shell>")
-        elif text.startswith(("+", "-", "@")) or "<-" in text or ":-" in text:
+        elif _is_program(text):
             self.engine.add_text(f"{text}.", "<shell>")
         else:
             name = text.partition(" ")[0]
-            raise ParameterError(
-                f"there is no command {name}", remedy=f"help lists them; +{name} believes it, !{name} wants it"
-            )
+            remedy = f"type help for a list; +{name} adds a belief, !{name} a goal"
+            raise ParameterError(f"there is no command {name}", remedy=remedy)
 
-    def _believe(self, belief: Literal, change: Change) -> None:
-        if change is Change.REMOVED:
-            self.engine.forget(belief)  # type: ignore[arg-type]
-        else:
-            belief.check()
-            self._change(partial(self.engine.beliefs.add, self.engine.beliefs.relation(belief.key)), belief)
-
-    def _change(self, change: Callable[..., Any], belief: Literal) -> None:
-        notes = belief.annotations
+    def _believe(self, belief: Literal, *, replace: bool = False) -> None:
+        belief.check()
+        beliefs, notes = self.engine.beliefs, belief.annotations
         notes = notes if any(map(is_source, notes)) else notes + SELF
 
-        def make() -> None:
-            event = change(belief.args, notes, "")
-            if event is not None:
-                self.engine.interpreter.events.append(event[1:])
+        def change() -> None:
+            relation = beliefs.relation(belief.key)
+            if not replace:
+                beliefs.add(relation, belief.args, notes, "")
+            elif (event := beliefs.replace(relation, belief.args, notes, "")) is not None:
+                beliefs.events.append(event[1:])
 
-        self.engine.call(make)
+        self.engine.call(change)
 
     def _want(self, goal: Literal) -> None:
         from socialbot.bdi.stdlib.registry import opened
@@ -227,21 +229,20 @@ class Shell:
         if count == 0:
             self.write("no")
 
-    # Trace
+    def _write_all(self, lines: Iterable[object], noun: str) -> None:
+        """Write each line, or that there are none."""
+        shown = [str(line) for line in lines]
+        for line in shown or [f"no {noun}"]:
+            self.write(line)
 
     def _show(self, record: Record) -> None:
         if self.tracing or self._stepping or record.kind in LOUD:
-            detail = record.detail
-            more = (
-                detail.get("message")
-                or detail.get("reason")
-                or detail.get("label")
-                or detail.get("outcome")
-                or detail.get("text")
-            )
-            self.write(
-                f"  {record.time / SECOND:.3f} s  {record.id}  {record.kind} {record.what}{f': {more}' if more else ''}"
-            )
+            details = (record.detail.get(name) for name in ("message", "reason", "label", "outcome", "text"))
+            more = next((f": {detail}" for detail in details if detail), "")
+            self.write(f"  {self._seconds(record.time)}  {record.id}  {record.kind} {record.what}{more}")
+
+    def _seconds(self, stamp: int) -> str:
+        return f"{stamp / SECOND:.3f} s"
 
     # Commands
 
@@ -249,45 +250,36 @@ class Shell:
         self.write(HELP)
 
     def do_beliefs(self, rest: str) -> None:
-        found = [
-            (str(held.belief), held.source, f"{held.since / SECOND:.3f} s")
-            for held in self.engine.beliefs
-            if not rest or held.belief.functor == rest
-        ]
-        for line in _columns(sorted(found)):
-            self.write(line)
-        if not found:
-            self.write("no beliefs")
+        held = [held for held in self.engine.beliefs if not rest or held.belief.functor == rest]
+        rows = sorted((str(one.belief), one.source, self._seconds(one.since)) for one in held)
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+        self._write_all(lines, "beliefs")
 
     def do_desires(self, rest: str) -> None:
-        for desire in self.engine.mind().desires:
-            self.write(str(desire))
-        if not self.engine.mind().desires:
-            self.write("no desires")
+        self._write_all(self.engine.mind().desires, "desires")
 
     def do_intentions(self, rest: str) -> None:
+        lines = []
         for intention in self.engine.intentions:
-            because = f": {intention.because}" if intention.because else ""
-            self.write(f"#{intention.number} {intention.state}{because}")
-            for level in reversed(intention.stack(self.engine.library.goals)):
-                self.write(f"    {level}")
-        if not self.engine.intentions:
-            self.write("no intentions")
+            lines.append(
+                f"#{intention.number} {intention.state}{f': {intention.because}' if intention.because else ''}"
+            )
+            lines += [f"    {level}" for level in reversed(intention.stack(self.engine.library.goals))]
+        self._write_all(lines, "intentions")
 
     def do_plans(self, rest: str) -> None:
-        plans = [
-            plan for plan in self.engine.library if not rest or rest in (plan.label, plan.event.literal.functor)
-        ]  # fmt: skip
-        for plan in plans:
-            self.write(_written(plan))
-        for inference in () if rest else _inferences(self.engine):
-            self.write(inference)
-        if not plans:
-            self.write("no plans")
+        library = self.engine.library
+        plans = [plan for plan in library if not rest or rest in (plan.label, plan.event.literal.functor)]
+        lines = [
+            agentspeak(plan) if plan.text is not None else f"{plan.label}: {plan}" if plan.label else str(plan)
+            for plan in plans
+        ]
+        rules = [ready.inference for inferences in library.inferences.values() for ready in inferences if not rest]
+        lines += [str(rule) if rule.text is None else agentspeak(rule) for rule in rules]
+        self._write_all(lines, "plans")
 
     def do_trace(self, rest: str) -> None:
-        if rest not in ("on", "off", ""):
-            raise ParameterError(f"trace {rest}", remedy="write trace on, or trace off")
         self.tracing = rest == "on" if rest else not self.tracing
         self.write(f"trace {'on' if self.tracing else 'off'}")
 
@@ -301,45 +293,33 @@ class Shell:
             return f"{self.engine.name}-{what}"
         found = self.trace.find(what=what) if what else self.trace.find("action")
         if not found:
-            raise ParameterError(
-                f"nothing on the trace is called {what}" if what else "it has done nothing yet",
-                remedy="trace on shows what happens, and its ids",
-            )
+            problem = f"the trace has no {what}" if what else "the agent has done nothing yet"
+            raise ParameterError(problem, remedy="trace on shows all events with their ids")
         return max(found, key=lambda record: (record.kind == "action", record.time, found.index(record))).id
 
     def do_why_not(self, rest: str) -> None:
         label, _, args = rest.partition(" ")
-        if not label:
-            raise ParameterError("why-not what?", remedy="write why-not LABEL ARGUMENT, ...")
         terms = parse_term(f"[{args}]") if args.strip() else ()
         assert isinstance(terms, tuple)
         if names_in(terms):
-            raise ParameterError("a variable is no value", remedy="give the arguments of the event you think of")
+            raise ParameterError("an argument is a variable", where="why-not", remedy="write the values of the event")
         self.write(self.engine.why_not(label, *terms))
 
     def do_time(self, rest: str) -> None:
-        if rest:
-            found = _DURATION.fullmatch(rest)
-            if found is None or (found[2] or "s") not in UNITS:
-                raise ParameterError(
-                    f"cannot read {rest!r}", where="time", remedy="write time +5 s, or +500 ms, +2 min"
-                )
-            self._pass(float(found[1]) * UNITS[found[2] or "s"])
-        self.write(f"{self.clock.now() / SECOND:.3f} s")
+        if found := re.fullmatch(FORMATS["time"][0], rest):
+            self._pass(float(found["number"] or 0) * UNITS[found["unit"]])
+        self.write(self._seconds(self.clock.now()))
 
     def do_run(self, rest: str) -> None:
         self.held = False
-        self._bell.set()
+        self._wakeup.set()
         self._think()
-        if rest:
-            try:
-                seconds = float(rest.removesuffix("s"))
-            except ValueError:
-                raise ParameterError(f"cannot read {rest!r}", where="run", remedy="write run 5") from None
-            self._pass(seconds)
+        self._pass(float(rest.rstrip("s ") or 0))
 
     def _pass(self, seconds: float) -> None:
         """Advance the time from one scheduled event to the next."""
+        if seconds == 0:
+            return
         if not isinstance(self.clock, ManualClock):
             self._lock.release()
             try:
@@ -351,43 +331,39 @@ class Shell:
         self._think()
         while (due := self.engine.next_wakeup()) is not None and due <= end and not self.held:
             self.clock.set(max(due, self.clock.now()))
-            if self._busy():
-                self.write(f"It is still busy at {self.clock.now() / SECOND:.3f} s: run lets it go on.")
+            if self._think():
                 return
         self.clock.set(end)
         self._think()
 
     def do_hold(self, rest: str) -> None:
         self.held = True
-        self.write("It stands still: step lets it make a turn, run lets it go on.")
+        self.write("The agent is stopped: step runs a reasoning cycle, run continues.")
 
     def do_step(self, rest: str) -> None:
-        if rest and not rest.isdigit():
-            raise ParameterError(f"cannot read {rest!r}", where="step", remedy="write step, or step 3")
         self.held = self._stepping = True
         try:
             for _ in range(int(rest or 1)):
                 if not self.engine.run_until_idle(1):
-                    self.write("Nothing is left to do now.")
+                    self.write("The agent is idle.")
                     break
         finally:
             self._stepping = False
 
     def do_load(self, rest: str) -> None:
-        path = Path(_file(rest, "load"))
-        self.engine.add_text(path.read_text("utf-8"), str(path))
+        self.engine.add_text(Path(rest).read_text("utf-8"), rest)
         self._think()
 
     def do_save(self, rest: str) -> None:
-        write(self.engine, _file(rest, "save"))
-        self.write(f"saved {len(self.engine.beliefs)} beliefs, {len(self.engine.intentions)} intentions")
+        write(self.engine, rest)
+        self.write(f"saved beliefs: {len(self.engine.beliefs)}, intentions: {len(self.engine.intentions)}")
 
     def do_restore(self, rest: str) -> None:
-        data = read(_file(rest, "restore"))
+        data = read(rest)
         restore(self.engine, data)
         if isinstance(self.clock, ManualClock):
             self.clock.set(max(self.clock.now(), data["time"]))
-        self.write(f"restored {len(self.engine.beliefs)} beliefs, {len(data['pursuits'])} goals and events")
+        self.write(f"restored beliefs: {len(self.engine.beliefs)}, goals and events: {len(data['pursuits'])}")
         self._think()
 
     def completions(self, text: str) -> list[str]:
@@ -400,19 +376,18 @@ class Shell:
         return [name for name in names if name.startswith(text)]
 
 
-class _Actions(dict[str, Any]):
+class EchoActions(dict[str, Any]):
     """The actions of an agent. An unknown action is only printed."""
 
-    def __init__(self, known: dict[str, Any], shell: Shell) -> None:
-        super().__init__(known)
-        self.shell = shell
-
     def get(self, name: str, default: Any = None) -> Any:
-        return super().get(name) or partial(self._print, name)
+        return super().get(name) or partial(_print_action, name)
 
-    def _print(self, name: str, engine: Engine, *args: object) -> None:
-        shown = f"({', '.join(map(show, args))})" if args else ""
-        self.shell.write(f"[{engine.name}] does {name}{shown}")
+
+def _print_action(name: str, engine: Engine, *args: object) -> None:
+    from socialbot.bdi.stdlib.environment import spelled
+
+    if engine.out is not None:
+        engine.out(f"does {spelled(literal(name, args))}")
 
 
 def _belief_event(text: str) -> Any:
@@ -426,34 +401,16 @@ def _belief_event(text: str) -> Any:
     return event if event.change in (Change.ADDED, Change.REMOVED) else None
 
 
-def _wants_more(text: str) -> bool:
+def _is_program(text: str) -> bool:
+    return text.startswith(("+", "-", "@", "{")) or "<-" in text or ":-" in text
+
+
+def _is_incomplete(text: str) -> bool:
     """Whether a text is an incomplete plan or rule, without its final dot."""
     if text.endswith(".") or text.startswith(("!", "?", "-+")) or _belief_event(text) is not None:
         return False
-    return text.startswith(("+", "-", "@", "{")) or "<-" in text or ":-" in text
+    return _is_program(text)
 
 
 def _solution(found: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {show(value)}" for name, value in found.items() if not name.startswith("_"))
-
-
-def _columns(rows: list[tuple[str, ...]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-
-
-def _written(plan: Plan) -> str:
-    return agentspeak(plan) if plan.text is not None else f"{plan.label + ': ' if plan.label else ''}{plan}"
-
-
-def _inferences(engine: Engine) -> Iterator[str]:
-    for inferences in engine.library.inferences.values():
-        for ready in inferences:
-            yield agentspeak(ready.inference) if ready.inference.text is not None else str(ready.inference)
-
-
-def _file(name: str, command: str) -> str:
-    if not name:
-        raise ParameterError("which file?", where=command, remedy=f"write {command} FILE")
-    return name

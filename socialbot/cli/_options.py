@@ -1,23 +1,21 @@
-"""Shared command options, their shell completion, and the parser of ``--set``."""
+"""Shared command options and their shell completion, and what commands do with their arguments."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import ParameterError, SocialbotError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from socialbot.graph.node import Graph
 
 PORT = 8765
-"""Default port of the inspector."""
-
-
-class _CommandContext(Protocol):
-    """Context of a command line that is being completed."""
-
-    params: Mapping[str, Any]
 
 
 def graph_names(incomplete: str) -> list[str]:
@@ -28,7 +26,7 @@ def graph_names(incomplete: str) -> list[str]:
     return [*names, *paths(incomplete, (".yaml", ".yml"))]
 
 
-def node_names(ctx: _CommandContext, incomplete: str) -> list[str]:
+def node_names(ctx: typer.Context, incomplete: str) -> list[str]:
     """Complete a node of the graph that ``--graph`` names; nothing if the graph is unreadable."""
     from socialbot.graph.files import load_graph
 
@@ -37,7 +35,7 @@ def node_names(ctx: _CommandContext, incomplete: str) -> list[str]:
         graph = load_graph(ctx.params.get("graph") or "waldo")
     except SocialbotError:
         return []
-    names = (config.name for config in graph.placements)
+    names = (config.name for config in graph.nodes)
     return [name for name in names if name.startswith(incomplete) and name not in given]
 
 
@@ -65,7 +63,69 @@ def paths(incomplete: str, suffixes: tuple[str, ...]) -> Iterator[str]:
             yield f"{name}/" if path.is_dir() else name
 
 
-GraphArgument = Annotated[str, typer.Argument(help="A built-in graph or a graph file.", autocompletion=graph_names)]
+def join(file: str, machine: str | None) -> tuple[Graph, dict[str, str]]:
+    """Join the ROS domain of the graph or deployment in ``file``, as ``machine``, by default this one.
+
+    Returns:
+        The graph, and the machine of each node ("" without a deployment).
+
+    Raises:
+        GraphError: The file is not a valid graph or deployment.
+        ParameterError: ``machine`` is given without a deployment.
+    """
+    from socialbot.graph.files import load_graph
+    from socialbot.runtime.deployment import is_deployment, load_deployment
+
+    if is_deployment(file):
+        from socialbot.runtime.machine import enter
+
+        deployment = load_deployment(Path(file))
+        enter(deployment, machine or deployment.this_machine())
+        machines = {node.name: name for name in deployment.machines for node in deployment.half(name)}
+        return deployment.graph, {node.name: machines[node.name] for node in deployment.graph.nodes}
+    expect_no_machine(machine)
+    graph = load_graph(file)
+    return graph, {node.name: "" for node in graph.nodes}
+
+
+def expect_no_machine(machine: str | None) -> None:
+    """Raise ParameterError if a machine is given without a deployment."""
+    if machine is not None:
+        raise ParameterError("only deployments have machines", where="--machine", remedy="give a deployment file")
+
+
+def read_text(file: Path, error: type[SocialbotError]) -> str:
+    """Read a file, or raise ``error``."""
+    try:
+        return file.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
+        raise error(f"cannot be read: {reason}", where=str(file), remedy="check the path") from problem
+
+
+def plain_table(*columns: str, right: Sequence[str] = ()) -> Table:
+    """Return a table without lines. Columns of ``columns`` fold long texts, numbers in the columns ``right`` do not."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in columns:
+        table.add_column(heading, overflow="fold")
+    for heading in right:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def many(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural if needed."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def times(count: int) -> str:
+    """Return how often something happened."""
+    return "once" if count == 1 else f"{count} times"
+
+
+GraphArgument = Annotated[str, typer.Argument(help="Built-in graph or graph file.", autocompletion=graph_names)]
 RunArgument = Annotated[
     Path | None, typer.Argument(help="Folder of a run; default: the newest in runs/.", autocompletion=run_folders)
 ]

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from socialbot.runtime.run import RunResult
     from socialbot.vision.metrics.scores import Scores
 
-MAX_PAGE_BYTES = 20_000_000
-"""Maximum trace size of a live run for a page; a longer trace would delay the exit."""
+MAX_PAGE_BYTES = 20_000_000  # maximum trace size of a live run for a page; a longer trace would delay the exit
 
 
 def print_outcome(console: Console, result: RunResult) -> None:
@@ -28,7 +27,7 @@ def print_outcome(console: Console, result: RunResult) -> None:
     if result.scores is not None:
         console.print(scores_table(result.scores))
     if result.decisions is not None:
-        console.print(result.decisions.told, soft_wrap=True, markup=False)
+        console.print(result.decisions.text, soft_wrap=True, markup=False)
     for topic, skipped in result.results.get("bag", {}).get("skipped", {}).items():
         text = f"{topic}: {skipped['count']} damaged messages skipped: {skipped['first']}"
         console.print(f"[yellow]warning[/] {escape(text)}", soft_wrap=True)

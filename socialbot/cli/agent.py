@@ -6,6 +6,7 @@ import importlib
 import logging
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,24 +19,24 @@ if TYPE_CHECKING:
     from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import Clock
 
-agent = typer.Typer(help="Runs an agent by itself, to try it out.", no_args_is_help=True)
+agent = typer.Typer(help="Try out a single agent without a robot.", no_args_is_help=True)
 
 
 @agent.callback()
 def root() -> None:
-    """Runs an agent by itself, to try it out."""
+    """Try out a single agent without a robot."""
 
 
 @agent.command()
 def shell(
-    files: Annotated[list[Path] | None, typer.Argument(metavar="[FILE.asl]...", help="AgentSpeak to load.")] = None,
+    files: Annotated[list[Path] | None, typer.Argument(metavar="FILE.asl", help="AgentSpeak files.")] = None,
     load: Annotated[
         str | None,
-        typer.Option(metavar="MODULE:FUNCTION", help="An agent in Python: a function that makes an Engine of a clock."),
+        typer.Option(metavar="MODULE:FUNCTION", help="Agent in Python: a function that returns an Engine for a clock."),
     ] = None,
-    name: Annotated[str, typer.Option(help="The agent's name.")] = "agent",
+    name: Annotated[str, typer.Option(help="Name of the agent.")] = "agent",
     clock: Annotated[
-        Literal["simulated", "wall"], typer.Option(help="simulated: time passes when you say so; wall: by itself.")
+        Literal["simulated", "wall"], typer.Option(help="simulated: commands advance the time; wall: real time.")
     ] = "simulated",
 ) -> None:
     """Open an interactive shell for an agent: beliefs, goals, queries, plans and time. Type help for its commands."""
@@ -83,15 +84,13 @@ def _lines(opened: Shell) -> Iterator[str]:
     if not sys.stdin.isatty():
         yield from sys.stdin
         return
-    try:
+    with suppress(ImportError):
         import readline
-    except ImportError:
-        pass
-    else:
+
         readline.set_completer_delims(" ,()&|")
         readline.set_completer(lambda text, state: dict(enumerate(opened.completions(text))).get(state))
         readline.parse_and_bind("tab: complete")
-    typer.echo(f"Agent {opened.engine.name}; help lists what you can type, Ctrl-D ends.")
+    typer.echo(f"Agent {opened.engine.name}: help lists the commands, Ctrl-D ends.")
     while True:
         try:
             yield input(opened.prompt)

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import json
 import logging
+import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._options import many, read_text
+from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ParameterError, RuleError
+from socialbot.core.process import ENDING_SIGNALS, Ending
 
 if TYPE_CHECKING:
     from socialbot.bdi.agentspeak import Program
-    from socialbot.bdi.engine import Engine
     from socialbot.bdi.society import Society
     from socialbot.bdi.trace import Record
 
-asl = typer.Typer(help="Runs and checks agents that are written in AgentSpeak.", no_args_is_help=True)
+asl = typer.Typer(help="Run and check agents written in AgentSpeak.", no_args_is_help=True)
 
-FilesArgument = Annotated[list[Path], typer.Argument(metavar="FILE.asl", help="The texts of the agents.")]
+FilesArgument = Annotated[list[Path], typer.Argument(metavar="FILE.asl", help="AgentSpeak programs.")]
 
 COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_red", "bright_cyan", "bright_green")
 
@@ -33,49 +37,46 @@ COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_red", "bright_cy
 def run(
     files: FilesArgument,
     agents: Annotated[
-        str | None, typer.Option(help="Names, with commas between them: one per file, or several agents of one file.")
+        str | None, typer.Option(help="Names separated by commas: one per file, or several agents of one file.")
     ] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="End after so many turns of reasoning.")] = None,
-    until: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="End after so long.")] = None,
-    trace: Annotated[
-        Path | None, typer.Option(help="Write what the agents believe, want and do, as JSON lines.")
-    ] = None,
-    echo: Annotated[
-        bool, typer.Option("--echo", help="Print actions that nobody has programmed; else they fail.")
-    ] = False,
+    steps: Annotated[int | None, typer.Option(min=1, help="Limit of reasoning cycles, of all agents together.")] = None,
+    until: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Time limit.")] = None,
+    trace: Annotated[Path | None, typer.Option(help="Write the trace of all agents as JSON lines.")] = None,
+    echo: Annotated[bool, typer.Option("--echo", help="Print unknown actions instead of failing.")] = False,
 ) -> None:
     """Run agents together until they are idle, or until Ctrl-C. By default an agent has the name of its file."""
     from socialbot.bdi.agentspeak.loading import begin, library_of
     from socialbot.bdi.engine import Engine
     from socialbot.bdi.society import Society
-    from socialbot.core.clock import WallClock
-    from socialbot.core.process import Ending
+    from socialbot.cli._agent_shell import EchoActions
 
     names = _names(files, agents)
-    programs = [_program(_read(file), str(file)) for file in files]
+    programs = [_program(read_text(file, RuleError), str(file)) for file in files]
     if len(files) == 1:
         programs *= len(names)
     libraries = {id(program): library_of(program) for program in programs}
     clock = WallClock()
     society = Society(clock)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
-    with _tracing(trace) as sink, _warnings(errors):
+    with _tracing(trace) as sink, _warnings():
         for number, (name, program) in enumerate(zip(names, programs, strict=True)):
             engine = Engine(name, clock, sink=sink, library=libraries[id(program)])
             engine.out = _printer(console, name, COLORS[number % len(COLORS)])
             if echo:
-                engine.actions = _Echo(engine)
+                engine.actions = EchoActions()
             society.add(engine)
             begin(engine, program)
-        with Ending().on_signals() as ending:
-            _stop_on_signals(society, ending)
+        with Ending().on_signals():
+            for number in ENDING_SIGNALS:
+                signal.signal(number, lambda *_: society.stop())
             if steps is not None:
                 _run_steps(society, steps, until)
             else:
                 society.run(linger=False, seconds=until)
-    waiting = sum(len(engine.intentions) for engine in society.agents.values())
-    if waiting and steps is None and until is None and not ending.asked:
-        errors.print(_waiting(society), style="dim", soft_wrap=True, markup=False)
+    if steps is None and until is None and not society.stopping:
+        for engine in society.agents.values():
+            for intention in list(engine.intentions)[:3]:
+                errors.print(f"{engine.name} still waits: {intention}", style="dim", soft_wrap=True, markup=False)
 
 
 @asl.command()
@@ -87,7 +88,7 @@ def check(files: FilesArgument) -> None:
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     failed = False
     for file in files:
-        text = _read(file)
+        text = read_text(file, RuleError)
         problems = problems_in(text, str(file))
         for problem in problems:
             errors.print(Text.assemble(("error: ", "bold red"), str(problem)), soft_wrap=True)
@@ -97,19 +98,6 @@ def check(files: FilesArgument) -> None:
             console.print(f"{name}ok: {_summary(parse(text, str(file)))}", soft_wrap=True, markup=False)
     if failed:
         raise typer.Exit(AgentSpeakError.exit_code)
-
-
-# Texts
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "is no UTF-8 text"
-        raise RuleError(
-            f"cannot be read: {reason}", where=str(file), remedy="give the path of an .asl file"
-        ) from problem
 
 
 def _program(text: str, file: str) -> Program:
@@ -136,35 +124,16 @@ def _names(files: list[Path], agents: str | None) -> list[str]:
         )
     if "" in names:
         raise RuleError("a name is missing", where="--agents", remedy="write the names with single commas: a,b")
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise RuleError(f"there are two agents {twice}", remedy="give names that differ: --agents a,b")
     return names
 
 
 def _summary(program: Program) -> str:
-    counts = {
-        "plan": len(program.plans),
-        "rule": len(program.inferences),
-        "belief": len(program.beliefs),
-        "goal": len(program.goals),
-    }
-    return ", ".join(_many(count, noun) for noun, count in counts.items() if count or noun != "rule")
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-# Running
+    counts = {"plan": program.plans, "rule": program.inferences, "belief": program.beliefs, "goal": program.goals}
+    return ", ".join(many(len(found), noun) for noun, found in counts.items() if found or noun != "rule")
 
 
 def _run_steps(society: Society, steps: int, until: float | None) -> None:
     """Run at most ``steps`` reasoning cycles in total; sleep while all agents wait."""
-    import time
-
-    from socialbot.core.clock import SECOND
-
     end = None if until is None else society.clock.now() + round(until * SECOND)
     while steps > 0 and not society.stopping and (end is None or society.clock.now() < end):
         if society.run_until_idle(1, turns=1):
@@ -177,51 +146,10 @@ def _run_steps(society: Society, steps: int, until: float | None) -> None:
         time.sleep(min(0.1, max(0.0, (wake - society.clock.now()) / SECOND)))
 
 
-def _stop_on_signals(society: Society, ending: Any) -> None:
-    """Stop the society on a signal."""
-    import signal
-
-    from socialbot.core.process import ENDING_SIGNALS
-
-    def stop(signum: int, frame: Any) -> None:
-        ending.ask(signum, frame)
-        society.stop()
-
-    for number in ENDING_SIGNALS:
-        signal.signal(number, stop)
-
-
 def _printer(console: Console, name: str, color: str) -> Callable[[str], None]:
     if not console.is_terminal:
         return lambda text: print(f"[{name}] {text}", flush=True)
     return lambda text: console.print(Text.assemble((f"[{name}]", color), f" {text}"), soft_wrap=True)
-
-
-class _Echo(dict[str, Any]):
-    """Actions that only print themselves."""
-
-    def __init__(self, engine: Engine) -> None:
-        super().__init__()
-        self.engine = engine
-
-    def get(self, name: str, default: Any = None) -> Any:
-        from socialbot.bdi.literals import literal
-        from socialbot.bdi.stdlib.environment import spelled
-
-        return lambda engine, *args: engine.out(f"does {spelled(literal(name, args))}")
-
-
-def _waiting(society: Society) -> str:
-    """Describe the pending intentions of agents without future events."""
-    lines = [
-        f"{engine.name} still waits: {intention}"
-        for engine in society.agents.values()
-        for intention in list(engine.intentions)[:3]
-    ]
-    return "\n".join(lines[:10])
-
-
-# Output
 
 
 @contextmanager
@@ -239,19 +167,12 @@ def _tracing(file: Path | None) -> Iterator[Callable[[Record], None] | None]:
         yield lambda record: print(json.dumps(asdict(record), default=agentspeak), file=lines)
 
 
-class _Warnings(logging.Handler):
-    def __init__(self, console: Console) -> None:
-        super().__init__(logging.WARNING)
-        self.console = console
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.console.print(Text.assemble(("warning: ", "yellow"), record.getMessage()), soft_wrap=True)
-
-
 @contextmanager
-def _warnings(console: Console) -> Iterator[None]:
-    """Show warnings of agents."""
-    log, handler = logging.getLogger("socialbot.bdi"), _Warnings(console)
+def _warnings() -> Iterator[None]:
+    """Show warnings of agents on stderr."""
+    log, handler = logging.getLogger("socialbot.bdi"), logging.StreamHandler()
+    handler.setLevel(logging.WARNING)
+    handler.setFormatter(logging.Formatter("warning: %(message)s"))
     propagate, log.propagate = log.propagate, False
     log.addHandler(handler)
     try:
@@ -259,6 +180,3 @@ def _warnings(console: Console) -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.propagate = propagate
-
-
-__all__ = ["asl"]

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bags import codec
-from socialbot.cli._options import BagArgument, ParentOption
+from socialbot.cli._options import BagArgument, ParentOption, plain_table
 from socialbot.cli._progress import bar
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
@@ -26,22 +26,26 @@ if TYPE_CHECKING:
 
 bag = typer.Typer(help="Inspect, make, record, convert and play bags.", no_args_is_help=True)
 
+OutArgument = Annotated[Path, typer.Argument(help="New bag folder.")]
+StorageOption = Annotated[str, typer.Option(help="mcap or sqlite3.")]
+DurationOption = Annotated[float | None, typer.Option(metavar="SECONDS", help="Time limit.")]
+
 
 @bag.command()
 def play(
     path: BagArgument,
-    graph: Annotated[str | None, typer.Option(help="Feed this graph: wait for it, and use its topics.")] = None,
-    image_topic: Annotated[str | None, typer.Option(help="The pictures to feed the graph with.")] = None,
-    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="1 is as recorded.")] = 1.0,
-    pace: Annotated[bool, typer.Option(help="Wait for the graph's answer to each picture.")] = True,
-    report: Annotated[Path | None, typer.Option(hidden=True, help="Write here, as JSON, how it went.")] = None,
+    graph: Annotated[str | None, typer.Option(help="Wait for this graph, and play into its topics.")] = None,
+    image_topic: Annotated[str | None, typer.Option(help="Image topic of the bag for the graph.")] = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed; 1 is as recorded.")] = 1.0,
+    pace: Annotated[bool, typer.Option(help="Wait until the graph has processed each image.")] = True,
+    report: Annotated[Path | None, typer.Option(hidden=True, help="Write the result as JSON.")] = None,
     parent: ParentOption = None,
 ) -> None:
-    """Play a bag into ROS, with /clock. Without --graph: every topic, under its own name."""
+    """Play a bag into ROS, with /clock; without --graph, every topic under its own name."""
     import msgspec
 
+    from socialbot.bags.playback import feeding
     from socialbot.bags.reader import open_bag
-    from socialbot.bags.topic_mapping import feeding
     from socialbot.bridge.player import PlaybackOptions, play_bag
     from socialbot.graph.files import load_graph
 
@@ -56,7 +60,7 @@ def play(
         played = play_bag(opened, topics, playing, parent=parent)
     if report is not None:
         report.write_bytes(msgspec.json.encode(played))
-    typer.echo(f"played {played.sent} messages, {played.unanswered} pictures were not answered in time")
+    typer.echo(f"played {played.sent} messages, {played.unanswered} images were not answered in time")
 
 
 _YEAR_2000 = 946_684_800 * SECOND
@@ -65,17 +69,26 @@ _YEAR_2000 = 946_684_800 * SECOND
 @bag.command()
 def info(
     path: BagArgument,
-    quick: Annotated[bool, typer.Option("--quick", help="Do not read every message to look for damage.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Skip the search for damaged messages.")] = False,
 ) -> None:
     """Show the topics of a bag, and any damage."""
     from socialbot.bags.reader import open_bag
 
-    console = Console()
+    console = Console(highlight=False)
     with open_bag(path) as opened:
-        pictures = {topic.name: _picture(opened, topic) for topic in opened.image_topics}
-        break_off = None if quick else _check(opened)
-        console.print(f"[bold]{escape(opened.path.name)}[/]  {_length(opened)}", highlight=False)
-        console.print(_table(opened, pictures, checked=not quick))
+        images = {topic.name: _picture(opened, topic) for topic in opened.image_topics}
+        break_off = None
+        try:
+            if not quick:
+                opened.check()
+        except BagError as error:
+            break_off = error
+        # Imported bags have no meaningful start time.
+        began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
+        since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
+        count = sum(topic.count for topic in opened.topics)
+        console.print(f"[bold]{escape(opened.path.name)}[/]  {opened.duration_s:.1f} s, {count} messages{since}")
+        console.print(_table(opened, images, checked=not quick))
         for topic, skipped in sorted(opened.skipped.items()):
             console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
         for what in opened.damage:
@@ -86,21 +99,21 @@ def info(
 
 @bag.command(name="import")
 def import_(
-    source: Annotated[str, typer.Argument(help="A video file, a folder of images, or a camera (0, /dev/video0).")],
-    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
-    rate: Annotated[float, typer.Option(help="Images a second, for a folder.")] = 10.0,
-    start: Annotated[float, typer.Option(help="Stamp of the first picture, in seconds; not for a camera.")] = 1.0,
-    hfov: Annotated[float, typer.Option(help="What the camera sees from left to right, in degrees.")] = 60.0,
+    source: Annotated[str, typer.Argument(help="Video file, folder of images, or camera (0, /dev/video0).")],
+    out: OutArgument,
+    rate: Annotated[float, typer.Option(help="Image rate of a folder, Hz.")] = 10.0,
+    start: Annotated[float, typer.Option(help="Stamp of the first image, s; not for a camera.")] = 1.0,
+    hfov: Annotated[float, typer.Option(help="Horizontal field of view, degrees.")] = 60.0,
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
-    width: Annotated[int | None, typer.Option(help="Make pictures this wide.")] = None,
-    topic: Annotated[str, typer.Option(help="The topic of the pictures.")] = "/camera/image_raw/compressed",
-    duration: Annotated[float | None, typer.Option(help="Take no more than this many seconds.")] = None,
+    width: Annotated[int | None, typer.Option(help="Scale images to this width, pixels.")] = None,
+    topic: Annotated[str, typer.Option(help="Topic of the images.")] = "/camera/image_raw/compressed",
+    duration: DurationOption = None,
 ) -> None:
     """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
     from socialbot.vision.camera import is_device, open_frames
 
-    with Ending().on_signals() as ending, bar(f"writing {out}", "pictures") as advance:
+    with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:
         made = import_bag(
             source,
             out,
@@ -116,15 +129,15 @@ def import_(
             advance=advance,
         )
     size = f"{made.width}x{made.height}"
-    Console().print(f"{made.images} pictures of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
+    Console().print(f"{made.images} images of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
 
 
 @bag.command()
 def record(
-    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
-    topics: Annotated[list[str] | None, typer.Option(help="A topic; give it again for more. All by default.")] = None,
-    duration: Annotated[float | None, typer.Option(help="End after this many seconds.")] = None,
-    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+    out: OutArgument,
+    topics: Annotated[list[str] | None, typer.Option(help="Topic, repeatable; default: all.")] = None,
+    duration: DurationOption = None,
+    storage: StorageOption = "mcap",
 ) -> None:
     """Record ROS topics, until Ctrl-C or for a duration."""
     from socialbot.bridge import recorder
@@ -140,18 +153,18 @@ def record(
     for topic, why in made.refused.items():
         console.print(f"[yellow]not recorded[/]: {escape(topic)}: {escape(why)}", highlight=False)
     for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
-        console.print(f"[yellow]nothing came on[/] /{escape(topic)}", highlight=False)
+        console.print(f"[yellow]no messages on[/] /{escape(topic)}", highlight=False)
     console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
 
 
 @bag.command()
 def convert(
     source: BagArgument,
-    out: Annotated[Path, typer.Argument(help="The bag folder to make.")],
+    out: OutArgument,
     wire: Annotated[
         Literal["json", "typed"], typer.Option(help="json: text in std_msgs/String; typed: socialbot_msgs.")
     ],
-    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+    storage: StorageOption = "mcap",
 ) -> None:
     """Convert the structured messages of a bag to JSON or to their own ROS types, without loss."""
     from socialbot.bags.conversion import convert_bag
@@ -166,44 +179,21 @@ def convert(
     console.print(f"{made.messages} messages in {made.path}, {made.converted} of them now {wire}")
 
 
-def _check(opened: Bag) -> BagError | None:
-    try:
-        opened.check()
-    except BagError as error:
-        return error
-    return None
-
-
-def _length(opened: Bag) -> str:
-    # Imported bags have no meaningful start time.
-    began = datetime.fromtimestamp(opened.start / SECOND, timezone.utc)
-    since = f", from {began:%Y-%m-%d %H:%M:%S} UTC" if opened.start > _YEAR_2000 else ""
-    return f"{opened.duration_s:.1f} s, {sum(topic.count for topic in opened.topics)} messages{since}"
-
-
-def _table(opened: Bag, pictures: Mapping[str, str], *, checked: bool) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column("topic", overflow="fold", style="bold")
-    table.add_column("type", overflow="fold")
-    for name in ("count", "Hz", "damaged") if checked else ("count", "Hz"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("picture", overflow="fold")
+def _table(opened: Bag, images: Mapping[str, str], *, checked: bool) -> Table:
+    table = plain_table("topic", "type", right=("count", "Hz", "damaged") if checked else ("count", "Hz"))
+    table.add_column("image", overflow="fold")
+    table.padding = (0, 1, 0, 0)
     for topic in opened.topics:
-        cells = [topic.name, _type(topic), str(topic.count), _rate(opened, topic)]
+        # Short names of known types keep the line within 80 characters.
+        known = topic.type in codec.decodable_types()
+        kind = topic.type.rpartition("/")[2] if known else topic.type.replace("/msg/", "/")
+        rate = f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
+        cells = [f"[bold]{escape(topic.name)}[/]", kind, str(topic.count), rate]
         if checked:
             skipped = opened.skipped.get(topic.name)
             cells.append(f"[red]{skipped.count}[/]" if skipped else "0")
-        table.add_row(*cells, escape(pictures.get(topic.name, "")))
+        table.add_row(*cells, escape(images.get(topic.name, "")))
     return table
-
-
-def _type(topic: BagTopic) -> str:
-    # Short names of known types keep the line within 80 characters.
-    return topic.type.rpartition("/")[2] if topic.type in codec.decodable_types() else topic.type.replace("/msg/", "/")
-
-
-def _rate(opened: Bag, topic: BagTopic) -> str:
-    return f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
 
 
 def _picture(opened: Bag, topic: BagTopic) -> str:
@@ -217,12 +207,10 @@ def _picture(opened: Bag, topic: BagTopic) -> str:
             if isinstance(message, CompressedImage):
                 pixels = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED) if message.data.size else None
                 size = "unreadable" if pixels is None else f"{pixels.shape[1]}x{pixels.shape[0]}"
-                return f"{size} {_format(message.format)}"
+                # Drivers write ``jpeg`` or ``bgr8; jpeg compressed bgr8``.
+                name = message.format
+                known = (kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name)
+                return f"{size} {next(known, name)}"
     except BagError:
-        return ""
+        pass
     return ""
-
-
-def _format(name: str) -> str:
-    """Shorten an image format: drivers write ``jpeg`` or ``bgr8; jpeg compressed bgr8``."""
-    return next((kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name), name)

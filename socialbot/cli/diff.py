@@ -13,8 +13,7 @@ from socialbot.cli._runs import opened_run, print_found
 if TYPE_CHECKING:
     from socialbot.runs.difference import Difference
 
-DIFFERENT = 1
-"""Exit code of runs with different decisions."""
+DIFFERENT = 1  # exit code of runs with different decisions
 
 
 def diff(

@@ -10,6 +10,7 @@ import sys
 import textwrap
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -19,14 +20,15 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding
-from socialbot.core.errors import InstallationError, SocialbotError
+from socialbot.cli._options import JsonOption, many
+from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
 
 OLDEST, NEWEST = (3, 10), (3, 14)
-"""The Python versions with ROS wheels."""
 
 GB = 1_000_000_000
-ROOM_BYTES = 1 * GB
+MIN_FREE_BYTES = 1 * GB
 OPENCV = "opencv-python-headless"
 _OPENCV_WHEELS = (OPENCV, "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
 _PACKAGES = ("msgspec", "numpy", "rich", "rosbags", "ruamel.yaml", "typer")
@@ -34,24 +36,18 @@ _PACKAGES = ("msgspec", "numpy", "rich", "rosbags", "ruamel.yaml", "typer")
 
 def examine(*, quick: bool = False) -> Iterator[Finding]:
     """Run all checks. With ``quick``, skip the round trip over DDS, which takes seconds."""
-    from socialbot.bridge import ros_checks
-
     for check in (*FIRST_CHECKS, *ros_checks.CHECKS, *LAST_CHECKS):
         if quick and check is ros_checks.round_trip:
             continue
-        finding = _made(check)
+        name = getattr(check, "__name__", "check").replace("_", " ")
+        try:
+            finding = check()
+        except SocialbotError as error:
+            finding = Finding(name, "error", error.what, error.remedy or "")
+        except Exception as error:  # noqa: BLE001 - a failing check must not stop the others
+            finding = Finding(name, "error", f"cannot be checked: {type(error).__name__}: {error}")
         if finding is not None:
             yield finding
-
-
-def _made(check: Check) -> Finding | None:
-    name = getattr(check, "__name__", "check").replace("_", " ")
-    try:
-        return check()
-    except SocialbotError as error:
-        return Finding(name, "error", error.what, error.remedy or "")
-    except Exception as error:  # noqa: BLE001 - a failing check must not stop the others
-        return Finding(name, "error", f"cannot be checked: {type(error).__name__}: {error}")
 
 
 def python() -> Finding:
@@ -72,7 +68,7 @@ def packages() -> Finding:
         return Finding(name, "error", f"not installed: {', '.join(missing)}", f"pip install {' '.join(missing)}")
     if _version("lark") is not None and _version("lark-parser") is not None:
         remedy = "pip uninstall lark lark-parser; pip install lark-parser"
-        return Finding(name, "warning", "lark stands beside the lark-parser of the ROS wheels", remedy)
+        return Finding(name, "warning", "lark conflicts with the lark-parser of the ROS wheels", remedy)
     return Finding(name, "ok", ", ".join(f"{package} {version}" for package, version in found.items()))
 
 
@@ -114,7 +110,7 @@ def speech() -> Finding:
 
         sound = Synthesizer().say("hello")
     except SocialbotError as error:
-        return Finding(name, "warning", f"the robot is mute: {error.what}", error.remedy or "")
+        return Finding(name, "warning", f"the robot cannot speak: {error.what}", error.remedy or "")
     return Finding(name, "ok", f"espeak-ng says 'hello' in {sound.duration_s:.2f} s of sound")
 
 
@@ -124,16 +120,10 @@ def sound_device() -> Finding:
 
     name = "sound device"
     if _version("miniaudio") is None:
-        return Finding(
-            name, "warning", "miniaudio is not installed; nothing is played", "pip install socialbot[speech]"
-        )
+        return Finding(name, "warning", "miniaudio is not installed: no sound", "pip install socialbot[speech]")
     if find_player() is None:
-        return Finding(
-            name,
-            "warning",
-            "none; what is said is kept as .wav files of the run",
-            "connect a loudspeaker; in a container: docker run --device /dev/snd; add yourself to the group 'audio'",
-        )
+        remedy = "connect a loudspeaker; in a container: docker run --device /dev/snd; join the group 'audio'"
+        return Finding(name, "warning", "none; speech is kept as .wav files of the run", remedy)
     return Finding(name, "ok", "opens")
 
 
@@ -159,14 +149,12 @@ def runs_folder(folder: Path = Path("runs")) -> Finding:
     name = "runs folder"
     existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        remedy = "change to a folder of your own, or name one with --out"
+        remedy = "work in a folder of your own, or name one with --out"
         return Finding(name, "error", f"{existing} cannot be written", remedy)
     free = shutil.disk_usage(existing).free
-    if free < ROOM_BYTES:
-        text = (
-            f"{free / GB:.2f} GB free in {existing}; a minute of video takes some 10 MB, a bag of raw pictures 1.6 GB"
-        )
-        return Finding(name, "warning", text, "make room, or name another folder with --out")
+    if free < MIN_FREE_BYTES:
+        text = f"{free / GB:.2f} GB free in {existing}; a minute of video takes 10 MB, a bag of raw images 1.6 GB"
+        return Finding(name, "warning", text, "free space, or name another folder with --out")
     return Finding(name, "ok", f"{folder}/ can be written, {free / GB:,.0f} GB free")
 
 
@@ -182,19 +170,15 @@ def _version(distribution: str) -> str | None:
 
 
 def _picture_size(device: Path) -> tuple[int, int] | None:
-    from socialbot.core.errors import DeviceError
     from socialbot.vision.camera import open_frames
 
     if not os.access(device, os.R_OK | os.W_OK):
         return None
     try:
-        frames = open_frames(str(device))
+        with closing(open_frames(str(device))) as frames:
+            return frames.size
     except DeviceError:
         return None
-    try:
-        return frames.size
-    finally:
-        frames.close()
 
 
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
@@ -204,8 +188,8 @@ WIDEST = 100
 
 
 def doctor(
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out sending pictures over DDS.")] = False,
+    as_json: JsonOption = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Skip the round trip of images over DDS.")] = False,
 ) -> None:
     """Check the installation and print remedies. Exit code 5: a check failed."""
     console = Console(highlight=False)
@@ -220,25 +204,18 @@ def doctor(
         report = {"schema": "socialbot/doctor", "version": 1, "findings": [asdict(each) for each in findings]}
         typer.echo(json.dumps(report, indent=2))
     else:
-        console.print(f"\n{count['ok']} ok, {_many(count['warning'], 'warning')}, {_many(count['error'], 'error')}")
+        console.print(f"\n{count['ok']} ok, {many(count['warning'], 'warning')}, {many(count['error'], 'error')}")
     if count["error"]:
         raise typer.Exit(InstallationError.exit_code)
 
 
 def _paragraph(finding: Finding, width: int) -> Text:
+    # Do not break long words: commands and paths to copy.
+    lines = textwrap.TextWrapper(width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)
     head = f"{finding.state:7} {finding.name:{NAME_COLUMNS}} "
-    text = Text(_wrapped(head + finding.text, width))
+    text = Text(lines.fill(head + finding.text))
     text.stylize(STYLES[finding.state], 0, len(finding.state))
     text.stylize("bold", len("warning "), len(head))
     if finding.remedy:
-        text.append("\n" + _wrapped(INDENT + f"remedy: {finding.remedy}", width), style="cyan")
+        text.append("\n" + lines.fill(f"{INDENT}remedy: {finding.remedy}"), style="cyan")
     return text
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def _wrapped(text: str, width: int) -> str:
-    # Do not break long words: commands and paths to copy.
-    return textwrap.fill(text, width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)

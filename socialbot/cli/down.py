@@ -11,26 +11,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from socialbot.cli._options import graph_names
-from socialbot.core.errors import GraphError, ParameterError
+from socialbot.cli._options import expect_no_machine, graph_names
+from socialbot.core.errors import GraphError
 from socialbot.core.messages import UpStatus
 from socialbot.core.process import Ending
 from socialbot.graph.status import printable
 
 if TYPE_CHECKING:
     from socialbot.bridge.run_announcer import RunStatuses
-    from socialbot.runtime.deployment import Deployment
 
 
-NOT_ENDED = 10
-"""Exit code: a run was not found, or did not end in time."""
-
-LISTEN_S = 5.0
-"""Time to wait for an unknown machine; a running one announces itself every second."""
+NOT_ENDED = 10  # exit code: a run was not found, or did not end in time
+LISTEN_S = 5.0  # time to wait for an unknown machine; a running one announces itself every second
 
 SLOW = {
-    "up": "no answer; with keys it obeys known senders only",
-    "ending": "it is still ending",
+    "up": "no answer; with keys it accepts trusted senders only",
+    "ending": "still ending",
     "ended": "its nodes have ended, but not its process",
 }
 """Explanation of the last state of a run after the timeout."""
@@ -56,11 +52,9 @@ class Target:
 def down(
     file: Annotated[
         str | None,
-        typer.Argument(
-            help="A deployment file or a graph; default: all runs on this machine.", autocompletion=graph_names
-        ),
+        typer.Argument(help="Deployment or graph; default: all runs on this machine.", autocompletion=graph_names),
     ] = None,
-    machine: Annotated[str | None, typer.Option(help="Machine of a deployment: end only its run.")] = None,
+    machine: Annotated[str | None, typer.Option(help="End only the run on this machine of a deployment.")] = None,
     timeout: Annotated[float, typer.Option(min=0.0, help="Time limit in seconds.")] = 20.0,
 ) -> None:
     """End runs of "socialbot up" as Ctrl-C would, and wait for them. Exit code 10: one did not end.
@@ -69,12 +63,11 @@ def down(
     """
     target = _enter(file, machine)
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.run_announcer import RunStatuses
-    from socialbot.runtime.run_lock import locked_runs
+    from socialbot.bridge.run_announcer import RunStatuses, locked_runs
 
     with Ending().on_signals() as ending, spinning_node("down") as ros:
         runs = RunStatuses(ros)
-        found = heard(runs, target, ending, timeout)
+        found = find_runs(runs, target, ending, timeout)
         for one in found:
             typer.echo(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
@@ -83,11 +76,11 @@ def down(
     unheard = [name for name in target.machines if name not in {one.machine for one in found}]
     for name in (name for name in unheard if not silent or name != target.own):
         # A run on this machine would have been received.
-        what = "nothing is up" if name == target.own else "nothing is heard of it; what is up there stays up"
+        what = "nothing is up" if name == target.own else "no answer; a run on this machine continues"
         typer.echo(f"{name}: {what}", err=name != target.own)
     for pid in silent:
-        why = "is not to be believed by the keys here" if refused else "is not heard"
-        typer.echo(f"process {pid}: something is up here, and {why}; end it by: kill -INT {pid}", err=True)
+        why = "its key is not trusted" if refused else "it does not answer"
+        typer.echo(f"process {pid}: a run is up here, but {why}; end it by: kill -INT {pid}", err=True)
     if not (found or silent or target.machines):
         typer.echo(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
     for one in left:
@@ -96,13 +89,13 @@ def down(
         raise typer.Exit(NOT_ENDED)
 
 
-def heard(runs: RunStatuses, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
+def find_runs(runs: RunStatuses, target: Target, ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Return the runs to end.
 
     It waits for all runs on this computer and all machines of ``target``: at most ``timeout_s``, and `LISTEN_S` for
     unknown machines.
     """
-    from socialbot.runtime.run_lock import locked_runs
+    from socialbot.bridge.run_announcer import locked_runs
 
     begun = time.monotonic()
     while True:
@@ -118,8 +111,7 @@ def heard(runs: RunStatuses, target: Target, ending: Ending, timeout_s: float) -
 
 def end(runs: RunStatuses, found: Sequence[UpStatus], ending: Ending, timeout_s: float) -> list[UpStatus]:
     """Ask the runs ``found`` to end and print each end. Return the runs left after ``timeout_s``."""
-    from socialbot.bridge.run_announcer import is_gone
-    from socialbot.runtime.run_lock import locked_runs
+    from socialbot.bridge.run_announcer import is_gone, locked_runs
 
     here = locked_runs().keys()
     begun = time.monotonic()
@@ -151,28 +143,23 @@ def _enter(file: str | None, machine: str | None) -> Target:
         deployment = load_deployment(Path(file))
         if machine is not None:
             deployment.address(machine)
-        own = _own(deployment, machine)
+        try:
+            own = deployment.this_machine()
+        except GraphError:
+            # The addresses do not identify this machine.
+            if machine is None:
+                raise
+            own = machine
         enter(deployment, own)
         machines = tuple(name for name in deployment.machines if machine in (None, name) and deployment.half(name))
         graph = deployment.graph.name
         return Target(lambda one: one.graph == graph and one.machine in machines, machines, own)
-    if machine is not None:
-        raise ParameterError("without a deployment there are no machines", where="--machine", remedy="give its file")
+    expect_no_machine(machine)
     from socialbot.bridge.run_announcer import is_here
     from socialbot.graph.files import load_graph
 
     name = None if file is None else load_graph(file).name
     return Target(lambda one: is_here(one) and name in (None, one.graph))
-
-
-def _own(deployment: Deployment, machine: str | None) -> str:
-    """Return the name of this machine, or ``machine`` if the addresses do not identify it."""
-    try:
-        return deployment.this_machine()
-    except GraphError:
-        if machine is None:
-            raise
-        return machine
 
 
 def _named(one: UpStatus) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import threading
 from pathlib import Path
@@ -11,27 +12,24 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from socialbot.cli._progress import bar
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
-    from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan
+    from socialbot.vision.metrics.evaluation import Evaluation
     from socialbot.vision.metrics.frames import LabelledSource
     from socialbot.vision.metrics.pipeline import PipelineSettings
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-PAGE_WIDTH = 150
-"""Width of the tables if the output is not a terminal."""
+PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
 
 def evaluate(
-    bags: Annotated[list[Path] | None, typer.Argument(metavar="BAG...", help="Bags with ground truth.")] = None,
+    bags: Annotated[list[Path] | None, typer.Argument(metavar="BAG", help="Bags with ground truth.")] = None,
     images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled images.")] = None,
-    truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Label file; default: persons.json in the folder.")
-    ] = None,
+    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="Label file; default: DIR/persons.json.")] = None,
     detector: Annotated[
-        list[str] | None,
-        typer.Option(help="Detectors, repeated or separated by commas. Default: all but onnx."),
+        list[str] | None, typer.Option(help="Detectors, repeated or separated by commas; default: all but onnx.")
     ] = None,
     bands: Annotated[str, typer.Option(help="Distance bands, m.")] = "0-2,2-10,10-20",
     split: Annotated[Literal["held-back", "tune"] | None, typer.Option(help="Only bags of this split.")] = None,
@@ -40,34 +38,24 @@ def evaluate(
     raw: Annotated[bool, typer.Option("--raw", help="Evaluate the detector without tracking.")] = False,
     changes: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="[DETECTOR.]NAME=VALUE",
-            help="Change a parameter of the node person_detector; may be repeated.",
-        ),
+        typer.Option("--set", metavar="[DETECTOR.]NAME=VALUE", help="Change a detector parameter; repeatable."),
     ] = None,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the figures as JSON.")] = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with curves and frames.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write both, and the tables as Markdown with curves as SVG.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write both, with Markdown tables and SVG.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Parallel processes; default: cores.")] = None,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Processor threads for the speed measurement.")] = min(
-        2, CORES
-    ),
+    threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of the speed measurement.")] = min(2, CORES),
     speed: Annotated[bool, typer.Option(help="Measure the frames per second.")] = True,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use the Dask cluster of this scheduler.")
-    ] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
 ) -> None:
     """Evaluate detectors: precision, recall and F1 by scene and distance, and Waldo's behaviour.
 
     The pipeline includes tracking, as on the robot. docs/evaluation.md explains every figure.
     """
     from socialbot.graph.files import load_graph
-    from socialbot.runs.evaluation_figures import write_json
     from socialbot.runs.evaluation_page import page
-    from socialbot.runs.evaluation_tables import show, write_markdown
+    from socialbot.runs.evaluation_tables import show as show_tables
+    from socialbot.runs.evaluation_tables import write_json, write_markdown
     from socialbot.vision.metrics.behaviour import single_node
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
@@ -77,25 +65,28 @@ def evaluate(
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
     sources = _sources(bags or [], images, truth, split, errors)
-    plan = EvaluationPlan(
-        sources,
-        pipelines,
-        rules,
-        jobs or CORES,
-        threads if speed else 0,
-        scheduler,
-        waldo=single_node(load_graph("waldo"), "bdi_engine"),
-    )
+    waldo = single_node(load_graph("waldo"), "bdi_engine")
+    plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler, waldo=waldo)
     figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
     pages = [path for path in (html, out and out / "index.html") if path is not None]
     documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
     for path in (*figures, *pages, *documents):
         _expect_writable(path)
-    with _Progress(plan, errors) as progress:
-        evaluation = carry_out(plan, progress.advance, progress.say)
+    totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]
+    finished = [0] * len(totals)
+    lock = threading.Lock()
+    with bar("", "frames", sum(totals)) as show:
+
+        def advance(job: int, frames: int) -> None:
+            with lock:
+                finished[job] = max(finished[job], min(frames, totals[job]))
+                clips = sum(map(operator.eq, finished, totals))
+                show(sum(finished), f"detecting people: {clips}/{len(totals)} clips")
+
+        evaluation = carry_out(plan, advance, lambda phase: show(None, phase))
     _report_missing(evaluation, errors)
     console = Console(highlight=False)
-    show(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
+    show_tables(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
     for path in figures:
         write_json(evaluation, path)
     if out is not None:
@@ -167,46 +158,3 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
             what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no image"
             damage = f"; {clip.damaged} images are damaged, the first: {clip.first_damage}" if clip.damaged else ""
             errors.print(f"[yellow]warning[/] {escape(what + damage)}", soft_wrap=True)
-
-
-class _Progress:
-    """Progress bar for the frames and clips of all jobs."""
-
-    def __init__(self, plan: EvaluationPlan, console: Console) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]
-        self._done = [0] * len(self._totals)
-        self._lock = threading.Lock()
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("frames"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-        )
-        self._task = self._progress.add_task("", total=sum(self._totals))
-
-    def __enter__(self) -> _Progress:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *unused: object) -> None:
-        self._progress.stop()
-
-    def say(self, what: str) -> None:
-        """Show the current phase."""
-        self._progress.update(self._task, description=what)
-
-    def advance(self, job: int, frames: int) -> None:
-        """Record that ``frames`` of a job are done."""
-        with self._lock:
-            self._done[job] = max(self._done[job], min(frames, self._totals[job]))
-            whole = sum(done == total for done, total in zip(self._done, self._totals, strict=True))
-            self._progress.update(
-                self._task,
-                completed=sum(self._done),
-                description=f"detecting people: {whole}/{len(self._totals)} clips",
-            )

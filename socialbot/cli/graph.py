@@ -15,11 +15,11 @@ def graph(graph: GraphArgument) -> None:
     loaded = load_graph(graph)
     console = Console(highlight=False)
     table = Table("node", "input", "output", title=loaded.name, title_justify="left", show_lines=True)
-    for config in loaded.placements:
+    for config in loaded.nodes:
         ports = (config.subscriptions, config.publications)
         table.add_row(config.name, *("\n".join(topic for topic, _ in each) for each in ports))
     console.print(table)
-    for config in loaded.placements:
+    for config in loaded.nodes:
         for name, parameter in config.type.parameters().items():
             value = config.parameters.get(name, parameter.default)
             console.print(f"{config.name}.{name} = {value!r}", style="bold", soft_wrap=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from socialbot.cli._options import PORT, MachineOption, PortOption, run_folders
+from socialbot.cli._options import PORT, MachineOption, PortOption, join, run_folders
 from socialbot.cli._runs import print_damage
 from socialbot.core.process import Ending
 
@@ -36,7 +36,7 @@ def inspect(
     what: Annotated[
         str | None,
         typer.Argument(
-            metavar="[RUN|FILE|GRAPH]",
+            metavar="RUN|FILE|GRAPH",
             help="Folder of a run, or file of a running deployment or graph; default: the newest in runs/.",
             autocompletion=run_folders,
         ),
@@ -51,16 +51,16 @@ def inspect(
     from socialbot.runs.report import recorded
     from socialbot.runs.serving import Address, serving, token_given
 
-    address = Address(host, port, token_given(token))
-    console = Console(highlight=False)
-    if what is not None and not Path(what).is_dir():
-        with attached(what, machine) as (live, office), serving(live, address, office) as served:
-            announce(console, served, f"{live.title} as it runs", show=show)
-            wait_for_signal()
-        return
-    with recorded(None if what is None else Path(what)) as run, serving(run, address) as served:
-        print_damage(run)
-        announce(console, served, str(run.folder), show=show)
+    with ExitStack() as stack:
+        if what is not None and not Path(what).is_dir():
+            run, commands = stack.enter_context(attached(what, machine))
+            title = f"{run.title}, live"
+        else:
+            run, commands = stack.enter_context(recorded(None if what is None else Path(what))), None
+            print_damage(run)
+            title = str(run.folder)
+        served = stack.enter_context(serving(run, Address(host, port, token_given(token)), commands))
+        announce(Console(highlight=False), served, title, show=show)
         wait_for_signal()
 
 
@@ -73,27 +73,17 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, CommandS
     from socialbot.runtime.live_run import LiveRun
     from socialbot.runtime.run import observed_topics
 
-    graph = graph_of(file, machine)
-    clock, names = WallClock(), {placement.name for placement in graph.placements}
-    with client_node(graph) as (pictures, office):
-        live = LiveRun(graph, pictures)
+    graph, names = join(file, machine)
+    clock = WallClock()
+    with client_node(graph) as (images, commands):
+        live = LiveRun(graph, images)
 
         def note(name: str, values: dict[str, str]) -> None:
             if name in names:
                 live.note_node(clock.now(), name, values)
 
         with observe_graph(observed_topics(graph), with_event_log(graph, live.observe), note, graph.wire):
-            yield live, office
-
-
-def graph_of(file: str, machine: str | None) -> Graph:
-    """Return the graph of a file. For a deployment, this process joins its domain."""
-    from socialbot.cli.status import join
-    from socialbot.graph.files import load_graph
-    from socialbot.runtime.deployment import is_deployment, load_deployment
-
-    join(file, machine)
-    return load_deployment(Path(file)).graph if is_deployment(file) else load_graph(file)
+            yield live, commands
 
 
 @contextmanager
@@ -129,15 +119,15 @@ def watched(
     from socialbot.runtime.live_run import LiveRun
 
     with ExitStack() as stack:
-        pictures: ImageSource | None = None
-        office: CommandSender = NoCommands(INLINE)
+        images: ImageSource | None = None
+        commands: CommandSender = NoCommands(INLINE)
         if over_ros:
-            pictures, office = stack.enter_context(client_node(graph))
+            images, commands = stack.enter_context(client_node(graph))
         if bag is not None:
-            pictures = stack.enter_context(pictures_of(bag[0], [bag[1]]))
-        live = LiveRun(graph, pictures)
-        served = stack.enter_context(serving(live, Address(port=port, token=token_given(None)), office))
-        record.tell(live)
+            images = stack.enter_context(pictures_of(bag[0], [bag[1]]))
+        live = LiveRun(graph, images)
+        served = stack.enter_context(serving(live, Address(port=port, token=token_given(None)), commands))
+        record.add_listener(live)
         announce(console, served, graph.name)
         left: typer.Exit | None = None
         try:

@@ -8,26 +8,28 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
-key = typer.Typer(help="Keys by which machines know each other's messages.", no_args_is_help=True)
+from socialbot.cli._options import plain_table
 
-FolderOption = Annotated[
-    Path | None, typer.Option(help="The folder of keys; default: that of SOCIALBOT_KEYS, else ./keys.")
-]
+key = typer.Typer(help="Manage the keys that sign messages between machines.", no_args_is_help=True)
+
+FolderOption = Annotated[Path | None, typer.Option(help="Folder of keys; default: SOCIALBOT_KEYS, else ./keys.")]
 
 
 @key.command()
-def new(name: Annotated[str, typer.Argument(help="Such as the machine's.")], folder: FolderOption = None) -> None:
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the key, such as the name of the machine.")],
+    folder: FolderOption = None,
+) -> None:
     """Make a key pair. Keep the .key file here; copy the .pub file to every machine that should trust it."""
     from socialbot.bridge.security import fingerprint, load_keys, new_key
 
     chosen = _folder(folder)
     secret, public = new_key(name, chosen)
-    told = Console(highlight=False, soft_wrap=True)
-    told.print(f"private: {secret}  keep it on this machine", markup=False)
-    told.print(f"public:  {public}  copy it to all machines", markup=False)
-    told.print(f"fingerprint: {fingerprint(load_keys(chosen, name).trusted[name])}", markup=False)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"private: {secret}  keep it on this machine", markup=False)
+    console.print(f"public:  {public}  copy it to all machines", markup=False)
+    console.print(f"fingerprint: {fingerprint(load_keys(chosen, name).trusted[name])}", markup=False)
 
 
 @key.command(name="list")
@@ -37,7 +39,7 @@ def list_keys(folder: FolderOption = None) -> None:
 
     chosen = _folder(folder)
     private = private_names(chosen)
-    table = Table("name", "fingerprint", "", box=None, pad_edge=False, header_style="dim")
+    table = plain_table("name", "fingerprint", "")
     for name, public in load_public_keys(chosen).items():
         table.add_row(name, fingerprint(public), "its private key is here" if name in private else "")
     Console(highlight=False).print(table if table.row_count else f"no keys in {chosen}")
@@ -45,7 +47,7 @@ def list_keys(folder: FolderOption = None) -> None:
 
 @key.command()
 def check(
-    name: Annotated[str, typer.Argument(help="One's own key, where there are several.")] = "",
+    name: Annotated[str, typer.Argument(help="Private key, if there are several.")] = "",
     folder: FolderOption = None,
 ) -> None:
     """Check that the keys are usable. Exit code 4: they are not."""
@@ -53,8 +55,8 @@ def check(
 
     chosen = _folder(folder)
     keys = load_keys(chosen, name)
-    others = ", ".join(sorted(set(keys.trusted) - {keys.name})) or "nobody else"
-    Console(highlight=False, soft_wrap=True).print(f"{chosen}: speaks as {keys.name}, believes {others}", markup=False)
+    others = ", ".join(sorted(set(keys.trusted) - {keys.name})) or "no other key"
+    Console(highlight=False, soft_wrap=True).print(f"{chosen}: signs as {keys.name}, trusts {others}", markup=False)
 
 
 def _folder(given: Path | None) -> Path:

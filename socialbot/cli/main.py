@@ -10,8 +10,9 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import sys
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
@@ -26,28 +27,17 @@ TAKES_ROS_ARGUMENTS = ("node", "translate")
 CONTEXT = {"help_option_names": ["-h", "--help"]}
 
 
-class Commands(MutableMapping[str, Any]):
+class Commands(Mapping[str, Any]):
     """All commands by name; access imports the command."""
 
     def __init__(self) -> None:
-        modules = pkgutil.iter_modules(importlib.import_module("socialbot.cli").__path__)
+        modules = pkgutil.iter_modules([str(Path(__file__).parent)])
         self._names = sorted(one.name for one in modules if not one.name.startswith("_") and one.name != "main")
-        self._loaded: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._loaded:
-            if name not in self._names:
-                raise KeyError(name)
-            self._loaded[name] = _load(name)
-        return self._loaded[name]
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        self._names = sorted({*self._names, name})
-        self._loaded[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        self._names.remove(name)
-        self._loaded.pop(name, None)
+        if name not in self._names:
+            raise KeyError(name)
+        return _load(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -56,6 +46,7 @@ class Commands(MutableMapping[str, Any]):
         return len(self._names)
 
 
+@cache
 def _load(name: str) -> Any:
     found = getattr(importlib.import_module(f"socialbot.cli.{name}"), name)
     if not isinstance(found, typer.Typer):

@@ -19,44 +19,36 @@ from socialbot.core.errors import ParameterError, SocialbotError
 AgentKind = Literal["python", "asl"]
 
 PLACEHOLDER = "my_robot"
-"""The name of the project in the templates."""
-
 SUFFIX = ".template"
-"""The suffix of templates, which keeps tools from treating them as code."""
 
 TEMPLATES = Path(__file__).with_name("templates")
 """Templates: ``common`` for all projects, ``python`` and ``asl`` for the language of the agent."""
 
-HIDDEN = {"gitignore": ".gitignore"}
-"""Target names of templates that would take effect in this repository."""
+HIDDEN = {"gitignore": ".gitignore"}  # target names of templates that would take effect in this repository
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-TAKEN = frozenset({"tests", "launch", "socialbot"})
-"""Reserved names in a project."""
+TAKEN = frozenset({"tests", "launch", "socialbot"})  # reserved names in a project
 
 NEXT: Mapping[str, str] = {
     "cd {project}": "",
-    "socialbot run graph.yaml": "among people that are made up: no camera is needed",
-    "socialbot why": "why it did what it did last",
-    "socialbot inspect": "the same on a page, from what it saw to what it did",
-    "python -m pytest": "its tests; pip install pytest, if there is none",
-    "socialbot up camera.yaml --camera 0": "with a camera, until Ctrl-C",
+    "socialbot run graph.yaml": "run with simulated people, without a camera",
+    "socialbot why": "explain its last action",
+    "socialbot inspect": "show the run in the browser",
+    "python -m pytest": "run its tests; pip install pytest, if missing",
+    "socialbot up camera.yaml --camera 0": "run with a camera, until Ctrl-C",
 }
-"""The next commands for the user, each with its purpose."""
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="Of the project and its Python package: small letters, digits and _.")],
-    agent: Annotated[
-        AgentKind, typer.Option(help="What the robot's rules are written in: Python, or AgentSpeak (asl).")
-    ] = "python",
-    folder: Annotated[Path, typer.Option(help="Where the project's folder is made.")] = Path("."),
+    name: Annotated[str, typer.Argument(help="Project and Python package: lower-case letters, digits and _.")],
+    agent: Annotated[AgentKind, typer.Option(help="Language of the agent; asl: AgentSpeak.")] = "python",
+    folder: Annotated[Path, typer.Option(help="Folder for the new project.")] = Path("."),
 ) -> None:
     """Create a small project with a robot: an agent, its graph and tests. It runs without changes."""
     project = write_project(name, agent, folder)
     console = Console(highlight=False)
     rules = f"{name}/agent.{'asl' if agent == 'asl' else 'py'}"
-    console.print(f"{project}: a robot that greets who comes near. What it does stands in {rules}.\n", soft_wrap=True)
+    console.print(f"{project}: a robot that greets people who come near. Its rules are in {rules}.\n", soft_wrap=True)
     commands = {command.format(project=project): meaning for command, meaning in NEXT.items()}
     width = max(map(len, commands))
     for command, meaning in commands.items():
@@ -87,10 +79,11 @@ def write_project(name: str, agent: AgentKind, folder: Path) -> Path:
 def check_name(name: str) -> None:
     """Raise ParameterError unless ``name`` is a valid and unused name of a Python package."""
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
-        what = f"{name!r} is no name for a Python package"
-        raise ParameterError(what, where="NAME", remedy="use small letters, digits and _, a letter first: my_robot")
-    if name in TAKEN or name in sys.stdlib_module_names or _is_installed(name):
-        what = f"there is a Python module {name!r} already, which would take its place"
+        remedy = "use lower-case letters, digits and _, beginning with a letter: my_robot"
+        raise ParameterError(f"{name!r} is not a name for a Python package", where="NAME", remedy=remedy)
+    installed = importlib.util.find_spec(name)
+    if name in TAKEN or name in sys.stdlib_module_names or (installed is not None and installed.origin is not None):
+        what = f"a Python module {name!r} exists already"
         raise ParameterError(what, where="NAME", remedy=f"give another name: {name}_robot")
 
 
@@ -102,9 +95,3 @@ def project_files(name: str, agent: AgentKind) -> dict[str, str]:
             path = template.relative_to(part).as_posix().removesuffix(SUFFIX).replace(PLACEHOLDER, name)
             files[HIDDEN.get(path, path)] = template.read_text("utf-8").replace(PLACEHOLDER, name)
     return files
-
-
-def _is_installed(name: str) -> bool:
-    """Whether a package of this name is importable, other than as a mere folder."""
-    found = importlib.util.find_spec(name)
-    return found is not None and found.origin is not None

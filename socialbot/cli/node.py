@@ -14,7 +14,7 @@ def node(
     context: typer.Context,
     names: Annotated[list[str], typer.Argument(help="Nodes to run in this process.", autocompletion=node_names)],
     graph: Annotated[
-        str, typer.Option("--graph", help="A built-in graph or a graph file.", autocompletion=graph_names)
+        str, typer.Option("--graph", help="Built-in graph or graph file.", autocompletion=graph_names)
     ] = "waldo",
     sim_time: Annotated[bool, typer.Option("--sim-time", help="Take the time from /clock.")] = False,
     parent: ParentOption = None,
@@ -26,8 +26,7 @@ def node(
     """
     from socialbot.bridge.process import run_nodes
     from socialbot.graph.files import load_graph, with_changes
-    from socialbot.runtime.supervisor_channel import own_channel
 
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", handlers=[])
     changed = with_changes(load_graph(graph), changes or [])
-    run_nodes(changed, names, sim_time=sim_time, parent=parent, ros_args=context.obj, supervisor=own_channel())
+    run_nodes(changed, names, sim_time=sim_time, parent=parent, ros_args=context.obj)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from socialbot.cli._progress import waiting
-from socialbot.core.errors import PlanningError
+from socialbot.cli._options import JsonOption, read_text
+from socialbot.core.errors import NodeError, PlanningError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,27 +22,22 @@ if TYPE_CHECKING:
     from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
     from socialbot.planning.planners.planner import PlannerAnswer
 
-IMPOSSIBLE = 10
-"""Exit code: the planner proved that no plan exists."""
-GAVE_UP = 11
-"""Exit code: no plan was found within the limits."""
-NOT_VALID = 12
-"""Exit code: the plan does not reach the goal."""
+IMPOSSIBLE = 10  # exit code: the planner proved that no plan exists
+GAVE_UP = 11  # exit code: no plan was found within the limits
+NOT_VALID = 12  # exit code: the plan does not reach the goal
 
 
 def plan(
-    domain: Annotated[Path, typer.Argument(metavar="DOMAIN", help="PDDL: what can be done.")],
-    problem: Annotated[Path, typer.Argument(metavar="PROBLEM", help="PDDL: what is, and what is wanted.")],
+    domain: Annotated[Path, typer.Argument(metavar="DOMAIN", help="PDDL domain.")],
+    problem: Annotated[Path, typer.Argument(metavar="PROBLEM", help="PDDL problem.")],
     planner: Annotated[str, typer.Option(metavar="NAME", help="kairos, popf, popf:PATH or up:ENGINE.")] = "kairos",
-    timeout: Annotated[float, typer.Option(min=0.1, metavar="SECONDS", help="End the search after so long.")] = 5.0,
-    memory: Annotated[int, typer.Option(min=16, metavar="MB", help="What the planner may use.")] = 512,
+    timeout: Annotated[float, typer.Option(min=0.1, metavar="SECONDS", help="Time limit of the search.")] = 5.0,
+    memory: Annotated[int, typer.Option(min=16, metavar="MB", help="Memory limit of the planner.")] = 512,
     deadline: Annotated[
-        float | None, typer.Option(min=0.0, metavar="SECONDS", help="How long the plan may last at most.")
+        float | None, typer.Option(min=0.0, metavar="SECONDS", help="Longest duration of the plan.")
     ] = None,
-    validate: Annotated[
-        Path | None, typer.Option(metavar="PLAN", help="Do not plan: check the plan in this file.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Write the answer as JSON.")] = False,
+    validate: Annotated[Path | None, typer.Option(metavar="PLAN", help="Check this plan instead of planning.")] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Find a plan for a PDDL problem: a table on a terminal, one action per line in a file or pipe.
 
@@ -48,46 +45,37 @@ def plan(
     """
     from socialbot.planning.pddl.reader import read_domain, read_problem
 
-    known = read_domain(_read(domain), where=str(domain))
-    asked = read_problem(_read(problem), known, where=str(problem))
+    known = read_domain(read_text(domain, PlanningError), where=str(domain))
+    asked = read_problem(read_text(problem, PlanningError), known, where=str(problem))
     if validate is not None:
         _validate(known, asked, validate, deadline, as_json)
         return
     from socialbot.planning.planners.engines import make_planner
-    from socialbot.planning.planners.planner import PlannerLimits
+    from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
 
-    with waiting(f"{planner} looks for a plan"):
+    with Console(stderr=True).status(escape(f"{planner} searches for a plan")):
         answer = make_planner(planner).solve(known, asked, PlannerLimits(timeout, memory, makespan_s=deadline))
     _show(answer, planner, as_json)
-    raise typer.Exit(_exit_code(answer))
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "is no UTF-8 text"
-        raise PlanningError(f"cannot be read: {reason}", where=str(file)) from problem
-
-
-def _exit_code(answer: PlannerAnswer) -> int:
-    from socialbot.core.errors import NodeError
-    from socialbot.planning.planners.planner import PlannerVerdict
-
-    return {
+    codes = {
         PlannerVerdict.SOLVED: 0,
         PlannerVerdict.IMPOSSIBLE: IMPOSSIBLE,
         PlannerVerdict.GAVE_UP: GAVE_UP,
         PlannerVerdict.REFUSED: PlanningError.exit_code,
-    }.get(answer.verdict, NodeError.exit_code)
-
-
-# Output
+    }
+    raise typer.Exit(codes.get(answer.verdict, NodeError.exit_code))
 
 
 def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(_as_data(answer, planner), indent=2))
+        data = {
+            "planner": planner,
+            "verdict": answer.verdict.value,
+            "message": answer.message,
+            "seconds": round(answer.seconds, 4),
+            "makespan_s": None if answer.plan is None else answer.plan.makespan_s,
+            "steps": None if answer.plan is None else [asdict(step) for step in answer.plan.steps],
+        }
+        typer.echo(json.dumps(data, indent=2))
         return
     if answer.plan is None:
         Console(stderr=True, highlight=False).print(
@@ -113,34 +101,13 @@ def _table(shown: PddlPlan) -> Table:
     return table
 
 
-def _as_data(answer: PlannerAnswer, planner: str) -> dict[str, Any]:
-    return {
-        "planner": planner,
-        "verdict": answer.verdict.value,
-        "message": answer.message,
-        "seconds": round(answer.seconds, 4),
-        "makespan_s": None if answer.plan is None else answer.plan.makespan_s,
-        "steps": None if answer.plan is None else _steps(answer.plan),
-    }
-
-
-def _steps(shown: PddlPlan) -> list[dict[str, Any]]:
-    return [
-        {"start_s": step.start_s, "action": step.action, "args": step.args, "duration_s": step.duration_s}
-        for step in shown.steps
-    ]
-
-
-# Checking a plan
-
-
 def _validate(domain: PddlDomain, problem: PddlProblem, file: Path, deadline: float | None, as_json: bool) -> None:
     from socialbot.planning.pddl.domain import in_time, parse_plan
     from socialbot.planning.pddl.validation import validate_plan
 
     if problem.goal is None:
         raise PlanningError("the problem has no goal", where=problem.where)
-    checked = parse_plan(_read(file), where=str(file))
+    checked = parse_plan(read_text(file, PlanningError), where=str(file))
     found = [str(fault) for fault in validate_plan(domain, problem, checked)]
     if deadline is not None and not in_time(checked, deadline):
         found.append(f"the plan lasts {checked.makespan_s:g} s, longer than {deadline:g} s")

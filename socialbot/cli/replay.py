@@ -9,52 +9,43 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
-from socialbot.cli._options import (
-    PORT,
-    BagArgument,
-    ComposedOption,
-    InspectOption,
-    OutOption,
-    PortOption,
-    SetOption,
-    graph_names,
-)
+from socialbot.cli import _options as options
 
 
 def replay(
     context: typer.Context,
-    bag: BagArgument,
+    bag: options.BagArgument,
     graph: Annotated[
         str | None,
         typer.Option(
-            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=graph_names
+            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=options.graph_names
         ),
     ] = None,
     runner: Annotated[
         Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
     ] = "ros",
-    composed: ComposedOption = False,
+    composed: options.ComposedOption = False,
     image_topic: Annotated[str | None, typer.Option(help="Topic of the images, when the bag has several.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed of a ros replay; 1 is as recorded.")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
-    out: OutOption = None,
+    out: options.OutOption = None,
     video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
-    show_page: InspectOption = False,
-    port: PortOption = PORT,
-    changes: SetOption = None,
+    show_page: options.InspectOption = False,
+    port: options.PortOption = options.PORT,
+    changes: options.SetOption = None,
 ) -> None:
     """Replay a bag through a graph; show, record and score the run."""
+    from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
-    from socialbot.bags.topic_mapping import takes_images
     from socialbot.cli._progress import bar
     from socialbot.cli._runs import print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
     from socialbot.graph.files import load_graph, with_changes
+    from socialbot.runs.bag_images import write_video
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunRecord
-    from socialbot.runs.video import write_video
     from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
     from socialbot.runtime.run import new_run_folder, run
 

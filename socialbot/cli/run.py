@@ -10,22 +10,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from socialbot.cli._options import (
-    PORT,
-    ComposedOption,
-    GraphArgument,
-    InspectOption,
-    OutOption,
-    PortOption,
-    SetOption,
-)
+from socialbot.cli import _options as options
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
-    from socialbot.runs.story import Summary
+    from socialbot.runs.story import Story
 
-NOT_REACHED = 10
-"""Exit code: a desire or mission was not reached."""
+NOT_REACHED = 10  # exit code: a desire or mission was not reached
 
 Runner = Literal["inline", "ros"]
 RunnerOption = Annotated[
@@ -40,16 +31,16 @@ RecordBagOption = Annotated[bool, typer.Option("--bag", help="Record a bag for r
 
 def run(
     context: typer.Context,
-    graph: GraphArgument,
+    graph: options.GraphArgument,
     runner: RunnerOption = "inline",
-    composed: ComposedOption = False,
+    composed: options.ComposedOption = False,
     rate: RateOption = 0.0,
     limit: LimitOption = 1800.0,
-    out: OutOption = None,
+    out: options.OutOption = None,
     bag: RecordBagOption = False,
-    show_page: InspectOption = False,
-    port: PortOption = PORT,
-    changes: SetOption = None,
+    show_page: options.InspectOption = False,
+    port: options.PortOption = options.PORT,
+    changes: options.SetOption = None,
 ) -> None:
     """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
 
@@ -115,31 +106,30 @@ def simulate(
             observe,
             runner=runner,
             composed=composed,
-            summarize=lambda: report.summary().results(),
+            summarize=lambda: report.story().results(),
         )
-    summary = report.summary()
+    story = report.story()
     if world is not None:
         console.print()
         world.finish()
     elif report.deliberates:
         console.print()
-        _print_summary(console, summary)
-        for line in view.summary(summary.story.start, summary.story.end) if view is not None else ():
+        _print_summary(console, story)
+        for line in view.summary(story.start, story.end) if view is not None else ():
             console.print(line, soft_wrap=True, markup=False)
     print_outcome(console, result)
     console.print(f"\n{result.seconds:.1f} s, in {result.wall_s:.1f} s of real time; {result.ended}")
     write_page(console, record, title, report=report)
-    if report.deliberates and not summary.reached and result.ended != STOPPED:
+    if report.deliberates and not story.reached and result.ended != STOPPED:
         raise typer.Exit(NOT_REACHED)
 
 
-def _print_summary(console: Console, summary: Summary) -> None:
+def _print_summary(console: Console, story: Story) -> None:
     """Print counts by agent and the outcome of each desire."""
-    story = summary.story
     table = Table("agent", title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
     for heading in ("plans", "given up", "steps", "requests"):
         table.add_column(heading, justify="right")
-    for agent, counts in summary.results()["agents"].items():
+    for agent, counts in story.results()["agents"].items():
         table.add_row(agent, *(str(counts[key]) for key in ("plans", "given_up", "steps", "requests")))
     console.print(table)
     console.print()

@@ -2,119 +2,110 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections import deque
+from collections.abc import Iterator
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.text import Text
 
 from socialbot.bags.codec import STRING
-from socialbot.bridge.topics import RateMeter, TopicRate
+from socialbot.bridge.topics import TopicRate, topic_rate
+from socialbot.cli._options import plain_table
 from socialbot.core.errors import MessageError
 from socialbot.core.process import Ending
 
 if TYPE_CHECKING:
     from socialbot.bridge.transport import Receiver
 
-topic = typer.Typer(help="Looks into the topics of a running graph, and speaks there.", no_args_is_help=True)
+topic = typer.Typer(help="List, print, measure and publish topics of a running graph.", no_args_is_help=True)
 
-TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Such as /speech/say.")]
-TimeoutOption = Annotated[float, typer.Option(min=0.0, help="How long to wait for the topic, in seconds.")]
-DurationOption = Annotated[float | None, typer.Option(min=0.0, help="End this many seconds after the topic is there.")]
+TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Topic, such as /speech/say.")]
+TimeoutOption = Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the topic to appear.")]
+DurationOption = Annotated[
+    float | None, typer.Option(min=0.0, metavar="SECONDS", help="Stop this long after the topic appeared.")
+]
 
 REPORT_S = 1.0
 
 
 @topic.command(name="list")
 def list_topics(
-    show_all: Annotated[bool, typer.Option("--all", "-a", help="Also /rosout and other topics of ROS itself.")] = False,
+    show_all: Annotated[
+        bool, typer.Option("--all", "-a", help="Include topics of ROS itself, such as /rosout.")
+    ] = False,
 ) -> None:
     """List topics, their types, and their numbers of publishers and subscribers."""
     from socialbot.bridge.topics import observer_node, settled_topics
 
     with Ending().on_signals() as ending, observer_node() as ros:
         topics = [each for each in settled_topics(ros, lambda: ending.asked) if show_all or not each.hidden]
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    table.add_column("topic", overflow="fold", style="bold")
-    table.add_column("type", overflow="fold")
-    for heading in ("pubs", "subs"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = plain_table("topic", "type", right=("pubs", "subs"))
     for each in topics:
         types = ", ".join(name.replace("/msg/", "/") for name in each.types)
-        table.add_row(each.name, types, str(each.publishers), str(each.subscribers))
+        table.add_row(Text(each.name, "bold"), types, str(each.publishers), str(each.subscribers))
     Console(highlight=False).print(table if topics else "no topics")
 
 
 @topic.command()
 def echo(
     name: TopicArgument,
-    count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="Limit of messages.")] = None,
     duration: DurationOption = None,
-    raw: Annotated[bool, typer.Option("--raw", help="Long arrays in full, and text as it is on the wire.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Print long arrays in full, and text as it was sent.")] = False,
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Print each message of a topic, until Ctrl-C."""
-    from socialbot.bridge.topics import message_text, messages, observer_node
+    from socialbot.bridge.topics import message_text
     from socialbot.bridge.transport import message_class, open_transport
 
     shown = 0
     receiver = open_transport().receiver(_absolute(name), latched=True)
-    deadline = _Deadline(duration)
-    with (
-        Ending().on_signals() as ending,
-        observer_node() as ros,
-        closing(messages(ros, _absolute(name), timeout_s=timeout, ended=lambda: ending.asked)) as coming,
-    ):
-        for message in coming:
-            if isinstance(message, message_class(STRING)) and not raw:
-                message = _opened(receiver, message)
-            if message is not None:
-                typer.echo(f"{message_text(message, raw=raw)}\n---")
-                shown += 1
-            if shown == count or deadline.passed():
-                return
+    for message in _messages(name, timeout, duration):
+        if isinstance(message, message_class(STRING)) and not raw:
+            message = _opened(receiver, message)
+        if message is not None:
+            typer.echo(f"{message_text(message, raw=raw)}\n---")
+            shown += 1
+        if shown == count:
+            return
 
 
 @topic.command()
 def hz(
     name: TopicArgument,
-    window: Annotated[int, typer.Option(min=2, help="Over how many of the last messages to reckon.")] = 1000,
+    window: Annotated[int, typer.Option(min=2, help="Number of messages to average over.")] = 1000,
     duration: DurationOption = None,
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Print the rate and bandwidth of a topic once a second, until Ctrl-C."""
-    from socialbot.bridge.topics import messages, observer_node
-
-    arrivals = RateMeter(window)
-    new = 0
-    deadline, report = _Deadline(duration), _Deadline(REPORT_S)
-    with (
-        Ending().on_signals() as ending,
-        observer_node() as ros,
-        closing(messages(ros, _absolute(name), timeout_s=timeout, raw=True, ended=lambda: ending.asked)) as coming,
-    ):
-        for message in coming:
-            if message is not None:
-                arrivals.note(time.monotonic(), len(message))
-                new += 1
-            over = deadline.passed()
-            if report.passed() or over:
-                typer.echo(rate_line(arrivals.rate()) if new else "nothing came")
-                report, new = _Deadline(REPORT_S), 0
-            if over:
-                return
+    received: deque[tuple[float, int]] = deque(maxlen=window)
+    new, due = 0, math.inf
+    for message in _messages(name, timeout, duration, raw=True):
+        now = time.monotonic()
+        due = min(due, now + REPORT_S)
+        if message is not None:
+            received.append((now, len(message)))
+            new += 1
+        if now >= due:
+            typer.echo(rate_line(topic_rate(received)) if new else "no messages")
+            new, due = 0, now + REPORT_S
+    if new:
+        typer.echo(rate_line(topic_rate(received)))
 
 
 @topic.command()
 def pub(
     name: TopicArgument,
-    schema: Annotated[str, typer.Argument(metavar="SCHEMA", help="Such as DesireItem: a name in docs/schemas.")],
-    fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Its fields as YAML or JSON.")],
+    schema: Annotated[str, typer.Argument(metavar="SCHEMA", help="Message type in docs/schemas, such as DesireItem.")],
+    fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Fields of the message as YAML or JSON.")],
     timeout: TimeoutOption = 10.0,
 ) -> None:
-    """Publish one message, and wait until it was received.
+    """Publish one message, and wait until it is received.
 
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
@@ -123,6 +114,24 @@ def pub(
     message = parse_message(schema, fields, stamp=time.time_ns())
     with Ending().on_signals() as ending, observer_node() as ros:
         publish_once(ros, _absolute(name), message, timeout_s=timeout, ended=lambda: ending.asked)
+
+
+def _messages(name: str, timeout_s: float, duration_s: float | None, *, raw: bool = False) -> Iterator[Any]:
+    """Yield messages, and None while none arrive, until Ctrl-C or ``duration_s`` after the topic appeared."""
+    from socialbot.bridge.topics import messages, observer_node
+
+    end = math.inf
+    with (
+        Ending().on_signals() as ending,
+        observer_node() as ros,
+        closing(messages(ros, _absolute(name), timeout_s=timeout_s, raw=raw, ended=lambda: ending.asked)) as found,
+    ):
+        for message in found:
+            if duration_s is not None:
+                end = min(end, time.monotonic() + duration_s)
+            yield message
+            if time.monotonic() >= end:
+                return
 
 
 def _opened(receiver: Receiver, message: Any) -> Any | None:
@@ -152,18 +161,3 @@ def _amount(count: float) -> str:
 
 def _absolute(name: str) -> str:
     return f"/{name.lstrip('/')}"
-
-
-class _Deadline:
-    """Timeout of ``seconds`` from the first call of `passed`; None disables it."""
-
-    def __init__(self, seconds: float | None) -> None:
-        self._seconds = seconds
-        self._end: float | None = None
-
-    def passed(self) -> bool:
-        if self._seconds is None:
-            return False
-        if self._end is None:
-            self._end = time.monotonic() + self._seconds
-        return time.monotonic() >= self._end

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from socialbot.cli._options import MachineOption, graph_names
-from socialbot.cli.inspect import graph_of, wait_for_signal
+from socialbot.cli._options import MachineOption, graph_names, join
+from socialbot.cli.inspect import wait_for_signal
 
 
 def translate(
@@ -36,7 +36,8 @@ def translate(
     from socialbot.graph.files import with_changes
 
     console = Console(highlight=False)
-    graph = with_changes(graph_of(file, machine), changes or [])
+    graph, _ = join(file, machine)
+    graph = with_changes(graph, changes or [])
     with spinning_node("translator", context.obj) as ros:
         translator = Translator(ros, graph, head=head)
         for topic in translator.topics:

@@ -9,33 +9,25 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from socialbot.cli._options import (
-    PORT,
-    ComposedOption,
-    InspectOption,
-    MachineOption,
-    OutOption,
-    PortOption,
-    SetOption,
-    graph_names,
-)
+from socialbot.cli import _options as options
 from socialbot.core.errors import ParameterError
 
 
 def up(
     context: typer.Context,
     graph: Annotated[
-        str, typer.Argument(help="A built-in graph, a graph file or a deployment file.", autocompletion=graph_names)
+        str,
+        typer.Argument(help="Built-in graph, graph file or deployment file.", autocompletion=options.graph_names),
     ] = "waldo",
-    machine: MachineOption = None,
-    composed: ComposedOption = False,
+    machine: options.MachineOption = None,
+    composed: options.ComposedOption = False,
     camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
-    out: OutOption = None,
+    out: options.OutOption = None,
     minds: Annotated[Path | None, typer.Option(help="Folder of the agents' saved state, which they restore.")] = None,
     keep: Annotated[float, typer.Option(min=1.0, help="Size limit of the record in MB; keeps the newest.")] = 200.0,
-    show_page: InspectOption = False,
-    port: PortOption = PORT,
-    changes: SetOption = None,
+    show_page: options.InspectOption = False,
+    port: options.PortOption = options.PORT,
+    changes: options.SetOption = None,
 ) -> None:
     """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
@@ -43,10 +35,9 @@ def up(
     from socialbot.core.clock import WallClock
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
-    from socialbot.runs.record import RunTrace, room_of
+    from socialbot.runs.record import RunTrace, log_bytes
     from socialbot.runtime.deployment import is_deployment, load_deployment
-    from socialbot.runtime.live_source import LiveSource
-    from socialbot.runtime.machine import machine_source
+    from socialbot.runtime.machine import LiveSource, machine_source
     from socialbot.runtime.run import new_run_folder, run
 
     changes = ([f"camera.source={camera}"] if camera is not None else []) + (changes or [])
@@ -62,15 +53,14 @@ def up(
             whole = with_changes(deployment.graph, changes)
             source = stack.enter_context(machine_source(deployment, machine, folder / "log", minds))
             console.print(f"{whole.name} on {machine}: {nodes or 'no node'}", markup=False)
-        elif machine is not None:
-            raise ParameterError(f"{graph} names no machines", where="--machine", remedy="give a deployment file")
         else:
+            options.expect_no_machine(machine)
             whole, source = with_changes(load_graph(graph), changes), LiveSource(state_folder=minds)
         console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", markup=False)
-        record = stack.enter_context(RunTrace(folder, room=room_of(keep)))
+        record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep)))
         if show_page:
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
-        deliberates = any(config.type.deliberates for config in whole.placements)
+        deliberates = any(config.type.deliberates for config in whole.nodes)
         start = None if deliberates else WallClock().now()
         try:
             with Display(console, whole.without_sources(), start=start) as display:

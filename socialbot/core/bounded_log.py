@@ -26,9 +26,11 @@ class BoundedLog:
     part begins with the lines of ``opening``. Raises FileExistsError and other OSErrors.
     """
 
-    def __init__(self, path: Path, room: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing) -> None:
+    def __init__(
+        self, path: Path, max_bytes: int | None = None, opening: Callable[[], Iterable[bytes]] = nothing
+    ) -> None:
         self._path = path
-        self._longest = None if room is None else room // PARTS
+        self._longest = None if max_bytes is None else max_bytes // PARTS
         self._opening = opening
         self._number = 0
         self._file: BinaryIO = path.open("xb")

@@ -1,10 +1,12 @@
-"""Lazy re-exports of a package, imported from its modules on first use."""
+"""Names that are looked up on use: lazy re-exports of a package, and renamed attributes."""
 
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from typing import Any
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> Callable[[str], object]:
@@ -24,3 +26,18 @@ def lazy_exports(package: str, modules: Mapping[str, str]) -> Callable[[str], ob
         return value
 
     return __getattr__
+
+
+class RenamedAttribute:
+    """Old name of the attribute ``new``, with a deprecation warning."""
+
+    def __init__(self, new: str) -> None:
+        self._new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._old = name
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        text = f"{owner.__name__}.{self._old} is deprecated and will be removed in the next release; use {self._new}"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(instance or owner, self._new)

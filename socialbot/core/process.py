@@ -14,7 +14,7 @@ from types import FrameType
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def end_well_on_signals() -> None:
+def exit_on_signals() -> None:
     """Exit with code 0 on signals, including pending ones; later signals have no effect."""
     atexit.register(_ignore_signals)
     for number in ENDING_SIGNALS:

@@ -160,7 +160,7 @@ class TerminalView(Protocol):
 
 class _Graph(Protocol):
     @property
-    def placements(self) -> Sequence[Any]: ...
+    def nodes(self) -> Sequence[Any]: ...
 
 
 def resolve(reference: str) -> Any:
@@ -204,7 +204,7 @@ def agent_packages() -> tuple[AgentPackage, ...]:
 
 def packages_of(graph: _Graph) -> Iterator[AgentPackage]:
     """Yield the packages with node classes in ``graph``."""
-    types = [node.type for node in graph.placements]
+    types = [node.type for node in graph.nodes]
     only_built_in = all(each.__module__.startswith("socialbot.") for each in types)
     # The scan of all entry points takes about 10 ms.
     packages = built_in_packages() if only_built_in else agent_packages()
@@ -262,7 +262,7 @@ def phrases_of(graph: _Graph | None) -> dict[str, str]:
     """Return sentences by action name for the agents of ``graph``; those of all packages without a graph."""
     packages = agent_packages() if graph is None else packages_of(graph)
     phrases = {key: text for package in packages if package.phrases for key, text in resolve(package.phrases).items()}
-    for node in graph.placements if graph is not None else ():
+    for node in graph.nodes if graph is not None else ():
         phrases.update(node.type.phrases)
     return phrases
 

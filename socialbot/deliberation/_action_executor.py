@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from socialbot.bdi import Atom, Engine
@@ -11,24 +11,14 @@ from socialbot.bdi.intentions import Failure
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation._execution import PlanTask, Projection, have_happened
+from socialbot.deliberation._execution import PlanTask, have_happened
 from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import FLUENT, PREDICATE, ActionStatus, Fact
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.planning.pddl.formulas import (
-    Add,
-    Delete,
-    Effect,
-    Fluent,
-    Formula,
-    NumericEffect,
-    PddlWorld,
-    Predicate,
-)
-from socialbot.planning.pddl.semantics import GroundChange, SetValue, bound, triggered, unmet
-
-Key = Predicate | Fluent
+from socialbot.planning.pddl.formulas import Effect, Fluent, Formula, Key, NumericEffect, PddlWorld, Predicate
+from socialbot.planning.pddl.semantics import Changes, triggered, unmet
+from socialbot.planning.pddl.state import Projection
 
 IsSensed = Callable[[str, tuple[str, ...]], bool]
 """Whether sensors report a predicate or function, given by name, for some objects."""
@@ -55,33 +45,22 @@ class RollbackLog:
         self._writing: Key | None = None
         facts.watch(self._on_fact)
 
-    def apply(
-        self, owner: object, changes: Iterable[GroundChange], cause: str, relative: Container[Fluent] = ()
-    ) -> None:
+    def apply(self, owner: object, changes: Changes, cause: str, relative: Container[Key] = ()) -> None:
         """Believe changes. Raises PlanningError if one does not fit the domain any more.
 
         Args:
             relative: Fluents that are only increased or decreased.
         """
-        for change in changes:
-            match change:
-                case Add(predicate):
-                    if not self._facts.holds(predicate):
-                        self._write(owner, predicate, True, cause)
-                case Delete(predicate):
-                    if self._facts.holds(predicate):
-                        self._write(owner, predicate, False, cause)
-                case SetValue(fluent, value):
-                    self._write(owner, fluent, value, cause, relative=fluent in relative)
+        for key, new in changes.items():
+            if isinstance(key, Fluent) or self._facts.holds(key) != new:
+                self._write(owner, key, new, cause, relative=key in relative)
 
     def undo(self, owner: object, cause: str) -> None:
-        """Undo the changes of an owner, the last change first."""
         for key, entry in reversed(self._entries.pop(owner, {}).items()):
             if self._facts.unknown(fact_of(key)) is None:  # objects that have gone do not come back
                 self._write(None, key, entry.before, cause, relative=entry.relative)
 
     def close(self, owner: object) -> None:
-        """Make the changes of an owner permanent."""
         self._entries.pop(owner, None)
 
     def undone(self) -> dict[Key, bool | float | None]:
@@ -125,7 +104,6 @@ class RollbackLog:
 
 
 def key_of(fact: Fact) -> Key | None:
-    """Return the predicate or fluent of a fact; None for an instance."""
     if fact.pddl_type == PREDICATE:
         return Predicate(fact.name, fact.params)
     return Fluent(fact.name, fact.params) if fact.pddl_type == FLUENT else None
@@ -135,39 +113,31 @@ def fact_of(key: Key, value: bool | float | None = True) -> Fact:
     """Return a predicate, or a fluent with its value, as a fact."""
     if isinstance(key, Predicate):
         return Fact(name=key.name, params=key.terms)
-    return Fact(name=key.function, pddl_type=FLUENT, params=key.terms, value=float(value or 0.0))
+    return Fact(name=key.name, pddl_type=FLUENT, params=key.terms, value=float(value or 0.0))
 
 
+@dataclass(eq=False)
 class ActionExecutor:
     """Executes tasks; call `check` whenever something has changed.
 
     Attributes:
+        failed: Called with a failed task and the trace record of its end.
         stopping: Tasks that have ended while their actions still have to stop, with the deadline (ns) for that.
         sensors_timed_out: Whether missing sensor reports are excused.
         rollback_log: Changes of the tasks that have not ended.
-
-    Args:
-        failed: Called with a failed task and the trace record of its end.
     """
 
-    def __init__(
-        self,
-        engine: Engine,
-        facts: FactBase,
-        options: DeliberationOptions,
-        is_sensed: IsSensed,
-        loop: WakeupLoop,
-        failed: Callable[[PlanTask, str], object],
-    ) -> None:
-        self.stopping: dict[PlanTask, int] = {}
-        self.sensors_timed_out = False
-        self.rollback_log = RollbackLog(facts)
-        self._engine = engine
-        self._facts = facts
-        self._options = options
-        self._is_sensed = is_sensed
-        self._loop = loop
-        self._failed = failed
+    engine: Engine
+    facts: FactBase
+    options: DeliberationOptions
+    is_sensed: IsSensed
+    loop: WakeupLoop
+    failed: Callable[[PlanTask, str], object]
+    stopping: dict[PlanTask, int] = field(init=False, default_factory=dict)
+    sensors_timed_out: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        self.rollback_log = RollbackLog(self.facts)
 
     def start_if_possible(self, task: PlanTask, cause: str) -> None:
         """Start a task if its conditions hold; fail it if they have not held for ``patience_s``."""
@@ -179,32 +149,30 @@ class ActionExecutor:
         except PlanningError as problem:
             self._fail(task, problem.what, cause=task.record or cause)
             return
-        now = self._engine.clock.now()
-        task.unmet_since = now if task.unmet_since is None else task.unmet_since
         task.message = f"waits for {missing}"
-        if self._loop.is_due(task.unmet_since + nanoseconds(self._options.patience_s)):
+        if self._overdue(task, [missing], self.options.patience_s) is not None:
             self._fail(task, f"condition does not hold: {missing}", cause=cause)
 
     def _missing_at_start(self, task: PlanTask) -> Formula | None:
         beliefs = self._beliefs()
         missing = unmet(task.action.conditions_at("start"), beliefs)
         if not missing:
-            begun = beliefs.after(task.changes("start", beliefs))
+            begun = self._beliefs(task.changes("start", beliefs))
             missing = unmet(task.action.conditions_at("over all"), begun)
         return missing[0] if missing else None
 
     def _start(self, task: PlanTask, cause: str) -> None:
-        step, now, beliefs = task.step, self._engine.clock.now(), self._beliefs()
+        step, now, beliefs = task.step, self.loop.now, self._beliefs()
         at_start = task.changes("start", beliefs)
-        begun = beliefs.after(at_start)
+        begun = self._beliefs(at_start)
         task.starting_values = {
             fluent: begun.value(fluent)
             for _, fluent in _numeric(task.effects("end"), begun)
-            if self._is_sensed(fluent.function, fluent.terms)
+            if self.is_sensed(fluent.name, fluent.terms)
         }
-        task.expected = tuple(filter(self._is_sensed_change, at_start))
+        task.expected = self._sensed(at_start)
         conditions = (*task.action.conditions_at("start"), *task.action.conditions_at("over all"))
-        task.record = self._engine.trace.record(
+        task.record = self.engine.trace.record(
             "step",
             step.call,
             cause,
@@ -217,14 +185,13 @@ class ActionExecutor:
         task.enter("acting", now)
         self._apply(task, "start")
         goal = literal(step.action, tuple(map(Atom, step.args)))
-        task.intention = self._engine.attempt(goal, lambda failure: self._on_ended(task, failure), cause=task.record)
+        task.intention = self.engine.attempt(goal, lambda failure: self._on_ended(task, failure), cause=task.record)
 
     def _on_ended(self, task: PlanTask, failure: Failure | None) -> None:
         task.outcome = (failure,)
-        self._loop.wake()
+        self.loop.wake()
 
     def check(self, task: PlanTask) -> None:
-        """Check the conditions, duration, result and effects of a running task."""
         try:
             if task.phase == "acting":
                 self._check_action(task)
@@ -233,10 +200,10 @@ class ActionExecutor:
             if task.phase in ("acting", "ending"):
                 self._check_duration(task)
             if task.phase == "settling":
-                unseen = task.first_unseen(self._facts)
+                unseen = task.first_unseen(self.facts)
                 if unseen is None:
                     self._succeed(task)
-                elif self._loop.is_due(self._effects_due(task)):
+                elif self.loop.is_due(self._effects_due(task)):
                     self._fail(task, f"effect not seen: {unseen}")
         except PlanningError as problem:
             self._fail(task, problem.what)
@@ -245,108 +212,106 @@ class ActionExecutor:
         if task.outcome is not None:
             failure = task.outcome[0]
             if failure is None:
-                task.enter("ending", self._engine.clock.now())
+                task.enter("ending", self.loop.now)
             else:
                 self._fail(task, failure.message, cause=str(failure.cause))
             return
+        # Sensors may not have reported the start effects yet, and the condition may depend on them.
+        not_before = 0 if task.first_unseen(self.facts) is None else self._effects_due(task)
         missing = unmet(task.action.conditions_at("over all"), self._beliefs())
-        due = self._tolerated_until(task, bool(missing))
-        if task.first_unseen(self._facts) is not None:
-            # Sensors have not reported the start effects yet, and the condition may depend on them.
-            due = max(due, self._effects_due(task))
-        if missing and self._loop.is_due(due):
-            self._fail(task, f"condition holds no longer: {missing[0]}")
+        overdue = self._overdue(task, missing, self.options.tolerance_s, not_before)
+        if overdue is not None:
+            self._fail(task, f"condition holds no longer: {overdue}")
 
     def _check_end(self, task: PlanTask) -> None:
         missing = unmet(task.action.conditions_at("end"), self._beliefs())
-        due = self._tolerated_until(task, bool(missing))
+        overdue = self._overdue(task, missing, self.options.tolerance_s)
         if not missing:
-            at_end = task.changes("end", task.as_when_begun(self._facts, self._facts.domain))
-            task.expected = tuple(filter(self._is_sensed_change, at_end))
-            task.enter("settling", self._engine.clock.now())
-        elif self._loop.is_due(due):
-            self._fail(task, f"condition does not hold at the end: {missing[0]}")
+            task.expected = self._sensed(task.end_changes(self.facts, self.facts.domain))
+            task.enter("settling", self.loop.now)
+        elif overdue is not None:
+            self._fail(task, f"condition does not hold at the end: {overdue}")
 
-    def _tolerated_until(self, task: PlanTask, missing: bool) -> int:
-        now = self._engine.clock.now()
+    def _overdue(
+        self, task: PlanTask, missing: list[Formula], tolerance_s: float, not_before: int = 0
+    ) -> Formula | None:
+        """Return a condition that has not held for too long; None if there is none."""
         if not missing:
             task.unmet_since = None
-        elif task.unmet_since is None:
-            task.unmet_since = now
-        return (now if task.unmet_since is None else task.unmet_since) + nanoseconds(self._options.tolerance_s)
+            return None
+        if task.unmet_since is None:
+            task.unmet_since = self.loop.now
+        due = max(task.unmet_since + nanoseconds(tolerance_s), not_before)
+        return missing[0] if self.loop.is_due(due) else None
 
     def _check_duration(self, task: PlanTask) -> None:
-        planned_s, options = task.step.duration_s, self._options
+        planned_s, options = task.step.duration_s, self.options
         limit_s = options.overrun_factor * planned_s + options.overrun_s
         assert task.started is not None
-        if self._loop.is_due(task.started + nanoseconds(limit_s)):
+        if self.loop.is_due(task.started + nanoseconds(limit_s)):
             self._fail(task, f"takes longer than {limit_s:g} s; {planned_s:g} s were planned")
 
     def _effects_due(self, task: PlanTask) -> int:
         if self.sensors_timed_out:
-            task.since = self._engine.clock.now()
-        return task.since + nanoseconds(self._options.patience_s)
+            task.since = self.loop.now
+        return task.since + nanoseconds(self.options.patience_s)
 
     def _succeed(self, task: PlanTask) -> None:
-        now = self._engine.clock.now()
+        now = self.loop.now
         self._apply(task, "end")
         self.rollback_log.close(task)
-        self._engine.trace.record("step_end", task.step.call, task.record, outcome="successful")
-        task.status, task.ended, task.expected = "SUCCESSFUL", now, ()
+        self.engine.trace.record("step_end", task.step.call, task.record, outcome="successful")
+        task.status, task.ended, task.expected = "SUCCESSFUL", now, {}
         task.enter("over", now)
-        self._loop.wake()
+        self.loop.wake()
 
     def give_up(self, task: PlanTask, status: ActionStatus, message: str, *, cause: str = "") -> str:
         """End a task early and undo its start effects; return the trace record of its end."""
-        now = self._engine.clock.now()
+        now = self.loop.now
         intention = task.intention if task.phase == "acting" and task.outcome is None else None
         task.progress(now)
         task.status, task.message = status, message
         task.ended = None if task.started is None else now
         task.enter("over", now)
-        record = self._engine.trace.record(
+        record = self.engine.trace.record(
             "step_end", task.step.call, cause or task.record, outcome=status.lower(), message=message
         )
         self.rollback_log.undo(task, record)
         if intention is not None:
-            self.stopping[task] = now + nanoseconds(self._options.stop_s)
-            self._engine.intentions.drop(intention, lambda: self._on_stopped(task))
+            self.stopping[task] = now + nanoseconds(self.options.stop_s)
+            self.engine.intentions.drop(intention, lambda: self._on_stopped(task))
         return record
 
     def _fail(self, task: PlanTask, message: str, *, cause: str = "") -> None:
-        self._failed(task, self.give_up(task, "FAILED", message, cause=cause))
+        self.failed(task, self.give_up(task, "FAILED", message, cause=cause))
 
     def _on_stopped(self, task: PlanTask) -> None:
         if self.stopping.pop(task, None) is not None:
-            self._loop.wake()
+            self.loop.wake()
 
     def check_stopping(self) -> None:
-        """Stop waiting for actions that have not stopped in time."""
         for task, due in list(self.stopping.items()):
-            if self._loop.is_due(due):
+            if self.loop.is_due(due):
                 del self.stopping[task]
-                message = f"has not stopped in {self._options.stop_s:g} s"
-                self._engine.trace.record("failure", task.step.call, task.record, reason="no_answer", message=message)
+                message = f"has not stopped in {self.options.stop_s:g} s"
+                self.engine.trace.record("failure", task.step.call, task.record, reason="no_answer", message=message)
 
-    def _beliefs(self) -> Projection:
-        return Projection(self._facts, self._facts.domain)
+    def _beliefs(self, changes: Changes | None = None) -> Projection:
+        return Projection(self.facts, self.facts.domain, changes)
 
-    def _is_sensed_change(self, change: GroundChange) -> bool:
-        if isinstance(change, SetValue):
-            return self._is_sensed(change.fluent.function, change.fluent.terms)
-        return self._is_sensed(change.predicate.name, change.predicate.terms)
+    def _sensed(self, changes: Changes, sensed: bool = True) -> Changes:
+        return {key: new for key, new in changes.items() if self.is_sensed(key.name, key.terms) == sensed}
 
     def _apply(self, task: PlanTask, when: Literal["start", "end"]) -> None:
-        """Believe the effects that no sensor reports."""
         beliefs = self._beliefs()
-        changes = [change for change in task.changes(when, beliefs) if not self._is_sensed_change(change)]
         numeric = list(_numeric(task.effects(when), beliefs))
         absolute = {fluent for operator, fluent in numeric if operator not in ("increase", "decrease")}
-        self.rollback_log.apply(task, changes, task.record, {fluent for _, fluent in numeric} - absolute)
+        relative = {fluent for _, fluent in numeric} - absolute
+        self.rollback_log.apply(task, self._sensed(task.changes(when, beliefs), False), task.record, relative)
 
 
 def _numeric(effects: Iterable[Effect], world: PddlWorld) -> Iterator[tuple[str, Fluent]]:
     """Yield the changed fluents with their operators: ``assign``, ``increase``, ..."""
-    for effect, binding in triggered(effects, world):
+    for effect in triggered(effects, world):
         if isinstance(effect, NumericEffect):
-            yield effect.operator, bound(effect.fluent, binding)
+            yield effect.operator, effect.fluent

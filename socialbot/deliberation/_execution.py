@@ -13,51 +13,13 @@ from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
 from socialbot.planning.pddl.causal_order import causal_order
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
-from socialbot.planning.pddl.formulas import Add, Delete, Effect, Fluent, Formula, PddlWorld, Predicate
-from socialbot.planning.pddl.semantics import TOLERANCE, GroundAction, GroundChange, SetValue, changes, ground
-from socialbot.planning.pddl.state import Derivation, PddlState
+from socialbot.planning.pddl.formulas import Effect, Fluent, Formula, Key, PddlWorld
+from socialbot.planning.pddl.semantics import TOLERANCE, Changes, GroundAction, change_text, changes, ground
+from socialbot.planning.pddl.state import PddlState, Projection
 from socialbot.planning.pddl.validation import PlanEvent, validate_plan
 
 if TYPE_CHECKING:
     from socialbot.bdi.intentions import Failure, Intention
-
-
-class Projection:
-    """View of a world after some changes, including its derived predicates; the world itself is not changed."""
-
-    def __init__(self, world: PddlWorld, domain: PddlDomain, changes: Iterable[GroundChange] = ()) -> None:
-        self._world = world
-        self._domain = domain
-        self._derived: frozenset[Predicate] | None = None
-        self._predicates: dict[Predicate, bool] = {}
-        self._values: dict[Fluent, float] = {}
-        for change in changes:
-            match change:
-                case Add(predicate):
-                    self._predicates[predicate] = True
-                case Delete(predicate):
-                    self._predicates[predicate] = False
-                case SetValue(fluent, value):
-                    self._values[fluent] = value
-
-    def after(self, changes: Iterable[GroundChange]) -> Projection:
-        """Return a view of this world after more changes."""
-        return Projection(self, self._domain, changes)
-
-    def holds(self, predicate: Predicate) -> bool:
-        if predicate.name in self._domain.derived:
-            if self._derived is None:
-                self._derived = Derivation(self._domain).derived(self)
-            return predicate in self._derived
-        known = self._predicates.get(predicate)
-        return self._world.holds(predicate) if known is None else known
-
-    def value(self, fluent: Fluent) -> float | None:
-        known = self._values.get(fluent)
-        return self._world.value(fluent) if known is None else known
-
-    def objects(self, types: tuple[str, ...]) -> Iterable[str]:
-        return self._world.objects(types)
 
 
 Phase = Literal["waiting", "acting", "ending", "settling", "over"]
@@ -92,52 +54,48 @@ class PlanTask:
     unmet_since: int | None = None
     intention: Intention | None = None
     outcome: tuple[Failure | None] | None = None
-    expected: tuple[GroundChange, ...] = ()
+    expected: Changes = field(default_factory=dict)
     starting_values: dict[Fluent, float | None] = field(default_factory=dict)
     _progress: float = 0.0
 
     @property
     def active(self) -> bool:
-        """Whether it has started and not ended."""
         return self.phase in ("acting", "ending", "settling")
 
     def effects(self, when: Literal["start", "end"]) -> tuple[Effect, ...]:
-        """Return its effects at the start or end."""
         if self.action.duration is None:
             return () if when == "start" else self.action.effects_at("start")
         return self.action.effects_at(when)
 
-    def changes(self, when: Literal["start", "end"], world: PddlWorld) -> list[GroundChange]:
+    def changes(self, when: Literal["start", "end"], world: PddlWorld) -> Changes:
         """Return its effects in a world. Raises PlanningError for fluents without a value."""
         return changes(self.effects(when), world, duration=self.step.duration_s)
 
-    def as_when_begun(self, world: PddlWorld, domain: PddlDomain) -> Projection:
-        """Return a world with `starting_values`, as sensors may have reported some of the task's effect already."""
-        values = self.starting_values.items()
-        return Projection(world, domain, (SetValue(fluent, value) for fluent, value in values if value is not None))
+    def end_changes(self, world: PddlWorld, domain: PddlDomain) -> Changes:
+        """Return its end effects from `starting_values`, as sensors may have reported some of them already."""
+        return self.changes("end", Projection(world, domain, self.known_starting_values))
 
-    def first_unseen(self, world: PddlWorld) -> GroundChange | None:
+    @property
+    def known_starting_values(self) -> Changes:
+        return {fluent: value for fluent, value in self.starting_values.items() if value is not None}
+
+    def first_unseen(self, world: PddlWorld) -> str | None:
         """Return the first expected effect that sensors have not reported; None if there is none."""
-        return next((change for change in self.expected if not self.is_seen(change, world)), None)
+        unseen = (change_text(key, new) for key, new in self.expected.items() if not self.is_seen(key, new, world))
+        return next(unseen, None)
 
-    def is_seen(self, change: GroundChange, world: PddlWorld) -> bool:
+    def is_seen(self, key: Key, new: bool | float, world: PddlWorld) -> bool:
         """Return whether a world shows an effect; numbers may be beyond it, as other tasks change them too."""
-        match change:
-            case Add(predicate):
-                return world.holds(predicate)
-            case Delete(predicate):
-                return not world.holds(predicate)
-            case SetValue(fluent, value):
-                return _is_reached(self.starting_values.get(fluent), world.value(fluent), value)
+        if isinstance(key, Fluent):
+            return _is_reached(self.starting_values.get(key), world.value(key), new)
+        return world.holds(key) == new
 
     def has_happened(self, what: Literal["start", "end"]) -> bool:
-        """Return whether it has started, or ended successfully."""
         if what == "start" and self.action.duration is not None:
             return self.started is not None
         return self.status == "SUCCESSFUL"
 
     def enter(self, phase: Phase, now: int) -> None:
-        """Begin another phase."""
         self.phase, self.since, self.unmet_since = phase, now, None
 
     def lasted_s(self, now: int) -> float:
@@ -190,7 +148,6 @@ class PlanExecution:
     reason: str = ""
 
     def active(self) -> Iterator[PlanTask]:
-        """Return the running tasks in the order of the plan."""
         return (task for task in self.tasks if task.active)
 
     def released(self) -> Iterator[PlanTask]:
@@ -202,7 +159,6 @@ class PlanExecution:
         return " ".join((str(self.number), self.status, *(f"{task.status} {task.message}" for task in self.tasks)))
 
     def info(self, agent_id: str, now: int) -> PlanExecutionInfo:
-        """Return its state as a message."""
         numbers = {task: number for number, task in enumerate(self.tasks)}
         return PlanExecutionInfo(
             stamp=now,
@@ -218,11 +174,9 @@ class PlanExecution:
         )
 
     def seconds(self, time: int) -> float:
-        """Return a time as seconds from the start of the plan."""
         return (time - self.began) / SECOND
 
     def estimated_end_s(self, now: int) -> float:
-        """Return the estimated end, s from the start of the plan."""
         earliest = self.seconds(now)
         starts: dict[PlanTask, float] = {}
         ends: dict[PlanTask, float] = {}
@@ -254,7 +208,6 @@ class PlanExecution:
 
 
 def have_happened(events: Iterable[TaskEvent]) -> bool:
-    """Return whether all of some events have happened."""
     return all(task.has_happened(what) for task, what in events)
 
 
@@ -291,7 +244,7 @@ def merged(
         _apply_end(state, task)
     for task in sorted(continuing, key=_end):
         _apply_unseen(state, task)
-        state.apply(SetValue(fluent, value) for fluent, value in task.starting_values.items() if value is not None)
+        state.apply(task.known_starting_values)
     problem = state.problem(goal)
     steps = [replace(task.step, start_s=((task.started or 0) - now) / SECOND) for task in continuing]
     whole = PddlPlan((*steps, *plan.steps))
@@ -335,16 +288,10 @@ def _end(task: PlanTask) -> float:
 
 def _apply_unseen(state: PddlState, task: PlanTask) -> None:
     """Apply the expected effects of a task that sensors have not reported."""
-    state.apply([change for change in task.expected if not task.is_seen(change, state)])
+    state.apply({key: new for key, new in task.expected.items() if not task.is_seen(key, new, state)})
 
 
 def _apply_end(state: PddlState, task: PlanTask) -> None:
-    """Apply the end effects of a task; sensed fluents may show them already."""
-    state.apply(
-        [
-            change
-            for change in task.changes("end", task.as_when_begun(state, state.domain))
-            if not (isinstance(change, SetValue) and change.fluent in task.starting_values)
-            or not task.is_seen(change, state)
-        ]
-    )
+    changed = task.end_changes(state, state.domain)
+    seen = {key for key, new in changed.items() if key in task.starting_values and task.is_seen(key, new, state)}
+    state.apply({key: new for key, new in changed.items() if key not in seen})

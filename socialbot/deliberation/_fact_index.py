@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -17,7 +18,6 @@ _VARIABLE = re.compile(r"\{(\w+)\}")
 
 
 def has_wildcards(name: str) -> bool:
-    """Return whether a name contains ``*`` or ``?``."""
     return "*" in name or "?" in name
 
 
@@ -29,18 +29,15 @@ def like(pattern: str) -> Callable[[str], object]:
 
 
 def variable_of(name: str) -> str | None:
-    """Return the variable if the whole name is one."""
     found = _VARIABLE.fullmatch(name)
     return found[1] if found else None
 
 
 def variables_in(text: str) -> list[str]:
-    """Return the variables in a text."""
     return _VARIABLE.findall(text)
 
 
 def filled(text: str, binding: Mapping[str, str]) -> str:
-    """Replace the variables in a text."""
     return _VARIABLE.sub(lambda found: binding[found[1]], text)
 
 
@@ -61,14 +58,12 @@ class Table:
         self._by: dict[tuple[int, str], dict[Params, None]] = {}
 
     def put(self, params: Params, fact: Fact) -> None:
-        """Add or replace a fact."""
         if params not in self.facts:
             for place in enumerate(params):
                 self._by.setdefault(place, {})[params] = None
         self.facts[params] = fact
 
     def take(self, params: Params) -> Fact | None:
-        """Remove and return a fact, or None."""
         fact = self.facts.pop(params, None)
         if fact is not None:
             for place in enumerate(params):
@@ -107,12 +102,10 @@ class FactIndex:
             self._put(fact)
 
     def holds(self, predicate: Predicate) -> bool:
-        """Return whether a predicate is true."""
         return predicate.terms in self.table(PREDICATE, predicate.name).facts
 
     def value(self, fluent: Fluent) -> float | None:
-        """Return the value of a function; None if undefined."""
-        fact = self.table(FLUENT, fluent.function).facts.get(fluent.terms)
+        fact = self.table(FLUENT, fluent.name).facts.get(fluent.terms)
         return None if fact is None else fact.value
 
     def objects(self, types: tuple[str, ...] = (OBJECT,)) -> tuple[str, ...]:
@@ -132,7 +125,6 @@ class FactIndex:
         return () if fact is None else (fact.type,)
 
     def fits(self, name: str, types: tuple[str, ...]) -> bool:
-        """Return whether an object is known and has any of these types."""
         is_a = self.domain.is_a
         return any(is_a(kind, wanted) for kind in self.kinds(name) for wanted in types)
 
@@ -187,12 +179,13 @@ class FactIndex:
         signature, reason = signature_of(self.domain, fact)
         if signature is None:
             return reason
-        asked: dict[str, tuple[str, ...]] = {}
+        is_a, asked = self.domain.is_a, {}
         for name, parameter in zip(fact.params, signature.parameters, strict=True):
             reason = self._misplaced(name, parameter.types)
             before = asked.setdefault(name, parameter.types)
             settled = reason or self.fits(name, parameter.types)
-            if not settled and not any(self._related(one, two) for one in before for two in parameter.types):
+            pairs = itertools.product(before, parameter.types)
+            if not settled and not any(is_a(one, two) or is_a(two, one) for one, two in pairs):
                 reason = f"{name} cannot be both a {'|'.join(before)} and a {'|'.join(parameter.types)}"
             if reason is not None:
                 return f"{fact}: {reason}"
@@ -235,30 +228,34 @@ class FactIndex:
             return None
         return f"{fact.name} is a {'|'.join(kinds)}, not a {fact.type}"
 
-    def _related(self, one: str, two: str) -> bool:
-        return self.domain.is_a(one, two) or self.domain.is_a(two, one)
-
     def _may_be(self, name: str, types: tuple[str, ...]) -> bool:
         return self.fits(name, types)
 
+    def current(self, fact: Fact) -> Fact | None:
+        """Return the current fact of the same type, name and parameters, or None."""
+        name, params = _place(fact)
+        return self.table(fact.pddl_type, name).facts.get(params)
+
     def _put(self, fact: Fact) -> None:
+        name, params = _place(fact)
+        self._tables[fact.pddl_type].setdefault(name, Table()).put(params, fact)
+        self._changed(fact)
+
+    def _take(self, fact: Fact) -> Fact | None:
+        name, params = _place(fact)
+        self._changed(fact)
+        return self.table(fact.pddl_type, name).take(params)
+
+    def _changed(self, fact: Fact) -> None:
         if fact.pddl_type == INSTANCE:
-            self._tables[INSTANCE][""].put((fact.name,), fact)
             self._objects.clear()
-        else:
-            self._tables[fact.pddl_type].setdefault(fact.name, Table()).put(fact.params, fact)
         self._sorted = None
         self.version += 1
 
-    def _take(self, fact: Fact) -> Fact | None:
-        if fact.pddl_type == INSTANCE:
-            taken = self.table(INSTANCE).take((fact.name,))
-            self._objects.clear()
-        else:
-            taken = self.table(fact.pddl_type, fact.name).take(fact.params)
-        self._sorted = None
-        self.version += 1
-        return taken
+
+def _place(fact: Fact) -> tuple[str, Params]:
+    """Return the name of the table of a fact, and its key there."""
+    return ("", (fact.name,)) if fact.pddl_type == INSTANCE else (fact.name, fact.params)
 
 
 def signature_of(domain: PddlDomain, fact: Fact) -> tuple[Signature | None, str | None]:
@@ -274,13 +271,10 @@ def signature_of(domain: PddlDomain, fact: Fact) -> tuple[Signature | None, str 
         word = KINDS[fact.pddl_type].split()[1]
         return None, f"there is no {word} {fact.name!r}; {near(fact.name, mine)}"
     if len(fact.params) != len(signature.parameters):
-        return None, f"({' '.join((fact.name, *fact.params))}): {signature} has {_parameters(signature)}"
+        number = len(signature.parameters)
+        plural = "" if number == 1 else "s"
+        return None, f"({' '.join((fact.name, *fact.params))}): {signature} has {number} parameter{plural}"
     return signature, None
-
-
-def _parameters(signature: Signature) -> str:
-    number = len(signature.parameters)
-    return f"{number} parameter{'' if number == 1 else 's'}"
 
 
 def _no_number(fact: Fact) -> str | None:

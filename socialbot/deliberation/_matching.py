@@ -36,12 +36,10 @@ class FactMatch:
 
     @property
     def binding(self) -> dict[str, str]:
-        """Objects by variables."""
         return dict(self.bindings)
 
     @property
     def order(self) -> tuple[object, ...]:
-        """Sort key."""
         return self.bindings, tuple((fact.identity, fact.value) for fact in self.fluents)
 
     def __str__(self) -> str:
@@ -56,9 +54,8 @@ def matches(dnf: Dnf, facts: FactIndex) -> list[FactMatch]:
 
 def fitting(pattern: Fact, facts: FactIndex) -> list[Fact]:
     """Return the facts with the type, name and parameters of a pattern, in order."""
-    terms = (pattern.name,) if pattern.pddl_type == INSTANCE else pattern.params
-    literal = CompiledCondition("T", pattern.pddl_type, "" if pattern.pddl_type == INSTANCE else pattern.name, terms)
-    return sorted((fact for fact, _ in literal.rows({}, facts)), key=lambda fact: fact.identity)
+    rows = _literal(FactCondition(condition_to_check=pattern)).rows({}, facts)
+    return sorted((fact for fact, _ in rows), key=lambda fact: fact.identity)
 
 
 def mismatch(condition: FactCondition) -> str | None:
@@ -76,28 +73,19 @@ def unfit_condition(condition: FactCondition, facts: FactIndex) -> str | None:
     return mismatch(condition) or facts.unfit_pattern(fact)
 
 
+@dataclass(eq=False)
 class CompiledCondition:
     """Condition with its parameters split into objects, variables and wildcards."""
 
-    __slots__ = (
-        "arity", "check", "constants", "kind", "name", "patterns", "pddl_type", "terms", "value", "variables"
-    )  # fmt: skip
+    check: str
+    pddl_type: int
+    name: str
+    terms: Params
+    value: float = 0.0
+    kind: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        check: str,
-        pddl_type: int,
-        name: str,
-        terms: Params,
-        value: float = 0.0,
-        kind: tuple[str, ...] = (),
-    ) -> None:
-        self.check = check
-        self.pddl_type = pddl_type
-        self.name = name
-        self.value = value
-        self.kind = kind
-        self.terms = terms
+    def __post_init__(self) -> None:
+        terms = self.terms
         self.arity = len(terms)
         named = [(position, variable_of(term) or "") for position, term in enumerate(terms)]
         self.variables = tuple((position, name) for position, name in named if name)
@@ -108,15 +96,12 @@ class CompiledCondition:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is about one fact only."""
         return len(self.constants) == self.arity and not has_wildcards(self.name)
 
     def names(self) -> frozenset[str]:
-        """Return its variables."""
         return frozenset(name for _, name in self.variables)
 
     def reads(self, pddl_type: int, name: str) -> bool:
-        """Return whether it depends on facts of this type and name."""
         if pddl_type != self.pddl_type:
             return False
         return pddl_type == INSTANCE or self.name == name or (has_wildcards(self.name) and bool(like(self.name)(name)))
@@ -155,7 +140,6 @@ class CompiledCondition:
                     yield table.facts[params], found
 
     def accepts(self, fact: Fact, facts: FactIndex) -> bool:
-        """Return whether a matching fact passes the check."""
         if self.check in _COMPARE:
             return _COMPARE[self.check](fact.value, self.value)
         return not self.kind or facts.fits(fact.name, self.kind)
@@ -173,7 +157,6 @@ class CompiledClause:
         self._plain = all(literal.is_plain for literal in self.literals)
 
     def holds(self, facts: FactIndex) -> bool:
-        """Return whether there is a match."""
         if not self._plain:
             return next(self.solve(facts), None) is not None
         for literal in self.literals:

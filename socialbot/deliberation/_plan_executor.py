@@ -31,7 +31,7 @@ from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import Formula
 
 How = Literal["succeeded", "failed", "aborted"]
@@ -41,7 +41,7 @@ _TRACE_NAME = "director"
 
 @dataclass(frozen=True)
 class PlanOutcome:
-    """End of a plan, the step that caused it if any, and its ``record`` in the trace.
+    """End of a plan, and its ``record`` in the trace.
 
     A failed plan may have steps that continue, see `PlanExecutor.running`.
     """
@@ -49,7 +49,6 @@ class PlanOutcome:
     how: How
     plan: int
     reason: str = ""
-    step: PlanStep | None = None
     record: str = ""
 
 
@@ -71,20 +70,18 @@ class PlanExecutor:
         self,
         engine: Engine,
         facts: FactBase,
-        domain: PddlDomain,
         options: DeliberationOptions | None = None,
         *,
         is_sensed: IsSensed = lambda name, objects: False,
         ended: Callable[[PlanOutcome], object] = lambda outcome: None,
         changed: Callable[[], object] = lambda: None,
     ) -> None:
-        self.domain = domain
         self.options = options or DeliberationOptions()
         self._engine = engine
         self._facts = facts
         self._ended = ended
         self._changed = changed
-        self._loop = WakeupLoop(engine, self._check)
+        self._loop = WakeupLoop(engine, self._check, _TRACE_NAME)
         self._actions = ActionExecutor(engine, facts, self.options, is_sensed, self._loop, self._on_step_failed)
         self._execution: PlanExecution | None = None
         self._plans = 0
@@ -114,14 +111,13 @@ class PlanExecutor:
     @property
     def info(self) -> PlanExecutionInfo:
         """State of the plan; without a target if there is none."""
-        now = self._engine.clock.now()
+        now = self._loop.now
         if self._execution is None:
             return PlanExecutionInfo(stamp=now, agent_id=self._engine.name, plan=self._plans)
         return self._execution.info(self._engine.name, now)
 
     def projected(self, goal: Formula | None = None) -> PddlProblem:
-        """Return the predicted facts after the running steps, from which a repaired plan starts."""
-        return projected(self._facts, self.domain, self.running, goal)
+        return projected(self._facts, self._facts.domain, self.running, goal)
 
     def beliefs_if_aborted(self) -> tuple[Fact, ...]:
         """Return the predicted facts after an abort, in order."""
@@ -133,7 +129,7 @@ class PlanExecutor:
                 held[fact.identity] = fact
         if self._execution is not None and not self._keep_effects:
             desire = self._execution.desire
-            index = FactIndex(self.domain, held.values())
+            index = FactIndex(self._facts.domain, held.values())
             for pattern in desire.rollback_belief_del:
                 for fact in fitting(pattern, index):
                     held.pop(fact.identity, None)
@@ -155,17 +151,17 @@ class PlanExecutor:
         """
         if self.aborting:
             raise PlanningError("another plan is still being stopped", remedy="wait until abort() has called back")
-        now, running = self._engine.clock.now(), self.running
+        now, running = self._loop.now, self.running
         self._plans += 1
         if self._execution is not None and self._execution.status == "RUNNING":
             self._end_plan(self._execution, "aborted", f"plan {self._plans} takes its place")
             self._publish()
         tasks, problem = running, ""
         try:
-            if domain is not None and domain != self.domain:
+            if domain is not None and domain != self._facts.domain:
                 raise PlanningError("the domain has changed since the plan was made")
             goal = self._facts.goal(desire.wanted)
-            tasks = merged(self.domain, self._facts, plan, goal, running, now)
+            tasks = merged(self._facts.domain, self._facts, plan, goal, running, now)
         except PlanningError as error:
             problem = error.what
         pursued_since = now if began is None else began
@@ -215,7 +211,6 @@ class PlanExecutor:
             self._record_hold("hold", reason)
 
     def release(self) -> None:
-        """Continue after `hold`."""
         if self._hold_reason:
             reason, self._hold_reason = self._hold_reason, ""
             self._record_hold("release", reason)
@@ -261,7 +256,7 @@ class PlanExecutor:
             self._start_steps(execution)
             if all(task.status == "SUCCESSFUL" for task in execution.tasks):
                 self._end_plan(execution, "succeeded")
-                self._outcomes.append(PlanOutcome("succeeded", execution.number, record=execution.end_record))
+                self._outcomes.append(PlanOutcome("succeeded", execution.number, "", execution.end_record))
         self._publish()
         if execution is not None and execution.status == "SUCCESSFUL":
             self._execution = None
@@ -277,7 +272,7 @@ class PlanExecutor:
 
     def _abort_from_inside(self, execution: PlanExecution, reason: str) -> None:
         def aborted() -> None:
-            self._outcomes.append(PlanOutcome("aborted", execution.number, reason, record=execution.end_record))
+            self._outcomes.append(PlanOutcome("aborted", execution.number, reason, execution.end_record))
 
         self.abort(reason, aborted)
 
@@ -312,12 +307,12 @@ class PlanExecutor:
 
     def _on_step_failed(self, task: PlanTask, record: str) -> None:
         if self._execution is not None:
-            self._fail_plan(self._execution, f"{task.step.call}: {task.message}", task.step, record)
+            self._fail_plan(self._execution, f"{task.step.call}: {task.message}", record)
 
-    def _fail_plan(self, execution: PlanExecution, reason: str, step: PlanStep | None = None, cause: str = "") -> None:
+    def _fail_plan(self, execution: PlanExecution, reason: str, cause: str = "") -> None:
         if execution.status == "RUNNING":
             self._end_plan(execution, "failed", reason, cause)
-        self._outcomes.append(PlanOutcome("failed", execution.number, reason, step, execution.end_record))
+        self._outcomes.append(PlanOutcome("failed", execution.number, reason, execution.end_record))
 
     def _end_plan(self, execution: PlanExecution, how: How, reason: str = "", cause: str = "") -> None:
         execution.status = "SUCCESSFUL" if how == "succeeded" else "ABORT"
@@ -332,7 +327,6 @@ class PlanExecutor:
         )
 
     def _publish(self) -> None:
-        """Report the plan if a status has changed."""
         execution, hold = self._execution, self._hold_reason
         state = f"{self._plans} {hold} " if execution is None else execution.state() + hold
         if state != self._published:
@@ -340,11 +334,8 @@ class PlanExecutor:
             self._report()
 
     def _report(self) -> None:
-        self._report_due = self._engine.clock.now() + nanoseconds(self.options.report_s)
+        self._report_due = self._loop.now + nanoseconds(self.options.report_s)
         self._guarded(self._changed)
 
     def _guarded(self, callback: Callable[[], object]) -> None:
-        try:
-            callback()
-        except Exception as problem:  # noqa: BLE001 - callbacks never stop the plan
-            self._engine.trace.record_failure(_TRACE_NAME, self._plan_record, problem)
+        self._loop.guarded(callback, self._plan_record)

@@ -39,39 +39,29 @@ class PlanRequest:
     cancelled: threading.Event = field(default_factory=threading.Event)
 
 
+@dataclass(eq=False)
 class DesirePursuit:
     """Pursues one desire. Call all methods in the thread of the engine.
 
     Attributes:
-        current: The desire that is pursued.
-        problem: Why its plan has failed, if it has.
-
-    Args:
         end: Called when a desire is fulfilled, or has failed too often.
         wake: Called when the deliberator should run another pass.
+        current: The desire that is pursued.
+        problem: Why its plan has failed, if it has.
     """
 
-    def __init__(
-        self,
-        engine: Engine,
-        facts: FactBase,
-        plan_executor: PlanExecutor,
-        planner: Planner,
-        run_in_background: RunInBackground,
-        options: DeliberationOptions,
-        end: Callable[[DesireState, End, str], object],
-        wake: Callable[[], object],
-    ) -> None:
-        self.current: DesireState | None = None
-        self.problem = ""
-        self._engine = engine
-        self._facts = facts
-        self._plan_executor = plan_executor
-        self._planner = planner
-        self._run_in_background = run_in_background
-        self._options = options
-        self._end = end
-        self._wake = wake
+    engine: Engine
+    facts: FactBase
+    plan_executor: PlanExecutor
+    planner: Planner
+    run_in_background: RunInBackground
+    options: DeliberationOptions
+    end: Callable[[DesireState, End, str], object]
+    wake: Callable[[], object]
+    current: DesireState | None = field(init=False, default=None)
+    problem: str = field(init=False, default="")
+
+    def __post_init__(self) -> None:
         self._began = 0
         self._plan_began = 0
         self._preempted: tuple[DesireState, DesireState] | None = None
@@ -93,27 +83,27 @@ class DesirePursuit:
         if self.current is state and not state.context_holds():
             self.abort("the context of the desire no longer holds")
             return
-        request = PlanRequest(state, self._facts.domain, *self._max_makespan(state))
+        request = PlanRequest(state, self.facts.domain, *self._max_makespan(state))
         try:
             problem = self._planning_problem(state)
         except PlanningError as error:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
         self._request = request
-        limits = replace(self._options.limits, makespan_s=request.max_makespan_s)
-        work = functools.partial(self._planner.solve, request.domain, problem, limits, request.cancelled)
-        self._engine.timers.after(limits.timeout_s + GRACE_S, _RequestTimeout(self, request))
-        self._run_in_background(work, lambda answer: self._engine.call(lambda: self.on_answer(request, answer)))
+        limits = replace(self.options.limits, makespan_s=request.max_makespan_s)
+        work = functools.partial(self.planner.solve, request.domain, problem, limits, request.cancelled)
+
+        def time_out() -> None:
+            request.cancelled.set()
+            self.on_answer(request, PlannerAnswer(PlannerVerdict.FAILED, message="the planner does not answer"))
+
+        self.engine.timers.after(limits.timeout_s + GRACE_S, time_out, lambda: request is not self._request)
+        self.run_in_background(work, lambda answer: self.engine.call(lambda: self.on_answer(request, answer)))
 
     def cancel_request(self) -> None:
-        """Cancel the planner."""
         if self._request is not None:
             self._request.cancelled.set()
             self._request = None
-
-    def is_open(self, request: PlanRequest) -> bool:
-        """Return whether a request waits for its answer."""
-        return request is self._request
 
     def _planning_problem(self, state: DesireState) -> PddlProblem:
         """Return the initial state and goal; after an abort of the current plan if the desire preempts it.
@@ -121,32 +111,31 @@ class DesirePursuit:
         Raises PlanningError for an unknown object.
         """
         for condition in state.desire.wanted:
-            reason = self._facts.unknown_condition(condition)
+            reason = self.facts.unknown_condition(condition)
             if reason:
                 raise PlanningError(reason)
-        goal = self._facts.goal(state.desire.wanted)
+        goal = self.facts.goal(state.desire.wanted)
         if self.current is not None and self.current is not state:
-            return problem_of(self._plan_executor.beliefs_if_aborted(), self._facts.domain, goal)
-        return self._plan_executor.projected(goal) if self._plan_executor.running else self._facts.problem(goal)
+            return problem_of(self.plan_executor.beliefs_if_aborted(), self.facts.domain, goal)
+        return self.plan_executor.projected(goal) if self.plan_executor.running else self.facts.problem(goal)
 
     def _max_makespan(self, state: DesireState) -> tuple[float, str]:
         """Return the time (s) for a plan, less for a repair, and the cause of the request."""
         deadline = state.desire.deadline
         if self.current is not state:
             return deadline, state.record
-        spent = (self._engine.clock.now() - self._began) / SECOND
-        return min(deadline, max(0.0, deadline * self._options.rtc_deadline - spent)), self._failed_at
+        spent = (self.engine.clock.now() - self._began) / SECOND
+        return min(deadline, max(0.0, deadline * self.options.rtc_deadline - spent)), self._failed_at
 
     def on_answer(self, request: PlanRequest, answer: Any) -> None:
-        """Process an answer of the planner, which may be an exception."""
-        if not self.is_open(request):
+        if request is not self._request:
             return
         self._request = None
         if not isinstance(answer, PlannerAnswer):
-            message = "the planner gives no answer" if answer is None else f"{type(answer).__name__}: {answer}"
+            message = "the planner returned no answer" if answer is None else f"{type(answer).__name__}: {answer}"
             answer = PlannerAnswer(PlannerVerdict.FAILED, message=message)
         elif answer.verdict is PlannerVerdict.SOLVED and answer.plan is None:
-            answer = PlannerAnswer(PlannerVerdict.FAILED, message="the planner gives no plan")
+            answer = PlannerAnswer(PlannerVerdict.FAILED, message="the planner returned no plan")
         self._take(request, answer)
 
     def _take(self, request: PlanRequest, answer: PlannerAnswer) -> None:
@@ -157,12 +146,12 @@ class DesirePursuit:
         elif not in_time(plan, request.max_makespan_s):
             message = f"the plan lasts {plan.makespan_s:g} s, longer than the {request.max_makespan_s:g} s there are"
         detail = {} if plan is None else {"steps": len(plan.steps), "makespan_s": round(plan.makespan_s, 3)}
-        record = self._engine.trace.record(
+        record = self.engine.trace.record(
             "planning", state.name, request.cause, verdict=answer.verdict.value, message=message, **detail
         )
         unhandled = () if plan is None else self.without_handler(step.action for step in plan.steps)
         if unhandled:
-            self._end(state, "dropped", f"nobody carries out {', '.join(unhandled)}")
+            self.end(state, "dropped", f"no plan or action performs {', '.join(unhandled)}")
         elif plan is None or message:
             self._on_planning_failed(state, message, unsolvable=answer.verdict is PlannerVerdict.IMPOSSIBLE)
         elif self.current is not state and state.blocked:
@@ -173,17 +162,17 @@ class DesirePursuit:
             self.abort(f"{state.name} comes first")
         else:
             if self.current is None:
-                self.current, self._began = state, self._engine.clock.now()
-            self._plan_began = self._engine.clock.now()
+                self.current, self._began = state, self.engine.clock.now()
+            self._plan_began = self.engine.clock.now()
             self._preempted = None
             self.problem = ""
             state.failed_planning = 0
-            self._plan_executor.execute(plan, state.desire, record, began=self._began, domain=request.domain)
-        self._wake()
+            self.plan_executor.execute(plan, state.desire, record, began=self._began, domain=request.domain)
+        self.wake()
 
     def without_handler(self, actions: Iterable[str]) -> tuple[str, ...]:
         """Return the actions that have neither a `PlanAction` nor a plan of the engine."""
-        triggers, known = self._engine.library.triggers, self._facts.domain.actions
+        triggers, known = self.engine.library.triggers, self.facts.domain.actions
         goals = {name: f"+!{name}/{len(known[name].parameters)}" for name in actions if name in known}
         return tuple(name for name, goal in goals.items() if goal not in triggers or not triggers[goal].plans)
 
@@ -192,21 +181,21 @@ class DesirePursuit:
         if self._preempted is not None and self._preempted[0] is state and self._preempted[1] is not self.current:
             state.never_preempts.append(self._preempted[1])
             self._preempted = None
-        if state.failed_planning >= self._options.comp_plan_tries:
-            self._end(state, "dropped", f"no plan after {_times(state.failed_planning, 'try', 'tries')}: {reason}")
+        if state.failed_planning >= self.options.comp_plan_tries:
+            self.end(state, "dropped", f"no plan after {_times(state.failed_planning, 'try', 'tries')}: {reason}")
             return
-        now, pause = self._engine.clock.now(), nanoseconds(self._options.retry_s)
+        now, pause = self.engine.clock.now(), nanoseconds(self.options.retry_s)
         state.not_before = now + pause
         if unsolvable:
-            state.unsolvable_version, state.unsolvable_until = self._facts.version, now + UNSOLVABLE_FACTOR * pause
+            state.unsolvable_version, state.unsolvable_until = self.facts.version, now + UNSOLVABLE_FACTOR * pause
         if self.current is state:
             self.abort(f"no new plan: {reason}")
 
     def abort(self, reason: str) -> None:
         """Stop the plan; its desire remains and may be planned for again."""
-        if not self._plan_executor.aborting:
+        if not self.plan_executor.aborting:
             self.cancel_request()
-            self._plan_executor.abort(reason, self._on_stopped)
+            self.plan_executor.abort(reason, self._on_stopped)
 
     def forget(self, state: DesireState, how: End, reason: str) -> None:
         """Stop the request and plan of a desire that has ended."""
@@ -216,15 +205,15 @@ class DesirePursuit:
             return
         if how == "dropped":
             self.abort(reason)
-        elif not self._plan_executor.aborting:
+        elif not self.plan_executor.aborting:
             self.cancel_request()
-            self._plan_executor.finish(reason, self._on_stopped)
+            self.plan_executor.finish(reason, self._on_stopped)
 
     def revise(self, state: DesireState) -> None:
         """Apply a new deadline or priority; an open request is made again."""
         self.cancel_request()
         if self.current is state:
-            self._plan_executor.revise(state.desire)
+            self.plan_executor.revise(state.desire)
 
     def on_plan_ended(self, outcome: PlanOutcome) -> None:
         """Process the end of a plan, or the failure of one of its steps."""
@@ -234,40 +223,23 @@ class DesirePursuit:
         if outcome.how == "aborted" or (outcome.how == "succeeded" and state.is_fulfilled()):
             self.current, self.problem = None, ""
         if state.is_fulfilled():
-            self._end(state, "fulfilled", "")
+            self.end(state, "fulfilled", "")
         elif outcome.plan != self._failed_plan:  # several steps of one plan may fail
             self._failed_plan, self._failed_at = outcome.plan, outcome.record
-            self._on_execution_failed(state, outcome.reason or "the plan is done, but not all that is wanted holds")
-        self._wake()
+            self._on_execution_failed(state, outcome.reason or "the plan has ended, but its goal does not hold")
+        self.wake()
 
     def _on_execution_failed(self, state: DesireState, reason: str) -> None:
         state.failed_execution += 1
-        state.not_before = max(state.not_before, self._plan_began + nanoseconds(self._options.retry_s))
-        if state.failed_execution >= self._options.exec_plan_tries:
-            self._end(state, "dropped", f"aborted {_times(state.failed_execution, 'time', 'times')}: {reason}")
+        state.not_before = max(state.not_before, self._plan_began + nanoseconds(self.options.retry_s))
+        if state.failed_execution >= self.options.exec_plan_tries:
+            self.end(state, "dropped", f"aborted {_times(state.failed_execution, 'time', 'times')}: {reason}")
         elif self.current is not None:
             self.problem = reason
 
     def _on_stopped(self) -> None:
         self.current, self.problem = None, ""
-        self._wake()
-
-
-@dataclass(frozen=True, slots=True)
-class _RequestTimeout:
-    """Timer callback that is obsolete as soon as the planner has answered."""
-
-    pursuit: DesirePursuit
-    request: PlanRequest
-
-    def __call__(self) -> None:
-        if self.pursuit.is_open(self.request):
-            self.request.cancelled.set()
-            failure = PlannerAnswer(PlannerVerdict.FAILED, message="the planner does not answer")
-            self.pursuit.on_answer(self.request, failure)
-
-    def over(self) -> bool:
-        return not self.pursuit.is_open(self.request)
+        self.wake()
 
 
 def _times(number: int, one: str, many: str) -> str:

@@ -56,20 +56,16 @@ class PlanAction(LongAction):
         self.stopped()
 
     def fail(self, reason: str) -> None:
-        """Report that the action has failed."""
         self.failed(reason)
 
     def stopped(self) -> None:
-        """Report that the action has stopped."""
         self.cancelled()
 
     def done(self) -> None:
-        """Report that the action has succeeded."""
         self._over = True
         super().done()
 
     def failed(self, reason: str | Exception = "the action failed") -> None:
-        """Report that the action has failed."""
         self._over = True
         super().failed(reason)
 

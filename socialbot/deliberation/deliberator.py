@@ -17,7 +17,7 @@ The cause of a desire is a rule, file or request; that of a planning is the desi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Protocol
 
 from socialbot.bdi import Engine
@@ -25,11 +25,11 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._action_executor import IsSensed
 from socialbot.deliberation._fact_index import like
-from socialbot.deliberation._matching import mismatch, unfit_condition
 from socialbot.deliberation._plan_executor import PlanExecutor
 from socialbot.deliberation._pursuit import DesirePursuit, RunInBackground
 from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.desires import (
+    UNACHIEVABLE,
     DesireBase,
     DesireState,
     End,
@@ -39,12 +39,11 @@ from socialbot.deliberation.desires import (
     next_desire,
     prepares,
     relatives_to_drop,
-    unpreparable,
 )
 from socialbot.deliberation.facts import FactBase, out_of_range
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, conditions_in
+from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, unfit_parts
 from socialbot.deliberation.sensing import SensorTimeouts
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.planners.planner import Planner
@@ -89,18 +88,17 @@ class Deliberator:
         self.facts = FactBase(engine, domain)
         self.desires = DesireBase()
         self.rules = RuleBook(self.facts)
-        self.sensor_timeouts = SensorTimeouts(engine)
         self.plan_executor = PlanExecutor(
             engine,
             self.facts,
-            domain,
             self.options,
             is_sensed=is_sensed,
             ended=lambda outcome: self.pursuit.on_plan_ended(outcome),
             changed=self._plan_changed,
         )
-        self._loop = WakeupLoop(engine, self.think)
+        self._loop = WakeupLoop(engine, self.think, "deliberator")
         self.wake = self._loop.wake
+        self.sensor_timeouts = SensorTimeouts(engine, self.wake)
         self.pursuit = DesirePursuit(
             engine,
             self.facts,
@@ -134,7 +132,7 @@ class Deliberator:
         if state is None:
             reason = self.objection(desire)
         elif state.desire.wanted != desire.wanted:
-            reason = f"there is another desire called {desire.name}"
+            reason = f"another desire has the name {desire.name}"
         else:
             reason = out_of_range(desire) or ""
         if reason:
@@ -150,18 +148,10 @@ class Deliberator:
 
     def objection(self, desire: Desire) -> str:
         """Return why a desire can never be adopted in this domain, or an empty text. Unknown objects are allowed."""
-        facts = self.facts
         if not desire.wanted:
             return "it wants nothing"
-        found = (
-            out_of_range(desire),
-            *(mismatch(check) or facts.unfit(check.condition_to_check) for check in desire.wanted),
-            *(unfit_condition(check, facts) for check in conditions_in(desire.precondition)),
-            *(unfit_condition(check, facts) for check in conditions_in(desire.context)),
-            *map(facts.unfit, desire.rollback_belief_add),
-            *map(facts.unfit_pattern, desire.rollback_belief_del),
-        )
-        return next(filter(None, found), "")
+        reasons = (reason for _, reason in unfit_parts(desire, self.facts, self.facts.unfit))
+        return next(filter(None, reasons), "")
 
     def drop(self, name: str, reason: str = "deleted", *, cause: str = "") -> bool:
         """Drop a desire and stop its plan; return False if there is none of that name."""
@@ -181,21 +171,6 @@ class Deliberator:
         """Remove a rule but keep its effects; return False if there is none of that name."""
         return self.rules.remove(name)
 
-    def expect_sensor(self, sensor: str) -> None:
-        """Start no plan before the first percept of a sensor. Raises PlanningError if the name is taken."""
-        self.sensor_timeouts.expect(sensor)
-        self.wake()
-
-    def sensor_is_silent(self, sensor: str) -> None:
-        """Start nothing new while a sensor times out."""
-        if self.sensor_timeouts.begin(sensor):
-            self.wake()
-
-    def sensor_is_back(self, sensor: str, cause: str = "") -> None:
-        """Continue if no other sensor times out; ``cause`` is the percept."""
-        if self.sensor_timeouts.end(sensor, cause):
-            self.wake()
-
     def stop(self) -> None:
         """Cancel the planner."""
         self.pursuit.cancel_request()
@@ -210,7 +185,7 @@ class Deliberator:
             self._unchecked.append(self._pursued)  # its precondition was not checked during the pursuit
         self._check_desires(changed)
         if changed and self._observer is not None:
-            self._guarded(self._observer.beliefs_changed)
+            self._loop.guarded(self._observer.beliefs_changed)
         self._check_sensor_timeouts()
         self._schedule()
         self._pursued = self.pursuit.current
@@ -231,7 +206,7 @@ class Deliberator:
             self._rules_changed = False
             for reaction in self.rules.react():
                 self._apply(reaction)
-        message = f"rules set each other off {MAX_RULE_ROUNDS} times; they rest until something else changes"
+        message = f"rules triggered each other {MAX_RULE_ROUNDS} times; they are paused until another fact changes"
         self.engine.trace.record("failure", "rules", "", reason="circle", message=message)
         seen.update(self._changed)
         self._changed.clear()
@@ -239,20 +214,19 @@ class Deliberator:
         return list(seen.values())
 
     def _apply(self, reaction: Reaction) -> None:
-        cause = self.engine.trace.record("rule", reaction.rule, reaction.cause, effect=str(reaction))
-        adds = reaction.operation == "ADD"
+        effect, adds = reaction.effect, reaction.effect.operation == "ADD"
+        cause = self.engine.trace.record("rule", reaction.rule, reaction.cause, effect=str(effect))
         try:
-            if reaction.desire is not None and adds:
-                self.desire(reaction.desire, cause=cause)
-            elif reaction.desire is not None:
-                fits = like(reaction.desire.name)
-                for state in self.desires:
-                    if fits(state.name):
-                        self.drop(state.name, f"the rule {reaction.rule}", cause=cause)
-            elif reaction.fact is not None and adds:
-                self.facts.add(reaction.fact, cause=cause)
-            elif reaction.fact is not None:
-                self.facts.remove(reaction.fact, cause)
+            if effect.desire is not None and adds:
+                self.desire(effect.desire, cause=cause)
+            elif effect.desire is not None:
+                fits = like(effect.desire.name)
+                for name in [state.name for state in self.desires if fits(state.name)]:
+                    self.drop(name, f"the rule {reaction.rule}", cause=cause)
+            elif effect.fact is not None and adds:
+                self.facts.add(effect.fact, cause=cause)
+            elif effect.fact is not None:
+                self.facts.remove(effect.fact, cause)
         except PlanningError as problem:  # an earlier effect may have removed an object of this one
             self.engine.trace.record_failure(f"rule {reaction.rule}", cause, problem)
 
@@ -275,13 +249,13 @@ class Deliberator:
             return
         state.blocked = not (state.precondition_holds() and state.context_holds())
         if state.blocked and state is not self.pursuit.current and not self.desires.children(state.name):
-            for desire in missing_preparations(state, self.options):
+            name, desires = missing_preparations(state, self.options)
+            for desire in desires:
                 if desire.name not in self.desires:
                     self.desire(desire, cause=state.record)
-            found = unpreparable(state, self.options)
-            if found is not None and found[0] not in state.reported:
-                state.reported.append(found[0])
-                self.engine.trace.record("desire_refused", found[0], state.record, reason=found[1])
+            if name and not desires and name not in state.reported:
+                state.reported.append(name)
+                self.engine.trace.record("desire_refused", name, state.record, reason=UNACHIEVABLE)
 
     def _is_plan_nearly_done(self, state: DesireState) -> bool:
         if self.pursuit.current is not state or self.pursuit.problem:
@@ -298,7 +272,7 @@ class Deliberator:
             self.plan_executor.hold(str(timeouts))
         since = timeouts.since
         if pursuit.current is not None and self._loop.is_due(since + nanoseconds(self.options.give_up_silent_s)):
-            pursuit.abort(f"{timeouts} for {(self.engine.clock.now() - since) / SECOND:.0f} s")
+            pursuit.abort(f"{timeouts} for {(self._loop.now - since) / SECOND:.0f} s")
 
     def _schedule(self) -> None:
         """Request a plan for the next desire."""
@@ -353,7 +327,7 @@ class Deliberator:
         record = self.engine.trace.record(f"desire_{how}", state.name, cause or state.record, reason=reason)
         self.pursuit.forget(state, how, reason or f"{state.name} is {how}")
         for listener in state.listeners:
-            self._guarded(lambda listener=listener: listener(how, reason))
+            self._loop.guarded(lambda listener=listener: listener(how, reason))
         self.wake()
         return record
 
@@ -367,10 +341,10 @@ class Deliberator:
             return
         if not self._desires_published:
             self._desires_published = True
-            self._guarded(observer.desires_changed)
+            self._loop.guarded(observer.desires_changed)
         if self._current_status() != self._status:
             self._status = status, reason = self._current_status()
-            self._guarded(lambda: observer.status_changed(status, reason))
+            self._loop.guarded(lambda: observer.status_changed(status, reason))
 
     def _current_status(self) -> tuple[str, str]:
         if self.sensor_timeouts:
@@ -382,9 +356,3 @@ class Deliberator:
         if self.pursuit.planning_for is not None:
             return "PLANNING", self.pursuit.planning_for.name
         return "SCHEDULING", ""
-
-    def _guarded(self, callback: Callable[[], object]) -> None:
-        try:
-            callback()
-        except Exception as problem:  # noqa: BLE001 - callbacks never stop the agent
-            self.engine.trace.record_failure("deliberator", "", problem)

@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 from socialbot.deliberation._fact_index import has_wildcards, variables_in
-from socialbot.deliberation.messages import INSTANCE, Desire, Dnf, Fact, FactConjunction
+from socialbot.deliberation.messages import INSTANCE, Desire, Fact, FactConjunction
 from socialbot.deliberation.options import DeliberationOptions, Policy
 from socialbot.deliberation.rules import conditions_in
 
@@ -59,7 +59,6 @@ class DesireState:
 
     @property
     def name(self) -> str:
-        """Name of the desire."""
         return self.desire.name
 
     def outranks(self, other: DesireState) -> bool:
@@ -92,7 +91,6 @@ class DesireBase:
         return name in self._by_name
 
     def get(self, name: str) -> DesireState | None:
-        """Return the desire of that name, or None."""
         return self._by_name.get(name)
 
     def add(self, desire: Desire) -> DesireState | None:
@@ -166,34 +164,23 @@ def _discard(index: dict[Hashable, dict[DesireState, None]], key: Hashable, stat
         del index[key]
 
 
-def missing_preparations(state: DesireState, options: DeliberationOptions) -> tuple[Desire, ...]:
-    """Return desires for the precondition or context of a desire, if it does not hold and options ask for that."""
-    missing = _missing(state, options)
-    return () if missing is None else preparations(state.desire, *missing)
+UNACHIEVABLE = "no plan can bring it about: it asks for an object, or does not say for which"
 
 
-def unpreparable(state: DesireState, options: DeliberationOptions) -> tuple[str, str] | None:
-    """Return name and reason of a preparation that options ask for and no plan can achieve; None if there is none."""
-    missing = _missing(state, options)
-    if missing is None or preparations(state.desire, *missing):
-        return None
-    reason = "no plan can bring it about: it asks for an object, or does not say for which"
-    return f"{state.name}_fulfill_{missing[1]}", reason
+def missing_preparations(state: DesireState, options: DeliberationOptions) -> tuple[str, tuple[Desire, ...]]:
+    """Return desires for a precondition or context that does not hold, if options ask for that, and their common name.
 
-
-def _missing(state: DesireState, options: DeliberationOptions) -> tuple[Dnf, str] | None:
-    if not state.precondition_holds():
-        return (state.desire.precondition, "precondition") if options.autosub_prec else None
-    if not state.context_holds() and options.autosub_context:
-        return state.desire.context, "context"
-    return None
-
-
-def preparations(desire: Desire, dnf: Dnf, what: str) -> tuple[Desire, ...]:
-    """Return one desire per achievable clause of ``dnf``, named ``<desire>_fulfill_<what><number>``."""
-    return tuple(
+    There is one desire per achievable clause, named ``<desire>_fulfill_<precondition or context><number>``.
+    """
+    desire, what, dnf, asked = state.desire, "precondition", state.desire.precondition, options.autosub_prec
+    if state.precondition_holds():
+        what, dnf, asked = "context", desire.context, options.autosub_context and not state.context_holds()
+    if not asked:
+        return "", ()
+    name = f"{desire.name}_fulfill_{what}"
+    return name, tuple(
         Desire(
-            name=f"{desire.name}_fulfill_{what}{number}",
+            name=f"{name}{number}",
             conditions=clause.literals,
             priority=lifted(desire.priority),
             deadline=desire.deadline,
@@ -243,7 +230,7 @@ def _descendants(state: DesireState, desires: DesireBase) -> Iterator[tuple[Desi
 
 
 def prepares(child: Desire, desire: Desire) -> bool:
-    """Return whether ``child`` was made by `preparations`, not only given ``desire`` as its parent."""
+    """Return whether ``child`` was made by `missing_preparations`, not only given ``desire`` as its parent."""
     return child.parent == desire.name and child.name.startswith(f"{desire.name}_fulfill_")
 
 

@@ -22,7 +22,7 @@ from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import PERCEPT, SELF, source
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._fact_index import FactIndex, has_wildcards, near, signature_of
-from socialbot.deliberation._matching import CompiledClause, clauses_of, fitting, mismatch
+from socialbot.deliberation._matching import clauses_of, fitting, mismatch
 from socialbot.deliberation.messages import (
     FLUENT,
     INSTANCE,
@@ -72,20 +72,19 @@ class FactBase(FactIndex):
         self._unreported: deque[tuple[Fact, bool, str]] = deque()
         self._reporting = False
         self._derivation = Derivation(domain) if domain.derived else None
-        self._test_of = functools.lru_cache(512)(lambda dnf: _Test(clauses_of(dnf, domain), self))
-        self._clauses_of = functools.lru_cache(512)(functools.partial(clauses_of, domain=domain))
+        self.test = functools.lru_cache(512)(self._test)
+        """Return a cached test whether a DNF holds; equal DNFs share their results until facts change."""
         handlers: dict[str, OnBelief] = {_KEY_OF_INSTANCES: self._on_instance}
-        predicates = ((signature, 0, self._on_predicate) for signature in domain.predicates.values())
-        functions = ((signature, 1, self._on_fluent) for signature in domain.functions.values())
-        for signature, values, handler in (*predicates, *functions):
-            name, key = signature.name, f"{signature.name}/{len(signature.parameters) + values}"
-            if key in handlers:
-                raise PlanningError(
-                    f"{name!r} would be the same belief as another name of the domain",
-                    where=domain.where or domain.name,
-                    remedy="choose another name; instance(name, type) is taken",
-                )
-            handlers[key] = functools.partial(handler, name)
+        for values, signatures in ((0, domain.predicates), (1, domain.functions)):
+            for name, signature in signatures.items():
+                key = f"{name}/{len(signature.parameters) + values}"
+                if key in handlers:
+                    raise PlanningError(
+                        f"{name!r} would be the same belief as another name of the domain",
+                        where=domain.where or domain.name,
+                        remedy="choose another name; instance(name, type) is taken",
+                    )
+                handlers[key] = functools.partial(self._on_named, name, bool(values))
         for key, handler in handlers.items():
             engine.beliefs.watch(key, handler)
             for args, (_, _, cause) in list(engine.beliefs.relation(key).facts.items()):
@@ -99,7 +98,7 @@ class FactBase(FactIndex):
         if reason is not None:
             raise PlanningError(reason, where=self.domain.name)
         if self._derives(fact):
-            self._record_invalid(str(fact), "it follows from other facts, and is not believed by itself", cause)
+            self._record_invalid(str(fact), "it is a derived predicate and cannot be believed by itself", cause)
             return False
         before = self.current(fact)
         if fact.pddl_type == INSTANCE and not fact.type:
@@ -113,26 +112,30 @@ class FactBase(FactIndex):
         """Delete and return all facts with this name and parameters, which may have wildcards."""
         found = tuple(held for held in fitting(fact, self) if not self._derives(held))
         for held in found:
-            self.engine.beliefs.forget_one(self._relation(held), _args(held), cause)
+            self._forget(held, cause)
         return found
-
-    def current(self, fact: Fact) -> Fact | None:
-        """Return the current fact of the same type, name and parameters, or None."""
-        if fact.pddl_type == INSTANCE:
-            return self.table(INSTANCE).facts.get((fact.name,))
-        return self.table(fact.pddl_type, fact.name).facts.get(fact.params)
 
     def check(self, condition: FactCondition) -> bool:
         """Return whether a condition holds; it may have wildcards ``*`` and ``?``, and variables ``{x}``."""
         return self.satisfied(Dnf(clauses=(FactConjunction(literals=(condition,)),)))
 
     def satisfied(self, dnf: Dnf) -> bool:
-        """Return whether a DNF holds."""
-        return any(clause.holds(self) for clause in self._clauses_of(dnf))
+        return self.test(dnf)()
 
-    def test(self, dnf: Dnf) -> Callable[[], bool]:
-        """Return a cached form of `satisfied`; equal DNFs share their results until facts change."""
-        return self._test_of(dnf)
+    def _test(self, dnf: Dnf) -> Callable[[], bool]:
+        clauses, version, result = clauses_of(dnf, self.domain), -1, False
+
+        def holds() -> bool:
+            nonlocal version, result
+            if version != self.version:
+                version, result = self.version, False
+                for clause in clauses:  # no generator, for speed
+                    if clause.holds(self):
+                        result = True
+                        break
+            return result
+
+        return holds
 
     def fulfilled(self, desire: Desire) -> bool:
         """Return whether all conditions of a desire hold, with known objects only."""
@@ -199,7 +202,7 @@ class FactBase(FactIndex):
                 self._assumed.discard(fact.name)
                 self._report(fact, False, cause)
                 for other in self.mentioning(fact.name):
-                    self.engine.beliefs.forget_one(self._relation(other), _args(other), cause)
+                    self._forget(other, cause)
             return
         if self._is_invalid(args, fact, cause) or before == fact:
             return
@@ -209,25 +212,16 @@ class FactBase(FactIndex):
         self._put(fact)
         self._assumed.discard(fact.name)
         if before is not None:
-            self.engine.beliefs.forget_one(self._relation(fact), _args(before), cause)
+            self._forget(before, cause)
         self._report(fact, True, cause)
 
-    def _on_predicate(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
-        params = _names(args)
-        fact = None if params is None else Fact(name=name, params=params)
-        if not held:
-            if fact is not None and self._take(fact):
-                self._report(fact, False, cause)
-        elif not self._is_invalid(args, fact, cause, name):
-            assert fact is not None
-            self._assume(fact, cause)
-            self._put(fact)
-            self._report(fact, True, cause)
-
-    def _on_fluent(self, name: str, args: tuple[Any, ...], held: bool, cause: str) -> None:
-        params, value, fact = _names(args[:-1]), args[-1], None
-        if params is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
-            fact = Fact(name=name, pddl_type=FLUENT, params=params, value=float(value))
+    def _on_named(self, name: str, is_fluent: bool, args: tuple[Any, ...], held: bool, cause: str) -> None:
+        """Apply a change of a belief about a predicate or function."""
+        params, fact = _names(args[:-1] if is_fluent else args), None
+        if params is not None and not is_fluent:
+            fact = Fact(name=name, params=params)
+        elif params is not None and isinstance(args[-1], (int, float)) and not isinstance(args[-1], bool):
+            fact = Fact(name=name, pddl_type=FLUENT, params=params, value=float(args[-1]))
         before = fact and self.current(fact)
         if not held:
             # Another value has taken its place, where this is not the one that is known.
@@ -238,16 +232,19 @@ class FactBase(FactIndex):
             assert fact is not None
             self._assume(fact, cause)
             self._put(fact)
-            if before is not None:
-                self.engine.beliefs.forget_one(self._relation(fact), _args(before), cause)
+            if before is not None and before != fact:
+                self._forget(before, cause)
             self._report(fact, True, cause)
+
+    def _forget(self, fact: Fact, cause: str) -> None:
+        self.engine.beliefs.forget_one(self._relation(fact), _args(fact), cause)
 
     def _is_invalid(self, args: tuple[Any, ...], fact: Fact | None, cause: str, name: str = "instance") -> bool:
         """Return whether a belief is no valid fact, and record that."""
         if fact is None:
             reason = "its objects have to be atoms, and the value of a fluent a number"
         elif self._derives(fact):
-            reason = "it follows from other facts, and is not believed by itself"
+            reason = "it is a derived predicate and cannot be believed by itself"
         else:
             reason = self.unfit(fact)
         if reason is not None:
@@ -261,7 +258,6 @@ class FactBase(FactIndex):
         return fact.pddl_type == PREDICATE and fact.name in self.domain.derived
 
     def _derive(self, cause: str) -> None:
-        """Update the derived predicates."""
         if self._derivation is None:
             return
         now = {Fact(name=predicate.name, params=predicate.terms) for predicate in self._derivation.derived(self)}
@@ -323,29 +319,6 @@ def out_of_range(desire: Desire) -> str | None:
     if not 0.0 <= desire.deadline <= LONGEST_S:
         return f"the deadline {desire.deadline:g} is out of range; give seconds from 0 to {LONGEST_S:g}"
     return None
-
-
-class _Test:
-    """Disjunction of clauses with a cached result."""
-
-    __slots__ = ("_clauses", "_facts", "_held", "_version")
-
-    def __init__(self, clauses: tuple[CompiledClause, ...], facts: FactBase) -> None:
-        self._clauses = clauses
-        self._facts = facts
-        self._held = False
-        self._version = -1
-
-    def __call__(self) -> bool:
-        facts = self._facts
-        if self._version != facts.version:
-            self._version = facts.version
-            self._held = False
-            for clause in self._clauses:  # no generator, for speed
-                if clause.holds(facts):
-                    self._held = True
-                    break
-        return self._held
 
 
 _KEY_OF_INSTANCES = "instance/2"

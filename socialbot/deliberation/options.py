@@ -57,7 +57,6 @@ class DeliberationOptions:
 
     @property
     def limits(self) -> PlannerLimits:
-        """Limits of the planner process."""
         return PlannerLimits(timeout_s=self.planning_timeout_s, memory_mb=self.planning_memory_mb)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,9 +14,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.desires import End
-from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, Operation
-
-_VERBS: Mapping[str, str] = {"check": "check", "add": "add", "del": "delete"}
+from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, Operation, Priority
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,42 +40,29 @@ class Policies:
     desire_pr: tuple[float, ...] = ()
 
     @classmethod
-    def parse(
-        cls,
-        *,
-        belief_ck: str = "",
-        belief_w: str = "",
-        desire_ck: str = "",
-        desire_w: str = "",
-        desire_pr: str = "",
-        where: str = "policies",
-    ) -> Policies:
+    def parse(cls, *, where: str = "policies", desire_pr: str = "", **groups: str) -> Policies:
         """Parse lists separated by commas. Raises ParameterError for wrong priorities, or more of them than groups."""
-        writers = _words(desire_w)
         priorities = tuple(_priority(word, where) for word in _words(desire_pr))
-        if len(priorities) > len(writers):
+        found = cls(**{name: _words(text) for name, text in groups.items()}, desire_pr=priorities)
+        if len(priorities) > len(found.desire_w):
             raise ParameterError(
-                f"desire_pr has {len(priorities)} priorities for {len(writers)} groups of desire_w",
+                f"desire_pr has {len(priorities)} priorities for {len(found.desire_w)} groups of desire_w",
                 where=where,
                 remedy="give each group of desire_w one priority, in the same order",
             )
-        return cls(_words(belief_ck), _words(belief_w), _words(desire_ck), writers, priorities)
+        return found
 
     def may(self, request: AgentRequest) -> Permission:
         """Check whether the group of the sender may make a request."""
         kind = "belief" if request.belief is not None else "desire"
-        checks = request.operation == "check"
-        if kind == "belief":
-            groups = self.belief_ck if checks else self.belief_w
-        else:
-            groups = self.desire_ck if checks else self.desire_w
+        groups: tuple[str, ...] = getattr(self, f"{kind}_{'ck' if request.operation == 'check' else 'w'}")
         if request.group not in groups:
-            allowed = f"these may: {', '.join(groups)}" if groups else "nobody may"
-            return Permission(False, f"group {request.group!r} may not {_VERBS[request.operation]} {kind}s; {allowed}")
-        if kind == "belief" or checks:
+            verb = "delete" if request.operation == "del" else request.operation
+            allowed = f"these may: {', '.join(groups)}" if groups else "no group may"
+            return Permission(False, f"group {request.group!r} may not {verb} {kind}s; {allowed}")
+        if kind == "belief" or request.operation == "check":
             return Permission(True)
-        number = self.desire_w.index(request.group)
-        return Permission(True, max_priority=self.desire_pr[number] if number < len(self.desire_pr) else 0.0)
+        return Permission(True, max_priority=(*self.desire_pr, *(0.0 for _ in groups))[groups.index(request.group)])
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -86,12 +71,10 @@ def _words(text: str) -> tuple[str, ...]:
 
 def _priority(word: str, where: str) -> float:
     try:
-        value = float(word)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 1.0:
-        raise ParameterError(f"desire_pr: {word!r} is no priority", where=where, remedy="give numbers from 0 to 1")
-    return value
+        return msgspec.convert(word, Priority, strict=False)
+    except msgspec.ValidationError as error:
+        what = f"desire_pr: {word!r} is no priority"
+        raise ParameterError(what, where=where, remedy="give numbers from 0 to 1") from error
 
 
 MAX_REMEMBERED = 1000
@@ -181,49 +164,42 @@ class RequestClient:
         if sent is None or reply.sender != sent.request.receiver:
             if sent is not None or reply.id not in self._closed:
                 self.refused += 1
-                reason = "nobody waits for it"
+                reason = "no open request has this id and receiver"
                 self.engine.trace.record("refused", f"the reply {reply.id} of {reply.sender}", reply.id, reason=reason)
             return False
         before = sent.state, sent.found, sent.reason
         sent.state = reply.state if reply.accepted else "refused"
         sent.found, sent.priority, sent.reason = reply.found, reply.priority, reply.reason
         if not (sent.request.monitor and reply.accepted and reply.state == "done"):
-            self._close(sent)
+            self.forget(sent)
         if (sent.state, sent.found, sent.reason) != before:
             self.engine.trace.record("reply", f"{reply.sender}: {sent.state}", reply.id, reason=reply.reason)
         return True
 
     def forget(self, sent: SentRequest) -> None:
         """Stop waiting for the reply to a request."""
-        self._close(sent)
-
-    def _close(self, sent: SentRequest) -> None:
         self._open.pop(sent.request.id, None)
         self._closed[sent.request.id] = None
         if len(self._closed) > MAX_REMEMBERED:
             self._closed.popitem(last=False)
 
-    def _repeat(self, sent: SentRequest, deadline: int) -> None:
-        """Send a request repeatedly until its answer or the deadline (ns): the receiver may be starting."""
+    def _repeat(self, sent: SentRequest, deadline: int, reminds: bool = False) -> None:
+        """Send a request repeatedly until its answer or the deadline (ns), and then as long as it is monitored."""
         if self._open.get(sent.request.id) is not sent:
             return
-        if sent.state != "waiting":
-            self.engine.timers.after(MONITOR_S, lambda: self._remind(sent))
-            return
         now = self.engine.clock.now()
-        if now < deadline:
+        if sent.state != "waiting":
+            if reminds:
+                self.send(sent.request)
+            self.engine.timers.after(MONITOR_S, lambda: self._repeat(sent, deadline, True))
+        elif now < deadline:
             self.send(sent.request)
             self.engine.timers.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(sent, deadline))
-            return
-        sent.state = "timeout"
-        sent.reason = f"no answer from {sent.request.receiver} in {self.timeout_s:g} s"
-        self._close(sent)
-        self.engine.trace.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
-
-    def _remind(self, sent: SentRequest) -> None:
-        if self._open.get(sent.request.id) is sent:
-            self.send(sent.request)
-            self.engine.timers.after(MONITOR_S, lambda: self._remind(sent))
+        else:
+            sent.state = "timeout"
+            sent.reason = f"no answer from {sent.request.receiver} in {self.timeout_s:g} s"
+            self.forget(sent)
+            self.engine.trace.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
 
 
 def text_of(request: AgentRequest) -> str:

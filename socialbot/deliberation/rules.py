@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
@@ -43,7 +43,6 @@ class RuleEffect:
 
     @property
     def set(self) -> Literal["belief", "desire"]:
-        """Kind of its target."""
         return "belief" if self.desire is None else "desire"
 
     def __str__(self) -> str:
@@ -59,15 +58,17 @@ class ReactiveRule:
     effects: tuple[RuleEffect, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reaction(RuleEffect):
+@dataclass(frozen=True)
+class Reaction:
     """Effect for one match of a rule; ``cause`` is the trace record of the last change that it needed."""
 
     rule: str
+    effect: RuleEffect
     match: FactMatch
     cause: str = ""
 
-    __str__ = RuleEffect.__str__
+    def __str__(self) -> str:
+        return str(self.effect)
 
 
 class RuleBook:
@@ -135,7 +136,8 @@ class RuleBook:
         reactions: list[Reaction] = []
         for state in sorted(touched, key=lambda state: state.number):
             for match, cause in state.fired():
-                reactions += (self._reaction(state.rule, effect, match, cause) for effect in state.rule.effects)
+                effects = (_filled(effect, match.binding) for effect in state.rule.effects)
+                reactions += (Reaction(state.rule.name, effect, match, cause) for effect in effects)
         return [reaction for reaction in reactions if self._fits(reaction)]
 
     def _on_fact(self, fact: Fact, held: bool, cause: str) -> None:
@@ -146,59 +148,38 @@ class RuleBook:
         part = index.part
         return self._wild if has_wildcards(part.name) else self._indexes.setdefault((part.pddl_type, part.name), [])
 
-    def _reaction(self, rule: ReactiveRule, effect: RuleEffect, match: FactMatch, cause: str) -> Reaction:
-        filled = _filled(effect, match.binding)
-        return Reaction(
-            operation=effect.operation,
-            fact=filled.fact,
-            desire=filled.desire,
-            rule=rule.name,
-            match=match,
-            cause=cause,
-        )
-
     def _fits(self, reaction: Reaction) -> bool:
-        fact = reaction.fact
+        fact, facts = reaction.effect.fact, self._facts
         if fact is None:
             return True
-        reason = self._facts.unfit(fact) if reaction.operation == "ADD" else self._facts.unfit_pattern(fact)
-        if reason is None:
-            return True
-        self._facts.engine.trace.record(
-            "failure", f"rule {reaction.rule}", reaction.cause, reason="no_fact", message=f"{reaction}: {reason}"
-        )
-        return False
+        reason = facts.unfit(fact) if reaction.effect.operation == "ADD" else facts.unfit_pattern(fact)
+        if reason is not None:
+            message = f"{reaction}: {reason}"
+            rule = f"rule {reaction.rule}"
+            facts.engine.trace.record("failure", rule, reaction.cause, reason="no_fact", message=message)
+        return reason is None
 
 
+@dataclass(eq=False, slots=True)
 class _LiteralIndex:
-    """Literal of a rule, with the matches of its conjunction by the variables of the literal."""
+    """Literal of a rule, with the matches of its conjunction by the variables of the literal (``group``)."""
 
-    __slots__ = ("_group", "_groups", "clause", "part", "state")
-
-    def __init__(
-        self,
-        state: _RuleState,
-        clause: CompiledClause,
-        part: CompiledCondition,
-        group: _MatchIndex,
-        groups: tuple[_MatchIndex, ...],
-    ) -> None:
-        self.state = state
-        self.clause = clause
-        self.part = part
-        self._group = group
-        self._groups = groups
+    state: _RuleState
+    clause: CompiledClause
+    part: CompiledCondition
+    group: _MatchIndex
+    groups: tuple[_MatchIndex, ...]
 
     def update(self, seed: dict[str, str], facts: FactIndex, cause: str) -> None:
         """Update the matches that agree with ``seed``, a binding of all variables of the literal."""
         found = dict.fromkeys(self.clause.solve(facts, seed))
-        before = self._group.of(seed)
+        before = self.group.of(seed)
         for match in [match for match in before if match not in found]:
-            for group in self._groups:
+            for group in self.groups:
                 group.leave(match)
             self.state.count(match, -1, cause)
         for match in [match for match in found if match not in before]:
-            for group in self._groups:
+            for group in self.groups:
                 group.enter(match)
             self.state.count(match, +1, cause)
 
@@ -248,7 +229,6 @@ class _RuleState:
                 self.count(match, +1, "")
 
     def count(self, match: FactMatch, change: int, cause: str) -> None:
-        """Count the conjunctions that have a match."""
         count = self._counts.pop(match, 0)
         self._before.setdefault(match, (count, cause))
         if count + change:
@@ -263,34 +243,44 @@ class _RuleState:
 
 def misfit(rule: ReactiveRule, facts: FactIndex) -> str | None:
     """Return why a rule is invalid; None if it is valid."""
-    for condition in conditions_in(rule.condition):
-        reason = unfit_condition(condition, facts)
-        if reason is not None:
-            return reason
-    for effect in rule.effects:
-        reason = unfit_effect(effect, facts)
-        if reason is not None:
-            return reason
-    return unbound(rule, facts.domain)
+    conditions = (unfit_condition(condition, facts) for condition in conditions_in(rule.condition))
+    effects = (unfit_effect(effect, facts) for effect in rule.effects)
+    return next(filter(None, (*conditions, *effects)), None) or unbound(rule, facts.domain)
 
 
 def unfit_effect(effect: RuleEffect, facts: FactIndex) -> str | None:
     """Return why an effect is invalid; None if it is valid."""
-    desire, adds = effect.desire, effect.operation == "ADD"
+    desire = effect.desire
     checks = () if desire is None else desire.wanted
-    wanted = [check.condition_to_check for check in checks] if effect.fact is None else [effect.fact]
-    if adds:
+    facts_of_effect = [check.condition_to_check for check in checks] if effect.fact is None else [effect.fact]
+    if effect.operation == "ADD":
         if desire is not None and not checks:
             return f"the desire {desire.name} wants nothing; give it a value, or conditions"
-        for name in (
-            "" if desire is None else desire.name,
-            *(term for fact in wanted for term in (fact.name, *fact.params)),
-        ):
-            if has_wildcards(name):
-                return f"what is added needs names, not {name!r}; let a variable stand for it"
+        names = [name for fact in facts_of_effect for name in (fact.name, *fact.params)]
+        wild = next(filter(has_wildcards, [*([] if desire is None else [desire.name]), *names]), None)
+        if wild is not None:
+            return f"an added fact or desire needs names, not {wild!r}; use a variable"
         if desire is not None and out_of_range(desire):
             return out_of_range(desire)
-    return next(filter(None, (*map(mismatch, checks), *map(facts.unfit_pattern, wanted))), None)
+    return next(filter(None, (*map(mismatch, checks), *map(facts.unfit_pattern, facts_of_effect))), None)
+
+
+def unfit_parts(
+    desire: Desire, facts: FactIndex, objection: Callable[[Fact], str | None]
+) -> Iterator[tuple[object, str | None]]:
+    """Yield the parts of a desire, each with the reason why it is invalid, or None.
+
+    Args:
+        objection: Returns why a fact that the desire wants or adds is invalid.
+    """
+    yield desire, out_of_range(desire)
+    yield from ((fact, objection(fact)) for fact in desire.value)
+    for check in desire.conditions:
+        yield check, mismatch(check) or objection(check.condition_to_check)
+    for check in (*conditions_in(desire.precondition), *conditions_in(desire.context)):
+        yield check, unfit_condition(check, facts)
+    yield from ((fact, objection(fact)) for fact in desire.rollback_belief_add)
+    yield from ((fact, facts.unfit_pattern(fact)) for fact in desire.rollback_belief_del)
 
 
 def unbound(rule: ReactiveRule, domain: PddlDomain) -> str | None:
@@ -300,7 +290,7 @@ def unbound(rule: ReactiveRule, domain: PddlDomain) -> str | None:
         bound = {name for literal in (clause.literals if clause else ()) for name in _variables(literal)}
         for effect in rule.effects:
             for name in sorted(_variables(effect) - bound - typed):
-                return f"nothing says what {{{name}}} stands for in {effect} (conjunction {number} of the condition)"
+                return f"the variable {{{name}}} is not bound in {effect} (conjunction {number} of the condition)"
     return None
 
 

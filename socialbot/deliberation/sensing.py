@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -66,11 +66,10 @@ class FactSensor(Sensor):
 
     def tell(self, percept: Any) -> Iterable[Fact] | None:
         """Return the facts of a percept, or None for no change. The percept is None when called by the period."""
-        raise PlanningError(f"the sensor {self.name} tells nothing", remedy="override tell()")
+        raise PlanningError(f"the sensor {self.name} has no tell()", remedy="override tell()")
 
     @property
     def name(self) -> str:
-        """Name in the trace."""
         return type(self).__name__
 
     def join(self, deliberator: Deliberator) -> None:
@@ -83,7 +82,7 @@ class FactSensor(Sensor):
         self._percept_at = deliberator.engine.clock.now()
         deliberator.engine.add_sensor(self)
         if self.deadline_s is not None:
-            deliberator.expect_sensor(self.name)
+            deliberator.sensor_timeouts.expect(self.name)
             deliberator.engine.call(self._check_deadline)
 
     def sense(self, percept: Any) -> None:
@@ -97,7 +96,7 @@ class FactSensor(Sensor):
         if facts_of_percept != self._last_facts or facts.version != self._version:
             self._believe({fact.identity: fact for fact in facts_of_percept}, cause)
             self._last_facts, self._version = facts_of_percept, facts.version
-        self.deliberator.sensor_is_back(self.name, cause)
+        self.deliberator.sensor_timeouts.end(self.name, cause)
 
     def _believe(self, facts_of_percept: dict[tuple[int, str, tuple[str, ...]], Fact], cause: str) -> None:
         facts, problems = self.deliberator.facts, []
@@ -123,7 +122,7 @@ class FactSensor(Sensor):
         engine = self.deliberator.engine
         due = self._percept_at + nanoseconds(self.deadline_s)
         if engine.clock.now() >= due:
-            self.deliberator.sensor_is_silent(self.name)
+            self.deliberator.sensor_timeouts.begin(self.name)
             due = engine.clock.now() + nanoseconds(self.deadline_s)
         engine.timers.at(due, self._check_deadline)
 
@@ -134,12 +133,7 @@ def sensed_by(sensors: Sequence[FactSensor]) -> IsSensed:
 
     @functools.cache
     def is_sensed(name: str, objects: tuple[str, ...]) -> bool:
-        return any(
-            prototype.name == name
-            and len(prototype.params) == len(objects)
-            and all(map(fnmatchcase, objects, prototype.params))
-            for prototype in prototypes
-        )
+        return any(prototype.name == name and _like(objects, prototype.params) for prototype in prototypes)
 
     return is_sensed
 
@@ -150,8 +144,11 @@ def fits(fact: Fact, prototype: Fact) -> bool:
         return False
     if fact.pddl_type == INSTANCE:
         return fact.type == prototype.type and fnmatchcase(fact.name, prototype.name)
-    same = fact.name == prototype.name and len(fact.params) == len(prototype.params)
-    return same and all(map(fnmatchcase, fact.params, prototype.params))
+    return fact.name == prototype.name and _like(fact.params, prototype.params)
+
+
+def _like(names: tuple[str, ...], patterns: tuple[str, ...]) -> bool:
+    return len(names) == len(patterns) and all(map(fnmatchcase, names, patterns))
 
 
 def _misfit(prototype: Fact, domain: PddlDomain) -> str:
@@ -169,38 +166,40 @@ class _Timeout:
 
 
 class SensorTimeouts:
-    """Sensors without a recent percept, in the order of their timeouts."""
+    """Sensors without a recent percept, in the order of their timeouts. Each change calls ``wake``."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, wake: Callable[[], object]) -> None:
         self._engine = engine
+        self._wake = wake
         self._timeouts: dict[str, _Timeout] = {}
 
     def __bool__(self) -> bool:
         return bool(self._timeouts)
 
     def expect(self, sensor: str) -> None:
-        """Add a new sensor that has no percept yet. Raises PlanningError if the name is taken."""
+        """Start no plan before the first percept of a sensor. Raises PlanningError if the name is taken."""
         if sensor in self._timeouts:
             raise PlanningError(
                 "there is another sensor of this name", where=f"sensor {sensor}", remedy="override its name"
             )
         self._timeouts[sensor] = _Timeout(self._engine.clock.now(), True)
+        self._wake()
 
-    def begin(self, sensor: str) -> bool:
-        """Record that a sensor timed out; return False if that is known."""
+    def begin(self, sensor: str) -> None:
+        """Start nothing new while a sensor times out."""
         timeout = self._timeouts.setdefault(sensor, _Timeout(self._engine.clock.now(), False))
-        if timeout.overdue:
-            return False
-        timeout.overdue = True
-        self._engine.trace.record("silent", sensor, "")
-        return True
+        if not timeout.overdue:
+            timeout.overdue = True
+            self._engine.trace.record("silent", sensor, "")
+            self._wake()
 
-    def end(self, sensor: str, cause: str) -> bool:
-        """Record a percept with the id ``cause``; return False if the sensor had not timed out."""
+    def end(self, sensor: str, cause: str) -> None:
+        """Continue after a percept with the id ``cause``, if no other sensor times out."""
         timeout = self._timeouts.pop(sensor, None)
-        if timeout is not None and timeout.overdue:
-            self._engine.trace.record("heard", sensor, cause)
-        return timeout is not None
+        if timeout is not None:
+            if timeout.overdue:
+                self._engine.trace.record("heard", sensor, cause)
+            self._wake()
 
     @property
     def is_first(self) -> bool:

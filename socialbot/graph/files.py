@@ -56,8 +56,8 @@ def parse_graph(text: str, *, where: str) -> Graph:
     root = read_page(text, where=where)
     root.only("name", "inputs", "paced_by", "wire", "nodes")
     nodes = root.section("nodes")
-    placements = tuple(_placement(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
-    graph = Graph(name=root.text("name"), placements=placements, inputs=frozenset(root.texts("inputs")))
+    configs = tuple(_config(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
+    graph = Graph(name=root.text("name"), nodes=configs, inputs=frozenset(root.texts("inputs")))
     for key in ("paced_by", "wire"):
         try:
             graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
@@ -74,12 +74,12 @@ def dump_graph(graph: Graph) -> str:
         "paced_by": graph.paced_by,
         "wire": graph.wire,
         "nodes": {
-            placement.name: {
-                "type": f"{placement.type.__module__}:{placement.type.__qualname__}",
-                "parameters": dict(placement.parameters),
-                "remap": dict(placement.remap),
+            config.name: {
+                "type": f"{config.type.__module__}:{config.type.__qualname__}",
+                "parameters": dict(config.parameters),
+                "remap": dict(config.remap),
             }
-            for placement in graph.placements
+            for config in graph.nodes
         },
     }
     text = io.StringIO()
@@ -134,7 +134,7 @@ def _look_in(folder: Path) -> None:
         sys.path.append(str(folder))
 
 
-def _placement(name: str, section: YamlSection, where: str) -> NodeConfig:
+def _config(name: str, section: YamlSection, where: str) -> NodeConfig:
     section.only("type", "parameters", "remap")
     remap = section.section("remap", {})
     return NodeConfig(
@@ -162,7 +162,7 @@ def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
             continue
         if not equals or not dot:
             raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")
-        declared = graph.placement(node).type.parameters()
+        declared = graph.node(node).type.parameters()
         if name not in declared:
             raise ParameterError(f"no parameter {name!r}", where=node, remedy=suggestion(name, declared))
         parameters.setdefault(node, {})[name] = _value(text, type(declared[name].default), target)

@@ -54,7 +54,7 @@ class Watch:
     node: Node
     begun: int
     last: int | None = None
-    told: bool = False
+    is_silent: bool = False
     """Whether the node was notified of the silence."""
     deadline: int = 0
     """The deadline (ns) at the last check."""
@@ -65,13 +65,13 @@ class Watch:
         """Record a message; thread-safe."""
         if self.last is not None:
             self._periods.append(now - self.last)
-        self._returned = self.told
+        self._returned = self.is_silent
         self.port, self.last = port, now
 
     def due(self) -> int | None:
         """The time (ns) when the input becomes silent; None if it is silent or has no deadline."""
         self.deadline = patience = nanoseconds(self.node.deadline_s(self.port))
-        if self.told or patience <= 0:
+        if self.is_silent or patience <= 0:
             return None
         if len(self._periods) < LEAST_PERIODS:
             patience = max(patience, nanoseconds(FIRST_S))
@@ -87,12 +87,12 @@ class Watch:
 
     def returned(self) -> bool:
         """Whether a silent input has a new message, or no deadline any more."""
-        return self.told and (self._returned or self.node.deadline_s(self.port) <= 0)
+        return self.is_silent and (self._returned or self.node.deadline_s(self.port) <= 0)
 
-    def turn(self) -> bool:
+    def toggle(self) -> bool:
         """Toggle between silent and not silent; return the new state."""
-        self.told, self._returned = not self.told, False
-        return self.told
+        self.is_silent, self._returned = not self.is_silent, False
+        return self.is_silent
 
 
 class HealthMonitor:
@@ -101,16 +101,16 @@ class HealthMonitor:
     It sends `Health` messages by ``publish``. Before `begin` only `wait` sends any.
     """
 
-    def __init__(self, placement: NodeConfig, clock: Clock, publish: Callable[[Health], None]) -> None:
-        self._name = placement.name
+    def __init__(self, config: NodeConfig, clock: Clock, publish: Callable[[Health], None]) -> None:
+        self._name = config.name
         self._clock = clock
         self._publish = publish
-        self._topics = {port.name: topic for topic, port in placement.subscriptions}
-        self._outputs = tuple(topic for topic, _ in placement.publications)
+        self._topics = {port.name: topic for topic, port in config.subscriptions}
+        self._outputs = tuple(topic for topic, _ in config.publications)
         self._watches: dict[str, Watch] = {}
         self._watch_of: dict[str, Watch] = {}
         self._next_check: int | None = None
-        self._said: tuple[State, str] = ("ok", "")
+        self._reported: tuple[State, str] = ("ok", "")
         self._shown: Health | None = None
         self._node: Node | None = None
 
@@ -143,7 +143,7 @@ class HealthMonitor:
                 stamp=self._clock.now(),
                 node=self._name,
                 state="waiting",
-                reason=f"nobody at the other end of {lacking} yet",
+                reason=f"unconnected: {lacking}",
                 outputs=self._outputs,
             )
         )
@@ -155,7 +155,7 @@ class HealthMonitor:
             return False
         now = self._clock.now()
         watch.came(port, now)
-        return watch.told or self._next_check is None or self._next_check > now + watch.deadline
+        return watch.is_silent or self._next_check is None or self._next_check > now + watch.deadline
 
     def due(self) -> int | None:
         """The time (ns) of the next check; None if no input has a deadline or all are silent."""
@@ -171,14 +171,14 @@ class HealthMonitor:
     @property
     def returned(self) -> bool:
         """Whether an input is back and the node was not notified."""
-        return any(watch.returned() for watch in self._watches.values() if watch.told)
+        return any(watch.returned() for watch in self._watches.values() if watch.is_silent)
 
     @property
     def pending(self) -> bool:
         """Whether `look` would notify the node of a change."""
         now = self._clock.now()
         for watch in self._watches.values():
-            if watch.told:
+            if watch.is_silent:
                 if watch.returned():
                     return True
             elif (due := watch.due()) is not None and due <= now:
@@ -193,7 +193,7 @@ class HealthMonitor:
                 watch.last = now  # the clock was set back
             due = watch.due()
             if watch.returned() or (due is not None and due <= now):
-                silent = watch.turn()
+                silent = watch.toggle()
                 self._show()
                 if silent:
                     watch.node.on_silence(watch.port, watch.last)
@@ -203,15 +203,15 @@ class HealthMonitor:
 
     def say(self, state: State, reason: str) -> None:
         """Set the state and reason that the node reports."""
-        self._said = (state, reason)
+        self._reported = (state, reason)
         self._show()
 
     def health(self) -> Health:
         """The worst of the reported state and the states of the inputs."""
-        state, reason = self._said
+        state, reason = self._reported
         silent = ()
         for watch in self._watches.values():
-            if watch.told:
+            if watch.is_silent:
                 silent = (*silent, self.topic(watch.port))
                 its_state, its_reason = self._silence(watch)
                 if WORSE.index(its_state) > WORSE.index(state):
@@ -229,8 +229,8 @@ class HealthMonitor:
     def _silence(self, watch: Watch) -> tuple[State, str]:
         topic = self.topic(watch.port)
         if watch.last is None:
-            return "waiting", f"nothing on {topic} yet"
-        return "degraded", f"nothing on {topic} since {time_of_day(watch.last)}"
+            return "waiting", f"no message on {topic} yet"
+        return "degraded", f"no message on {topic} since {time_of_day(watch.last)}"
 
     def _show(self, *, again: bool = False) -> None:
         if self._node is None:
@@ -268,16 +268,16 @@ class FaultSource(NamedTuple):
     reason: str
 
 
-class Healths:
+class HealthReports:
     """Last reported health of the nodes of a graph."""
 
     def __init__(self) -> None:
-        self._said: dict[str, tuple[Health, int]] = {}
+        self._reported: dict[str, tuple[Health, int]] = {}
         self._ended: set[str] = set()
 
     def note(self, health: Health, now: int) -> None:
         """Record the health of a node at the time ``now`` (ns)."""
-        self._said[health.node] = (health, now)
+        self._reported[health.node] = (health, now)
         (self._ended.add if health.state == "ended" else self._ended.discard)(health.node)
 
     @property
@@ -288,11 +288,11 @@ class Healths:
     def goes_on(self, now: int) -> None:
         """Record that images arrive; forget recordings that ended some time ago."""
         for name in tuple(self._ended):
-            if now - self._said[name][1] > _A_WHILE:
-                del self._said[name]
+            if now - self._reported[name][1] > _A_WHILE:
+                del self._reported[name]
                 self._ended.discard(name)
 
-    def silent_above(self, topic: str) -> bool:
+    def is_upstream_silent(self, topic: str) -> bool:
         """Whether a publisher of ``topic`` has a silent input itself."""
         return any(health.silent for health, _ in self._publishers(topic))
 
@@ -301,26 +301,26 @@ class Healths:
         passed: set[str] = set()
         reason = ""
         while found := self._publishers(topic):
-            health, heard = max(found, key=lambda said: said[1])
-            if health.silent and health.node not in passed and not self._vanished(heard, now):
+            health, received = max(found, key=lambda said: said[1])
+            if health.silent and health.node not in passed and not self._is_gone(received, now):
                 passed.add(health.node)
                 topic, source, reason = health.silent[0], health.node, health.reason
                 continue
-            if self._vanished_together(heard, now):
+            if self._are_gone_together(received, now):
                 return FaultSource(LINK, source, reason)
             return FaultSource(health.node, source, health.reason or reason)
         return FaultSource(topic, source, reason)
 
     def _publishers(self, topic: str) -> list[tuple[Health, int]]:
-        return [said for said in self._said.values() if topic in said[0].outputs]
+        return [said for said in self._reported.values() if topic in said[0].outputs]
 
-    def _vanished(self, heard: int, now: int) -> bool:
-        return now - heard > nanoseconds(BEATLESS_S)
+    def _is_gone(self, received: int, now: int) -> bool:
+        return now - received > nanoseconds(BEATLESS_S)
 
-    def _vanished_together(self, heard: int, now: int) -> bool:
-        others = [one for health, one in self._said.values() if health.state != "ended"]
-        gone = [one for one in others if self._vanished(one, now) and abs(one - heard) < nanoseconds(AT_ONCE_S)]
-        return self._vanished(heard, now) and len(gone) > 1
+    def _are_gone_together(self, received: int, now: int) -> bool:
+        others = [one for health, one in self._reported.values() if health.state != "ended"]
+        gone = [one for one in others if self._is_gone(one, now) and abs(one - received) < nanoseconds(AT_ONCE_S)]
+        return self._is_gone(received, now) and len(gone) > 1
 
 
 def time_of_day(time: int) -> str:

@@ -50,15 +50,15 @@ class _Timer:
 
 
 class _Context:
-    def __init__(self, runner: InlineRunner, placement: NodeConfig) -> None:
-        self.name = placement.name
+    def __init__(self, runner: InlineRunner, config: NodeConfig) -> None:
+        self.name = config.name
         self.alive = True
         self._next_check: int | None = None
         self._runner = runner
-        self.vitals = HealthMonitor(placement, runner.clock, self._publish_health)
-        self._topics = {port.name: topic for topic, port in placement.publications}
-        self._health_topics = (HEALTH_TOPIC, own_health_topic(placement.name))
-        self._last = placement.type.is_simulator
+        self.health_monitor = HealthMonitor(config, runner.clock, self._publish_health)
+        self._topics = {port.name: topic for topic, port in config.publications}
+        self._health_topics = (HEALTH_TOPIC, own_health_topic(config.name))
+        self._last = config.type.is_simulator
 
     @property
     def clock(self) -> ManualClock:
@@ -71,16 +71,16 @@ class _Context:
     def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)
 
-    def begin_vitals(self, node: Node) -> None:
+    def begin_health(self, node: Node) -> None:
         """Start the health monitor. It publishes only on topics with a listener."""
-        self.vitals.begin(node, self._call_beat)
+        self.health_monitor.begin(node, self._call_beat)
         self.watch()
 
     def watch(self) -> None:
         """Notify the node of changed inputs, and schedule the next check."""
-        while self.alive and self.vitals.pending:
-            self._runner.attempt(self, self.vitals.look)
-        due = self.vitals.due()
+        while self.alive and self.health_monitor.pending:
+            self._runner.attempt(self, self.health_monitor.look)
+        due = self.health_monitor.due()
         if due is not None and (self._next_check is None or due < self._next_check):
             self._next_check = due
             self._runner.schedule(due, functools.partial(self._watch_again, due))
@@ -121,7 +121,7 @@ class InlineRunner:
         self.nodes: dict[str, Node] = {}
         self.faults: dict[str, Faults] = {}
         self.posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._placements = {placement.name: placement for placement in graph.placements}
+        self._configs = {config.name: config for config in graph.nodes}
         self._contexts: dict[str, _Context] = {}
         self._listeners: dict[str, list[tuple[str, Input[Any]]]] = {}
         self._latched: dict[str, Message] = {}
@@ -131,11 +131,11 @@ class InlineRunner:
         """Topics with a listener."""
         self._timers: list[tuple[int, bool, int, _Timer]] = []
         self._sequence = itertools.count()
-        for placement in graph.placements:
-            self._make(placement)
-            self.faults[placement.name] = Faults()
-            for topic, port in placement.subscriptions:
-                self._listeners.setdefault(topic, []).append((placement.name, port))
+        for config in graph.nodes:
+            self._make(config)
+            self.faults[config.name] = Faults()
+            for topic, port in config.subscriptions:
+                self._listeners.setdefault(topic, []).append((config.name, port))
         self.heard.update(self._listeners)
 
     def start(self) -> None:
@@ -143,7 +143,7 @@ class InlineRunner:
         for node in self.nodes.values():
             _start(node)
         for name, node in self.nodes.items():
-            self._contexts[name].begin_vitals(node)
+            self._contexts[name].begin_health(node)
         self._drain()
 
     def kill(self, name: str) -> None:
@@ -153,11 +153,11 @@ class InlineRunner:
 
     def restart(self, name: str) -> None:
         """Create and start a node again after `kill`. Raises the same errors as `start`."""
-        placement = self._placements[name]
-        node = self._make(placement)
+        config = self._configs[name]
+        node = self._make(config)
         _start(node)
-        self._contexts[name].begin_vitals(node)
-        for topic, port in placement.subscriptions:
+        self._contexts[name].begin_health(node)
+        for topic, port in config.subscriptions:
             if port.delivery is Delivery.LATCHED and topic in self._latched:
                 self.guard(self._contexts[name], port.deliver, node, self._latched[topic])
         self._drain()
@@ -249,9 +249,9 @@ class InlineRunner:
             if faults.failures == 1:
                 log.warning("%s: %s: %s", context.name, type(error).__name__, error)
 
-    def _make(self, placement: NodeConfig) -> Node:
-        context = self._contexts[placement.name] = _Context(self, placement)
-        node = self.nodes[placement.name] = placement.type(placement.name, context, placement.parameters)
+    def _make(self, config: NodeConfig) -> Node:
+        context = self._contexts[config.name] = _Context(self, config)
+        node = self.nodes[config.name] = config.type(config.name, context, config.parameters)
         return node
 
     def _drain(self) -> None:
@@ -265,7 +265,7 @@ class InlineRunner:
                 for name, port in self._listeners.get(topic, ()):
                     context = self._contexts.get(name)
                     if context is not None and context.alive:
-                        if context.vitals.came(port, message):
+                        if context.health_monitor.came(port, message):
                             context.watch()
                         self.attempt(context, port.deliver, self.nodes[name], message, calls=1)
 

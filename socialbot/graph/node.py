@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, Typ
 
 from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, State
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ class Context(Protocol):
         ...
 
     @property
-    def vitals(self) -> HealthMonitor:
+    def health_monitor(self) -> HealthMonitor:
         """The health monitor of the node."""
         ...
 
@@ -327,9 +328,11 @@ class Node:
     def on_return(self, port: Input[Any]) -> None:
         """Called when a silent input is back, before its message is delivered."""
 
-    def say_health(self, state: State, reason: str = "") -> None:
+    def report_health(self, state: State, reason: str = "") -> None:
         """Report the health of the node until the next call. The runner adds its silent inputs."""
-        self.context.vitals.say(state, reason)
+        self.context.health_monitor.say(state, reason)
+
+    say_health = RenamedAttribute("report_health")
 
 
 def outcome(work: Callable[[], R]) -> R | Exception:
@@ -411,22 +414,25 @@ class Graph:
     """
 
     name: str
-    placements: tuple[NodeConfig, ...]
+    nodes: tuple[NodeConfig, ...]
     inputs: frozenset[str] = frozenset()
     paced_by: str = ""
     wire: WireForm = "json"
+
+    placements = RenamedAttribute("nodes")
+    placement = RenamedAttribute("node")
 
     def __post_init__(self) -> None:
         self.check()
 
     def check(self) -> None:
         """Check the graph. Raises GraphError or ParameterError."""
-        names = [placement.name for placement in self.placements]
+        names = [config.name for config in self.nodes]
         for name in names:
             if names.count(name) > 1:
                 raise GraphError(f"two nodes are called {name!r}", where=self.name, remedy="give each its own name")
-        for placement in self.placements:
-            placement.check(self.name)
+        for config in self.nodes:
+            config.check(self.name)
         if self.wire not in get_args(WireForm):
             remedy = suggestion(self.wire, get_args(WireForm))
             raise GraphError(f"no form of messages: {self.wire!r}", where=f"{self.name}.wire", remedy=remedy)
@@ -434,22 +440,22 @@ class Graph:
 
     def _check_topics(self) -> None:
         types: dict[str, tuple[type[Message], str]] = {}
-        published = {topic for placement in self.placements for topic, _ in placement.publications}
-        for placement in self.placements:
-            for topic, port in (*placement.publications, *placement.subscriptions):
-                message_type, first = types.setdefault(topic, (port.message_type, placement.name))
+        published = {topic for config in self.nodes for topic, _ in config.publications}
+        for config in self.nodes:
+            for topic, port in (*config.publications, *config.subscriptions):
+                message_type, first = types.setdefault(topic, (port.message_type, config.name))
                 if message_type is not port.message_type:
                     raise GraphError(
                         f"{topic} is {message_type.__name__} for {first} but {port.message_type.__name__} for "
-                        f"{placement.name}",
-                        where=placement.place(self.name),
+                        f"{config.name}",
+                        where=config.place(self.name),
                         remedy="remap one of the two to another topic",
                     )
-            for topic, port in placement.subscriptions:
+            for topic, port in config.subscriptions:
                 if topic not in published and topic not in self.inputs and not port.optional:
                     raise GraphError(
                         f"nobody publishes {topic}",
-                        where=f"{placement.place(self.name)}.{port.name}",
+                        where=f"{config.place(self.name)}.{port.name}",
                         remedy=f"name it under 'inputs' if it comes from outside, or {suggestion(topic, published)}",
                     )
         if self.paced_by and self.paced_by not in published:
@@ -463,33 +469,28 @@ class Graph:
         """All topics of the nodes with their types."""
         return {
             topic: port.message_type
-            for placement in self.placements
-            for topic, port in (*placement.publications, *placement.subscriptions)
+            for config in self.nodes
+            for topic, port in (*config.publications, *config.subscriptions)
         }
 
-    def placement(self, name: str) -> NodeConfig:
+    def node(self, name: str) -> NodeConfig:
         """The configuration of the node ``name``. Raises GraphError if it is unknown."""
-        for placement in self.placements:
-            if placement.name == name:
-                return placement
-        names = [placement.name for placement in self.placements]
+        for config in self.nodes:
+            if config.name == name:
+                return config
+        names = [config.name for config in self.nodes]
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
     def without_sources(self) -> Graph:
         """Return this graph without its sources: simulators and nodes without inputs, such as cameras."""
-        sources = [one for one in self.placements if not one.subscriptions or one.type.is_simulator]
-        fed = {topic for placement in sources for topic, _ in placement.publications}
-        kept = tuple(placement for placement in self.placements if placement not in sources)
-        return replace(self, placements=kept, inputs=self.inputs | fed)
+        sources = [one for one in self.nodes if not one.subscriptions or one.type.is_simulator]
+        fed = {topic for config in sources for topic, _ in config.publications}
+        kept = tuple(config for config in self.nodes if config not in sources)
+        return replace(self, nodes=kept, inputs=self.inputs | fed)
 
     def with_parameters(self, changes: Mapping[str, Mapping[str, object]]) -> Graph:
         """Return this graph with changed parameters, by node name and parameter name."""
         for name in changes:
-            self.placement(name)
-        return replace(
-            self,
-            placements=tuple(
-                replace(placement, parameters={**placement.parameters, **changes.get(placement.name, {})})
-                for placement in self.placements
-            ),
-        )
+            self.node(name)
+        nodes = tuple(replace(one, parameters={**one.parameters, **changes.get(one.name, {})}) for one in self.nodes)
+        return replace(self, nodes=nodes)

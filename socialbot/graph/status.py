@@ -57,7 +57,7 @@ class NodeStatus:
     machine: str = ""
     state: str = ""
     heard_s: float | None = None
-    lifeless: bool = False
+    lacks_heartbeat: bool = False
     twin: str = ""
     health: str = ""
     reason: str = ""
@@ -82,15 +82,15 @@ class NodeStatus:
     def condition(self) -> str:
         """The condition in a few words; `ACTIVE` if all is well."""
         if self.heard_s is None:
-            return "not heard"
+            return "no messages"
         if self.heard_s > SILENT_S:
-            return f"not heard for {self.heard_s:.0f} s"
+            return f"no messages for {self.heard_s:.0f} s"
         if self.twin:
-            return "runs twice"
+            return "duplicate name"
         if self.state != ACTIVE:
             return self.state or "unknown"
-        if self.lifeless:
-            return "no sign of life"
+        if self.lacks_heartbeat:
+            return "no heartbeat"
         return CONDITIONS.get(self.health, ACTIVE)
 
     @property
@@ -100,27 +100,27 @@ class NodeStatus:
 
 
 @dataclass
-class _Heard:
+class _Reports:
     values: Mapping[str, str] = field(default_factory=dict)
     first: float = 0.0
     last: float | None = None
     health: Health | None = None
     health_at: float = -math.inf
-    speakers: deque[str] = field(default_factory=lambda: deque(maxlen=3))
+    publishers: deque[str] = field(default_factory=lambda: deque(maxlen=3))
     """The last publishers under this name, without repeats in a row."""
     twin: str = ""
     twin_at: float = -math.inf
 
-    def note_speaker(self, speaker: str, now: float) -> None:
+    def record_publisher(self, speaker: str, now: float) -> None:
         """Record a publisher. A former publisher that returns is no restart: two nodes run under the name."""
-        if self.speakers and self.speakers[-1] == speaker:
+        if self.publishers and self.publishers[-1] == speaker:
             return
-        self.speakers.append(speaker)
-        if len(self.speakers) == self.speakers.maxlen and self.speakers[0] == speaker:
-            self.twin, self.twin_at = self.speakers[1], now
+        self.publishers.append(speaker)
+        if len(self.publishers) == self.publishers.maxlen and self.publishers[0] == speaker:
+            self.twin, self.twin_at = self.publishers[1], now
 
 
-class RollCall:
+class NodeStatuses:
     """Status of nodes, collected from /diagnostics and /health.
 
     ``expected`` maps the expected nodes to their machines, in order; without it all nodes are tracked. Times are in s
@@ -129,9 +129,9 @@ class RollCall:
     """
 
     def __init__(self, expected: Mapping[str, str] | None = None) -> None:
-        self._hears_health = False
+        self._has_health_reports = False
         self._expected = dict(expected or {})
-        self._heard: dict[str, _Heard] = {name: _Heard() for name in self._expected}
+        self._reports: dict[str, _Reports] = {name: _Reports() for name in self._expected}
 
     def note(self, name: str, values: Mapping[str, str], now: float) -> None:
         """Record the values of a node on /diagnostics. Other programs may publish there too."""
@@ -141,12 +141,12 @@ class RollCall:
             one.first = now
         one.values, one.last = values, now
         if "pid" in values:
-            one.note_speaker(f"process {_text(values, 'pid')} on {_text(values, 'machine')}", now)
+            one.record_publisher(f"process {_text(values, 'pid')} on {_text(values, 'machine')}", now)
 
     def note_health(self, health: Health, now: float) -> None:
         """Record a health message. A bag player may publish them too."""
-        self._hears_health = True
-        if health.node in self._heard and (one := self._of(health.node)) is not None:
+        self._has_health_reports = True
+        if health.node in self._reports and (one := self._of(health.node)) is not None:
             one.health, one.health_at = health, now
 
     @property
@@ -159,22 +159,22 @@ class RollCall:
         """Whether all expected nodes have published, and the active ones also their health."""
         return bool(self._expected) and all(
             one.last is not None and (one.health is not None or one.values["state"] != ACTIVE)
-            for one in tuple(self._heard.values())
+            for one in tuple(self._reports.values())
         )
 
     def statuses(self, now: float) -> list[NodeStatus]:
         """The status of every node, in the expected order, else by machine and name."""
-        found = [self._status(name, one, now) for name, one in tuple(self._heard.items())]
+        found = [self._status(name, one, now) for name, one in tuple(self._reports.items())]
         return found if self._expected else sorted(found, key=lambda one: (one.machine, one.name))
 
-    def _of(self, name: str) -> _Heard | None:
-        if name in self._heard:
-            return self._heard[name]
-        if self._expected or len(self._heard) >= MOST_NODES:
+    def _of(self, name: str) -> _Reports | None:
+        if name in self._reports:
+            return self._reports[name]
+        if self._expected or len(self._reports) >= MOST_NODES:
             return None
-        return self._heard.setdefault(name, _Heard())
+        return self._reports.setdefault(name, _Reports())
 
-    def _status(self, name: str, one: _Heard, now: float) -> NodeStatus:
+    def _status(self, name: str, one: _Reports, now: float) -> NodeStatus:
         if one.last is None:
             return NodeStatus(name, self._expected.get(name, ""))
         gone = now - one.last > SILENT_S
@@ -188,7 +188,7 @@ class RollCall:
             state=state,
             heard_s=now - one.last,
             twin=one.twin if now - one.twin_at <= SILENT_S else "",
-            lifeless=state == ACTIVE and self._hears_health and now - sign_of_life > LIFELESS_S,
+            lacks_heartbeat=state == ACTIVE and self._has_health_reports and now - sign_of_life > LIFELESS_S,
             health=health.state if health else "",
             reason=printable(health.reason) if health else "",
             silent=tuple(map(printable, health.silent)) if health else (),
@@ -215,7 +215,7 @@ class RollCall:
 
         if "pid" not in values:
             return ()
-        others = (other for other, one in tuple(self._heard.items()) if process(one.values) == process(values))
+        others = (other for other, one in tuple(self._reports.items()) if process(one.values) == process(values))
         return tuple(other for other in others if other != name)
 
 

@@ -12,23 +12,17 @@ from typing import Any
 from markupsafe import Markup
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import PersonDetection, TraceRecord
-from socialbot.runs._frozen import encoded
+from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import RecordedRun
-from socialbot.runs.pages import Chart, Series, part
+from socialbot.runs.pages import Chart, LabelledBox, Series, Still, part, spread, thumbnail
 from socialbot.runs.run import RunView
 from socialbot.vision.metrics.scores import Score, ScoredFrame
-from socialbot.vision.metrics.truth import TruthPerson
 
 MAX_FRAMES = 8
 MAX_SPEECH_FRAMES = 6
 FRAMES_APART_S = 0.5
 LOOKBACK_RECORDS = 500
-"""Longest search for a frame, in records before a time."""
-
 WINDOW_S = 3.0
-"""Width of the window for rates over time, centred."""
-
 MAX_WORST = 4
 WORST_APART_S, WORST_APART_SHARE = 1.5, 0.05
 """Least distance between two of the worst frames: seconds, and share of the run."""
@@ -42,37 +36,14 @@ class Shot:
     why: str
 
 
-@dataclass(frozen=True)
-class LabelledBox:
-    """Box in pixels with a label. ``kind``: seen, missed or false."""
-
-    x: float
-    y: float
-    w: float
-    h: float
-    text: str
-    kind: str = "seen"
-
-
-@dataclass(frozen=True)
-class Still:
-    """Image as a data URL with its size in pixels, boxes and caption."""
-
-    picture: str
-    width: int
-    height: int
-    boxes: Sequence[LabelledBox]
-    caption: str
-
-
 def turning_points(run: RunView) -> list[Shot]:
     """Return the frames that led to speech, and those with the first, the most and the last persons, by time."""
-    chosen: list[Shot] = []
-    for shot in (*islice(_before_speech(run), MAX_SPEECH_FRAMES), *_first_most_last(run)):
-        near = (abs(shot.detection.stamp - other.detection.stamp) < FRAMES_APART_S * SECOND for other in chosen)
-        if len(chosen) < MAX_FRAMES and not any(near):
-            chosen.append(shot)
-    return sorted(chosen, key=lambda shot: shot.detection.stamp)
+    candidates = (*islice(_before_speech(run), MAX_SPEECH_FRAMES), *_first_most_last(run))
+
+    def are_near(one: Shot, other: Shot) -> bool:
+        return abs(one.detection.stamp - other.detection.stamp) < FRAMES_APART_S * SECOND
+
+    return sorted(spread(candidates, MAX_FRAMES, are_near), key=lambda shot: shot.detection.stamp)
 
 
 def shot_at(run: RunView, stamp: int, why: str) -> list[Shot]:
@@ -125,7 +96,7 @@ class Perception:
 
     def worst_stills(self) -> Markup:
         """Return the images of the worst frames with persons found and missed and false detections."""
-        found = [_still_of(self.run, frame.stamp, _boxes(frame), self._caption(frame)) for frame in self.worst]
+        found = [_still_of(self.run, frame.stamp, _scored(frame), self._caption(frame)) for frame in self.worst]
         return part("frames", [still for still in found if still is not None])
 
     @cached_property
@@ -137,11 +108,8 @@ class Perception:
             key=lambda number: (-self.frames[number].errors, -around[number], number),
         )
         apart_s = max(WORST_APART_S, WORST_APART_SHARE * self.run.history.duration_s)
-        chosen: list[int] = []
-        for number in ranked:
-            near = (abs(self.times_s[number] - self.times_s[other]) < apart_s for other in chosen)
-            if len(chosen) < MAX_WORST and not any(near):
-                chosen.append(number)
+        times_s = self.times_s
+        chosen = spread(ranked, MAX_WORST, lambda one, other: abs(times_s[one] - times_s[other]) < apart_s)
         return [self.frames[number] for number in sorted(chosen)]
 
     @cached_property
@@ -176,8 +144,7 @@ def _still(run: RunView, shot: Shot) -> Still | None:
 
 def _still_of(run: RunView, stamp: int, boxes: Sequence[LabelledBox], caption: str) -> Still | None:
     picture = run.picture(stamp)
-    small = None if picture is None else encoded(picture.jpeg)
-    return None if small is None else Still(*small, boxes, caption)
+    return None if picture is None else thumbnail(picture.jpeg, boxes, caption)
 
 
 def _first_most_last(run: RunView) -> Iterator[Shot]:
@@ -206,17 +173,18 @@ def _last_detection(run: RunView, stamp: int) -> TraceRecord | None:
 
 
 def _detected(person: dict[str, Any]) -> LabelledBox:
-    distance = person.get("distance_m")
-    text = " ".join(filter(None, (str(person.get("track_id") or ""), "" if distance is None else f"{distance:.1f} m")))
+    text = " ".join(filter(None, (str(person.get("track_id") or ""), _metres(person.get("distance_m")))))
     x, y, w, h = (float(person[side]) for side in "xywh")
     return LabelledBox(x, y, w, h, text)
 
 
-def _boxes(frame: ScoredFrame) -> list[LabelledBox]:
-    people = [(person, "seen") for person in frame.found] + [(person, "missed") for person in frame.missed]
-    return [_scored(person, kind) for person, kind in (*people, *((each, "false") for each in frame.false))]
+def _scored(frame: ScoredFrame) -> list[LabelledBox]:
+    return [
+        LabelledBox(each.x, each.y, each.w, each.h, _metres(each.distance_m), kind)
+        for people, kind in ((frame.found, "seen"), (frame.missed, "missed"), (frame.false, "false"))
+        for each in people
+    ]
 
 
-def _scored(person: TruthPerson | PersonDetection, kind: str) -> LabelledBox:
-    distance = "" if person.distance_m is None else f"{person.distance_m:.1f} m"
-    return LabelledBox(person.x, person.y, person.w, person.h, distance, kind)
+def _metres(distance_m: float | None) -> str:
+    return "" if distance_m is None else f"{distance_m:.1f} m"

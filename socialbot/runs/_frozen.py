@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-import cv2
 import msgspec
-import numpy as np
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import WorldView
 from socialbot.runs.folder import RecordedRun
-from socialbot.runs.narration import told
+from socialbot.runs.narration import log_lines
+from socialbot.runs.pages import thumbnail
 from socialbot.runs.plan_trees import PlanTrees
 from socialbot.runs.run import NoCommands, node_views, overview
 from socialbot.runs.why import actions, considered, explain
@@ -27,14 +26,11 @@ MAX_REJECTIONS = 20
 MAX_PICTURES = 40
 MAX_PICTURE_BYTES = 1_500_000
 NODE_SAMPLES = 200
-PICTURE_WIDTH = 480
-JPEG_QUALITY = 72
 
 _MIND = ("beliefs", "desires", "goals", "plans", "actions", "ended", "paused")
 _SHARED = ("sight", "speech", "head")
 
 Track = list[tuple[float, Any]]
-"""Values with the time (s) from which each holds."""
 
 
 def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shut: str) -> str:
@@ -55,7 +51,7 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
     content = {
         "run": msgspec.structs.replace(shown, has=has, results={}, since_s=history.seconds(begin)),
         "timeline": run.timeline.lanes(),
-        "log": told(run, records),
+        "log": log_lines(run, records),
         "tracks": _tracks(run, records),
         "trees": _trees(run, begin),
         "nodes": _nodes(run, begin),
@@ -69,22 +65,9 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
     return base64.b64encode(gzip.compress(msgspec.json.encode(content), 6, mtime=0)).decode()
 
 
-def encoded(jpeg: bytes) -> tuple[str, int, int] | None:
-    """Return an image as a small data URL with its original width and height; None for a damaged image."""
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        return None
-    height, width = image.shape[:2]
-    if width > PICTURE_WIDTH:
-        size = (PICTURE_WIDTH, max(1, round(height * PICTURE_WIDTH / width)))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}", width, height
-
-
 def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRecord]) -> list[tuple[float, str]]:
     """Return images at the given times, then evenly spaced ones up to the limits, by time."""
-    if not run.sees:
+    if not run.has_images:
         return []
     seen = [record.stamp for record in records if record.kind == "detection"]
     step = max(1, len(seen) // MAX_PICTURES)
@@ -96,10 +79,10 @@ def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRe
             continue
         if size > MAX_PICTURE_BYTES or len(found) >= 2 * MAX_PICTURES:
             break
-        small = encoded(picture.jpeg)
+        small = thumbnail(picture.jpeg)
         if small is not None:
-            found[picture.stamp] = small[0]
-            size += len(small[0])
+            found[picture.stamp] = small.picture
+            size += len(small.picture)
     return [(run.history.seconds(stamp), found[stamp]) for stamp in sorted(found)]
 
 
@@ -111,7 +94,7 @@ def _tracks(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:
     for number, record in enumerate(records):
         if number + 1 < len(records) and records[number + 1].stamp == record.stamp:
             continue
-        moment = run.course.at(record.stamp)
+        moment = run.states.at(record.stamp)
         for name in _SHARED:
             _note(shared[name], moment.at_s, getattr(moment, name))
         for agent in moment.agents:
@@ -151,14 +134,10 @@ def _nodes(run: RecordedRun, begin: int) -> dict[str, Track]:
 
 def _explanations(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:
     """Explain actions first, then other records, evenly chosen up to the limit."""
-    done = {id(record) for record in actions(run.history)}
-    others: list[Callable[[TraceRecord], bool]] = [
-        lambda record: id(record) in done,
-        lambda record: id(record) not in done and record.kind != "detection",
-    ]
+    acted = {id(record) for record in actions(run.history)}
+    others = [record for record in records if id(record) not in acted and record.kind != "detection"]
     found: dict[str, Any] = {}
-    for is_meant in others:
-        meant = [record for record in records if is_meant(record)]
+    for meant in ([record for record in records if id(record) in acted], others):
         free = MAX_EXPLANATIONS - len(found)
         first = len(meant) if len(meant) <= free else free // 2
         for record in (*meant[:first], *meant[max(first, len(meant) - free + first) :]):

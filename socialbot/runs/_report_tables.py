@@ -9,15 +9,15 @@ from typing import Any
 
 from markupsafe import Markup
 
-from socialbot.core.messages import Health
+from socialbot.core.messages import Health, TraceRecord
 from socialbot.graph.status import SILENT_S, NodeStatus
 from socialbot.runs.difference import PLACES
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import Narrator
-from socialbot.runs.pages import Cells, Chart, Section, Series, charts, folded, settings, table
+from socialbot.runs.pages import Chart, Section, Series, charts, folded, settings, table
 from socialbot.runs.record import NodeReport
 from socialbot.runs.run import RunView
-from socialbot.runs.story import DesireRecord, MessageRecord, PlanRecord, RequestRecord, Story
+from socialbot.runs.story import RequestRecord, Story
 
 MAX_EVENTS = 300
 EVENTS = {"failure", "desire_refused", "refused", "silent", "heard", "command", "dropped"}
@@ -28,10 +28,8 @@ _OUTCOMES = {
     "aborted": "bad", "lost": "bad",
 }  # fmt: skip
 _HEALTH = {"failed": "bad", "degraded": "bad", "ok": "good"}
-_NODE_COLUMNS = (
-    "node", "machine", "is", "calls", "failures", "skipped", "restarts", "processor", "memory", "a call takes", "why",
-)  # fmt: skip
-_TEXT_COLUMNS = {"node", "machine", "is", "why"}
+_TEXT_COLUMNS = {"node", "machine", "state", "reason"}
+_RATES = {"precision": "precision", "recall": "recall", "f1": "F1"}
 _FEWEST_REPORTS = 3
 _CHART_POINTS = 600
 
@@ -40,20 +38,19 @@ def story_sections(story: Story) -> list[Section]:
     """Return desires, plans and messages of deliberating agents."""
     if not story.desires:
         return []
-    words = Markup()
+    words, requests = Markup(), Markup()
     if story.words:
-        words = _words(story, [word for word in story.words if word.weight])
+        words = _words(story, [word for word in story.words if word.detail["weight"]])
         words += folded(f"All {len(story.words)} messages", _words(story, story.words))
-    about_desires = [request for request in story.requests if request.about_desire]
-    others = [request for request in story.requests if not request.about_desire]
-    requests = _requests(story, about_desires) if about_desires else Markup()
-    if others:
-        requests += folded(f"{len(others)} requests about beliefs", _requests(story, others))
+    else:
+        requests = _requests(story, [request for request in story.requests if request.about_desire])
+        others = [request for request in story.requests if not request.about_desire]
+        requests += folded(f"{len(others)} requests about beliefs", _requests(story, others)) if others else ""
     return [
         Section("Desires", _desires(story)),
         Section("Plans", _plans(story), "With planned and actual duration; ↻ replaces a plan that was given up."),
         Section("Messages between agents", words),
-        Section("Requests between agents", Markup() if story.words else requests),
+        Section("Requests between agents", requests),
     ]
 
 
@@ -64,71 +61,54 @@ def band_section(results: Mapping[str, Any]) -> Section:
     if not known:
         return Section("Detection by distance", "")
     rows = [
-        [
-            (name, ""),
-            *((str(band[key]), "r") for key in ("tp", "fp", "fn")),
-            *(("-" if band[key] is None else f"{band[key]:.3f}", "r") for key in ("precision", "recall", "f1")),
-        ]
+        [name, *(band[key] for key in ("tp", "fp", "fn")), *((_rate(band[key]), "r") for key in _RATES)]
         for name, band in known.items()
     ]
-    heads = ("distance", "found", "false", "missed", "precision", "recall", "F1")
+    heads = ("distance", "found", "false", "missed", *_RATES.values())
     drawn = {name: band for name, band in known.items() if "-" in name and band["tp"] + band["fn"] + band["fp"]}
     rates = tuple(
-        Series("F1" if rate == "f1" else rate, [(n, band[rate]) for n, band in enumerate(drawn.values())], colour)
-        for colour, rate in enumerate(("precision", "recall", "f1"))
+        Series(label, [(n, band[rate]) for n, band in enumerate(drawn.values())], colour)
+        for colour, (rate, label) in enumerate(_RATES.items())
     )
     chart = Chart("Precision, recall and F1 by distance", rates, y_range=(0.0, 1.02), categories=tuple(drawn))
-    content = charts([chart] if len(drawn) > 1 else []) + table(heads, rows, right=range(1, 7))
-    return Section(
-        "Detection by distance",
-        content,
-        f"{results['scores'].get('frames', 0)} frames with ground truth, at an IoU of 0.5.",
-    )
+    note = f"{results['scores'].get('frames', 0)} frames with ground truth, at an IoU of 0.5."
+    return Section("Detection by distance", charts([chart] if len(drawn) > 1 else []) + table(heads, rows), note)
+
+
+def _rate(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def event_section(run: RunView) -> Section:
     """Return failures, refusals and commands as sentences."""
-    teller = Narrator(run.history, run.wording)
+    narrator = Narrator(run.wording, run.history)
     found = [record for record in run.history if record.kind in EVENTS]
-    rows = [
-        [(f"{run.history.seconds(record.stamp):.2f} s", "r"), (teller.clause(record).told(), "")]
-        for record in found[-MAX_EVENTS:]
-    ]
+    rows = [[(narrator.when(each.stamp), "r"), narrator.clause(each).sentence()] for each in found[-MAX_EVENTS:]]
     note = f"The last {MAX_EVENTS} of {len(found)}." if len(found) > MAX_EVENTS else ""
-    return Section("Failures and commands", table(("at", "what"), rows, right=(0,)) if rows else "", note)
+    return Section("Failures and commands", table(("at", "what"), rows), note)
 
 
 def node_section(run: RecordedRun) -> Section:
     """Return resource use, health and restarts of the nodes."""
-    fates: Mapping[str, Any] = run.results.get("nodes", {})
+    results: Mapping[str, Any] = run.results.get("nodes", {})
     statuses = {status.name: status for status in run.nodes(run.end)}
-    rows = [
-        {"node": name, **_fate(fates.get(name, {})), **_status(statuses.get(name))}
-        for name in dict.fromkeys([*fates, *statuses])
-    ]
-    used = [key for key in _NODE_COLUMNS if any(row.get(key) for row in rows)]
-    cells = [[(str(row.get(key) or ""), "" if key in _TEXT_COLUMNS else "r") for key in used] for row in rows]
-    right = [number for number, key in enumerate(used) if key not in _TEXT_COLUMNS]
-    content = table(used, cells, right=right) if rows else Markup()
-    content += charts(node_charts({name: run.told[name] for row in rows if (name := row["node"]) in run.told}))
-    unhealthy = {health.node for _, health in run.health if health.state not in ("ok", "ended")}
+    names = dict.fromkeys([*results, *statuses])
+    rows = [_node_row(name, results.get(name, {}), statuses.get(name)) for name in names]
+    used = [key for key in (rows[0] if rows else ()) if any(row[key] for row in rows)]
+    cells = [[(row[key], "" if key in _TEXT_COLUMNS else "r") for key in used] for row in rows]
+    reports, health = run.node_history.reports, run.node_history.health
+    content = table(used, cells) + charts(node_charts({row["node"]: reports.get(row["node"], ()) for row in rows}))
+    unhealthy = {each.node for _, each in health if each.state not in ("ok", "ended")}
     changes = [
-        [
-            (f"{at_s:.2f} s", "r"),
-            (health.node, ""),
-            (health.state, _HEALTH.get(health.state, "")),
-            (_reason(health), ""),
-        ]
-        for at_s, health in run.health
-        if health.state != "ok" or health.node in unhealthy
+        [(f"{at_s:.2f} s", "r"), each.node, (each.state, _HEALTH.get(each.state, "")), _reason(each)]
+        for at_s, each in health
+        if each.state != "ok" or each.node in unhealthy
     ]
     if changes:
-        content += folded(
-            f"{len(changes)} changes of health",
-            table(("at", "node", "is", "why"), changes[-MAX_EVENTS:], right=(0,)),
-            opened=any(health.state in ("failed", "degraded") for _, health in run.health),
-        )
-    return Section("Node health", content, NODES_NOTE if run.told else "")
+        changes_table = table(("at", "node", "state", "reason"), changes[-MAX_EVENTS:])
+        is_open = any(each.state in ("failed", "degraded") for _, each in health)
+        content += folded(f"{len(changes)} changes of health", changes_table, opened=is_open)
+    return Section("Node health", content, NODES_NOTE if reports else "")
 
 
 def settings_section(run: RecordedRun) -> Section:
@@ -142,11 +122,11 @@ def settings_section(run: RecordedRun) -> Section:
         "in real time": f"{results['wall_s']:.1f} s" if "wall_s" in results else "",
     }
     parameters: Mapping[str, Mapping[str, Any]] = results.get("parameters", {})
-    for placement in run.described.placements if run.described is not None else ():
-        known = placement.type.parameters()
-        for name, value in {**placement.parameters, **parameters.get(placement.name, {})}.items():
+    for config in run.graph.nodes if run.graph is not None else ():
+        known = config.type.parameters()
+        for name, value in {**config.parameters, **parameters.get(config.name, {})}.items():
             if name in known and name not in PLACES and value != known[name].default:
-                values[f"{placement.name}.{name}"] = value
+                values[f"{config.name}.{name}"] = value
     values |= results.get("versions", {})
     return Section("Settings", settings({name: value for name, value in values.items() if value != ""}))
 
@@ -155,116 +135,104 @@ def settings_section(run: RecordedRun) -> Section:
 
 
 def _desires(story: Story) -> Markup:
-    heads = ("agent", "desire", "came from", "priority", "deadline", "from", "to", "plans", "how it ended")
-    return table(heads, [_desire(story, desire) for desire in story.desires], right=range(3, 8))
-
-
-def _desire(story: Story, desire: DesireRecord) -> Cells:
-    how = (desire.how or "still wanted") + (f": {desire.reason}" if desire.reason else "")
-    return [
-        (desire.agent, ""),
-        (desire.name, ""),
-        (desire.why, ""),
-        ("" if desire.priority is None else f"{desire.priority:g}", "r"),
-        ("" if desire.deadline_s is None else f"{desire.deadline_s:g} s", "r"),
-        (story.when(desire.adopted), "r"),
-        (story.when(desire.ended), "r"),
-        (str(len(story.plans_for(desire))), "r"),
-        (how, _OUTCOMES.get(desire.how, "")),
+    rows = [
+        [
+            desire.agent,
+            desire.name,
+            desire.why,
+            ("" if desire.priority is None else f"{desire.priority:g}", "r"),
+            ("" if desire.deadline_s is None else f"{desire.deadline_s:g} s", "r"),
+            (story.when(desire.adopted), "r"),
+            (story.when(desire.ended), "r"),
+            len(story.plans_for(desire)),
+            _result(desire.how or "still wanted", desire.reason),
+        ]
+        for desire in story.desires
     ]
+    return table(("agent", "desire", "reason", "priority", "deadline", "from", "to", "plans", "result"), rows)
 
 
 def _plans(story: Story) -> Markup:
-    heads = ("agent", "plan", "desire", "steps", "from", "to", "planned", "took", "how it ended")
-    return (
-        table(heads, [_plan(story, plan) for plan in story.plans], right=(1, 3, 4, 5, 6, 7))
-        if story.plans
-        else Markup()
-    )
-
-
-def _plan(story: Story, plan: PlanRecord) -> Cells:
-    how = (plan.outcome or "still executed") + (f": {plan.reason}" if plan.reason else "")
-    return [
-        (plan.agent, ""),
-        (f"{'↻ ' if plan.again else ''}{plan.number}", "r"),
-        (plan.desire, ""),
-        (str(len(plan.plan.steps)), "r"),
-        (story.when(plan.began), "r"),
-        (story.when(plan.ended), "r"),
-        ("" if plan.makespan_s is None else f"{plan.makespan_s:.1f} s", "r"),
-        ("" if plan.ended is None else f"{story.seconds(plan.ended) - story.seconds(plan.began):.1f} s", "r"),
-        (how, _OUTCOMES.get(plan.outcome, "")),
+    rows = [
+        [
+            plan.agent,
+            (f"{'↻ ' if plan.again else ''}{plan.number}", "r"),
+            plan.desire,
+            plan.steps,
+            (story.when(plan.began), "r"),
+            (story.when(plan.ended), "r"),
+            ("" if plan.makespan_s is None else f"{plan.makespan_s:.1f} s", "r"),
+            ("" if plan.ended is None else f"{story.seconds(plan.ended) - story.seconds(plan.began):.1f} s", "r"),
+            _result(plan.outcome or "still executed", plan.reason),
+        ]
+        for plan in story.plans
     ]
+    return table(("agent", "plan", "desire", "steps", "from", "to", "planned", "took", "result"), rows)
 
 
 def _requests(story: Story, requests: Iterable[RequestRecord]) -> Markup:
     rows = [
         [
             (story.when(request.asked), "r"),
-            (request.sender, ""),
-            (request.text, ""),
+            request.sender,
+            request.text,
             (story.when(request.ended), "r"),
-            (request.state + (f": {request.reason}" if request.reason else ""), _OUTCOMES.get(request.state, "")),
-            (request.id, ""),
+            _result(request.state, request.reason),
+            request.id,
         ]
         for request in requests
     ]
-    return table(("asked", "agent", "what", "last answer", "result", "id"), rows, right=(0, 3))
+    return table(("asked", "agent", "what", "last answer", "result", "id"), rows)
 
 
-def _words(story: Story, words: Iterable[MessageRecord]) -> Markup:
+def _words(story: Story, words: Iterable[TraceRecord]) -> Markup:
     rows = [
         [
             (story.when(word.stamp), "r"),
-            (word.sender, ""),
-            (word.receiver, ""),
-            (f"{word.performative} {word.content}", "code"),
-            (word.text, "bad" if word.weight == "problem" else ""),
-            (word.about, ""),
+            word.source,
+            word.detail["receiver"],
+            (f"{word.detail['performative']} {word.detail['content']}", "code"),
+            (word.what, "bad" if word.detail["weight"] == "problem" else ""),
+            word.detail["mission"],
         ]
         for word in words
     ]
-    return table(("at", "from", "to", "speech act", "what", "about"), rows, right=(0,))
+    return table(("at", "from", "to", "speech act", "what", "about"), rows)
+
+
+def _result(outcome: str, reason: str) -> tuple[str, str]:
+    return f"{outcome}: {reason}" if reason else outcome, _OUTCOMES.get(outcome, "")
 
 
 # Nodes
 
 
-def _fate(fate: Mapping[str, Any]) -> dict[str, str]:
-    cpu_s, peak = fate.get("cpu_s"), fate.get("peak_rss_mb")
+def _node_row(name: str, totals: Mapping[str, Any], status: NodeStatus | None) -> dict[str, str]:
+    """Return the figures of a node: its status at the end, or else the totals of an inline run."""
+    one = status or NodeStatus(name)
+    cpu_s, peak_mb = totals.get("cpu_s"), totals.get("peak_rss_mb")
+    processor = (one.cpu_percent, "{:.0f} %") if one.cpu_percent is not None else (cpu_s, "{:.1f} s")
+    memory_mb = peak_mb if one.memory_mb is None else one.memory_mb
     return {
-        "calls": str(fate.get("calls") or ""),
-        "failures": str(fate.get("failures") or ""),
-        "skipped": str(fate.get("skipped") or ""),
-        "processor": "" if cpu_s is None else f"{cpu_s:.1f} s",
-        "memory": "" if peak is None else f"{peak:.0f} MB",
-        "why": str(fate.get("first_failure") or ""),
+        "node": name,
+        "machine": one.machine,
+        "state": "" if status is None or one.condition == "active" else one.condition,
+        "calls": str(totals.get("calls") or ""),
+        "failures": str(one.failures or totals.get("failures") or ""),
+        "skipped": str(totals.get("skipped") or ""),
+        "restarts": str(one.restarts or ""),
+        "processor": "" if processor[0] is None else processor[1].format(processor[0]),
+        "memory": "" if memory_mb is None else f"{memory_mb:.0f} MB",
+        "time per call": "" if one.call is None else f"{one.call.mean_ms:.1f} ms",
+        "reason": one.last_error or one.first_failure or one.reason or str(totals.get("first_failure") or ""),
     }
-
-
-def _status(status: NodeStatus | None) -> dict[str, str]:
-    if status is None:
-        return {}
-    values = {
-        "machine": status.machine,
-        "is": "" if status.condition == "active" else status.condition,
-        "restarts": str(status.restarts or ""),
-        "processor": "" if status.cpu_percent is None else f"{status.cpu_percent:.0f} %",
-        "memory": "" if status.memory_mb is None else f"{status.memory_mb:.0f} MB",
-        "a call takes": "" if status.call is None else f"{status.call.mean_ms:.1f} ms",
-        "failures": str(status.failures or ""),
-        "why": status.last_error or status.first_failure or status.reason,
-    }
-    return {key: value for key, value in values.items() if value}
 
 
 def _reason(health: Health) -> str:
-    return health.reason or (f"nothing on {', '.join(health.silent)}" if health.silent else "")
+    return health.reason or (f"no message on {', '.join(health.silent)}" if health.silent else "")
 
 
 Reports = Mapping[str, Sequence[tuple[float, NodeReport]]]
-"""Diagnostics of each node with their times (s), in order."""
 
 
 @dataclass(frozen=True)

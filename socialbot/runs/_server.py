@@ -1,4 +1,4 @@
-"""HTTP server of the run page: access control and the API."""
+"""HTTP server of the run page: access control, the API, and the changes of a live run as server-sent events."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import ipaddress
 import logging
 import math
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from http.cookies import SimpleCookie
@@ -23,17 +23,19 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Command
-from socialbot.runs._broadcast import Broadcast
-from socialbot.runs.narration import LogLine, told_between
+from socialbot.runs.narration import LogLine, last_log_lines, log_lines
 from socialbot.runs.pages import PAGE, live_page
 from socialbot.runs.run import CommandSender, NoCommands, RunView, node_views, overview
+from socialbot.runs.state import AgentMind, RunState
+from socialbot.runs.timeline import Changed
 from socialbot.runs.why import explain, why_not
 
 JSON = "application/json"
@@ -102,42 +104,29 @@ class AccessGuard:
             await send(message)
 
         headers = Headers(scope=scope)
+        answer: ASGIApp = self._app
         if not is_own_name(headers.get("host", "")):
-            await reply_error(421, "this server does not answer to that name")(scope, receive, send_with_headers)
-        elif self._token and await self._turned_away(scope, headers, receive, send_with_headers):
-            return
-        elif scope["method"] not in ("GET", "HEAD") and (fault := foreign(headers)):
-            await reply_error(403, fault)(scope, receive, send_with_headers)
-        else:
-            await self._app(scope, receive, send_with_headers)
+            answer = reply_error(421, "this server has another name")
+        elif self._token and (refusal := self._refusal(scope, headers)):
+            answer = refusal
+        elif scope["method"] not in ("GET", "HEAD") and (reason := foreign(headers)):
+            answer = reply_error(403, reason)
+        await answer(scope, receive, send_with_headers)
 
-    async def _turned_away(self, scope: Scope, headers: Headers, receive: Receive, send: Send) -> bool:
+    def _refusal(self, scope: Scope, headers: Headers) -> Response | None:
         query = QueryParams(scope["query_string"])
-        if "token" in query and _same(query["token"], self._token):
+        if _same(query.get("token", ""), self._token):
             rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
-            place = scope["path"] + (f"?{rest}" if rest else "")
-            cookie = f"{COOKIE}={self._pass}; Path=/; HttpOnly; SameSite=Strict"
-            await send(
-                {
-                    "type": "http.response.start",
-                    "status": 303,
-                    "headers": [
-                        (b"location", place.encode("ascii", "ignore")),
-                        (b"set-cookie", cookie.encode()),
-                        (b"cache-control", b"no-store"),
-                    ],
-                }
-            )
-            await send({"type": "http.response.body"})
-            return True
+            response = RedirectResponse(scope["path"] + (f"?{rest}" if rest else ""), 303, FRESH)
+            response.set_cookie(COOKIE, self._pass, httponly=True, samesite="strict")
+            return response
         scheme, _, given = headers.get("authorization", "").partition(" ")
         cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         if scheme.lower() == "bearer" and _same(given.strip(), self._token):
-            return False
+            return None
         if cookie is not None and _same(cookie.value, self._pass):
-            return False
-        await reply_error(401, "the token is missing or wrong: open the address that was printed")(scope, receive, send)
-        return True
+            return None
+        return reply_error(401, "the token is missing or wrong: open the printed address")
 
 
 def is_own_name(host: str) -> bool:
@@ -158,12 +147,11 @@ def is_own_name(host: str) -> bool:
 def foreign(headers: Headers) -> str:
     """Return the reason to refuse a request that changes state; empty if accepted."""
     if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
-        return "only application/json is taken"
+        return "the content type must be application/json"
     origin = headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != headers.get("host"):
-        return "that comes from another site"
-    if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-        return "that comes from another site"
+    is_foreign = origin is not None and urlsplit(origin).netloc != headers.get("host")
+    if is_foreign or headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        return "the request comes from another site"
     return ""
 
 
@@ -176,6 +164,17 @@ def _same(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(), other.encode())
 
 
+PERIOD_S = 0.1
+NODES_S = 1.0
+
+QUIET_S = 5.0
+"""Interval of keep-alive events; pages reconnect after three missing ones."""
+
+LONGEST_QUEUE = 50
+"""A page with more pending events is disconnected; it reconnects by itself."""
+
+MOST_NEW_LINES = 50
+
 T = TypeVar("T")
 
 log = logging.getLogger("socialbot.inspect")
@@ -184,16 +183,11 @@ KEEP_UP_S = 2.0
 MOST_LINES = 500
 
 LARGEST_COMMAND = 65_536
-"""Limit for the body of a command (bytes)."""
-
 SMALLEST_PACKED = 2048
-"""Smaller answers (bytes) are not compressed."""
-
 DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
-"""Drawings use inline styles and load nothing."""
 
 
-class Asked(msgspec.Struct, frozen=True):
+class CommandRequest(msgspec.Struct, frozen=True):
     """Command from a person to an agent."""
 
     agent: str
@@ -202,17 +196,17 @@ class Asked(msgspec.Struct, frozen=True):
 
 
 class PageServer:
-    """Serve the page of ``run``; ``office`` takes commands.
+    """Serve the page of ``run``; ``commands`` sends commands to agents.
 
     One thread reads the run and processes the messages of a live run. Another thread decodes images.
     """
 
-    def __init__(self, run: RunView, office: CommandSender | None = None) -> None:
+    def __init__(self, run: RunView, commands: CommandSender | None = None) -> None:
         self.run = run
-        self.office: CommandSender = office or NoCommands("this run is not live")
-        self._desk = ThreadPoolExecutor(1, "inspect")
-        self._darkroom = ThreadPoolExecutor(1, "pictures")
-        self._broadcast = Broadcast(lambda: self.run, lambda: self.office.shut, self._look)
+        self.commands: CommandSender = commands or NoCommands("this run is not live")
+        self._run_thread = ThreadPoolExecutor(1, "inspect")
+        self._image_thread = ThreadPoolExecutor(1, "pictures")
+        self._broadcast = Broadcast(self)
 
     def application(self, token: str = "") -> Starlette:
         @asynccontextmanager
@@ -223,183 +217,258 @@ class PageServer:
             with suppress(asyncio.CancelledError):
                 await keeping_up
             await self.close()
-            self._desk.shutdown(wait=False)
-            self._darkroom.shutdown(wait=False)
+            self._run_thread.shutdown(wait=False)
+            self._image_thread.shutdown(wait=False)
 
         routes = [
             Route("/", self._index),
             Route("/favicon.ico", self._icon),
-            *(Route(f"/api/{name}", _answered(ask)) for name, ask in self._questions().items()),
             Route("/api/live", self._live),
             Route("/api/command", self._command, methods=["POST"]),
+            Route("/api/picture", self._picture),
+            Route("/api/world", self._world),
+            Route("/api/{name}", self._answer),
             Mount("/page", StaticFiles(directory=PAGE, check_dir=False)),
         ]
         middleware = [
             Middleware(AccessGuard, token=token),
             Middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=1),
         ]
-        handlers: dict[Any, Any] = {HTTPException: _refused, RunError: _not_there}
+        handlers: dict[Any, Any] = {HTTPException: _http_error, RunError: _run_error}
         return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers, lifespan=lifespan)
 
-    async def show(self, run: RunView, office: CommandSender | None = None) -> None:
+    async def show(self, run: RunView, commands: CommandSender | None = None) -> None:
         """Show another run after the end of a live one."""
-        self.run, self.office = run, office or NoCommands("this run has ended")
+        self.run, self.commands = run, commands or NoCommands("this run has ended")
         self._broadcast.change()
 
     async def close(self) -> None:
         """Disconnect all listening pages."""
         await self._broadcast.close()
 
+    async def read(self, function: Callable[[], T]) -> T:
+        """Call a function in the thread of the run."""
+        return await asyncio.get_running_loop().run_in_executor(self._run_thread, function)
+
     async def _keep_up(self) -> None:
         """Process the messages of a live run also without listening pages."""
-        told = ""
+        last_error = ""
         while True:
             await asyncio.sleep(KEEP_UP_S)
             run = self.run
             if not run.live:
                 continue
             try:
-                await self._look(lambda: run.end)  # noqa: B023 - awaited before the next one
+                await self.read(lambda: run.end)  # noqa: B023 - awaited before the next one
             except Exception as error:  # keep processing later messages
-                if repr(error) != told:
-                    told = repr(error)
-                    log.exception("some of what was heard cannot be shown")
-
-    async def _look(self, look: Callable[[], T]) -> T:
-        return await asyncio.get_running_loop().run_in_executor(self._desk, look)
-
-    # The page
+                if repr(error) != last_error:
+                    last_error = repr(error)
+                    log.exception("a received message cannot be shown")
 
     async def _index(self, request: Request) -> Response:
         return HTMLResponse(live_page(), headers={"Cache-Control": "no-cache"})
 
     async def _icon(self, request: Request) -> Response:
-        path = PAGE / "icon.svg"
-        return FileResponse(path) if path.is_file() else Response(status_code=204)
+        return FileResponse(PAGE / "icon.svg")
 
-    # Queries
-
-    def _questions(self) -> dict[str, Callable[[Request], Awaitable[Response]]]:
-        return {
-            "run": self._overview,
-            "moment": self._moment,
-            "picture": self._picture,
-            "world": self._world,
-            "trees": self._trees,
-            "nodes": self._nodes,
-            "timeline": self._timeline,
-            "log": self._log,
-            "why": self._why,
-        }
-
-    async def _overview(self, request: Request) -> Response:
-        run, office = self.run, self.office
-        return reply(await self._look(lambda: overview(run, office)))
-
-    async def _moment(self, request: Request) -> Response:
-        run = self.run
-        return reply(await self._look(lambda: run.course.at(_stamp(request, run))))
+    async def _answer(self, request: Request) -> Response:
+        name, run, commands, query = request.path_params["name"], self.run, self.commands, request.query_params
+        if name == "run":
+            return reply(await self.read(lambda: overview(run, commands)))
+        if name not in _ANSWERS:
+            raise HTTPException(404)
+        return reply(await self.read(lambda: _ANSWERS[name](run, query)))
 
     async def _picture(self, request: Request) -> Response:
         run = self.run
-        stamp = await self._look(lambda: _stamp(request, run))
-        picture = await asyncio.get_running_loop().run_in_executor(self._darkroom, run.picture, stamp)
+        stamp = await self.read(lambda: _stamp(run, request.query_params))
+        picture = await asyncio.get_running_loop().run_in_executor(self._image_thread, run.picture, stamp)
         if picture is None:
             return Response(status_code=204, headers=FRESH)  # browsers log every 4xx on the console
-        at_s = await self._look(lambda: run.history.seconds(picture.stamp) if len(run.history) else 0.0)
-        headers = {**FRESH, "X-Time": f"{at_s:.6f}"}
-        return Response(picture.jpeg, headers=headers, media_type="image/jpeg")
+        at_s = await self.read(lambda: run.history.seconds(picture.stamp) if len(run.history) else 0.0)
+        return Response(picture.jpeg, headers={**FRESH, "X-Time": f"{at_s:.6f}"}, media_type="image/jpeg")
 
     async def _world(self, request: Request) -> Response:
         run = self.run
-        drawing = await self._look(lambda: run.world(_stamp(request, run)))
+        drawing = await self.read(lambda: run.world(_stamp(run, request.query_params)))
         if drawing is None:
             raise HTTPException(404, "this run has no world to draw")
         headers = {**FRESH, "Content-Security-Policy": DRAWING_POLICY}
         return Response(drawing, headers=headers, media_type="image/svg+xml")
 
-    async def _trees(self, request: Request) -> Response:
-        run = self.run
-        return reply(await self._look(lambda: run.trees(_stamp(request, run))))
-
-    async def _nodes(self, request: Request) -> Response:
-        run = self.run
-        return reply(await self._look(lambda: node_views(run, _stamp(request, run))))
-
-    async def _timeline(self, request: Request) -> Response:
-        run = self.run
-        return reply({"lanes": await self._look(lambda: run.timeline.lanes())})
-
-    async def _log(self, request: Request) -> Response:
-        run = self.run
-
-        def lines() -> list[LogLine]:
-            return told_between(run, _stamp(request, run, "from", 0.0), _stamp(request, run, "to"), MOST_LINES)
-
-        return reply(await self._look(lines))
-
-    async def _why(self, request: Request) -> Response:
-        run = self.run
-        if plan := request.query_params.get("plan"):
-            return reply(await self._look(lambda: why_not(run.history, plan)))
-        name = request.query_params.get("id", "").rpartition("@")[2]
-        record = await self._look(lambda: run.history.find(name))
-        if record is None:
-            forgotten = ", or it is forgotten: the record on disk may have it" if run.history.forgotten else ""
-            raise HTTPException(404, f"there is no record {name!r}{forgotten}")
-        return reply(await self._look(lambda: explain(run.history, run.wording, record)))
-
     async def _live(self, request: Request) -> Response:
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return StreamingResponse(self._broadcast.listen(), media_type="text/event-stream", headers=headers)
 
-    # Commands to agents
-
     async def _command(self, request: Request) -> Response:
-        if self.office.shut:
-            raise HTTPException(403, self.office.shut)
+        if self.commands.shut:
+            raise HTTPException(403, self.commands.shut)
         body = b""
         async for chunk in request.stream():
             body += chunk
             if len(body) > LARGEST_COMMAND:
-                raise HTTPException(413, "that is too long")
+                raise HTTPException(413, f"a command has at most {LARGEST_COMMAND} bytes")
         try:
-            asked = msgspec.json.decode(body, type=Asked)
+            asked = msgspec.json.decode(body, type=CommandRequest)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise HTTPException(400, f"that cannot be read: {error}") from error
-        answer = await self.office.ask(asked.agent, asked.command, asked.text)
+            raise HTTPException(400, f"not a valid command: {error}") from error
+        answer = await self.commands.ask(asked.agent, asked.command, asked.text)
         if answer is None:
-            raise HTTPException(504, f"{asked.agent} does not answer: it is not there, or does not know this key")
+            raise HTTPException(504, f"{asked.agent} does not answer: it is not running, or has another key")
         return reply({"accepted": answer.accepted, "reason": answer.reason})
 
 
-def _stamp(request: Request, run: RunView, name: str = "t", default: float | None = None) -> int:
-    text = request.query_params.get(name)
+def _why(run: RunView, query: QueryParams) -> Any:
+    if plan := query.get("plan"):
+        return why_not(run.history, plan)
+    name = query.get("id", "").rpartition("@")[2]
+    record = run.history.find(name)
+    if record is None:
+        dropped = ", or it was dropped: the record on disk may have it" if run.history.forgotten else ""
+        raise HTTPException(404, f"there is no record {name!r}{dropped}")
+    return explain(run.history, run.wording, record)
+
+
+_ANSWERS: Mapping[str, Callable[[RunView, QueryParams], Any]] = {
+    "moment": lambda run, query: run.states.at(_stamp(run, query)),
+    "trees": lambda run, query: run.trees(_stamp(run, query)),
+    "nodes": lambda run, query: node_views(run, _stamp(run, query)),
+    "timeline": lambda run, query: {"lanes": run.timeline.lanes()},
+    "log": lambda run, query: last_log_lines(
+        run, _stamp(run, query, "from", 0.0), _stamp(run, query, "to"), MOST_LINES
+    ),
+    "why": _why,
+}
+"""Answers of the API by name, read in the thread of the run."""
+
+
+def _stamp(run: RunView, query: QueryParams, name: str = "t", default: float | None = None) -> int:
+    history, text = run.history, query.get(name)
     if text is None:
-        return run.end if default is None else run.history.stamp(default)
+        return run.end if default is None else history.stamp(default)
     try:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
     if not math.isfinite(seconds) or abs(seconds) > 1e9:
-        raise HTTPException(400, f"{name} is to be a time in seconds")
-    stamp = run.history.stamp(seconds)
-    history = run.history
+        raise HTTPException(400, f"{name} must be a time in seconds (got {text!r})")
+    stamp = history.stamp(seconds)
     return max(stamp, history.since) if history.since > history.start else stamp
 
 
-def _answered(ask: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Wrap a bound method, as Starlette expects functions."""
-
-    async def answer(request: Request) -> Response:
-        return await ask(request)
-
-    return answer
-
-
-async def _refused(request: Request, error: HTTPException) -> Response:
+async def _http_error(request: Request, error: HTTPException) -> Response:
     return reply_error(error.status_code, str(error.detail))
 
 
-async def _not_there(request: Request, error: RunError) -> Response:
+async def _run_error(request: Request, error: RunError) -> Response:
     return reply_error(404, f"{error.what}: {error.remedy}" if error.remedy else error.what)
+
+
+class News(msgspec.Struct, frozen=True):
+    """Changes of a live run: state with the changed agents only, bars and log lines."""
+
+    t: float
+    began_s: float
+    since_s: float
+    moment: RunState
+    bars: tuple[Changed, ...]
+    log: tuple[LogLine, ...]
+
+
+class Broadcast:
+    """Send the changes of the run of ``server`` to all listening pages."""
+
+    def __init__(self, server: PageServer) -> None:
+        self._server = server
+        self._pages: set[asyncio.Queue[bytes | None]] = set()
+        self._task: asyncio.Task[None] | None = None
+        self._agents: dict[str, AgentMind] = {}
+        self._records = 0
+        self._last: RunState | None = None
+
+    async def listen(self) -> AsyncIterator[bytes]:
+        """Yield the events for one page: the full state, then changes."""
+        page: asyncio.Queue[bytes | None] = asyncio.Queue()
+        run = self._server.run
+        yield _event("moment", await self._server.read(lambda: run.states.at(run.end)))
+        if not run.live:
+            yield _event("ended", {})
+            return
+        self._pages.add(page)
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._send_changes())
+        try:
+            while True:
+                try:
+                    event = await asyncio.wait_for(page.get(), QUIET_S)
+                except asyncio.TimeoutError:
+                    event = _event("alive", {})
+                if event is None:
+                    return
+                yield event
+        finally:
+            self._pages.discard(page)
+
+    def change(self) -> None:
+        """Notify all pages that the run has ended or changed."""
+        for page in self._pages:
+            page.put_nowait(_event("ended", {}))
+            page.put_nowait(None)
+        self._agents.clear()
+        self._last = None
+
+    async def close(self) -> None:
+        """Disconnect all pages."""
+        for page in self._pages:
+            page.put_nowait(None)
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _send_changes(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = nodes_due = loop.time()
+        while self._pages and self._server.run.live:
+            news = await self._server.read(self._news)
+            if news is not None:
+                self._send(_event("news", news))
+            if loop.time() >= nodes_due:
+                nodes_due = loop.time() + NODES_S
+                self._send(_event("nodes", await self._server.read(self._nodes)))
+                self._send(_event("office", self._server.commands.shut))
+            due = max(due + PERIOD_S, loop.time() + PERIOD_S / 2)
+            await asyncio.sleep(due - loop.time())
+
+    def _send(self, event: bytes) -> None:
+        for page in list(self._pages):
+            if page.qsize() >= LONGEST_QUEUE:
+                self._pages.discard(page)
+                page.put_nowait(None)
+            else:
+                page.put_nowait(event)
+
+    def _nodes(self) -> Any:
+        run = self._server.run
+        return node_views(run, run.end)
+
+    def _news(self) -> News | None:
+        run = self._server.run
+        moment = run.states.at(run.end)
+        changed = tuple(agent for agent in moment.agents if self._agents.get(agent.name) != agent)
+        bars = run.timeline.changed()
+        history = run.history
+        fresh = min(history.forgotten + len(history) - self._records, MOST_NEW_LINES)
+        lines = log_lines(run, history.part(max(0, len(history) - fresh), len(history)))
+        self._records = history.forgotten + len(history)
+        self._agents.update((agent.name, agent) for agent in changed)
+        before, self._last = self._last, moment
+        if before is not None and before.at_s == moment.at_s and not (changed or bars or lines):
+            return None
+        shown = msgspec.structs.replace(moment, agents=changed)
+        since_s = history.seconds(history.since)
+        return News(moment.at_s, history.start / SECOND, since_s, shown, bars, tuple(lines))
+
+
+def _event(name: str, content: Any) -> bytes:
+    return b"event: " + name.encode() + b"\ndata: " + msgspec.json.encode(content) + b"\n\n"

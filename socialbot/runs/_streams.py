@@ -6,14 +6,12 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import msgspec
-
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Mind, MindBelief, PersonDetection, PersonDetections
+from socialbot.core.messages import Mind, MindBelief, PersonDetections
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.narration import Narrator
 from socialbot.runs.run import RunView
-from socialbot.runs.state import AgentMind
+from socialbot.runs.state import AgentMind, persons_of
 
 FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
 LEAP = 3600 * SECOND
@@ -53,17 +51,16 @@ def detections_of(run: RunView, frame_id: str = "camera") -> Iterator[PersonDete
     """Yield the detections; the frame size is 0 if it is not recorded."""
     for record in run.history:
         if record.kind == "detection":
-            persons = msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
-            width, height = record.detail.get("width", 0), record.detail.get("height", 0)
-            yield PersonDetections(stamp=record.stamp, frame_id=frame_id, width=width, height=height, persons=persons)
+            size = {side: record.detail.get(side, 0) for side in ("width", "height")}
+            yield PersonDetections(stamp=record.stamp, frame_id=frame_id, persons=persons_of(record), **size)
 
 
 def sentences_of(run: RunView) -> Iterator[EventSentence]:
     """Yield all events except detections as sentences."""
-    teller = Narrator(run.history, run.wording)
+    narrator = Narrator(run.wording, run.history)
     for record in run.history:
         if record.kind not in ("detection", "motion"):
-            told = teller.clause(record).told()
+            told = narrator.clause(record).sentence()
             yield EventSentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
 
 
@@ -74,7 +71,7 @@ def minds_of(run: RunView) -> Iterator[Mind]:
     for record, following in zip(records, [*records[1:], None], strict=True):
         if following is not None and following.stamp == record.stamp:
             continue
-        for agent in run.course.at(record.stamp).agents:
+        for agent in run.states.at(record.stamp).agents:
             mind = _mind(run, agent, record.stamp)
             content = (mind.beliefs, mind.desires, mind.intentions)
             if before.get(agent.name) != content:

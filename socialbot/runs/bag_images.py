@@ -1,24 +1,31 @@
-"""Images of a bag by time, as JPEG."""
+"""Images of a bag by time as JPEG, and as an annotated video."""
 
 from __future__ import annotations
 
 import threading
 from bisect import bisect_right
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from socialbot.bags.reader import MessageLocation, open_bag
+import cv2
+import msgspec
+import numpy as np
+
+from socialbot.bags.reader import Bag, MessageLocation, open_bag
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
-from socialbot.core.messages import CompressedImage, Image
+from socialbot.core.messages import CompressedImage, Image, TraceRecord
+from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runs.run import Picture
-from socialbot.vision.images import as_jpeg
+from socialbot.vision.annotate import draw
+from socialbot.vision.images import as_jpeg, bgr_from_compressed, bgr_from_image
+from socialbot.vision.metrics.truth import GroundTruth
 
 KEPT = 300
 
 PATIENCE_S = 20.0
-"""Longest wait for the index."""
 
 
 class BagPictures:
@@ -78,8 +85,7 @@ class BagPictures:
                         self._stamps.append(place.stamp)
                         self._found.notify_all()
         except BagError:
-            # Show the intact part before the damage.
-            pass
+            pass  # show the intact part before the damage
         finally:
             with self._found:
                 self._done = True
@@ -101,3 +107,74 @@ def pictures_of(path: Path, topics: Collection[str]) -> Iterator[BagPictures | N
     finally:
         if pictures is not None:
             pictures.close()
+
+
+# Video
+
+SPOKEN_FOR_NS = 3 * SECOND
+
+DEFAULT_RATE_HZ = 10.0
+
+
+def write_video(
+    bag: Bag,
+    image_topic: str,
+    record: RunRecord,
+    truth: GroundTruth | None,
+    path: Path,
+    advance: Callable[[int], None] = lambda done: None,
+) -> Path:
+    """Write all images of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
+
+    Raises:
+        BagError: There is no image, or the video cannot be written.
+    """
+    detections = {message.stamp: message for message in record.detections}
+    people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
+    captions = _Captions(record, bag.start)
+    writer: cv2.VideoWriter | None = None
+    size = (0, 0)
+    for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
+        advance(number)
+        assert isinstance(message, (Image, CompressedImage))
+        try:
+            pixels = bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message)
+        except ImageError:
+            continue
+        stamp = message.stamp
+        frame = draw(pixels, detections.get(stamp), people.get(stamp, ()), captions.at(stamp))
+        if writer is None:
+            writer, size = _open_writer(path, frame, _rate_hz(bag, image_topic)), frame.shape[1::-1]
+        writer.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
+    if writer is None:
+        raise BagError("the bag has no image for a video", where=str(bag.path))
+    writer.release()
+    return path
+
+
+class _Captions:
+    def __init__(self, record: RunRecord, start: int) -> None:
+        self._start = start
+        lines = (record.folder / TRACE).read_bytes().splitlines()
+        records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
+        self._beliefs = [each for each in records if each.kind == "belief" and each.what.startswith("personD")]
+        self._utterances = record.utterances
+
+    def at(self, stamp: int) -> list[str]:
+        count = bisect_right(self._beliefs, stamp, key=lambda belief: belief.stamp)
+        belief = f"believes {self._beliefs[count - 1].what}" if count else ""
+        spoken = [f'says: "{each.text}"' for each in self._utterances if 0 <= stamp - each.stamp < SPOKEN_FOR_NS]
+        return [f"{(stamp - self._start) / SECOND:6.1f} s   {belief}", *spoken[-1:]]
+
+
+def _rate_hz(bag: Bag, image_topic: str) -> float:
+    count = bag.topic(image_topic).count
+    return (count - 1) / bag.duration_s if count > 1 and bag.duration_s > 0 else DEFAULT_RATE_HZ
+
+
+def _open_writer(path: Path, frame: np.ndarray, rate_hz: float) -> cv2.VideoWriter:
+    height, width = frame.shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, (width, height))
+    if not writer.isOpened():
+        raise BagError("the video cannot be written", where=str(path), remedy="leave it out with --no-video")
+    return writer

@@ -23,7 +23,7 @@ from socialbot.core.messages import (
 from socialbot.core.registry import phrases_of
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.node import Graph
-from socialbot.runs.narration import StoryNarrator, Verb, Wording
+from socialbot.runs.narration import Narrator, Verb, Wording
 
 _STYLES = {
     "sees": "cyan",
@@ -70,11 +70,11 @@ class Display:
             start: Time (ns) that counts as 0 s; that of the first record by default.
             until: Time (ns) of the end; the expected end of the plans by default.
         """
-        nodes = graph.placements if graph is not None else ()
+        nodes = graph.nodes if graph is not None else ()
         tells_story = any(node.type.deliberates for node in nodes)
         agents = [node.name for node in nodes]
         self._console = console
-        self._narrator = StoryNarrator(Wording(phrases=phrases_of(graph))) if tells_story else None
+        self._narrator = Narrator(Wording(phrases=phrases_of(graph))) if tells_story else None
         self._agent_styles = {name: _AGENT_STYLES[number % len(_AGENT_STYLES)] for number, name in enumerate(agents)}
         self._width = max(map(len, agents), default=0)
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
@@ -133,14 +133,15 @@ class Display:
             return
         doing = self._doing.setdefault(record.source, {})
         if record.kind == "step":
-            doing[record.what] = self._narrator.wording.call(record.detail["action"], record.detail["args"])
+            doing[record.what] = self._narrator.wording.step(record)
         elif record.kind == "step_end":
             doing.pop(record.what, None)
-        sentence = self._narrator.tell(record)
+        sentence = self._narrator.story(record)
         if sentence is not None:
-            sign, style = _SIGNS[sentence.verb]
-            agent = (f"{sentence.agent:<{self._width}}  ", self._agent_styles.get(sentence.agent, ""))
-            self._print(record.stamp, agent, (f"{sign} {sentence.text}", style))
+            verb, text = sentence
+            sign, style = _SIGNS[verb]
+            agent = (f"{record.source:<{self._width}}  ", self._agent_styles.get(record.source, ""))
+            self._print(record.stamp, agent, (f"{sign} {text}", style))
 
     def _show_persons(self, message: PersonDetections) -> None:
         """Print changes of the number of persons, at most once a second as detections flicker."""

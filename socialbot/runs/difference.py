@@ -4,35 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
 from socialbot.runs.narration import Narrator
-from socialbot.runs.run import RunRecords
+from socialbot.runs.run import RunView
 from socialbot.runs.why import Explanation, actions, explain
 
-DECIDED = frozenset(
-    {
-        *("desire", "desire_refused", "desire_fulfilled", "desire_dropped", "planning", "plan_start", "plan_end"),
-        *(
-            "step",
-            "step_end",
-            "action",
-            "action_end",
-            "request",
-            "asked",
-            "refused",
-            "reply",
-            "silent",
-            "heard",
-            "said",
-        ),
-    }
+_LINES = (
+    ("desire", "desire_refused", "desire_fulfilled", "desire_dropped"),
+    ("plan_start", "plan_end"),
+    ("step",),
 )
+"""Kinds whose order within an agent does not depend on other agents."""
+
+DECIDED = {kind for kinds in _LINES for kind in kinds} | {
+    *("planning", "step_end", "action", "action_end", "request", "asked", "refused", "reply", "silent", "heard", "said")
+}
 """Kinds of records that are decisions or their results."""
+
+NEAR_PIXELS = 0.5
+"""Smaller differences of boxes come from rounding on other machines."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -53,8 +50,7 @@ class DecisionComparison:
         return not self.difference
 
     @property
-    def told(self) -> str:
-        """Return the comparison as a sentence."""
+    def text(self) -> str:
         if self.difference:
             return f"Decisions differ from the recorded ones: {self.difference}"
         if self.exact:
@@ -64,45 +60,40 @@ class DecisionComparison:
 
 def compare(recorded: Iterable[TraceRecord], replayed: Iterable[TraceRecord]) -> DecisionComparison:
     """Compare the decisions of two runs."""
-    first = [record for record in recorded if record.kind in DECIDED]
-    second = [record for record in replayed if record.kind in DECIDED]
-    difference = ""
-    for agent in sorted({record.source for record in (*first, *second)}):
-        for kinds in _LINES:
-            difference = difference or _difference(agent, _line(first, agent, kinds), _line(second, agent, kinds))
-    return DecisionComparison(len(first), len(second), first == second, difference)
+    first, second = ([record for record in run if record.kind in DECIDED] for run in (recorded, replayed))
+    agents = sorted({record.source for record in (*first, *second)})
+    found = (_difference(agent, kinds, first, second) for agent in agents for kinds in _LINES)
+    return DecisionComparison(len(first), len(second), first == second, next(filter(None, found), ""))
 
 
-_LINES = (
-    frozenset({"desire", "desire_refused", "desire_fulfilled", "desire_dropped"}),
-    frozenset({"plan_start", "plan_end"}),
-    frozenset({"step"}),
-)
-"""Kinds whose order within an agent does not depend on other agents."""
+def _difference(agent: str, kinds: Sequence[str], first: list[TraceRecord], second: list[TraceRecord]) -> str:
+    before, now = (
+        [_line(record) for record in records if record.source == agent and record.kind in kinds]
+        for records in (first, second)
+    )
+    number = _first_mismatch(before, now, str.__eq__)
+    if number is None:
+        return ""
+    one, other = _item(before, number), _item(now, number)
+    if one is None or other is None:
+        return f"{agent}: only {'recorded' if one else 'there now'}: {one or other!r}"
+    return f"{agent}, number {number + 1}: {one!r} was recorded, now it is {other!r}"
 
 
-def _line(records: list[TraceRecord], agent: str, kinds: frozenset[str]) -> list[str]:
-    return [_told(record) for record in records if record.source == agent and record.kind in kinds]
-
-
-def _told(record: TraceRecord) -> str:
+def _line(record: TraceRecord) -> str:
     more = record.detail.get("steps", record.detail.get("outcome", ""))
     return " ".join(filter(None, (record.kind, record.what, "; ".join(more) if isinstance(more, list) else more)))
 
 
-def _difference(agent: str, first: list[str], second: list[str]) -> str:
-    for number, (before, now) in enumerate(zip(first, second, strict=False), 1):
-        if before != now:
-            return f"{agent}, number {number}: {before!r} was recorded, now it is {now!r}"
-    if len(first) != len(second):
-        longer, whose = (first, "recorded") if len(first) > len(second) else (second, "there now")
-        return f"{agent}: only {whose}: {longer[min(len(first), len(second))]!r}"
-    return ""
+def _first_mismatch(first: Sequence[T], second: Sequence[T], same: Callable[[T, T], bool]) -> int | None:
+    """Return the index of the first items that differ or that one sequence lacks; None for equal sequences."""
+    pairs = enumerate(zip(first, second, strict=False))
+    shorter = None if len(first) == len(second) else min(len(first), len(second))
+    return next((number for number, pair in pairs if not same(*pair)), shorter)
 
 
-DECISIONS = DECIDED - {"action", "said", "action_end"} | {"action", "utterance"}
-NEAR_PIXELS = 0.5
-"""Smaller differences of boxes come from rounding on other machines."""
+def _item(items: Sequence[T], number: int) -> T | None:
+    return items[number] if number < len(items) else None
 
 
 class Setting(msgspec.Struct, frozen=True):
@@ -163,11 +154,9 @@ class Difference(msgspec.Struct, frozen=True):
             yield "\nWhere they part:"
             for parting in self.causes:
                 yield f"  {parting.what} differ first:"
-                for run, at_s, told in (
-                    (first, parting.first_s, parting.first),
-                    (second, parting.second_s, parting.second),
-                ):
-                    yield f"    {run}: {'nothing' if at_s is None else f'at {at_s:.2f} s {told}'}"
+                sides = (first, parting.first_s, parting.first), (second, parting.second_s, parting.second)
+                for run, at_s, text in sides:
+                    yield f"    {run}: {'nothing' if at_s is None else f'at {at_s:.2f} s {text}'}"
         if self.settings:
             yield "\nSet differently:"
             for setting in self.settings:
@@ -178,16 +167,17 @@ class Difference(msgspec.Struct, frozen=True):
                 yield f"  {kind}: {one} | {other}"
 
 
-def difference(first: RunRecords, second: RunRecords) -> Difference:
+def difference(first: RunView, second: RunView) -> Difference:
     """Compare two runs agent by agent; independent agents may act in any order."""
+    both = (first, second)
     runs = _names(first, second)
-    decided = [_decisions(run.history) for run in (first, second)]
-    found = _first_decision(first.history, second.history, *decided)
-    counts = {kind: _count(kind, first, second) for kind in ("detection", "belief", "desire", "plan_start")}
+    decided = [_decisions(run.history) for run in both]
+    counts = {kind: _counts(both, kind) for kind in ("detection", "belief", "desire", "plan_start")}
     counts["action"] = (len(actions(first.history)), len(actions(second.history)))
-    shown = {kind: both for kind, both in counts.items() if any(both)}
+    shown = {kind: pair for kind, pair in counts.items() if any(pair)}
     settings = tuple(_settings(first.results, second.results))
     sizes = (len(decided[0]), len(decided[1]))
+    found = _first_decision(both, decided)
     if found is None:
         return Difference(True, runs, sizes, shown, settings)
     agent, number, one, other = found
@@ -195,38 +185,37 @@ def difference(first: RunRecords, second: RunRecords) -> Difference:
     only_time = one is not None and other is not None and _essence(one) == _essence(other)
     causes = tuple(_partings(first, second, agent))
     name = first.wording.name(agent)
-    return Difference(False, runs, sizes, shown, settings, number, name, sides, only_time, causes)
-
-
-Decision = tuple[str, int, TraceRecord | None, TraceRecord | None]
+    return Difference(False, runs, sizes, shown, settings, number + 1, name, sides, only_time, causes)
 
 
 def _decisions(history: History) -> list[TraceRecord]:
-    done = {id(record) for record in actions(history)}
-    return [record for record in history if id(record) in done or record.kind in DECISIONS - {"action", "utterance"}]
+    acted = {id(record) for record in actions(history)}
+    decided = DECIDED - {"action", "action_end", "said"}
+    return [record for record in history if id(record) in acted or record.kind in decided]
 
 
 def _first_decision(
-    first: History, second: History, ours: Sequence[TraceRecord], theirs: Sequence[TraceRecord]
-) -> Decision | None:
-    found: list[tuple[float, Decision]] = []
-    for agent in dict.fromkeys(_agent(first, each) for each in ours) | dict.fromkeys(_agent(second, e) for e in theirs):
-        one = [each for each in ours if _agent(first, each) == agent]
-        other = [each for each in theirs if _agent(second, each) == agent]
-        at = next((n for n, pair in enumerate(zip(one, other, strict=False)) if not _alike(first, second, *pair)), None)
-        if at is None and len(one) != len(other):
-            at = min(len(one), len(other))
-        if at is not None:
-            pair = (one[at] if at < len(one) else None, other[at] if at < len(other) else None)
-            times = [h.seconds(e.stamp) for h, e in zip((first, second), pair, strict=True) if e is not None]
-            found.append((min(times), (agent, at + 1, *pair)))
+    runs: tuple[RunView, RunView], decided: Sequence[Sequence[TraceRecord]]
+) -> tuple[str, int, TraceRecord | None, TraceRecord | None] | None:
+    first, second = runs
+    of_agents: dict[str, tuple[list[TraceRecord], list[TraceRecord]]] = {}
+    for place, records in enumerate(decided):
+        for record in records:
+            of_agents.setdefault(_agent(runs[place].history, record), ([], []))[place].append(record)
+    found = []
+    for agent, (one, other) in of_agents.items():
+        number = _first_mismatch(
+            one, other, lambda a, b: _essence(a) == _essence(b) and _time(first, a) == _time(second, b)
+        )
+        if number is not None:
+            pair = _item(one, number), _item(other, number)
+            times = [at_s for run, record in zip(runs, pair, strict=True) if (at_s := _time(run, record)) is not None]
+            found.append((min(times), (agent, number, *pair)))
     return min(found, key=lambda each: each[0])[1] if found else None
 
 
 def _agent(history: History, record: TraceRecord) -> str:
-    if record.kind != "utterance":
-        return record.source
-    cause = history.cause(record)
+    cause = history.cause(record) if record.kind == "utterance" else None
     return record.source if cause is None else cause.source
 
 
@@ -236,49 +225,35 @@ def _essence(record: TraceRecord) -> tuple[Any, ...]:
     return record.kind, record.what, str(detail.get("outcome", "")), str(detail.get("reason", "")), steps
 
 
-def _alike(first: History, second: History, one: TraceRecord, other: TraceRecord) -> bool:
-    return _essence(one) == _essence(other) and first.seconds(one.stamp) == second.seconds(other.stamp)
+def _side(name: str, run: RunView, record: TraceRecord | None) -> Side:
+    return Side(name, _time(run, record), None if record is None else explain(run.history, run.wording, record))
 
 
-def _side(name: str, run: RunRecords, record: TraceRecord | None) -> Side:
-    if record is None:
-        return Side(name, None, None)
-    return Side(name, run.history.seconds(record.stamp), explain(run.history, run.wording, record))
+def _partings(first: RunView, second: RunView, agent: str) -> Iterator[Parting]:
+    ours, theirs = ([record for record in run.history if record.kind == "detection"] for run in (first, second))
+    yield from _parting("detections", first, second, ours, theirs, _boxes)
+    ours, theirs = (
+        [record for record in run.history if record.kind in ("belief", "unbelief") and record.source == agent]
+        for run in (first, second)
+    )
+    what = f"beliefs of {first.wording.name(agent)}"
+    yield from _parting(what, first, second, ours, theirs, lambda record: (record.kind, record.what))
 
 
-def _partings(first: RunRecords, second: RunRecords, agent: str) -> Iterator[Parting]:
-    wanted: list[tuple[str, Callable[[TraceRecord], bool], Callable[[TraceRecord], Any]]] = [
-        ("detections", lambda each: each.kind == "detection", _boxes),
-        (
-            f"beliefs of {first.wording.name(agent)}",
-            lambda each: each.kind in ("belief", "unbelief") and each.source == agent,
-            lambda each: (each.kind, each.what),
-        ),
-    ]
-    for what, is_meant, essence in wanted:
-        ours = [each for each in first.history if is_meant(each)]
-        theirs = [each for each in second.history if is_meant(each)]
-        found = _first_parting(first, second, ours, theirs, essence)
-        if found is not None:
-            one, other = found
-            yield Parting(what, _said(first, one), _said(second, other), _time(first, one), _time(second, other))
-
-
-def _first_parting(
-    first: RunRecords,
-    second: RunRecords,
+def _parting(
+    what: str,
+    first: RunView,
+    second: RunView,
     ours: Sequence[TraceRecord],
     theirs: Sequence[TraceRecord],
     essence: Callable[[TraceRecord], Any],
-) -> tuple[TraceRecord | None, TraceRecord | None] | None:
-    for one, other in zip(ours, theirs, strict=False):
-        times = first.history.seconds(one.stamp), second.history.seconds(other.stamp)
-        if times[0] != times[1] or essence(one) != essence(other):
-            return one, other
-    if len(ours) == len(theirs):
-        return None
-    at = min(len(ours), len(theirs))
-    return (ours[at] if at < len(ours) else None), (theirs[at] if at < len(theirs) else None)
+) -> Iterator[Parting]:
+    number = _first_mismatch(
+        ours, theirs, lambda a, b: _time(first, a) == _time(second, b) and essence(a) == essence(b)
+    )
+    if number is not None:
+        one, other = _item(ours, number), _item(theirs, number)
+        yield Parting(what, _sentence(first, one), _sentence(second, other), _time(first, one), _time(second, other))
 
 
 def _boxes(record: TraceRecord) -> Any:
@@ -288,25 +263,25 @@ def _boxes(record: TraceRecord) -> Any:
     ]
 
 
-def _said(run: RunRecords, record: TraceRecord | None) -> str:
-    return "" if record is None else Narrator(run.history, run.wording).clause(record).told()
+def _sentence(run: RunView, record: TraceRecord | None) -> str:
+    return "" if record is None else Narrator(run.wording, run.history).clause(record).sentence()
 
 
-def _time(run: RunRecords, record: TraceRecord | None) -> float | None:
+def _time(run: RunView, record: TraceRecord | None) -> float | None:
     return None if record is None else run.history.seconds(record.stamp)
 
 
 # Context
 
 
-def _names(first: RunRecords, second: RunRecords) -> tuple[str, str]:
+def _names(first: RunView, second: RunView) -> tuple[str, str]:
     if first.title != second.title:
         return first.title, second.title
     return f"{first.title} (1)", f"{second.title} (2)"
 
 
-def _count(kind: str, first: RunRecords, second: RunRecords) -> tuple[int, int]:
-    one, other = (sum(record.kind == kind for record in run.history) for run in (first, second))
+def _counts(runs: tuple[RunView, RunView], kind: str) -> tuple[int, int]:
+    one, other = (sum(record.kind == kind for record in run.history) for run in runs)
     return one, other
 
 
@@ -314,7 +289,6 @@ SETTINGS = ("graph", "runner", "composed", "parameters", "versions")
 """Keys of results.json that describe how a run was made."""
 
 PLACES = ("folder", "mind_file", "memory_file")
-"""Parameters that name files of a run."""
 
 
 def _settings(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Setting]:

@@ -2,44 +2,53 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
-import cv2
-import numpy as np
 from markupsafe import Markup
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ImageError
-from socialbot.runs.evaluation_figures import CONFIDENCE, curve_charts, rate
 from socialbot.runs.evaluation_tables import (
-    ScoreTable,
+    CONFIDENCE,
     behaviour_clips,
     behaviour_table,
     causes_table,
+    curve_charts,
     detector_table,
     paper_tables,
+    rate,
     summary_table,
 )
-from socialbot.runs.pages import Chart, Page, Section, Series, charts, render, table, timeline
+from socialbot.runs.pages import (
+    Chart,
+    LabelledBox,
+    Page,
+    Section,
+    Series,
+    Still,
+    Table,
+    charts,
+    part,
+    render,
+    spread,
+    thumbnail,
+    timeline,
+)
 from socialbot.runs.record import versions
 from socialbot.runs.timeline import Bar, Lane
 from socialbot.vision.metrics.behaviour import GREET_S
 from socialbot.vision.metrics.evaluation import ClipResult, Evaluation, ScoredImage
-from socialbot.vision.metrics.frames import BLOCK_S, Box, LabelledSource
+from socialbot.vision.metrics.frames import BLOCK_S, LabelledSource
 from socialbot.vision.metrics.matches import Match
 from socialbot.vision.metrics.scores import DRAWS
 
 WORST = 6
 APART_S = 1.5
 """Closer frames of one bag show the same error."""
-WIDTH, QUALITY = 480, 78
-"""Width (pixels) and JPEG quality of the frames."""
 ACT_S = 0.4
-"""Length of a bar for an act, s."""
-
 PAPER_NOTE = (
     "The rows of the paper are its Tables 2 and 3. It used other people, other images and another matching rule, so "
     "compare the detectors with each other. Its rows show where its detector was weak."
@@ -60,7 +69,6 @@ KEY = (
     ("dotted white: ground truth", ""),
 )
 KINDS = {"hit": "seen", "false": "false", "missed": "missed", "spared": "ignored"}
-"""Box style of each kind of match."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ def page(evaluation: Evaluation) -> Page:
         lead=_lead(evaluation),
         tiles=overall,
         sections=[
-            Section("F1 by distance", _table(summary_table(evaluation))),
+            Section("F1 by distance", summary_table(evaluation).html()),
             Section("Beside the paper", _titled(paper_tables(evaluation)) if by_boxes else "", PAPER_NOTE),
             Section("In full", _titled(full)),
             Section("Precision and recall", _curves(evaluation), CURVES_NOTE),
@@ -106,12 +114,8 @@ def _lead(evaluation: Evaluation) -> str:
     return " ".join([f"{', '.join(evaluation.detectors)} on {sources}.", *(f"{speed}." for speed in speeds)])
 
 
-def _table(scores: ScoreTable) -> Markup:
-    return table(scores.heads, scores.rows, right=scores.right, groups=scores.groups)
-
-
-def _titled(tables: Iterable[ScoreTable]) -> Markup:
-    return Markup().join(Markup("<h3>{}</h3>{}").format(each.title, _table(each)) for each in tables)
+def _titled(tables: Iterable[Table]) -> Markup:
+    return part("titled", [(each.title, each.html()) for each in tables])
 
 
 def _curves(evaluation: Evaluation) -> Markup:
@@ -130,20 +134,15 @@ def _curves(evaluation: Evaluation) -> Markup:
 
 
 def _causes(evaluation: Evaluation) -> Markup:
-    causes = causes_table(evaluation, explained=True)
-    if not causes.rows:
-        return Markup('<p class="note">There are none.</p>')
-    return table(causes.heads, causes.rows, right=causes.right[:-1])
+    return causes_table(evaluation, explained=True).html() or Markup('<p class="note">There are none.</p>')
 
 
 def _behaviour(evaluation: Evaluation) -> Markup:
     by_clip: dict[str, list[tuple[str, ClipResult]]] = {}
     for name, clip in behaviour_clips(evaluation):
         by_clip.setdefault(clip.source.name, []).append((name, clip))
-    if not by_clip:
-        return Markup()
-    lines = (Markup("<h3>{}</h3>{}").format(clip, _timeline(results)) for clip, results in by_clip.items())
-    return _table(behaviour_table(evaluation)) + Markup().join(lines)
+    lines = part("titled", [(clip, _timeline(results)) for clip, results in by_clip.items()])
+    return behaviour_table(evaluation).html() + lines if by_clip else Markup()
 
 
 def _timeline(results: Sequence[tuple[str, ClipResult]]) -> Markup:
@@ -174,13 +173,7 @@ def worst(clips: Iterable[ClipResult], count: int) -> list[Snapshot]:
         (Snapshot(clip.source, scored) for clip in clips for scored in clip.frames if scored.errors),
         key=lambda shot: (-shot.scored.errors, shot.source.name, shot.scored.frame.stamp),
     )
-    chosen: list[Snapshot] = []
-    for shot in ranked:
-        if len(chosen) == count:
-            break
-        if not any(_are_close(shot, other) for other in chosen):
-            chosen.append(shot)
-    return chosen
+    return spread(ranked, count, _are_close)
 
 
 def _are_close(one: Snapshot, other: Snapshot) -> bool:
@@ -197,52 +190,40 @@ def _worst_frames(evaluation: Evaluation) -> Markup:
     images = _load_images([shot for shots in chosen.values() for shot in shots])
     scenes = []
     for title, shots in chosen.items():
-        readable = [(shot, images.get((shot.source.name, shot.scored.frame.stamp))) for shot in shots]
-        shown = [_figure(shot, jpeg) for shot, jpeg in readable if jpeg is not None]
+        shown = [still for shot in shots if (still := images.get((shot.source.name, shot.scored.frame.stamp)))]
         scenes.append((title, shown, "The images of the errors cannot be read any more." if shots else "No errors."))
     return render("evaluation_frames.html", key=KEY, scenes=scenes)
 
 
-def _load_images(shots: Sequence[Snapshot]) -> dict[tuple[str, int], str]:
-    """JPEG data URLs of frames by source and stamp; each source is read once."""
-    wanted: dict[str, tuple[LabelledSource, set[int]]] = {}
+def _load_images(shots: Sequence[Snapshot]) -> dict[tuple[str, int], Still]:
+    """Images of frames by source and stamp; each source is read once."""
+    wanted: dict[str, dict[int, Snapshot]] = {}
     for shot in shots:
-        wanted.setdefault(shot.source.name, (shot.source, set()))[1].add(shot.scored.frame.stamp)
+        wanted.setdefault(shot.source.name, {})[shot.scored.frame.stamp] = shot
     found = {}
-    for name, (source, stamps) in wanted.items():
-        for encoded in source.images.read():
-            if encoded.stamp in stamps:
-                try:
-                    found[name, encoded.stamp] = _data_url(encoded.bgr())
-                except ImageError:
-                    continue
+    for name, by_stamp in wanted.items():
+        for encoded in next(iter(by_stamp.values())).source.images.read():
+            shot = by_stamp.get(encoded.stamp)
+            with suppress(ImageError):
+                if shot is not None and (still := thumbnail(encoded.bgr(), _boxes(shot), _caption(shot))):
+                    found[name, encoded.stamp] = still
     return found
 
 
-def _data_url(image: np.ndarray) -> str:
-    height, width = image.shape[:2]
-    if width > WIDTH:
-        image = cv2.resize(image, (WIDTH, max(1, round(height * WIDTH / width))), interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
-
-
-def _figure(shot: Snapshot, picture: str) -> dict[str, object]:
+def _boxes(shot: Snapshot) -> list[LabelledBox]:
     scored = shot.scored
     matches = [match for match in scored.matches if match.box[2] > 0]
-    boxes = [_box(person.box, "truth") for person in scored.frame.persons]
+    boxes = [LabelledBox(*person.box, kind="truth") for person in scored.frame.persons]
     if not matches:  # Matching by presence has no boxes.
-        boxes += [_box((each.x, each.y, each.w, each.h), "seen") for each in scored.found.persons]
-    boxes += [_box(match.box, KINDS[match.kind], _label(match)) for match in matches]
+        boxes += [LabelledBox(each.x, each.y, each.w, each.h) for each in scored.found.persons]
+    return boxes + [LabelledBox(*match.box, _label(match), KINDS[match.kind]) for match in matches]
+
+
+def _caption(shot: Snapshot) -> str:
+    scored = shot.scored
     errors = Counter(match.kind for match in scored.matches)
     light = f", light: {scored.frame.light}" if scored.frame.light else ""
-    caption = f"{shot.source.name}, {scored.frame.name}{light}: {errors['false']} false, {errors['missed']} missed"
-    size = {"width": scored.found.width, "height": scored.found.height}
-    return {"picture": picture, "boxes": boxes, "caption": caption, **size}
-
-
-def _box(box: Box, kind: str, text: str = "") -> dict[str, object]:
-    return {**dict(zip("xywh", box, strict=True)), "kind": kind, "text": text}
+    return f"{shot.source.name}, {scored.frame.name}{light}: {errors['false']} false, {errors['missed']} missed"
 
 
 def _label(match: Match) -> str:

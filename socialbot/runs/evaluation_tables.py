@@ -1,134 +1,201 @@
-"""Tables of an evaluation: one source of rows for the terminal, Markdown and the page."""
+"""Tables, curves and JSON of an evaluation, for the terminal, Markdown and the page, beside those of the paper."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
+import msgspec
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as RichTable
 
-from socialbot.core.errors import SocialbotError
-from socialbot.runs.evaluation_figures import (
-    CONFIDENCE,
-    all_causes,
-    colours,
-    counted_unit,
-    curve_charts,
-    metres,
-    paper_rows,
-    paper_score,
-    rate,
-    scene_columns,
-    shown_bands,
-    shown_in_scene,
-    tracking_text,
-)
-from socialbot.runs.pages import Cells, render
+from socialbot.runs.pages import Cell, Table, render, write_file
+from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES
-from socialbot.vision.metrics.evaluation import ClipResult, Evaluation
+from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
+from socialbot.vision.metrics.frames import BLOCK_S
 from socialbot.vision.metrics.matches import CAUSES
-from socialbot.vision.metrics.scores import BandScore, Interval, Score
+from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Interval, PrecisionRecallCurve, Score
 
-BEST = "best"
+COLOURS = ("#0b7fb0", "#c06a10", "#4f8a2a", "#a558a0", "#8a7015")
+"""Colours of the detectors in their order, for light and dark backgrounds."""
 
+CURVE_POINTS = 200
+CONFIDENCE = f"{100 * COVERAGE:g} %"
+Point = tuple[float, float]
+"""Recall and precision."""
 
-@dataclass(frozen=True)
-class ScoreTable:
-    """Table with a title; the first ``left`` columns hold text, the others numbers.
+SCENES = ("Scene 1", "Scene 2")
 
-    ``groups`` are headings above the columns, each with its column count.
-    """
-
-    title: str
-    heads: tuple[str, ...]
-    rows: Sequence[Cells]
-    left: int = 1
-    groups: tuple[tuple[str, int], ...] = ()
-
-    @property
-    def right(self) -> list[int]:
-        """Numbers of the right-aligned columns."""
-        return list(range(self.left, len(self.heads)))
+PAPER: Mapping[str, Mapping[str, Score]] = MappingProxyType(
+    {
+        "Scene 1": {"0-2": Score(tp=253, fp=160, fn=187), "2-10": Score(tp=401, fp=87, fn=112)},
+        "Scene 2": {"0-2": Score(tp=175, fp=160, fn=265), "2-10": Score(tp=354, fp=114, fn=132)},
+    }
+)
+"""The paper's Table 2 by scene and band; its Table 3 follows from it."""
 
 
-def detector_table(evaluation: Evaluation, name: str, *, intervals: bool) -> ScoreTable:
+def paper_scene(name: str) -> str | None:
+    """The paper's scene for a scene called ``name``: "Scene 1" for "scene1"; None for others."""
+    found = re.match(r"scene[\W_]*([12])(?!\d)", name.lower())
+    return f"Scene {found[1]}" if found else None
+
+
+RATES = ("precision", "recall", "f1")
+
+
+def rate(value: float | None) -> str:
+    """A rate as text; "-" for None."""
+    return "-" if value is None else f"{value:.3f}"
+
+
+def metres(band: str) -> str:
+    """A band as text: "2-10 m"."""
+    return f"{band} m" if "-" in band else band
+
+
+def scene_columns(evaluation: Evaluation) -> dict[str, str]:
+    """Each scene with its name in the comparison with the paper: that of the paper if only one scene has it."""
+    papers = {scene: paper_scene(scene) for scene in evaluation.scenes}
+    count = Counter(papers.values())
+    return {scene: paper if paper is not None and count[paper] == 1 else scene for scene, paper in papers.items()}
+
+
+def shown_bands(evaluation: Evaluation, scenes: Sequence[SceneResult]) -> list[str]:
+    """The bands that are shown for any of ``scenes``: the configured ones, and others that have counts."""
+    shown = {
+        band for scene in scenes for band, score in scene.score.bands.items() if "-" in band or _has_counts(score.score)
+    }
+    return [band for band in evaluation.plan.rules.keys if band in shown]
+
+
+def _has_counts(score: Score) -> bool:
+    return bool(score.tp or score.fp or score.fn)
+
+
+def tracking_text(evaluation: Evaluation, result: DetectorResult) -> str:
+    """Whether the results include tracking, as text."""
+    consecutive = {source.images.consecutive for source in evaluation.plan.sources}
+    if not result.pipeline.tracked or True not in consecutive:
+        return "without tracking"
+    return "with tracking" if False not in consecutive else "with tracking (single images without)"
+
+
+def colours(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """Name and colour of each detector."""
+    return [(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(evaluation.detectors)]
+
+
+def paper_score(evaluation: Evaluation, scene: str, band: str) -> Score | None:
+    """The score of the paper for a scene and band; None if it has none."""
+    if evaluation.plan.rules.presence:
+        return None
+    return PAPER.get(paper_scene(scene) or "", {}).get(band)
+
+
+# Tables
+
+
+def detector_table(evaluation: Evaluation, name: str, *, intervals: bool) -> Table:
     """Scores of a detector by scene and band, with the intervals of all rates or of F1 only."""
     result = evaluation.detectors[name]
     speed = f", {result.speed}" if result.speed is not None and not intervals else ""
     rows = []
     for scene, scored in result.scenes.items():
-        for band, score in [*shown_bands(scored), ("all", scored.score.overall)]:
+        for band in [*shown_bands(evaluation, [scored]), "all"]:
+            score = scored.score.overall if band == "all" else scored.score.bands[band]
             counts = score.score
-            cells = [_text(scene), _text(metres(band))]
-            cells += [_number(value) for value in (counts.tp + counts.fn, counts.tp, counts.fp, counts.fn)]
+            row: list[Cell] = [scene, metres(band), counts.tp + counts.fn, counts.tp, counts.fp, counts.fn]
             if intervals:
-                cells += [(with_interval(score, key), "r") for key in ("precision", "recall", "f1", "ap")]
+                row += [(with_interval(score, key), "r") for key in (*RATES, "ap")]
             else:
-                cells += [_number(rate(counts.precision)), _number(rate(counts.recall)), (rate(counts.f1), BEST)]
-                cells += [_number(interval_text(score.intervals.get("f1"))), _number(rate(score.ap))]
-            rows.append(cells)
+                row += [(rate(counts.precision), "r"), (rate(counts.recall), "r"), (rate(counts.f1), "best")]
+                row += [(interval_text(score.intervals.get("f1")), "r"), (rate(score.ap), "r")]
+            rows.append(row)
     rates = ("precision", "recall", "F1", *(() if intervals else (CONFIDENCE,)), "AP")
-    heads = ("scene", "distance", counted_unit(evaluation), "found", "false", "missed", *rates)
-    return ScoreTable(f"{name} {tracking_text(evaluation, result)}{speed}", heads, _without_repeats(rows), left=2)
+    heads = ("scene", "distance", _unit(evaluation), "found", "false", "missed", *rates)
+    return Table(heads, _without_repeats(rows), f"{name} {tracking_text(evaluation, result)}{speed}")
 
 
-def summary_table(evaluation: Evaluation) -> ScoreTable:
+def summary_table(evaluation: Evaluation) -> Table:
     """F1 with its interval by scene and band, a column for each detector and for the paper."""
     rows = []
     for scene in evaluation.scenes:
-        results = {name: result.scenes[scene].score for name, result in evaluation.detectors.items()}
-        for band in [*shown_in_scene(evaluation, scene), "all"]:
-            scores = [score.overall if band == "all" else score.bands[band] for score in results.values()]
+        results = [result.scenes[scene] for result in evaluation.detectors.values()]
+        for band in [*shown_bands(evaluation, results), "all"]:
+            scores = [each.score.overall if band == "all" else each.score.bands[band] for each in results]
             best = max((each.score.f1 for each in scores if each.score.f1 is not None), default=None)
-            people = max(each.score.tp + each.score.fn for each in scores)
-            cells = [_text(scene), _text(metres(band)), _number(people)]
-            cells += [
-                (with_interval(each, "f1"), BEST if each.score.f1 == best is not None else "r") for each in scores
+            row: list[Cell] = [scene, metres(band), max(each.score.tp + each.score.fn for each in scores)]
+            row += [
+                (with_interval(each, "f1"), "best" if each.score.f1 == best is not None else "r") for each in scores
             ]
             paper = paper_score(evaluation, scene, band)
-            rows.append([*cells, _number(rate(paper.f1) if paper else "")])
-    heads = ("scene", "distance", counted_unit(evaluation), *evaluation.detectors, "paper")
-    return ScoreTable("F1 by distance", heads, _without_repeats(rows), left=2)
+            rows.append([*row, (rate(paper.f1) if paper else "", "r")])
+    heads = ("scene", "distance", _unit(evaluation), *evaluation.detectors, "paper")
+    return Table(heads, _without_repeats(rows), "F1 by distance")
 
 
-def paper_tables(evaluation: Evaluation) -> list[ScoreTable]:
-    """The scores in the form of the paper's Tables 2 and 3, together with those of the paper."""
+def paper_tables(evaluation: Evaluation) -> list[Table]:
+    """The scores in the form of the paper's Tables 2 and 3, together with those of the paper.
 
-    def build(title: str, names: tuple[str, ...], cells: Callable[[Score], Sequence[object]]) -> ScoreTable:
+    Empty when matching by presence, which the paper does not use.
+    """
+    columns = scene_columns(evaluation)
+    scenes = list(dict.fromkeys([*SCENES, *columns.values()]))
+    found: list[tuple[str, str, Mapping[str, Score]]] = []
+    for band in () if evaluation.plan.rules.presence else evaluation.plan.rules.keys:
+        paper = {scene: scores[band] for scene, scores in PAPER.items() if band in scores}
+        found += [(band, "paper", paper)] if paper else []
+        for name, result in evaluation.detectors.items():
+            scores = {columns[scene]: each.score.bands[band].score for scene, each in result.scenes.items()}
+            found += [(band, name, scores)] if any(map(_has_counts, scores.values())) else []
+
+    def build(title: str, names: tuple[str, ...], cells: Callable[[Score], Sequence[object]]) -> Table:
         rows = []
-        for band, name, scores in paper_rows(evaluation):
-            values = [cells(scores[scene]) if scene in scores else [""] * len(names) for scene in scenes]
-            rows.append([_text(metres(band)), _text(name), *(_number(value) for each in values for value in each)])
+        for band, name, scores in found:
+            values = [value for scene in scenes for value in (cells(scores[scene]) if scene in scores else ("",) * 3)]
+            rows.append([metres(band), name, *((str(value), "r") for value in values)])
         heads = ("distance", "", *(f"{scene} {name}" for scene in scenes for name in names))
-        return ScoreTable(title, heads, _without_repeats(rows), left=2)
+        return Table(heads, _without_repeats(rows), f"Beside the paper's {title}")
 
-    scenes = scene_columns(evaluation)
     return [
         build(
-            "Beside the paper's Table 2: true positives, false positives, false negatives",
+            "Table 2: true positives, false positives, false negatives",
             ("TP", "FP", "FN"),
             lambda score: (score.tp, score.fp, score.fn),
         ),
         build(
-            "Beside the paper's Table 3: precision, recall, F1",
+            "Table 3: precision, recall, F1",
             ("P", "R", "F1"),
-            lambda score: (rate(score.precision), rate(score.recall), rate(score.f1)),
+            lambda score: [rate(getattr(score, name)) for name in RATES],
         ),
     ]
 
 
-def causes_table(evaluation: Evaluation, *, explained: bool = False) -> ScoreTable:
-    """False positives by cause; ``explained`` adds the meaning of each cause."""
-    columns, causes = all_causes(evaluation)
-    rows = []
-    for cause in causes:
-        cells = [_text(cause), *(_number(counts[cause]) for _, _, counts in columns)]
-        rows.append([*cells, _text(CAUSES.get(cause, "an object of this kind is there"))] if explained else cells)
-    heads = ("cause", *(f"{name}, {scene}" for name, scene, _ in columns), *(("meaning",) if explained else ()))
-    return ScoreTable("False positives by cause", heads, rows)
+def causes_table(evaluation: Evaluation, *, explained: bool = False) -> Table:
+    """False positives by cause, most frequent first; ``explained`` adds the meaning of each cause."""
+    columns = {
+        f"{name}, {scene}": Counter(scored.score.overall.causes)
+        for name, result in evaluation.detectors.items()
+        for scene, scored in result.scenes.items()
+    }
+    total: Counter[str] = Counter()
+    for causes in columns.values():
+        total.update(causes)
+    rows: list[list[Cell]] = [
+        [cause, *(causes[cause] for causes in columns.values())] for cause, _ in total.most_common()
+    ]
+    if explained:
+        rows = [[*row, CAUSES.get(str(row[0]), "an object of this kind is there")] for row in rows]
+    return Table(("cause", *columns, *(("meaning",) if explained else ())), rows, "False positives by cause")
 
 
 def behaviour_clips(evaluation: Evaluation) -> Iterator[tuple[str, ClipResult]]:
@@ -138,16 +205,16 @@ def behaviour_clips(evaluation: Evaluation) -> Iterator[tuple[str, ClipResult]]:
             yield from ((name, clip) for clip in scene.clips if clip.behaviour is not None)
 
 
-def behaviour_table(evaluation: Evaluation) -> ScoreTable:
+def behaviour_table(evaluation: Evaluation) -> Table:
     """Outcomes of greetings and offers of help by detector and clip."""
     rows = []
     for name, clip in behaviour_clips(evaluation):
         assert clip.behaviour is not None
         counts = [count for deed in OUTCOMES for count in clip.behaviour.count(deed).values()]
-        rows.append([_text(name), _text(clip.source.name), *map(_number, counts)])
+        rows.append([name, clip.source.name, *counts])
     groups = (("", 2), *((f"{deed}s", len(outcomes)) for deed, outcomes in OUTCOMES.items()))
     heads = ("detector", "clip", *(outcome for outcomes in OUTCOMES.values() for outcome in outcomes))
-    return ScoreTable("What Waldo does with it", heads, rows, left=2, groups=groups)
+    return Table(heads, rows, "What Waldo does with it", groups)
 
 
 def interval_text(interval: Interval | None) -> str:
@@ -157,23 +224,76 @@ def interval_text(interval: Interval | None) -> str:
 
 def with_interval(score: BandScore, key: str) -> str:
     """The rate called ``key`` ("precision", "recall", "f1" or "ap") with its interval in parentheses."""
-    value = score.ap if key == "ap" else getattr(score.score, key)
+    value = rate(score.ap if key == "ap" else getattr(score.score, key))
     interval = score.intervals.get(key)
-    return rate(value) if interval is None else f"{rate(value)} ({interval_text(interval)})"
+    return value if interval is None else f"{value} ({interval_text(interval)})"
 
 
-def _text(text: str) -> tuple[str, str]:
-    return text, ""
+def _unit(evaluation: Evaluation) -> str:
+    return "frames" if evaluation.plan.rules.presence else "people"
 
 
-def _number(value: object) -> tuple[str, str]:
-    return str(value), "r"
+def _without_repeats(rows: Sequence[Sequence[Cell]]) -> list[Sequence[Cell]]:
+    return [["", *row[1:]] if number and rows[number - 1][0] == row[0] else row for number, row in enumerate(rows)]
 
 
-def _without_repeats(rows: Sequence[list[tuple[str, str]]]) -> list[list[tuple[str, str]]]:
+# Curves
+
+
+@dataclass(frozen=True)
+class DetectorCurve:
+    """Precision-recall curve of a detector alone, and the operating ``point`` (recall, precision) of its pipeline."""
+
+    name: str
+    colour: str
+    curve: PrecisionRecallCurve | None
+    point: Point | None
+
+    def thinned(self) -> list[Point]:
+        """At most `CURVE_POINTS` points (recall, precision) of the curve, with its first and last."""
+        return [] if self.curve is None else list(zip(*_thinned(self.curve)[:2], strict=True))
+
+
+@dataclass(frozen=True)
+class CurveChart:
+    """Curves of all detectors for one scene and band, and the operating point of the paper."""
+
+    title: str
+    lines: tuple[DetectorCurve, ...]
+    paper: Point | None
+
+
+def curve_charts(evaluation: Evaluation) -> list[CurveChart]:
+    """A chart for each scene and each band with people."""
+    scores = [scored.score.bands for result in evaluation.detectors.values() for scored in result.scenes.values()]
+    keys = [key for key in evaluation.plan.rules.keys if any(bands[key].curve is not None for bands in scores)]
+    charts = []
+    for scene in evaluation.scenes:
+        for band in keys:
+            lines = []
+            for name, colour in colours(evaluation):
+                score = evaluation.detectors[name].scenes[scene].score.bands[band]
+                lines.append(DetectorCurve(name, colour, score.curve, _point(score.score)))
+            paper = _point(paper_score(evaluation, scene, band))
+            charts.append(CurveChart(f"{scene}, {metres(band)}", tuple(lines), paper))
+    return charts
+
+
+def _point(score: Score | None) -> Point | None:
+    if score is None or score.recall is None or score.precision is None:
+        return None
+    return score.recall, score.precision
+
+
+def _thinned(curve: PrecisionRecallCurve) -> list[list[float]]:
+    count = len(curve.recall)
+    kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
     return [
-        [("", ""), *row[1:]] if number and rows[number - 1][0] == row[0] else row for number, row in enumerate(rows)
+        [round(float(value), 4) for value in column[kept]] for column in (curve.recall, curve.precision, curve.scores)
     ]
+
+
+# Output
 
 
 def show(evaluation: Evaluation, console: Console) -> None:
@@ -192,20 +312,21 @@ def show(evaluation: Evaluation, console: Console) -> None:
             console.print()
 
 
-def _rich(table: ScoreTable) -> Table:
-    shown = Table(box=None, pad_edge=False, header_style="dim")
+def _rich(table: Table) -> RichTable:
+    shown = RichTable(box=None, pad_edge=False, header_style="dim")
     above = [word for group, count in table.groups for word in (group, *[""] * (count - 1))]
+    right = table.right()
     for number, head in enumerate(table.heads):
-        heading = f"{above[number]}\n{head}" if above and number >= table.left else head.replace(", ", "\n")
-        shown.add_column(escape(heading), justify="left" if number < table.left else "right", no_wrap=True)
-    for row in table.rows:
-        shown.add_row(*(f"[bold]{escape(text)}[/]" if kind == BEST else escape(text) for text, kind in row))
+        heading = f"{above[number]}\n{head}" if above and number in right else head.replace(", ", "\n")
+        shown.add_column(escape(heading), justify="right" if number in right else "left", no_wrap=True)
+    for row in table.cells():
+        shown.add_row(*(f"[bold]{escape(text)}[/]" if kind == "best" else escape(text) for text, kind in row))
     return shown
 
 
 def markdown(evaluation: Evaluation) -> str:
     """The tables and speeds as Markdown."""
-    tables = paper_tables(evaluation) if paper_rows(evaluation) else []
+    tables = [table for table in paper_tables(evaluation) if table.rows]
     tables += [detector_table(evaluation, name, intervals=True) for name in evaluation.detectors]
     tables += [] if evaluation.plan.rules.presence else [causes_table(evaluation)]
     behaviour = behaviour_table(evaluation)
@@ -215,12 +336,12 @@ def markdown(evaluation: Evaluation) -> str:
     return "\n\n".join([*parts, *(["\n".join(speeds)] if speeds else [])]) + "\n"
 
 
-def _markdown(table: ScoreTable) -> str:
+def _markdown(table: Table) -> str:
     if not table.rows:
         return "None."
     above = [group for group, count in table.groups for _ in range(count)] or [""] * len(table.heads)
     heads = [f"{group} {head}".strip() for group, head in zip(above, table.heads, strict=True)]
-    rows = [heads, ["---"] * len(heads), *([text for text, _ in row] for row in table.rows)]
+    rows = [heads, ["---"] * len(heads), *([text for text, _ in row] for row in table.cells())]
     return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows)
 
 
@@ -230,13 +351,90 @@ def write_markdown(evaluation: Evaluation, folder: Path) -> None:
     Raises:
         SocialbotError: A file cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "evaluation.md").write_text(markdown(evaluation), "utf-8")
-        charts = curve_charts(evaluation)
-        if charts:
-            columns = len(charts) // len(evaluation.scenes)
-            drawing = render("curves.svg", charts=charts, columns=columns, colours=colours(evaluation))
-            (folder / "curves.svg").write_text(drawing, "utf-8")
-    except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(folder)) from error
+    write_file(folder / "evaluation.md", markdown(evaluation))
+    charts = curve_charts(evaluation)
+    if charts:
+        columns = len(charts) // len(evaluation.scenes)
+        drawing = render("curves.svg", charts=charts, columns=columns, colours=colours(evaluation))
+        write_file(folder / "curves.svg", drawing)
+
+
+def write_json(evaluation: Evaluation, path: Path) -> None:
+    """Write `content` to ``path`` as JSON.
+
+    Raises:
+        SocialbotError: The file cannot be written.
+    """
+    write_file(path, msgspec.json.format(msgspec.json.encode(content(evaluation)), indent=2) + b"\n")
+
+
+def content(evaluation: Evaluation) -> dict[str, Any]:
+    """The evaluation as plain data, without single frames."""
+    plan = evaluation.plan
+    return {
+        "schema": "socialbot/evaluation",
+        "version": 1,
+        "settings": {
+            "bands": [list(band) for band in plan.rules.bands],
+            "matching": "presence" if plan.rules.presence else "boxes",
+            "iou": plan.rules.least_iou,
+            "intervals": {"block_s": BLOCK_S, "draws": DRAWS, "coverage": COVERAGE},
+            "average_precision": "all-point interpolation",
+        },
+        "sources": [
+            {"name": source.name, "scene": source.scene, "split": source.split, "frames": len(source.frames)}
+            for source in plan.sources
+        ],
+        "detectors": {name: _detector(result) for name, result in evaluation.detectors.items()},
+        "paper": {
+            scene: {"bands": {band: _rates(score) for band, score in bands.items()}} for scene, bands in PAPER.items()
+        },
+        "versions": versions(),
+    }
+
+
+def _detector(result: DetectorResult) -> dict[str, Any]:
+    pipeline, speed = result.pipeline, result.speed
+    return {
+        "scenes": {
+            name: {
+                "bands": {band: _band(score) for band, score in scene.score.bands.items()},
+                "overall": _band(scene.score.overall),
+                "frames": scene.score.frames,
+                "blocks": scene.score.blocks,
+                "clips": {clip.source.name: _clip(clip) for clip in scene.clips},
+            }
+            for name, scene in result.scenes.items()
+        },
+        "frames_per_s": None if speed is None else round(speed.frames_per_s, 2),
+        "speed": None if speed is None else asdict(speed),
+        "sure": pipeline.sure,
+        "weak": pipeline.spec.weak,
+        "parameters": pipeline.values,
+    }
+
+
+def _clip(clip: ClipResult) -> dict[str, Any]:
+    acted = clip.behaviour
+    return {
+        "frames": len(clip.frames),
+        "missing_frames": clip.missing_frames,
+        "damaged": clip.damaged,
+        "behaviour": None if acted is None else {f"{deed}s": acted.count(deed) for deed in OUTCOMES},
+    }
+
+
+def _band(band: BandScore) -> dict[str, Any]:
+    curve = band.curve
+    return {
+        **_rates(band.score),
+        "people": band.score.tp + band.score.fn,
+        "ap": band.ap,
+        "intervals": {name: list(interval) for name, interval in band.intervals.items()},
+        "causes": dict(band.causes),
+        "curve": None if curve is None else dict(zip(("recall", "precision", "score"), _thinned(curve), strict=True)),
+    }
+
+
+def _rates(score: Score) -> dict[str, Any]:
+    return {name: getattr(score, name) for name in ("tp", "fp", "fn", *RATES)}

@@ -43,7 +43,6 @@ _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = {"ok": _OK, "": _OK, "paused": _WARNING, "waiting": _WARNING, "degraded": _WARNING, "ended": _WARNING}
 
 Item = tuple[int, str, Any]
-"""Time (ns), topic and message."""
 
 
 def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, int]:
@@ -102,11 +101,11 @@ class _FoxgloveExport:
         self.types = RosbagsTypes()
         self._standard = StandardMessages(self.types)
         self._run = run
-        mounting = mounting_of(run.described) if run.described else Mounting()
+        mounting = mounting_of(run.graph) if run.graph else Mounting()
         self._mounting = replace(mounting, optical=frame or mounting.optical)
         poses = list(poses_of(run))
         self._course = HeadCourse(poses)
-        self._neck = neck_of(run.described) if run.described else USUAL_NECK if poses else None
+        self._neck = neck_of(run.graph) if run.graph else USUAL_NECK if poses else None
 
     def people(self) -> Iterator[Item]:
         for found in detections_of(self._run, self._mounting.optical):
@@ -139,84 +138,47 @@ class _FoxgloveExport:
 
     def diagnostics(self) -> Iterator[Item]:
         for stamp in beats(self._run, DIAGNOSTICS_EVERY):
-            nodes = self._run.nodes(stamp)
-            if nodes:
-                status = [self._status(node) for node in nodes]
-                header = self._standard.header(stamp)
-                yield (
-                    stamp,
-                    "/diagnostics",
-                    self.types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=status),
-                )
-
-    def _colour(self, red: float, green: float, blue: float, alpha: float) -> Any:
-        return self.types.make("foxglove_msgs/msg/Color", r=red, g=green, b=blue, a=alpha)
+            if nodes := self._run.nodes(stamp):
+                values = ((stamp,), [_status(node) for node in nodes])
+                yield stamp, "/diagnostics", self._standard.make("diagnostic_msgs/msg/DiagnosticArray", values)
 
     def _annotations(self, found: PersonDetections) -> Any:
-        make, time = self.types.make, self._standard.time(found.stamp)
-        outline, clear = self._colour(0.1, 0.8, 0.3, 1.0), self._colour(0.0, 0.0, 0.0, 0.0)
         boxes, texts = [], []
         for person in found.persons:
             right, bottom = person.x + person.w, person.y + person.h
-            corners = ((person.x, person.y), (right, person.y), (right, bottom), (person.x, bottom))
             boxes.append(
-                make(
-                    "foxglove_msgs/msg/PointsAnnotation",
-                    timestamp=time,
-                    type=_LINE_LOOP,
-                    points=[make("foxglove_msgs/msg/Point2", x=x, y=y) for x, y in corners],
-                    outline_color=outline,
-                    outline_colors=[],
-                    fill_color=clear,
-                    thickness=2.0,
-                    metadata=[],
-                )
+                {
+                    "timestamp": found.stamp,
+                    "type": _LINE_LOOP,
+                    "points": [(person.x, person.y), (right, person.y), (right, bottom), (person.x, bottom)],
+                    "outline_color": (0.1, 0.8, 0.3, 1.0),
+                    "thickness": 2.0,
+                }
             )
             away = "" if person.distance_m is None else f" {person.distance_m:.1f} m"
             texts.append(
-                make(
-                    "foxglove_msgs/msg/TextAnnotation",
-                    timestamp=time,
-                    position=make("foxglove_msgs/msg/Point2", x=person.x, y=person.y),
-                    text=f"{person.track_id or 'person'}{away}",
-                    font_size=14.0,
-                    text_color=self._colour(1.0, 1.0, 1.0, 1.0),
-                    background_color=self._colour(0.05, 0.4, 0.15, 0.8),
-                    metadata=[],
-                )
+                {
+                    "timestamp": found.stamp,
+                    "position": (person.x, person.y),
+                    "text": f"{person.track_id or 'person'}{away}",
+                    "font_size": 14.0,
+                    "text_color": (1.0, 1.0, 1.0, 1.0),
+                    "background_color": (0.05, 0.4, 0.15, 0.8),
+                }
             )
         # The stamp identifies an image without persons.
-        return make(
-            "foxglove_msgs/msg/ImageAnnotations", timestamp=time, circles=[], points=boxes, texts=texts, metadata=[]
-        )
+        values = {"timestamp": found.stamp, "points": boxes, "texts": texts}
+        return self._standard.make("foxglove_msgs/msg/ImageAnnotations", values)
 
     def _log(self, sentence: EventSentence) -> Any:
-        return self.types.make(
-            "rcl_interfaces/msg/Log",
-            stamp=self._standard.time(sentence.stamp),
-            level=_WARN if sentence.is_failure else _INFO,
-            name=sentence.source.strip("/"),
-            msg=sentence.text,
-            file="",
-            function="",
-            line=0,
-        )
+        level = _WARN if sentence.is_failure else _INFO
+        values = (sentence.stamp, level, sentence.source.strip("/"), sentence.text)
+        return self._standard.make("rcl_interfaces/msg/Log", values)
 
-    def _status(self, node: NodeStatus) -> Any:
-        figures = {"machine": node.machine, "state": node.state, "handled_hz": node.handled_hz, "pid": node.pid}
-        figures |= {"cpu_percent": node.cpu_percent, "memory_mb": node.memory_mb, "restarts": node.restarts}
-        values = [
-            self.types.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
-            for key, value in figures.items()
-            if value not in (None, "")
-        ]
-        level = _LEVELS.get(node.health, _ERROR)
-        message = node.reason or node.health or node.state
-        return self.types.make(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name=node.name,
-            message=message,
-            hardware_id=node.machine,
-            values=values,
-        )
+
+def _status(node: NodeStatus) -> tuple[Any, ...]:
+    figures = {"machine": node.machine, "state": node.state, "handled_hz": node.handled_hz, "pid": node.pid}
+    figures |= {"cpu_percent": node.cpu_percent, "memory_mb": node.memory_mb, "restarts": node.restarts}
+    values = [(key, str(value)) for key, value in figures.items() if value not in (None, "")]
+    message = node.reason or node.health or node.state
+    return _LEVELS.get(node.health, _ERROR), node.name, message, node.machine, values

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
-
-if TYPE_CHECKING:
-    pass  # merged
-
 
 OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
 """Kinds of records whose source is a topic; the source of all others is an agent."""
 
 LONGEST_CHAIN = 1000
 """Limit for chains of causes: an agent may continue from its last action for days."""
-
 
 REMEMBERED_CHAIN = 20
 """Links and actions of a plan kept for current items after dropping older records."""
@@ -226,40 +220,29 @@ class Hints:
         match record.kind:
             case "step" if not record.cause:
                 call = record.what.strip("()").split()
-                return self._last(record, {"action"}, f"{call[0]}({', '.join(call[1:])})" if call else "")
+                text = f"{call[0]}({', '.join(call[1:])})" if call else ""
+                return self._latest(record, lambda each: each.kind == "action" and text in ("", each.what))
             case "said" if not record.cause:
-                return self._plan(record, mission) or self._last(record, DEEDS)
+                return self._plan(record, mission) or self._latest(record, lambda each: each.kind in DEEDS)
             case "plan_start" if mission:
-                return self._given_up(record)
-            case "plan_end" if mission:
+                return self._latest(record, lambda each: each.kind == "plan_end" and each.what == record.what)
+            case "plan_end" if mission and record.detail.get("outcome") != "succeeded":
                 return self._problem(record, mission)
         return None
 
-    def _last(self, record: TraceRecord, kinds: set[str], what: str = "") -> TraceRecord | None:
-        for each in self._before(record):
-            if each.source == record.source and each.kind in kinds and what in ("", each.what):
-                return each
-        return None
+    def _latest(self, record: TraceRecord, matches: Callable[[TraceRecord], bool]) -> TraceRecord | None:
+        return next((each for each in self._before(record) if each.source == record.source and matches(each)), None)
 
     def _plan(self, record: TraceRecord, mission: str) -> TraceRecord | None:
-        for each in self._history.between(record.stamp - NEAR_NS, record.stamp + NEAR_NS):
-            if each.kind == "plan_start" and each.source == record.source and each.detail.get("label") == mission:
-                return each if mission else None
-        return None
-
-    def _given_up(self, record: TraceRecord) -> TraceRecord | None:
-        for each in self._before(record):
-            if each.kind == "plan_end" and (each.source, each.what) == (record.source, record.what):
-                return each
-        return None
+        near = self._history.between(record.stamp - NEAR_NS, record.stamp + NEAR_NS) if mission else ()
+        of_agent = (each for each in near if each.kind == "plan_start" and each.source == record.source)
+        return next((each for each in of_agent if each.detail.get("label") == mission), None)
 
     def _problem(self, record: TraceRecord, mission: str) -> TraceRecord | None:
-        if record.detail.get("outcome") == "succeeded":
-            return None
         for each in self._before(record):
-            told = each.detail
-            if each.kind == "said" and told.get("weight") == "problem" and told.get("receiver") == record.source:
-                return each if told.get("mission") == mission else None
+            detail = each.detail
+            if each.kind == "said" and detail.get("weight") == "problem" and detail.get("receiver") == record.source:
+                return each if detail.get("mission") == mission else None
         return None
 
     def _before(self, record: TraceRecord) -> Iterator[TraceRecord]:

@@ -1,4 +1,4 @@
-"""Records as sentences: names and phrases, log clauses, and the story of agents with plans."""
+"""Records as sentences: in the past tense for logs and explanations, in the present for the story of a run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -15,7 +15,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import OF_TOPICS, History
 
 if TYPE_CHECKING:
-    from socialbot.runs.run import RunRecords
+    from socialbot.runs.run import RunView
 
 
 Verb = Literal["wants", "plans", "does", "asks", "tells", "reached", "fails", "drops", "rests", "refuses", "senses"]
@@ -55,247 +55,125 @@ def plan_name(record: TraceRecord) -> str:
     return str(detail.get("label") or detail.get("rule") or record.what)
 
 
+def rejected_plans(record: TraceRecord) -> list[tuple[str, str]]:
+    """Return the plans that were rejected in a record, with the reasons."""
+    found = record.detail.get("rejected")
+    plans = found if isinstance(found, (list, tuple)) else ()
+    return [(str(each.get("plan", "")), str(each.get("because", ""))) for each in plans]
+
+
 _PAST = {
-    "begins": "began", "does": "did", "drives": "drove", "gives": "gave", "goes": "went", "has": "had", "is": "was",
-    "patrols": "patrolled", "puts": "put", "says": "said", "sends": "sent", "takes": "took", "tells": "told",
-    "wants": "wanted",
+    "begins": "began", "chooses": "chose", "does": "did", "drives": "drove", "drops": "dropped", "finds": "found",
+    "gets": "got", "gives": "gave", "goes": "went", "has": "had", "holds": "held", "is": "was", "makes": "made",
+    "patrols": "patrolled", "plans": "planned", "puts": "put", "says": "said", "sees": "saw", "sends": "sent",
+    "takes": "took", "tells": "told", "wants": "wanted",
 }  # fmt: skip
 
 
 def past(sentence: str) -> str:
     """Put a sentence without subject, such as ``goes to room1``, into the past tense."""
-    first, space, rest = sentence.partition(" ")
+    adverb = "no longer " if sentence.startswith("no longer ") else ""
+    first, space, rest = sentence.removeprefix(adverb).partition(" ")
     verb = first.rstrip(":")
-    told = _PAST.get(verb)
-    if told is None:
+    changed = _PAST.get(verb)
+    if changed is None:
         if verb.endswith("ies"):
-            told = f"{verb[:-3]}ied"
+            changed = f"{verb[:-3]}ied"
         elif verb.endswith("s"):
-            told = f"{verb[:-1].removesuffix('e')}ed"
+            changed = f"{verb[:-1].removesuffix('e')}ed"
         else:
-            told = verb
-    return f"{told}{first[len(verb) :]}{space}{rest}"
+            changed = verb
+    return f"{adverb}{changed}{first[len(verb) :]}{space}{rest}"
 
 
-_CALLED = {
-    "add_desire": "published on add_desire",
-    "kept": "kept from an earlier run",
+_TEXTS = {
+    "achieved": "achieves {what}",
+    "action_end": "ends {what}: {outcome}{because}",
+    "asked": "is asked: {what}",
+    "belief": "believes {what}{source}",
+    "command": "is asked by a person: {what}",
+    "continued": "continues after {what}",
+    "desire": "wants {what}",
+    "desire_dropped": "drops {what}{because}",
+    "desire_fulfilled": "has reached {what}",
+    "desire_refused": "does not take up {what}{because}",
+    "dropped": "gives up its goal{because}",
+    "event": "notices {what}",
+    "failure": "fails at {what}{because}",
+    "goal": "wants {what}",
+    "head centre": "looks straight ahead",
+    "head look": "turns its head",
+    "head track": "follows people with its head",
+    "head": "holds its head: {what}",
+    "heard": "receives data again from: {what}",
+    "held": "has believed {what} for {seconds:g} s",
+    "plan": "chooses a plan for {what}",
+    "plan_end aborted": "aborts plan {plan} for {what}{because}",
+    "plan_end succeeded": "finishes plan {plan} for {what}",
+    "plan_end": "gives up plan {plan} for {what}{because}",
+    "planning failed": "finds no plan for {what}{because}",
+    "planning": "finds a plan for {what}",
+    "progress": "is at {what}",
+    "refused": "refuses: {what} ({reason})",
+    "reply refused": "is refused by {sender}{because}",
+    "reply timeout": "gets no answer from {sender}",
+    "reply": "gets the answer {state} from {sender}{because}",
+    "silent": "receives no more data from: {what}",
+    "speech expired": 'is too late to say "{said}"',
+    "speech failed": 'fails to say "{said}"',
+    "speech finished": 'finishes saying "{said}"',
+    "speech replaced": 'says something newer than "{said}"',
+    "speech started": 'begins to say "{said}"',
+    "speech waiting": 'has to wait with "{said}"',
+    "speech": '{what} "{said}"',
+    "step_end successful": "finishes a step: {step}",
+    "step_end": "{step}: {outcome}{because}",
+    "utterance": 'says "{what}"',
+    "unbelief": "no longer believes {what}",
 }
+"""Present-tense texts by kind of record, and by kind and outcome."""
+
+_REQUESTS = {
+    "add belief": "tells {0} to believe {1}",
+    "add desire": "asks {0} for {1}",
+    "check belief": "asks {0} whether {1}",
+    "check desire": "asks {0} whether it wants {1}",
+    "del belief": "tells {0} to forget {1}",
+    "del desire": "asks {0} to drop {1}",
+}
+_REQUEST = re.compile(r"\S+ asks (\S+) to ((?:check|add|del) (?:belief|desire)) (.*)")
+
+_VERBS: Mapping[str, Verb] = {
+    "desire": "wants", "desire_refused": "refuses", "desire_fulfilled": "reached", "desire_dropped": "drops",
+    "planning": "fails", "plan_start": "plans", "plan_end": "fails", "step": "does", "step_end": "fails",
+    "sees": "senses", "request": "asks", "reply": "fails", "refused": "refuses", "silent": "senses",
+    "heard": "senses", "said": "tells", "failure": "fails",
+}  # fmt: skip
+"""Kinds of records in the story."""
 
 ACTION_FAILED = "action_failed"
-"""Failure reason that repeats the end of the action."""
+PERSON = "person-"
+"""Prefix of the ids of commands by people."""
 
+_CALLED = {"add_desire": "published on add_desire", "kept": "kept from an earlier run"}
+_EXTERNAL = {"at first": "it was there at the start", "kept": "it was kept from an earlier run"}
 _PROVED = re.compile(r"\S+: note: no plan: .*", re.DOTALL)
 _SAID = re.compile(r"\b(?:note|error): ")
-_ASKS = re.compile(r"\S+ asks (\S+) to (check|add|del) (belief|desire) (.*)")
-
-
-@dataclass(frozen=True)
-class StorySentence:
-    """Sentence about an agent, without its name."""
-
-    stamp: int
-    agent: str
-    verb: Verb
-    text: str
-
-
-@dataclass(frozen=True)
-class _Reason:
-    """Origin of desires; ``desire`` is the prepared one."""
-
-    origin: Origin
-    text: str
-    desire: str = ""
-
-
-class StoryNarrator:
-    """Narrate agents with plans in the present tense, record by record."""
-
-    def __init__(self, wording: Wording) -> None:
-        self.wording = wording
-        self._reasons: dict[str, _Reason] = {}
-        self._adopted: dict[tuple[str, str], int] = {}
-        self._prepares: dict[tuple[str, str], str] = {}
-        self._ends: dict[str, tuple[str, str]] = {}
-        self._replans: set[tuple[str, str]] = set()
-        self._no_plan: dict[tuple[str, str], str] = {}
-
-    def tell(self, record: TraceRecord) -> StorySentence | None:
-        """Return the sentence for a record, if there is one."""
-        told = self._tell(record)
-        if record.kind in ("desire_fulfilled", "desire_dropped"):
-            self._end(record)
-        if told is None:
-            return None
-        return StorySentence(record.stamp, record.source, *told)
-
-    def why(self, cause: str) -> str:
-        """Return the origin of a desire in words."""
-        reason = self._reasons.get(cause)
-        return _CALLED.get(cause, cause) if reason is None else reason.text
-
-    def origin(self, cause: str) -> Origin:
-        """Return the kind of origin of a desire."""
-        reason = self._reasons.get(cause)
-        return "own" if reason is None else reason.origin
-
-    def is_needless(self, record: TraceRecord) -> bool:
-        """Return whether a desire was dropped only because it is no longer needed."""
-        kind, ended = self._ends.get(record.cause, ("", ""))
-        prepared = self._prepares.get((record.source, record.what), "")
-        while kind == "desire_dropped" and prepared not in ("", ended):
-            prepared = self._prepares.get((record.source, prepared), "")
-        return bool(kind and prepared)
-
-    def _tell(self, record: TraceRecord) -> tuple[Verb, str] | None:
-        detail, what = record.detail, record.what
-        match record.kind:
-            case "rule":
-                self._reasons[record.id] = _Reason("rule", f"its rule {what}")
-            case "asked":
-                self._reasons[record.cause] = _Reason("request", f"{what.partition(' asks ')[0]} asks for it")
-            case "desire":
-                self._adopt(record)
-                within = "" if detail.get("deadline") is None else f" within {detail['deadline']:g} s"
-                return "wants", f"wants {what}{within} ({self.why(record.cause)})"
-            case "desire_refused":
-                return "refuses", f"does not take up {what}: {detail['reason']}"
-            case "desire_fulfilled":
-                adopted = self._adopted.pop((record.source, what), record.stamp)
-                return "reached", f"has reached {what} after {(record.stamp - adopted) / 1e9:.1f} s"
-            case "desire_dropped":
-                self._adopted.pop((record.source, what), None)
-                if self.is_needless(record):
-                    return "rests", f"needs {what} no more: {detail['reason']}"
-                return "drops", f"drops {what}: {in_words(detail['reason'])}"
-            case "planning" if detail["message"]:
-                return self._planned_nothing(record)
-            case "plan_start":
-                self._no_plan.pop((record.source, what), None)
-                return "plans", self._plan(record)
-            case "plan_end" if detail["outcome"] == "failed":
-                self._replans.add((record.source, what))
-                return "fails", f"gives up plan {detail['plan']} for {what}"
-            case "plan_end" if detail["outcome"] == "aborted":
-                self._replans.add((record.source, what))
-                return "fails", f"aborts plan {detail['plan']} for {what}: {in_words(detail['reason'])}"
-            case "step":
-                return "does", self.wording.call(detail["action"], detail["args"])
-            case "step_end" if detail["outcome"] in ("failed", "cancelled"):
-                action, *args = what.strip("()").split()
-                return "fails", f"{self.wording.call(action, args)}: {detail['outcome']}, {detail['message']}"
-            case "sees":
-                return "senses", f"sees {what}{_sight(detail)}"
-            case "request":
-                return self._request(what)
-            case "reply":
-                return _reply(what, detail.get("reason", ""))
-            case "refused":
-                return "refuses", f"refuses: {what} ({detail['reason']})"
-            case "silent":
-                return "senses", f"hears no more from: {what}"
-            case "heard":
-                return "senses", f"hears again from: {what}"
-            case "said" if detail["weight"] in ("problem", "word"):
-                return "fails" if detail["weight"] == "problem" else "tells", what
-            case "failure" if detail.get("reason") != ACTION_FAILED:
-                return "fails", f"{what}: {detail.get('message') or detail.get('reason', '')}"
-        return None
-
-    def _adopt(self, record: TraceRecord) -> None:
-        name = (record.source, record.what)
-        self._adopted[name] = record.stamp
-        self._reasons[record.id] = _Reason("desire", f"to prepare {record.what}", record.what)
-        reason = self._reasons.get(record.cause)
-        self._prepares[name] = "" if reason is None else reason.desire
-
-    def _end(self, record: TraceRecord) -> None:
-        name = (record.source, record.what)
-        self._ends[record.id] = (record.kind, record.what)
-        self._no_plan.pop(name, None)
-
-    def _planned_nothing(self, record: TraceRecord) -> tuple[Verb, str] | None:
-        name, message = (record.source, record.what), in_words(record.detail["message"])
-        if self._no_plan.get(name) == message:
-            return None
-        self._no_plan[name] = message
-        return "fails", f"finds no plan for {record.what}: {message}"
-
-    def _plan(self, record: TraceRecord) -> str:
-        count, makespan_s = len(record.detail["steps"]), record.detail["makespan_s"]
-        size = f"{count} step{'' if count == 1 else 's'}{'' if makespan_s is None else f', {makespan_s:.1f} s'}"
-        if (record.source, record.what) in self._replans:
-            self._replans.discard((record.source, record.what))
-            return f"makes a new plan for {record.what}: {size}"
-        return f"plans {record.what}: {size}"
-
-    def _request(self, what: str) -> tuple[Verb, str]:
-        found = _ASKS.fullmatch(what)
-        if found is None:
-            return "asks", what
-        receiver, operation, kind, about = found.groups()
-        if kind == "desire":
-            doing = {"add": "asks {0} for {1}", "del": "asks {0} to drop {1}", "check": "asks {0} whether it wants {1}"}
-            return "asks", doing[operation].format(receiver, about)
-        doing = {"add": "tells {0} to believe {1}", "del": "tells {0} to forget {1}", "check": "asks {0} whether {1}"}
-        return "tells", doing[operation].format(receiver, about)
-
-
-def _sight(detail: Mapping[str, Any]) -> str:
-    if detail.get("distance_m") is not None:
-        return f", {detail['distance_m']} m away (score {detail['score']})"
-    return f", in {detail['pictures']} pictures" if "pictures" in detail else ""
+_STAMPED = re.compile(r"(.+)-(\d{6,})")
+_BELIEF_TOPIC = re.compile(r"(add|del)_(belief|desire)(_set)?")
 
 
 def in_words(reason: str) -> str:
     """Remove the technical output of planners from a reason."""
-    return _SAID.sub("", _PROVED.sub("nothing that can be done leads there", reason))
+    return _SAID.sub("", _PROVED.sub("no sequence of actions leads there", reason))
 
 
-def _reply(what: str, reason: str) -> tuple[Verb, str] | None:
-    sender, _, state = what.partition(": ")
-    match state:
-        case "refused":
-            return "fails", f"is refused by {sender}: {reason}"
-        case "timeout":
-            return "fails", f"gets no answer from {sender}"
-        case "dropped":
-            return "fails", f"hears from {sender} that it is dropped: {in_words(reason)}"
-    return None
+class DesireReason(NamedTuple):
+    """Origin of a desire in words; ``desire`` is the one that it prepares."""
 
-
-HEAD = {"track": "followed people with its head", "centre": "looked straight on", "look": "turned its head"}
-SPEECH = {
-    "waiting": "had to wait with",
-    "started": "began to say",
-    "finished": "finished saying",
-    "replaced": "said something newer than",
-    "expired": "was too late to say",
-    "failed": "failed to say",
-}
-PLAIN = {
-    "unbelief": "no longer believed",
-    "event": "noticed",
-    "goal": "wanted",
-    "plan": "chose a plan for",
-    "continued": "went on from",
-    "achieved": "achieved",
-    "progress": "was at",
-    "desire": "wanted",
-    "desire_fulfilled": "had reached",
-    "asked": "was asked:",
-    "command": "was asked by a person:",
-    "reply": "heard from",
-    "refused": "refused:",
-    "silent": "heard no more from",
-    "heard": "heard again from",
-}
-PERSON = "person-"
-"""Prefix of the ids of commands by people."""
-
-_STAMPED = re.compile(r"(.+)-(\d{6,})")
-_SPOKEN_BY_TOPIC = re.compile(r"(add|del)_(belief|desire)(_set)?")
+    origin: Origin
+    text: str
+    desire: str = ""
 
 
 @dataclass(frozen=True)
@@ -305,18 +183,25 @@ class Clause:
     subject: str
     text: str
 
-    def told(self, before: str = "") -> str:
+    def sentence(self, before: str = "") -> str:
         """Return the sentence; "it" replaces the subject of the sentence ``before``."""
         subject = "it" if self.subject and self.subject == before else self.subject
         return f"{subject} {self.text}".strip()
 
 
 class Narrator:
-    """Convert the records of a history to clauses in the past tense."""
+    """Describe records in words: any record as a `clause`, or records in order as a `story`."""
 
-    def __init__(self, history: History, wording: Wording) -> None:
-        self._history = history
-        self._wording = wording
+    def __init__(self, wording: Wording, history: History | None = None) -> None:
+        self.wording = wording
+        self._history = history or History()
+        self._reasons: dict[str, DesireReason] = {}
+        self._desires: dict[tuple[str, str], tuple[int, str]] = {}
+        self._ends: dict[str, TraceRecord] = {}
+        self._replans: set[tuple[str, str]] = set()
+        self._no_plan: dict[tuple[str, str], str] = {}
+
+    # Past tense
 
     def when(self, stamp: int) -> str:
         return f"{self._history.seconds(stamp):.2f} s"
@@ -325,71 +210,77 @@ class Narrator:
         """Return the display name of the agent behind a record; empty for detections."""
         chain = itertools.chain([record], self._history.before(record))
         of = next((each for each in chain if each.kind not in OF_TOPICS), None)
-        return "" if record.kind == "detection" or of is None else self._wording.name(of.source)
+        return "" if record.kind == "detection" or of is None else self.wording.name(of.source)
 
     def clause(self, record: TraceRecord, about: TraceRecord | None = None) -> Clause:
         """Return the clause of a record. ``about`` is its effect, which names the relevant persons of a frame."""
-        if record.kind == "detection":
-            return Clause("", self._frame(record, about))
-        if record.kind == "rule":
-            return Clause("", f"the rule {record.what} of {self.agent(record)} applied")
-        return Clause(self.agent(record), self._did(record))
-
-    def _did(self, record: TraceRecord) -> str:
-        what, detail = record.what, record.detail
-        reason = in_words(str(detail.get("message") or detail.get("reason") or ""))
-        because = f": {reason}" if reason else ""
         match record.kind:
-            case "utterance":
-                return f'said "{what}"'
-            case "speech":
-                said = self._history.find(record.cause)
-                return f'{SPEECH.get(what, what)} "{said.what if said else record.cause}"'
-            case "head":
-                return HEAD.get(what, f"held its head: {what}")
+            case "detection":
+                return Clause("", self._frame(record, about))
+            case "rule":
+                return Clause("", f"the rule {record.what} of {self.agent(record)} applied")
+            case "step":
+                return Clause(self.agent(record), f"{past(self._text(record))}{self._place(record)}")
+        return Clause(self.agent(record), past(self._text(record)))
+
+    def external_cause(self, record: TraceRecord) -> str:
+        """Return the cause of a record as a clause if the cause is no record."""
+        cause = record.cause
+        stamped = _STAMPED.fullmatch(cause)
+        if not cause or record.kind in ("detection", "command") or cause.startswith(PERSON):
+            return ""
+        if cause.startswith("health-"):
+            return f"of the health of node {cause.removeprefix('health-')}"
+        if stamped and stamped[1] not in self._history.agents:
+            return f"{stamped[1]} reported it at {self.when(int(stamped[2]))}"
+        if _BELIEF_TOPIC.fullmatch(cause):
+            return f"it was published on {cause}"
+        return _EXTERNAL.get(cause, cause if " " in cause else f"of {cause}")
+
+    def _text(self, record: TraceRecord) -> str:
+        what, detail, wording = record.what, record.detail, self.wording
+        reason = in_words(str(detail.get("message") or detail.get("reason") or ""))
+        values = {"outcome": "", "seconds": 0, "plan": "", **detail, "what": what or "something", "reason": reason}
+        values["because"] = f": {reason}" if reason else ""
+        variant = detail.get("outcome", what)
+        match record.kind:
             case "action":
                 action, _, args = what.rstrip(")").partition("(")
-                return self._deed(action, args.replace('"', "").split(", "), what)
-            case "step":
-                action, *args = what.strip("()").split() or [""]
-                return f"{self._deed(action, args, what)}{self._place(record)}"
-            case "step_end" if detail.get("outcome") == "successful":
-                return f"was done with a step: {self._wording.step(record)}"
-            case "step_end":
-                return f"failed in a step: {self._wording.step(record)}{because}"
+                known = action in wording.phrases
+                return wording.call(action, args.replace('"', "").split(", ")) if known else f"does {what}"
+            case "step" | "step_end":
+                known = what.strip("()").partition(" ")[0] in wording.phrases
+                values["step"] = wording.step(record) if known else f"does {what}"
+                if record.kind == "step":
+                    return values["step"]
             case "belief":
-                return f"believed {what}{self._told_by(detail)}"
-            case "held":
-                return f"had believed {what} for {detail.get('seconds', 0):g} s"
-            case "message":
-                return past(re.sub(r"^tell (\S+):", r"tells \1:", what))
-            case "action_end":
-                return f"ended {what}: {detail.get('outcome', '')}{because}"
-            case "failure":
-                return f"failed at {what or 'something'}{because}"
-            case "dropped":
-                return f"gave up what it was at{because}"
-            case "desire_dropped":
-                return f"dropped {what}{because}"
-            case "desire_refused":
-                return f"did not take up {what}{because}"
-            case "plan_start":
-                count = len(detail.get("steps", ()))
-                return f"had plan {detail.get('plan', '')} for {what}, of {count} step{'' if count == 1 else 's'}"
-            case "plan_end" if detail.get("outcome") == "succeeded":
-                return f"was done with plan {detail.get('plan', '')} for {what}"
-            case "plan_end":
-                return f"gave up plan {detail.get('plan', '')} for {what}{because}"
+                values["source"] = self._source(detail.get("source"))
+            case "speech":
+                said = self._history.find(record.cause)
+                values["said"] = said.what if said else record.cause
+            case "reply":
+                values["sender"], _, variant = what.partition(": ")
+                values["state"] = variant
             case "planning":
-                return f"looked for a plan for {what}: {in_words(detail.get('message') or 'found')}"
+                variant = "failed" if reason else ""
+            case "plan_start":
+                return f"plans {what}: {_size(detail)}"
+            case "sees":
+                return f"sees {what}{_sight(detail)}"
             case "request":
-                return past(what.removeprefix(record.source).strip())
+                found = _REQUEST.fullmatch(what)
+                return _REQUESTS[found[2]].format(found[1], found[3]) if found else what.removeprefix(record.source)
+            case "message":
+                return re.sub(r"^tell (\S+):", r"tells \1:", what)
             case "said":
-                return past(what)
-        return f"{PLAIN.get(record.kind, record.kind)} {what}".rstrip()
+                return what
+        text = _TEXTS.get(f"{record.kind} {variant}") or _TEXTS.get(record.kind, f"{record.kind} {{what}}")
+        return text.format_map(values).strip()
 
-    def _deed(self, action: str, args: list[str], what: str) -> str:
-        return past(self._wording.call(action, args)) if action in self._wording.phrases else f"did {what}"
+    def _source(self, source: object) -> str:
+        if source in (None, "", "self"):
+            return ""
+        return f" (source: {'percept' if source == 'percept' else self.wording.name(str(source))})"
 
     def _place(self, step: TraceRecord) -> str:
         plan = plan_of(self._history, step)
@@ -397,18 +288,8 @@ class Narrator:
             return ""
         steps = [re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", line) for line in plan.detail.get("steps", ())]
         number = f"step {steps.index(step.what) + 1} of {len(steps)}" if step.what in steps else "a step"
-        whose = "" if plan.source == step.source else f"{self._wording.name(plan.source)}'s "
+        whose = "" if plan.source == step.source else f"{self.wording.name(plan.source)}'s "
         return f", {number} of {whose}plan {plan.detail.get('plan', '')} for {plan.what}"
-
-    def _told_by(self, detail: dict[str, Any]) -> str:
-        match detail.get("source"):
-            case None | "" | "self":
-                return ""
-            case "percept":
-                return ", told by its sensor"
-            case str(source):
-                return f", told by {self._wording.name(source)}"
-        return ""
 
     def _frame(self, record: TraceRecord, about: TraceRecord | None) -> str:
         everybody = list(record.detail.get("persons", ()))
@@ -417,24 +298,84 @@ class Narrator:
         shown = " and ".join(filter(None, (", ".join(people[:-1]), people[-1]))) if people else "nobody"
         return f"the frame at {self.when(record.stamp)} showed {shown}"
 
-    def outside(self, record: TraceRecord) -> str:
-        """Return the cause of a record as a clause if the cause is no record."""
-        cause = record.cause
-        stamped, by_topic = _STAMPED.fullmatch(cause), _SPOKEN_BY_TOPIC.fullmatch(cause)
-        if not cause or record.kind == "detection":
-            return ""
-        if record.kind == "command" or cause.startswith(PERSON):
-            return ""
-        if cause.startswith("health-"):
-            return f"the node {cause.removeprefix('health-')} said so of its health"
-        if stamped and stamped[1] not in self._history.agents:
-            return f"{stamped[1]} told it at {self.when(int(stamped[2]))}"
-        if by_topic:
-            return f"somebody published it on {cause}"
-        if cause.endswith((".yaml", ".yml", ".asl")):
-            return f"{cause} says so"
-        known = {"at first": "it began with that", "kept": "it was left from an earlier run"}
-        return known.get(cause, cause if " " in cause else f"of {cause}")
+    # Present tense
+
+    def story(self, record: TraceRecord) -> tuple[Verb, str] | None:
+        """Return the sentence for the next record, without the name of the agent; None if it adds nothing."""
+        key, what, detail = (record.source, record.what), record.what, record.detail
+        verb: Verb | None = _VERBS.get(record.kind)
+        text = self._text(record)
+        match record.kind:
+            case "rule":
+                self._reasons[record.id] = DesireReason("rule", f"its rule {what}")
+            case "asked":
+                self._reasons[record.cause] = DesireReason("request", f"{what.partition(' asks ')[0]} asks for it")
+            case "desire":
+                reason = self.reason(record.cause)
+                self._desires[key] = (record.stamp, reason.desire)
+                self._reasons[record.id] = DesireReason("desire", f"to prepare {what}", what)
+                within = "" if detail.get("deadline") is None else f" within {detail['deadline']:g} s"
+                text += f"{within} ({reason.text})"
+            case "desire_fulfilled":
+                adopted, _ = self._desires.get(key, (record.stamp, ""))
+                text += f" after {(record.stamp - adopted) / 1e9:.1f} s"
+            case "desire_dropped" if self.is_needless(record):
+                verb, text = "rests", f"no longer needs {what}: {detail['reason']}"
+            case "planning":
+                failed_before = self._no_plan.get(key) == text
+                self._no_plan[key] = text
+                verb = "fails" if detail["message"] and not failed_before else None
+            case "plan_start" if key in self._replans:
+                self._replans.remove(key)
+                text = f"makes a new plan for {what}: {_size(detail)}"
+            case "plan_end":
+                if detail["outcome"] == "failed":  # its step has the reason
+                    text = f"gives up plan {detail['plan']} for {what}"
+                verb = "fails" if detail["outcome"] in ("failed", "aborted") else None
+                if verb:
+                    self._replans.add(key)
+            case "step" | "step_end":
+                text = text.replace(f"does {what}", self.wording.step(record), 1)
+                verb = None if detail.get("outcome") == "successful" else verb
+            case "request":
+                verb = "tells" if text.startswith("tells") else "asks"
+            case "reply" if what.rpartition(": ")[2] not in ("refused", "timeout", "dropped"):
+                verb = None
+            case "said":
+                verb = "fails" if detail["weight"] == "problem" else "tells" if detail["weight"] == "word" else None
+            case "failure" if detail.get("reason") == ACTION_FAILED:
+                verb = None
+        if record.kind in ("desire_fulfilled", "desire_dropped"):
+            self._ends[record.id] = record
+        if record.kind in ("desire_fulfilled", "desire_dropped", "plan_start"):
+            self._no_plan.pop(key, None)
+        return (verb, text) if verb else None
+
+    def reason(self, cause: str) -> DesireReason:
+        """Return the origin of a desire with this cause."""
+        return self._reasons.get(cause) or DesireReason("own", _CALLED.get(cause, cause))
+
+    def is_needless(self, record: TraceRecord) -> bool:
+        """Return whether a desire was dropped only because it is no longer needed."""
+        end = self._ends.get(record.cause)
+        prepared = self._prepared(record.source, record.what)
+        while end and end.kind == "desire_dropped" and prepared not in ("", end.what):
+            prepared = self._prepared(record.source, prepared)
+        return bool(end and prepared)
+
+    def _prepared(self, agent: str, desire: str) -> str:
+        return self._desires.get((agent, desire), (0, ""))[1]
+
+
+def _size(detail: Mapping[str, Any]) -> str:
+    count, makespan_s = len(detail.get("steps", ())), detail.get("makespan_s")
+    return f"{count} step{'' if count == 1 else 's'}{'' if makespan_s is None else f', {makespan_s:.1f} s'}"
+
+
+def _sight(detail: Mapping[str, Any]) -> str:
+    if detail.get("distance_m") is not None:
+        return f", {detail['distance_m']} m away (score {detail['score']})"
+    return f", in {detail['pictures']} pictures" if "pictures" in detail else ""
 
 
 def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
@@ -457,8 +398,7 @@ def _person(person: dict[str, Any]) -> str:
     return f"{name}{away}{f' (not seen for {unseen:.1f} s)' if unseen else ''}"
 
 
-UNTOLD = {"detection", "motion", "plan", "planning", "mail", "progress"}
-"""Kinds of records that are frequent or repeat others."""
+_NOT_LOGGED = {"detection", "motion", "plan", "planning", "mail", "progress"}
 
 
 class LogLine(msgspec.Struct, frozen=True):
@@ -471,17 +411,17 @@ class LogLine(msgspec.Struct, frozen=True):
     text: str
 
 
-def told(run: RunRecords, records: Iterable[TraceRecord]) -> list[LogLine]:
+def log_lines(run: RunView, records: Iterable[TraceRecord]) -> list[LogLine]:
     """Return the lines of the log for ``records``; kinds without information of their own are left out."""
-    teller = Narrator(run.history, run.wording)
+    narrator = Narrator(run.wording, run.history)
     return [
-        LogLine(each.id, run.history.seconds(each.stamp), each.kind, each.source, teller.clause(each).told())
+        LogLine(each.id, run.history.seconds(each.stamp), each.kind, each.source, narrator.clause(each).sentence())
         for each in records
-        if each.kind not in UNTOLD
+        if each.kind not in _NOT_LOGGED
     ]
 
 
-def told_between(run: RunRecords, begin: int, end: int, most: int) -> list[LogLine]:
+def last_log_lines(run: RunView, begin: int, end: int, most: int) -> list[LogLine]:
     """Return the last ``most`` lines from ``begin`` to ``end`` (ns)."""
-    newest = (each for each in run.history.back(begin, end) if each.kind not in UNTOLD)
-    return told(run, reversed(list(islice(newest, most))))
+    newest = (each for each in run.history.back(begin, end) if each.kind not in _NOT_LOGGED)
+    return log_lines(run, reversed(list(islice(newest, most))))

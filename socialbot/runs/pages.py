@@ -5,26 +5,31 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+import cv2
 import msgspec
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from socialbot.core.errors import SocialbotError
 
+T = TypeVar("T")
+
 PAGE = Path(str(files("socialbot.runs"))) / "page"
 
-Cells = Sequence[tuple[str, str]]
-"""Table row: the text and style of each cell. Styles: "", r (right), good, bad, code."""
+Cell = str | float | tuple[str, str]
+"""Text, number (right-aligned), or text with a style: "", r (right), good, bad, best, code."""
 
 _FROZEN_ONLY = {"frozen.js", "document.js", "main.js"}
 _FEWEST_POINTS = 3
+_THUMBNAIL_WIDTH = 480
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _IMPORT = re.compile(r"""(?<=from )'\./([\w-]+\.js)'|(?<=import )'\./([\w-]+\.js)'""")
 
@@ -118,7 +123,7 @@ class Page:
         Raises:
             SocialbotError: The file cannot be written.
         """
-        return write_html(path, self.html())
+        return write_file(path, self.html())
 
 
 @dataclass(frozen=True)
@@ -131,15 +136,15 @@ class Bundle:
     entry: str
 
 
-def write_html(path: Path, html: str) -> Path:
-    """Write a page to ``path`` and create its folder.
+def write_file(path: Path, content: str | bytes) -> Path:
+    """Write a file and create its folder.
 
     Raises:
         SocialbotError: The file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html, encoding="utf-8")
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
     return path
@@ -157,25 +162,86 @@ def live_page() -> Markup:
     return render("run.html", report=None, modules=modules)
 
 
-def table(
-    heads: Sequence[str], rows: Iterable[Cells], *, right: Sequence[int] = (), groups: Iterable[tuple[str, int]] = ()
-) -> Markup:
-    """Return a table.
+@dataclass(frozen=True)
+class Table:
+    """Table for pages, terminals and Markdown. ``groups`` are headings above the columns, with their column counts."""
 
-    Args:
-        heads: Column headings.
-        rows: Cells with their styles.
-        right: Numbers of the right-aligned columns.
-        groups: Headings above the columns, each with its column count.
-    """
-    return part("table", list(heads), list(rows), list(right), list(groups))
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    title: str = ""
+    groups: Sequence[tuple[str, int]] = ()
+
+    def cells(self) -> list[list[tuple[str, str]]]:
+        """Return the text and style of each cell."""
+        return [[_styled(cell) for cell in row] for row in self.rows]
+
+    def right(self) -> list[int]:
+        """Return the numbers of the right-aligned columns."""
+        columns = zip(*self.cells(), strict=True)
+        return [number for number, column in enumerate(columns) if {"r", "best"} & {style for _, style in column}]
+
+    def html(self) -> Markup:
+        """Return the table as HTML; empty without rows."""
+        return part("table", self.heads, self.cells(), self.right(), self.groups) if self.rows else Markup()
+
+
+def _styled(cell: Cell) -> tuple[str, str]:
+    return cell if isinstance(cell, tuple) else (cell, "") if isinstance(cell, str) else (str(cell), "r")
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Markup:
+    """Return a table as HTML; empty without rows."""
+    return Table(heads, rows).html()
 
 
 def settings(values: Mapping[str, object]) -> Markup:
     """Return a table of names and values; empty without any."""
-    return (
-        table(("", ""), [[(name, ""), (str(value), "code")] for name, value in values.items()]) if values else Markup()
-    )
+    return table(("", ""), [(name, (str(value), "code")) for name, value in values.items()])
+
+
+@dataclass(frozen=True)
+class LabelledBox:
+    """Box in pixels with a label. ``kind``: seen, missed, false, truth or ignored."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+    text: str = ""
+    kind: str = "seen"
+
+
+@dataclass(frozen=True)
+class Still:
+    """Image as a data URL with its original size in pixels, boxes and caption."""
+
+    picture: str
+    width: int
+    height: int
+    boxes: Sequence[LabelledBox] = ()
+    caption: str = ""
+
+
+def thumbnail(image: bytes | np.ndarray, boxes: Sequence[LabelledBox] = (), caption: str = "") -> Still | None:
+    """Return a small copy of an image, which may be encoded; None for a damaged image."""
+    pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR) if isinstance(image, bytes) else image
+    if pixels is None:
+        return None
+    height, width = pixels.shape[:2]
+    if width > _THUMBNAIL_WIDTH:
+        size = (_THUMBNAIL_WIDTH, max(1, round(height * _THUMBNAIL_WIDTH / width)))
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 75])
+    return Still(f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}", width, height, boxes, caption)
+
+
+def spread(candidates: Iterable[T], most: int, are_near: Callable[[T, T], bool]) -> list[T]:
+    """Return the first ``most`` candidates that are not near an earlier one."""
+    chosen: list[T] = []
+    for candidate in candidates:
+        if len(chosen) < most and not any(are_near(candidate, other) for other in chosen):
+            chosen.append(candidate)
+    return chosen
 
 
 def folded(summary: str, content: str, *, opened: bool = False) -> Markup:

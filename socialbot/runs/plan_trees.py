@@ -22,6 +22,8 @@ _LINE = re.compile(r"( *)(.+?)  #(\d+)")
 _SIGNS = {"done": "✓", "failed": "✗", "": "·"}
 _STYLES = {"done": "green", "failed": "bold red", "": ""}
 _Plan = tuple[str, object]
+_Marks = dict[str, list[str]]
+"""States of the steps of a plan by call; repeated calls run one after the other."""
 
 
 @dataclass(frozen=True)
@@ -102,27 +104,6 @@ class PlanTree(msgspec.Struct, frozen=True):
     tree: tuple[TreeLine, ...]
 
 
-class _StepMarks:
-    """States of the steps of a plan by call; repeated calls run one after the other."""
-
-    def __init__(self) -> None:
-        self._calls: dict[str, list[str]] = {}
-
-    def begin(self, call: str) -> None:
-        begun = self._calls.setdefault(call, [])
-        if not begun or begun[-1] == "done":
-            begun.append("running")
-        else:
-            begun[-1] = "running"
-
-    def end(self, call: str, mark: str) -> None:
-        self._calls.setdefault(call, [""])[-1] = mark
-
-    def of(self, call: str, number: int) -> str:
-        begun = self._calls.get(call, [])
-        return begun[number] if 0 <= number < len(begun) else ""
-
-
 class PlanTrees:
     """Newest plan for each desire of each agent, updated record by record."""
 
@@ -132,7 +113,7 @@ class PlanTrees:
         self._plans: dict[tuple[str, str], TraceRecord] = {}
         self._before: dict[tuple[str, str], str] = {}
         self._ends: dict[_Plan, TraceRecord] = {}
-        self._marks: dict[_Plan, _StepMarks] = defaultdict(_StepMarks)
+        self._marks: dict[_Plan, _Marks] = defaultdict(lambda: defaultdict(list))
         self._built: dict[tuple[str, str], PlanTree] = {}
 
     def take(self, record: TraceRecord) -> bool:
@@ -150,12 +131,15 @@ class PlanTrees:
                 self._ends[plan] = record
             case "step":
                 plan = self._plan(record)
-                self._marks[plan].begin(record.what)
+                marks = self._marks[plan][record.what]
+                if not marks or marks[-1] == "done":
+                    marks.append("")
+                marks[-1] = "running"
             case "step_end":
                 step = self._history.find(record.cause) or record
                 plan = self._plan(step)
                 mark = {"successful": "done", "failed": "failed"}.get(str(record.detail.get("outcome")), "")
-                self._marks[plan].end(step.what, mark)
+                self._marks[plan][step.what][-1:] = [mark]
             case _:
                 return False
         for desire, start in self._plans.items():
@@ -171,12 +155,10 @@ class PlanTrees:
         return {desire: self._built[desire] for desire in self._plans}
 
     def _build(self, plan: TraceRecord) -> PlanTree:
-        number = plan.detail.get("plan", 0)
+        number, made = plan.detail.get("plan", 0), str(plan.detail.get("tree", ""))
         end = self._ends.get((plan.source, number))
         marks = self._marks[plan.source, number]
-        made = str(plan.detail.get("tree", ""))
-        drawing = (end.detail.get("tree") if end else None) or made
-        if drawing:
+        if drawing := (end.detail.get("tree") if end else None) or made:
             before = self._before.get((plan.source, plan.what), "")
             lines = _drawn_lines(branches(drawing), branches(made), branches(before), marks)
         else:
@@ -200,15 +182,20 @@ def trees_at(history: History, stamp: int, wording: Wording) -> tuple[PlanTree, 
     return tuple(trees.trees().values())
 
 
-def _step_lines(plan: TraceRecord, marks: _StepMarks, wording: Wording) -> Iterator[TreeLine]:
+def _mark(marks: _Marks, call: str, number: int) -> str:
+    states = marks.get(call, ())
+    return states[number] if 0 <= number < len(states) else ""
+
+
+def _step_lines(plan: TraceRecord, marks: _Marks, wording: Wording) -> Iterator[TreeLine]:
     equal: Counter[str] = Counter()
     for step in parse_plan("\n".join(plan.detail.get("steps", ()))).steps:
-        yield TreeLine(0, wording.call(step.action, step.args), mark=marks.of(step.call, equal[step.call]))
+        yield TreeLine(0, wording.call(step.action, step.args), mark=_mark(marks, step.call, equal[step.call]))
         equal[step.call] += 1
 
 
 def _drawn_lines(
-    drawn: Sequence[TreeBranch], made: Sequence[TreeBranch], before: Sequence[TreeBranch], marks: _StepMarks
+    drawn: Sequence[TreeBranch], made: Sequence[TreeBranch], before: Sequence[TreeBranch], marks: _Marks
 ) -> Iterator[TreeLine]:
     """Yield the lines of the last drawing; steps done before planning belong to an earlier plan."""
     equal: Counter[str] = Counter()
@@ -218,7 +205,7 @@ def _drawn_lines(
     for branch in with_news(drawn, before) if before else drawn:
         mark: str = branch.mark
         if not (branch.method or branch.former):
-            mark = mark or marks.of(_call(branch.text), equal[branch.text])
+            mark = mark or _mark(marks, _call(branch.text), equal[branch.text])
             equal[branch.text] += 1
         if branch.is_new and not branch.former:
             mark = mark or "new"

@@ -82,18 +82,18 @@ class RunTrace:
 
     Args:
         folder: Folder of the run; nodes may keep files there.
-        room: Size limit (bytes) of the trace, and of seen.jsonl; the newest lines are kept.
+        max_bytes: Size limit of the trace, and of seen.jsonl; the newest lines are kept.
 
     Raises:
         SocialbotError: The folder cannot be created, or holds a run.
     """
 
-    def __init__(self, folder: Path, *, room: int | None = None) -> None:
+    def __init__(self, folder: Path, *, max_bytes: int | None = None) -> None:
         self.folder = folder
-        self._room = room
+        self._max_bytes = max_bytes
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._trace = BoundedLog(folder / TRACE, room)
+            self._trace = BoundedLog(folder / TRACE, max_bytes)
         except FileExistsError as error:
             raise _unusable("holds a run already", folder, "give another folder with --out") from error
         except OSError as error:
@@ -101,7 +101,7 @@ class RunTrace:
         paths.allow(folder)
         self._encoder = msgspec.json.Encoder()
         self._seen: BoundedLog | None = None
-        self._worldly: frozenset[str] = frozenset()
+        self._world_topics: frozenset[str] = frozenset()
         self._last: dict[tuple[str, str], Message] = {}
         self._listeners: tuple[RunListener, ...] = ()
 
@@ -118,14 +118,14 @@ class RunTrace:
         """Size of the trace (bytes)."""
         return self._trace.size
 
-    def tell(self, listener: RunListener) -> None:
+    def add_listener(self, listener: RunListener) -> None:
         self._listeners = (*self._listeners, listener)
 
     def describe(self, graph: Graph) -> None:
         """Write graph.yaml, and record messages of simulators and node health in seen.jsonl from now on."""
-        worlds = (placement for placement in graph.placements if placement.type.is_simulator)
-        self._worldly = frozenset(topic for world in worlds for topic, _ in world.publications)
-        self._seen = BoundedLog(self.folder / SEEN, self._room, self._lasting)
+        worlds = (config for config in graph.nodes if config.type.is_simulator)
+        self._world_topics = frozenset(topic for world in worlds for topic, _ in world.publications)
+        self._seen = BoundedLog(self.folder / SEEN, self._max_bytes, self._latest_lines)
         (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
 
     def observe(self, topic: str, message: Message) -> None:
@@ -134,7 +134,7 @@ class RunTrace:
         record = trace_record(topic, message)
         if record is not None:
             self._trace.write(self._encoder.encode(record))
-        elif topic in self._worldly or isinstance(message, Health):
+        elif topic in self._world_topics or isinstance(message, Health):
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:
@@ -160,7 +160,7 @@ class RunTrace:
             self._last[topic, sender] = message
             self._write_seen(topic, message)
 
-    def _lasting(self) -> Iterator[bytes]:
+    def _latest_lines(self) -> Iterator[bytes]:
         return (self._encoder.encode(SeenLine(topic, message)) for (topic, _), message in self._last.items())
 
     def _write_seen(self, topic: str, message: Message | NodeReport) -> None:
@@ -187,72 +187,37 @@ class RunRecord(RunTrace):
         super().observe(topic, message)
 
 
-def room_of(megabytes: float) -> int:
+def log_bytes(megabytes: float) -> int:
     """Return the size limit (bytes) of each of the two logs of a run with ``megabytes`` in total."""
     return round(megabytes * 1_000_000 / 2)
 
 
 def trace_record(topic: str, message: Message) -> TraceRecord | None:
     """Return ``message`` as a trace record, unless it is recorded otherwise."""
+    cause, detail = "", {}
     match message:
         case TraceRecord():
             return message
-        case PersonDetections():
-            persons = message.persons
-            return TraceRecord(
-                stamp=message.stamp,
-                id=message.id,
-                source=topic,
-                kind="detection",
-                what=f"{len(persons)} {'person' if len(persons) == 1 else 'persons'}",
-                cause=f"frame-{message.stamp}",
-                detail=_people(message) if persons else {},
-            )
-        case Utterance():
-            return TraceRecord(
-                stamp=message.stamp,
-                id=message.id,
-                source=topic,
-                kind="utterance",
-                what=message.text,
-                cause=message.cause,
-            )
-        case SpeechStatus():
-            return TraceRecord(
-                stamp=message.stamp,
-                id=f"{message.utterance_id}-{message.state}",
-                source=topic,
-                kind="speech",
-                what=message.state,
-                cause=message.utterance_id,
-                detail={"detail": message.detail} if message.detail else {},
-            )
-        case HeadCommand():
-            return TraceRecord(
-                stamp=message.stamp,
-                id=f"head-{message.cause}" if message.cause else f"head-{message.stamp}",
-                source=topic,
-                kind="head",
-                what=message.mode,
-                cause=message.cause,
-            )
+        case PersonDetections(id=id, persons=persons):
+            kind, what = "detection", f"{len(persons)} {'person' if len(persons) == 1 else 'persons'}"
+            cause = f"frame-{message.stamp}"
+            if persons:
+                detail = {"persons": msgspec.to_builtins(persons), "width": message.width, "height": message.height}
+        case Utterance(id=id, text=what, cause=cause):
+            kind = "utterance"
+        case SpeechStatus(utterance_id=cause, state=what):
+            kind, id = "speech", f"{cause}-{what}"
+            detail = {"detail": message.detail} if message.detail else {}
+        case HeadCommand(mode=what, cause=cause):
+            kind, id = "head", f"head-{cause or message.stamp}"
         case JointTrajectory():
-            return TraceRecord(
-                stamp=message.stamp,
-                id=f"motion-{message.stamp}",
-                source=topic,
-                kind="motion",
-                what=", ".join(
-                    f"{name} {position:.3f} rad"
-                    for name, position in zip(message.joint_names, message.positions, strict=True)
-                ),
-                detail={"duration_s": message.duration_s},
-            )
-    return None
-
-
-def _people(message: PersonDetections) -> dict[str, Any]:
-    return {"persons": msgspec.to_builtins(message.persons), "width": message.width, "height": message.height}
+            kind, id = "motion", f"motion-{message.stamp}"
+            targets = zip(message.joint_names, message.positions, strict=True)
+            what = ", ".join(f"{name} {position:.3f} rad" for name, position in targets)
+            detail = {"duration_s": message.duration_s}
+        case _:
+            return None
+    return TraceRecord(stamp=message.stamp, id=id, source=topic, kind=kind, what=what, cause=cause, detail=detail)
 
 
 def _unusable(what: str, folder: Path, remedy: str) -> SocialbotError:
@@ -293,9 +258,9 @@ def with_event_log(graph: Graph, observe: Observer) -> Observer:
     if log is None:
         return observe
 
-    def tell(topic: str, message: Message) -> None:
+    def observe_all(topic: str, message: Message) -> None:
         observe(topic, message)
         for record in log.take(message):
             observe(EVENT_LOG_TOPIC, record)
 
-    return tell
+    return observe_all

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from socialbot.core.errors import BagError, SocialbotError
+from socialbot.core.errors import BagError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.node import Graph
@@ -18,10 +18,10 @@ from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.history import OF_TOPICS
-from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_html
+from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_file
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
 from socialbot.runs.run import RunView
-from socialbot.runs.story import Story, Summary, story_of
+from socialbot.runs.story import Story, story_of
 from socialbot.runs.why import actions
 
 PAGE = "report.html"
@@ -38,7 +38,7 @@ class RunReport:
 
     def __init__(self, graph: Graph) -> None:
         self.records: list[TraceRecord] = []
-        self.deliberates = any(placement.type.deliberates for placement in graph.placements)
+        self.deliberates = any(config.type.deliberates for config in graph.nodes)
         self.phrases = phrases_of(graph)
         self._world: WorldView | None = world_view_of(graph)
 
@@ -48,10 +48,11 @@ class RunReport:
         elif self._world is not None:
             self._world.take(message)
 
-    def summary(self) -> Summary:
-        """Return the summary of the run so far."""
+    def story(self) -> Story:
+        """Return the story of the run so far."""
         story = story_of(self.records, self.phrases)
-        return Summary(story, self._world.results(story.start, story.end) if self._world else {})
+        story.world = self._world.results(story.start, story.end) if self._world else {}
+        return story
 
     def write(self, folder: Path, title: str) -> Path:
         """Write the page of the run that is recorded in ``folder``: see `write_report`."""
@@ -71,14 +72,10 @@ def write_report(folder: Path, title: str = "", world: WorldView | None = None) 
         SocialbotError: A file cannot be written.
     """
     with recorded(folder) as run:
-        world = run.stage if world is None else world
-        path = write_html(folder / PAGE, report_html(run, title, world))
+        world = run.world_view if world is None else world
+        path = write_file(folder / PAGE, report_html(run, title, world))
         if world:
-            picture = world.picture(run.end, f"{title or run.title}, at the end")
-            try:
-                (folder / world.file).write_text(picture, encoding="utf-8")
-            except OSError as error:
-                raise SocialbotError(f"cannot be written: {error.strerror}", where=str(folder / world.file)) from error
+            write_file(folder / world.file, world.picture(run.end, f"{title or run.title}, at the end"))
     return path
 
 
@@ -89,17 +86,14 @@ def recorded(folder: Path | None) -> Iterator[RecordedRun]:
     Raises:
         RunError: There is no run.
     """
-    folder = newest_run() if folder is None else folder
-    run = open_run(folder)
+    run = open_run(newest_run() if folder is None else folder)
     with ExitStack() as stack:
         bag = run.results.get("bag", {})
         if "path" in bag:
             try:
-                pictures = stack.enter_context(pictures_of(Path(bag["path"]), list(bag.get("topics", ()))))
+                run.images = stack.enter_context(pictures_of(Path(bag["path"]), list(bag.get("topics", ()))))
             except BagError as error:
                 run.damage.append(f"there are no pictures: {error.where}: {error.what}")
-            else:
-                run = open_run(folder, pictures) if pictures is not None else run
         yield run
 
 
@@ -122,8 +116,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
     ]
     verdict, good = verdict_of(run)
     if story.desires:
-        reached = Summary(story, {}).reached
-        verdict, good = ("goal reached", True) if reached else ("goal not reached", False)
+        verdict, good = ("goal reached", True) if story.reached else ("goal not reached", False)
     tiles = [*_story_tiles(story), *(world.figures(story.start, story.end) if world else [])] if story.desires else []
     report = Page(
         title=title or run.title,
@@ -146,12 +139,9 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
 def warnings_of(run: RecordedRun) -> list[str]:
     """Return the reason of a failed or stopped run, and the damaged parts of its record."""
     ended = run.results.get("ended", "")
-    found = list(run.damage)
-    if ended == STOPPED:
-        found.insert(0, "This run was stopped before its end.")
-    elif ended not in ENDED_WELL:
-        found.insert(0, f"This run failed: {ended}")
-    return found
+    stopped = ["This run was stopped before its end."] if ended == STOPPED else []
+    failed = [f"This run failed: {ended}"] if ended not in (*ENDED_WELL, STOPPED) else []
+    return [*stopped, *failed, *run.damage]
 
 
 def verdict_of(run: RecordedRun) -> tuple[str, bool]:
@@ -159,9 +149,9 @@ def verdict_of(run: RecordedRun) -> tuple[str, bool]:
     ended = run.results.get("ended", "")
     if not run.results:
         return "broken off", False
-    if ended == STOPPED:
-        return "stopped", False
-    return ("ended well", True) if ended in ENDED_WELL else ("failed", False)
+    if ended in ENDED_WELL:
+        return "ended well", True
+    return "stopped" if ended == STOPPED else "failed", False
 
 
 def difference_page(first: RunView, second: RunView, found: Difference) -> Page:
@@ -170,11 +160,10 @@ def difference_page(first: RunView, second: RunView, found: Difference) -> Page:
     sides = ""
     if found.sides is not None:
         sides = part("sides", [_side(run, side) for run, side in zip(runs, found.sides, strict=True)])
-    causes = [
-        [(cause.what, ""), *_event(cause.first_s, cause.first), *_event(cause.second_s, cause.second)]
-        for cause in found.causes
+    first_differences = [
+        [each.what, *_event(each.first_s, each.first), *_event(each.second_s, each.second)] for each in found.causes
     ]
-    changed = [[(each.name, ""), _setting(each.first), _setting(each.second)] for each in found.settings]
+    changed = [[each.name, _setting(each.first), _setting(each.second)] for each in found.settings]
     return Page(
         title=f"{found.runs[0]} and {found.runs[1]}",
         lead=_difference_lead(found),
@@ -183,15 +172,13 @@ def difference_page(first: RunView, second: RunView, found: Difference) -> Page:
         tiles=[(f"{one} | {other}", f"{kind.replace('_', ' ')}s") for kind, (one, other) in found.counts.items()],
         sections=[
             Section("First different decision", sides, "The chain of causes in each run."),
-            Section(
-                "Timelines", part("titled", _timelines(runs, found)), "The line marks the first different decision."
-            ),
+            Section("Timelines", _timelines(runs, found), "The line marks the first different decision."),
             Section(
                 "First differences",
-                table(("", "at", found.runs[0], "at", found.runs[1]), causes, right=(1, 3)) if causes else "",
+                table(("", "at", found.runs[0], "at", found.runs[1]), first_differences),
                 "Where detections and beliefs differ first.",
             ),
-            Section("Different settings", table(("", *found.runs), changed) if changed else ""),
+            Section("Different settings", table(("", *found.runs), changed)),
         ],
     )
 
@@ -209,13 +196,12 @@ def _side(run: RunView, side: Side) -> dict[str, Any]:
     return {"title": side.run, "why": side.why, "frame": stills(run, shots)}
 
 
-def _timelines(runs: tuple[RunView, RunView], found: Difference) -> list[tuple[str, str]]:
+def _timelines(runs: tuple[RunView, RunView], found: Difference) -> str:
     until_s = max(run.history.duration_s for run in runs)
-    sides = found.sides or (None, None)
-    return [
-        (name, timeline(run.timeline.lanes(), until_s, None if side is None else side.at_s))
-        for name, run, side in zip(found.runs, runs, sides, strict=True)
-    ]
+    drawn = []
+    for name, run, side in zip(found.runs, runs, found.sides or (None, None), strict=True):
+        drawn.append((name, timeline(run.timeline.lanes(), until_s, None if side is None else side.at_s)))
+    return part("titled", drawn)
 
 
 def _event(at_s: float | None, what: str) -> list[tuple[str, str]]:

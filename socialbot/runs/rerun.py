@@ -25,52 +25,42 @@ DISTANCES, HEAD, LOG, MINDS = "distance_m", "head", "log", "minds"
 """Entity paths. Those below `WORLD` are in the base frame: x forward, y left, z up."""
 
 BEHIND_M, AHEAD_M = (-5.0, 3.0, 5.0), (4.0, 0.0, 0.8)
-"""Position and target of the viewer."""
 
 
-def layout(run: RecordedRun, blueprint: Any) -> Any:
+def layout(run: RecordedRun, views: Any) -> Any:
     """Return the views of a run, made with ``rerun.blueprint``."""
-    sees = any(record.kind == "detection" for record in run.history)
-    turns = any(record.kind == "motion" for record in run.history)
+    kinds = {record.kind for record in run.history}
     # The subject comes first in a sentence.
-    columns = blueprint.TextLogColumns(text_log_columns=["LogLevel", "Body"])
-    log = blueprint.TextLogView(origin=LOG, name="What happened, and why", columns=columns)
-    minds = blueprint.Tabs(
+    columns = views.TextLogColumns(text_log_columns=["LogLevel", "Body"])
+    log = views.TextLogView(origin=LOG, name="What happened, and why", columns=columns)
+    minds = views.Tabs(
         *(
-            blueprint.TextDocumentView(origin=f"{MINDS}/{agent}", name=f"Mind of {run.wording.name(agent)}")
+            views.TextDocumentView(origin=f"{MINDS}/{agent}", name=f"Mind of {run.wording.name(agent)}")
             for agent in run.history.agents
         )
     )
-    if not sees:
-        return _with_panels(blueprint, blueprint.Horizontal(log, minds, column_shares=[3, 2]))
-    curves = [blueprint.TimeSeriesView(origin=DISTANCES, name="How far people are, m")]
-    if turns:
-        curves.append(blueprint.TimeSeriesView(origin=HEAD, name="Where the head points, rad"))
-    eye = blueprint.EyeControls3D(position=BEHIND_M, look_target=AHEAD_M)
-    views = blueprint.Horizontal(
-        blueprint.Vertical(
-            blueprint.Spatial2DView(origin=PICTURE, name="Camera"),
-            blueprint.Spatial3DView(origin=WORLD, name="Around the robot", eye_controls=eye),
-            row_shares=[3, 2],
-        ),
-        blueprint.Vertical(log, minds, *curves, row_shares=[3, 2, *(2 for _ in curves)]),
-        column_shares=[1, 1],
-    )
-    return _with_panels(blueprint, views)
-
-
-def _with_panels(blueprint: Any, views: Any) -> Any:
-    return blueprint.Blueprint(
-        views,
-        blueprint.BlueprintPanel(state="collapsed"),
-        blueprint.SelectionPanel(state="collapsed"),
-        blueprint.TimePanel(state="collapsed", timeline="run"),
+    shown = views.Horizontal(log, minds, column_shares=[3, 2])
+    if "detection" in kinds:
+        curves = [views.TimeSeriesView(origin=DISTANCES, name="Distances of people, m")]
+        if "motion" in kinds:
+            curves.append(views.TimeSeriesView(origin=HEAD, name="Head direction, rad"))
+        eye = views.EyeControls3D(position=BEHIND_M, look_target=AHEAD_M)
+        camera = views.Spatial2DView(origin=PICTURE, name="Camera")
+        world = views.Spatial3DView(origin=WORLD, name="Around the robot", eye_controls=eye)
+        shown = views.Horizontal(
+            views.Vertical(camera, world, row_shares=[3, 2]),
+            views.Vertical(log, minds, *curves, row_shares=[3, 2, *(2 for _ in curves)]),
+            column_shares=[1, 1],
+        )
+    return views.Blueprint(
+        shown,
+        views.BlueprintPanel(state="collapsed"),
+        views.SelectionPanel(state="collapsed"),
+        views.TimePanel(state="collapsed", timeline="run"),
     )
 
 
 RUN, STAMP = "run", "stamp"
-"""Timelines: seconds from the start, and robot time."""
-
 WIDEST = 65_535
 """Largest width of a JPEG, so that images keep their size."""
 
@@ -83,7 +73,6 @@ GREY: Colour = (154, 160, 166)
 GAZE: Colour = (255, 213, 74)
 
 BODY_M, SHOULDERS_M = 1.7, 0.22
-"""Height and half width of drawn bodies."""
 
 
 def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
@@ -124,7 +113,7 @@ class _RerunExport:
     run: RecordedRun
 
     def __post_init__(self) -> None:
-        self._mounting = mounting_of(self.run.described) if self.run.described else Mounting()
+        self._mounting = mounting_of(self.run.graph) if self.run.graph else Mounting()
         self._poses = list(poses_of(self.run))
         self._course = HeadCourse(self._poses)
         self._colours: dict[str, Colour] = {}

@@ -1,24 +1,30 @@
-"""Interface of a run, recorded or live, and its overview for the page."""
+"""Recorded or live run, with its node history and its overview for the page."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_right, insort
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Command, Health
+from socialbot.core.messages import AgentAnswer, Command, Health
+from socialbot.core.registry import phrases_of, world_view_of
 from socialbot.graph.node import Graph
-from socialbot.graph.status import NodeStatus, RollCall
+from socialbot.graph.status import NodeStatus, NodeStatuses
 from socialbot.runs.history import History
-from socialbot.runs.narration import Wording, plan_name
-from socialbot.runs.plan_trees import PlanTree
+from socialbot.runs.narration import Wording, plan_name, rejected_plans
+from socialbot.runs.plan_trees import PlanTree, trees_at
 from socialbot.runs.record import NodeReport
 from socialbot.runs.state import StateIndex
-from socialbot.runs.timeline import Timeline
+from socialbot.runs.timeline import Timeline, timeline_of
+from socialbot.runs.tracks import forget
+
+T = TypeVar("T")
 
 
 class Picture(msgspec.Struct, frozen=True):
@@ -54,73 +60,97 @@ class GraphView(msgspec.Struct, frozen=True):
     topics: Mapping[str, str] = {}
 
 
-class RunRecords(Protocol):
-    """Records of a run with their wording."""
+class RunView:
+    """Recorded or live run of ``graph`` (None if unknown). All stamps are ns."""
 
-    @property
-    def title(self) -> str: ...
+    live = False
 
-    @property
-    def history(self) -> History: ...
-
-    @property
-    def wording(self) -> Wording: ...
-
-    @property
-    def results(self) -> Mapping[str, Any]:
+    def __init__(self, graph: Graph | None, history: History, images: ImageSource | None) -> None:
+        self.graph = graph
+        self.results: Mapping[str, Any] = {}
         """Content of results.json; empty for a live run."""
-        ...
-
-
-class RunView(RunRecords, Protocol):
-    """Recorded or live run. All stamps are ns."""
-
-    @property
-    def live(self) -> bool: ...
+        self.wording = wording_of(graph)
+        self.world_view = None if graph is None else world_view_of(graph)
+        self.node_history = NodeHistory([each.name for each in graph.nodes] if graph else [])
+        self._history = history
+        self.images = images
+        self._states = StateIndex(history, self.wording)
 
     @property
-    def end(self) -> int: ...
+    def title(self) -> str:
+        return self.graph.name.capitalize() if self.graph is not None else ""
 
     @property
-    def sees(self) -> bool:
-        """Whether there are images."""
-        ...
+    def history(self) -> History:
+        self._update()
+        return self._history
 
     @property
-    def course(self) -> StateIndex: ...
+    def end(self) -> int:
+        return self.history.end
 
     @property
-    def timeline(self) -> Timeline: ...
+    def has_images(self) -> bool:
+        return self.images is not None
+
+    @property
+    def states(self) -> StateIndex:
+        self._update()
+        return self._states
+
+    @property
+    def timeline(self) -> Timeline:
+        self._update()
+        return self._timeline
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        return timeline_of(self._history, self.wording)
 
     def picture(self, stamp: int) -> Picture | None:
         """Return the newest image up to ``stamp``."""
-        ...
+        return None if self.images is None else self.images.at(stamp)
 
     def world(self, stamp: int) -> str | None:
         """Return the world at ``stamp`` as SVG."""
-        ...
+        self._update()
+        return self.world_view.picture(stamp, "") if self.world_view else None
 
-    def trees(self, stamp: int) -> tuple[PlanTree, ...]: ...
+    def trees(self, stamp: int) -> tuple[PlanTree, ...]:
+        return trees_at(self.history, stamp, self.wording)
 
-    def nodes(self, stamp: int) -> tuple[NodeStatus, ...]: ...
+    def nodes(self, stamp: int) -> tuple[NodeStatus, ...]:
+        if self.graph is None:
+            return ()
+        return self.node_history.at(self.history.seconds(stamp), self.results.get("nodes", {}))
 
-    def graph(self) -> GraphView: ...
-
-
-def graph_view(graph: Graph, machines: Mapping[str, str] | None = None) -> GraphView:
-    """Return the nodes and topics of a graph; ``machines`` by node."""
-    nodes = tuple(
-        NodeView(
-            placement.name,
-            placement.type.__name__,
-            (machines or {}).get(placement.name, ""),
-            tuple(topic for topic, _ in placement.subscriptions),
-            tuple(topic for topic, _ in placement.publications),
-            placement.type.is_agent,
+    def graph_view(self) -> GraphView:
+        """Return the nodes with their machines, and the topics."""
+        if self.graph is None:
+            return GraphView()
+        self._update()
+        nodes = tuple(
+            NodeView(
+                each.name,
+                each.type.__name__,
+                self.node_history.machine(each.name),
+                tuple(topic for topic, _ in each.subscriptions),
+                tuple(topic for topic, _ in each.publications),
+                each.type.is_agent,
+            )
+            for each in self.graph.nodes
         )
-        for placement in graph.placements
-    )
-    return GraphView(nodes, {topic: kind.__name__ for topic, kind in sorted(graph.topics().items())})
+        return GraphView(nodes, {topic: kind.__name__ for topic, kind in sorted(self.graph.topics().items())})
+
+    def _update(self) -> None:
+        """Process pending messages."""
+
+
+def wording_of(graph: Graph | None) -> Wording:
+    """Return the names and phrases for a graph; nodes that share a display name keep their own."""
+    displayed = {each.name: each.type.display_name for each in graph.nodes} if graph is not None else {}
+    count = Counter(displayed.values())
+    return Wording({name: text for name, text in displayed.items() if text and count[text] == 1}, phrases_of(graph))
 
 
 def node_views(run: RunView, stamp: int) -> list[dict[str, Any]]:
@@ -128,16 +158,6 @@ def node_views(run: RunView, stamp: int) -> list[dict[str, Any]]:
     return [
         {**msgspec.to_builtins(each), "condition": each.condition, "well": each.is_well} for each in run.nodes(stamp)
     ]
-
-
-class Answer(Protocol):
-    """Answer of an agent to a command."""
-
-    @property
-    def accepted(self) -> bool: ...
-
-    @property
-    def reason(self) -> str: ...
 
 
 class CommandSender(Protocol):
@@ -148,7 +168,7 @@ class CommandSender(Protocol):
         """Reason to refuse commands; empty if accepted."""
         ...
 
-    async def ask(self, agent: str, command: Command, text: str) -> Answer | None:
+    async def ask(self, agent: str, command: Command, text: str) -> AgentAnswer | None:
         """Send a command and return the answer; None without one."""
         ...
 
@@ -162,93 +182,68 @@ class NoCommands:
     async def ask(self, agent: str, command: Command, text: str) -> None: ...
 
 
-T = TypeVar("T")
-
-
-@dataclass
-class _Course(Generic[T]):
-    times: list[float] = field(default_factory=list)
-    told: list[T] = field(default_factory=list)
-
-    def note(self, at_s: float, told: T) -> None:
-        place = bisect_right(self.times, at_s)
-        self.times.insert(place, at_s)
-        self.told.insert(place, told)
-
-    def forget(self, at_s: float) -> None:
-        count = max(0, bisect_right(self.times, at_s) - 1)
-        del self.times[:count], self.told[:count]
-
-    def before(self, at_s: float) -> tuple[float, T] | None:
-        place = bisect_right(self.times, at_s)
-        return (self.times[place - 1], self.told[place - 1]) if place else None
-
-
 class NodeHistory:
-    """Health and diagnostics of the nodes called ``names``. Times are seconds from the start."""
+    """Health and diagnostics of the nodes called ``names``, by time. Times are seconds from the start."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
-        self._health: dict[str, _Course[Health]] = {}
-        self._told: dict[str, _Course[NodeReport]] = {}
+        self._health: dict[str, list[tuple[float, Health]]] = {}
+        self.reports: dict[str, list[tuple[float, NodeReport]]] = {}
+        """Diagnostics of each node."""
 
-    def take(self, at_s: float, told: Health | NodeReport) -> None:
-        if isinstance(told, Health):
-            self._health.setdefault(told.node, _Course()).note(at_s, told)
+    def take(self, at_s: float, message: Health | NodeReport) -> None:
+        if isinstance(message, Health):
+            insort(self._health.setdefault(message.node, []), (at_s, message), key=_time)
         else:
-            self._told.setdefault(told.name, _Course()).note(at_s, told)
+            insort(self.reports.setdefault(message.name, []), (at_s, message), key=_time)
 
     def forget(self, at_s: float) -> None:
         """Drop reports before ``at_s``, except for the latest one of each node."""
-        for course in (*self._health.values(), *self._told.values()):
-            course.forget(at_s)
+        for track in (*self._health.values(), *self.reports.values()):
+            forget(track, at_s)  # type: ignore[arg-type]
 
     @property
     def health(self) -> list[tuple[float, Health]]:
-        """Changes of health with their times, in order."""
-        said = (pair for course in self._health.values() for pair in zip(course.times, course.told, strict=True))
-        return sorted(said, key=lambda pair: pair[0])
+        """Changes of health, in order."""
+        return sorted((pair for track in self._health.values() for pair in track), key=_time)
 
-    @property
-    def told(self) -> Mapping[str, Sequence[tuple[float, NodeReport]]]:
-        """Diagnostics of each node with their times, in order."""
-        return {name: list(zip(course.times, course.told, strict=True)) for name, course in self._told.items()}
+    def machine(self, name: str) -> str:
+        return self.reports[name][-1][1].values.get("machine", "") if name in self.reports else ""
 
-    @property
-    def machines(self) -> Mapping[str, str]:
-        return {name: course.told[-1].values.get("machine", "") for name, course in self._told.items()}
-
-    def at(self, now: float, fates: Mapping[str, Any]) -> tuple[NodeStatus, ...]:
-        """Return the status of the nodes at ``now``. ``fates`` holds the totals of an inline run."""
-        if not self._told:
-            return tuple(self._inline(now, name, fates.get(name, {})) for name in fates or self._names)
-        roll = RollCall(dict.fromkeys(self._names, ""))
+    def at(self, now: float, results: Mapping[str, Any]) -> tuple[NodeStatus, ...]:
+        """Return the status of the nodes at ``now``. ``results`` holds the totals of an inline run."""
+        if not self.reports:
+            return tuple(self._inline(now, name, results.get(name, {})) for name in results or self._names)
+        roll = NodeStatuses(dict.fromkeys(self._names, ""))
         for name in self._names:
-            told, health = self._said(self._told, name, now), self._said(self._health, name, now)
-            if told is not None:
-                roll.note(name, told[1].values, told[0])
-            if health is not None:
+            if report := _latest(self.reports.get(name, []), now):
+                roll.note(name, report[1].values, report[0])
+            if health := _latest(self._health.get(name, []), now):
                 roll.note_health(health[1], now)  # repeated reports are stored once
         return tuple(roll.statuses(now))
 
-    def _inline(self, now: float, name: str, fate: Mapping[str, Any]) -> NodeStatus:
-        health = self._said(self._health, name, now)
-        said = health[1] if health is not None else None
+    def _inline(self, now: float, name: str, result: Mapping[str, Any]) -> NodeStatus:
+        latest = _latest(self._health.get(name, []), now)
+        health = latest[1] if latest else None
         return NodeStatus(
             name,
             state="active",
             heard_s=0.0,
-            health=said.state if said else "",
-            reason=said.reason if said else "",
-            silent=said.silent if said else (),
-            failures=fate.get("failures", 0),
-            first_failure=fate.get("first_failure", ""),
+            health=health.state if health else "",
+            reason=health.reason if health else "",
+            silent=health.silent if health else (),
+            failures=result.get("failures", 0),
+            first_failure=result.get("first_failure", ""),
         )
 
-    @staticmethod
-    def _said(courses: Mapping[str, _Course[T]], name: str, now: float) -> tuple[float, T] | None:
-        course = courses.get(name)
-        return None if course is None else course.before(now)
+
+def _time(moment: tuple[float, Any]) -> float:
+    return moment[0]
+
+
+def _latest(track: Sequence[tuple[float, T]], now: float) -> tuple[float, T] | None:
+    place = bisect_right(track, now, key=_time)
+    return track[place - 1] if place else None
 
 
 class PlanView(msgspec.Struct, frozen=True):
@@ -295,7 +290,7 @@ class Overview(msgspec.Struct, frozen=True):
     results: Mapping[str, Any]
 
 
-def overview(run: RunView, office: CommandSender) -> Overview:
+def overview(run: RunView, commands: CommandSender) -> Overview:
     """Return the overview of ``run``."""
     end = run.end
     return Overview(
@@ -306,13 +301,13 @@ def overview(run: RunView, office: CommandSender) -> Overview:
         duration_s=run.history.seconds(end),
         opens_s=_opens_s(run.history),
         agents=tuple(_agents(run)),
-        graph=run.graph(),
+        graph=run.graph_view(),
         has=Has(
-            pictures=run.sees,
+            pictures=run.has_images,
             world=run.world(end) is not None,
             trees=any(record.kind == "plan_start" for record in run.history),
-            commands=not office.shut,
-            why_not=office.shut,
+            commands=not commands.shut,
+            why_not=commands.shut,
         ),
         results=run.results,
     )
@@ -326,22 +321,14 @@ def _opens_s(history: History) -> float:
 
 
 def _agents(run: RunView) -> Iterator[AgentView]:
-    chosen: dict[tuple[str, str], int] = {}
-    rejected: dict[tuple[str, str], int] = {}
+    chosen: Counter[tuple[str, str]] = Counter()
+    rejected: Counter[tuple[str, str]] = Counter()
     for record in run.history:
         if record.kind == "plan":
-            key = (record.source, plan_name(record))
-            chosen[key] = chosen.get(key, 0) + 1
-        found = record.detail.get("rejected")
-        for each in found if isinstance(found, (list, tuple)) else ():
-            key = (record.source, str(each.get("plan", "")))
-            rejected[key] = rejected.get(key, 0) + 1
+            chosen[record.source, plan_name(record)] += 1
+        rejected.update((record.source, plan) for plan, _ in rejected_plans(record))
     known = dict.fromkeys([*chosen, *rejected])
-    silent = (node.name for node in run.graph().nodes if node.agent)
-    for name in dict.fromkeys((*run.history.agents, *silent)):
-        plans = (
-            PlanView(label, chosen.get((agent, label), 0), rejected.get((agent, label), 0))
-            for agent, label in known
-            if agent == name
-        )
+    without_records = (node.name for node in run.graph_view().nodes if node.agent)
+    for name in dict.fromkeys((*run.history.agents, *without_records)):
+        plans = (PlanView(plan, chosen[name, plan], rejected[name, plan]) for agent, plan in known if agent == name)
         yield AgentView(name, run.wording.name(name), tuple(plans))

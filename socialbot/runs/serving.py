@@ -37,7 +37,7 @@ class Address:
     def __post_init__(self) -> None:
         if not self.token and not is_loopback(self.host):
             raise ParameterError(
-                "whoever reaches that address could command the agents",
+                "any machine that reaches this address could command the agents",
                 where=f"--host {self.host}",
                 remedy=f"give --token, or set {TOKEN_VARIABLE}",
             )
@@ -56,8 +56,8 @@ def token_given(token: str | None) -> str:
     """
     found = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
     if found and not (len(found) >= 8 and found.isascii() and found.replace("-", "").replace("_", "").isalnum()):
-        remedy = "take 8 or more letters, digits, - and _"
-        raise ParameterError("the token will not do", where="--token", remedy=remedy)
+        remedy = "use 8 or more letters, digits, - and _"
+        raise ParameterError("the token is too short, or has other characters", where="--token", remedy=remedy)
     return found
 
 
@@ -77,20 +77,20 @@ class Serving:
         self._server = server
         self._loop = loop
 
-    def show(self, run: RunView, office: CommandSender | None = None) -> None:
+    def show(self, run: RunView, commands: CommandSender | None = None) -> None:
         """Show another run after the end of a live one."""
-        asyncio.run_coroutine_threadsafe(self._server.show(run, office), self._loop).result()
+        asyncio.run_coroutine_threadsafe(self._server.show(run, commands), self._loop).result()
 
 
 @contextmanager
-def serving(run: RunView, address: Address, office: CommandSender | None = None) -> Iterator[Serving]:
+def serving(run: RunView, address: Address, commands: CommandSender | None = None) -> Iterator[Serving]:
     """Serve ``run`` from a thread while the block lasts.
 
     Raises:
         ParameterError: The address is not available.
     """
-    with _listening(address) as ear:
-        server = PageServer(run, office)
+    with _listening(address) as listener:
+        server = PageServer(run, commands)
         loop = asyncio.new_event_loop()
         served = _Uvicorn(
             uvicorn.Config(
@@ -102,12 +102,12 @@ def serving(run: RunView, address: Address, office: CommandSender | None = None)
                 ws="none",
             )
         )
-        thread = threading.Thread(target=_serve, args=(loop, served, ear), name="inspect", daemon=True)
+        thread = threading.Thread(target=_serve, args=(loop, served, listener), name="inspect", daemon=True)
         thread.start()
         try:
-            if not served.stands.wait(STARTED_WITHIN_S):
+            if not served.has_started.wait(STARTED_WITHIN_S):
                 raise ParameterError("the server does not start", where=address.host)
-            yield Serving(server, address.url(ear.getsockname()[1]), loop)
+            yield Serving(server, address.url(listener.getsockname()[1]), loop)
         finally:
             if thread.is_alive():
                 asyncio.run_coroutine_threadsafe(server.close(), loop).result(ENDED_WITHIN_S)
@@ -118,7 +118,7 @@ def serving(run: RunView, address: Address, office: CommandSender | None = None)
 class _Uvicorn(uvicorn.Server):
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
-        self.stands = threading.Event()
+        self.has_started = threading.Event()
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -126,13 +126,13 @@ class _Uvicorn(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        self.stands.set()
+        self.has_started.set()
 
 
-def _serve(loop: asyncio.AbstractEventLoop, served: _Uvicorn, ear: socket.socket) -> None:
+def _serve(loop: asyncio.AbstractEventLoop, served: _Uvicorn, listener: socket.socket) -> None:
     asyncio.set_event_loop(loop)
     try:
-        loop.run_until_complete(served.serve([ear]))
+        loop.run_until_complete(served.serve([listener]))
     except Exception:
         logging.getLogger("socialbot.inspect").exception("the server of the inspector ended")
     finally:
@@ -143,18 +143,18 @@ def _serve(loop: asyncio.AbstractEventLoop, served: _Uvicorn, ear: socket.socket
 def _listening(address: Address) -> Iterator[socket.socket]:
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     # asyncio sets TCP_NODELAY only with an explicit protocol; otherwise the end of an answer waits 40 ms.
-    ear = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            ear.bind((address.host, address.port))
+            listener.bind((address.host, address.port))
         except OSError as error:
             raise ParameterError(
                 f"cannot serve there: {error.strerror or error}",
                 where=f"{address.host}:{address.port}",
                 remedy="give another --port, or 0 for any that is free",
             ) from error
-        ear.listen(128)
-        yield ear
+        listener.listen(128)
+        yield listener
     finally:
-        ear.close()
+        listener.close()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from socialbot.bags.codec import TypeFactory
+from socialbot.bags.types import types_with
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Image, JointTrajectory, PersonDetection, PersonDetections
 from socialbot.graph.node import Graph, check_parameters
@@ -26,8 +27,6 @@ OPTICAL = "camera_color_optical_frame"
 """Frames from the base to the camera; the optical frame looks along z, with the usual name of drivers."""
 
 HEIGHT_M = 1.2
-"""Default height of the head."""
-
 Vector = tuple[float, float, float]
 
 
@@ -56,31 +55,25 @@ class Mounting:
 
 def mounting_of(graph: Graph) -> Mounting:
     """Return the camera mounting from the parameters of the detector."""
-    seeing = parameters_of(graph, "mount_height_m", "pitch_rad")
-    turning = parameters_of(graph, "camera_on_head")
-    return Mounting(
-        float(seeing.get("mount_height_m", HEIGHT_M)),
-        float(seeing.get("pitch_rad", 0.0)),
-        bool(turning.get("camera_on_head")),
-        _camera_frame(graph),
-    )
+    detector = parameters_of(graph, "mount_height_m", "pitch_rad")
+    height_m, pitch_rad = float(detector.get("mount_height_m", HEIGHT_M)), float(detector.get("pitch_rad", 0.0))
+    on_head = bool(parameters_of(graph, "camera_on_head").get("camera_on_head"))
+    return Mounting(height_m, pitch_rad, on_head, _camera_frame(graph))
 
 
 def parameters_of(graph: Graph, *names: str) -> Mapping[str, Any]:
     """Return the parameters of the first node that has all ``names``; empty without one."""
-    for placement in graph.placements:
-        if placement.type.parameters().keys() >= set(names):
-            return check_parameters(placement.type, placement.parameters, where=placement.place(graph.name))
+    for config in graph.nodes:
+        if config.type.parameters().keys() >= set(names):
+            return check_parameters(config.type, config.parameters, where=config.place(graph.name))
     return {}
 
 
 def _camera_frame(graph: Graph) -> str:
-    for placement in graph.placements:
-        if "frame_id" in placement.type.parameters() and Image in (
-            port.message_type for _, port in placement.publications
-        ):
-            values = check_parameters(placement.type, placement.parameters, where=placement.place(graph.name))
-            return str(values["frame_id"])
+    for node in graph.nodes:
+        publishes_images = any(port.message_type is Image for _, port in node.publications)
+        if publishes_images and "frame_id" in node.type.parameters():
+            return str(check_parameters(node.type, node.parameters, where=node.place(graph.name))["frame_id"])
     return OPTICAL
 
 
@@ -95,17 +88,11 @@ def place_of(person: PersonDetection, head: HeadPose = AHEAD) -> Vector | None:
 def _levelled(bearing: float, elevation: float | None, tilt: float) -> float:
     if elevation is None or not tilt:
         return bearing
-    ahead, left, up = (
-        math.cos(elevation) * math.cos(bearing),
-        math.cos(elevation) * math.sin(bearing),
-        math.sin(elevation),
-    )
-    return math.atan2(left, ahead * math.cos(tilt) - up * math.sin(tilt))
+    ahead, left = math.cos(elevation) * math.cos(bearing), math.cos(elevation) * math.sin(bearing)
+    return math.atan2(left, ahead * math.cos(tilt) - math.sin(elevation) * math.sin(tilt))
 
 
 HEAD_HZ = 20.0
-"""Publishing rate of the head pose."""
-
 _KEPT = 32
 """Remembered turns of each joint: at least 3 s at ten targets a second."""
 
@@ -150,12 +137,12 @@ class Joints:
     def names(self) -> tuple[str, ...]:
         return tuple(self._turns)
 
-    def tell(self, told: JointTrajectory) -> None:
+    def take(self, message: JointTrajectory) -> None:
         """Process a target; unknown joints are ignored."""
-        for name, target in zip(told.joint_names, told.positions, strict=False):
+        for name, target in zip(message.joint_names, message.positions, strict=False):
             if name in self._turns and math.isfinite(target):
-                start = self.at(name, told.stamp)
-                self._turns[name].append(Turn(start, target, told.stamp, told.duration_s))
+                start = self.at(name, message.stamp)
+                self._turns[name].append(Turn(start, target, message.stamp, message.duration_s))
 
     def at(self, name: str, stamp: int) -> float:
         """Return the position (rad) of a joint at ``stamp`` (ns)."""
@@ -189,12 +176,11 @@ PERSON = "person"
 
 _CYLINDER, _TEXT = 3, 9
 _ADD, _DELETE_ALL = 0, 3
-_NO_BYTES = np.zeros(0, np.uint8)
 _SHOWN_S = 0.5
-"""Lifetime of a marker."""
-
 Rotation = tuple[float, float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
+UPRIGHT: Rotation = (0.0, 0.0, 0.0, 1.0)
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 
 _TIMES = range(2**31 * SECOND)
 _NO_LETTERS = re.compile(r"[^A-Za-z0-9]+")
@@ -216,32 +202,49 @@ class StandardMessages:
     """Builds standard ROS messages with ``types``."""
 
     def __init__(self, types: TypeFactory) -> None:
-        self._make = types.make
+        self._types = types
 
-    def time(self, stamp: int) -> Any:
-        seconds, rest = divmod(stamp, SECOND)
-        return self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    def make(self, type_name: str, values: Any = ()) -> Any:
+        """Build a message from plain values; missing fields are zero or empty.
 
-    def header(self, stamp: int, frame_id: str = "") -> Any:
-        return self._make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame_id)
+        Args:
+            type_name: ROS type, such as ``geometry_msgs/msg/Point``.
+            values: Values by field, or in the order of the fields; for a time, its stamp (ns).
+        """
+        if isinstance(values, int):
+            values = divmod(values, SECOND)
+        fields = types_with(type_name).fielddefs[type_name][1]
+        if not isinstance(values, Mapping):
+            values = dict(zip((name for name, _ in fields), values, strict=False))
+        made = {name: self._field(*kind, values.get(name)) for name, kind in fields}
+        return self._types.make(type_name, **made)
+
+    def _field(self, node: Any, kind: Any, value: Any) -> Any:
+        match node.name:
+            case "NAME":
+                return self.make(kind, () if value is None else value)
+            case "BASE":
+                default: Any = {"string": "", "bool": False}.get(kind[0], 0)
+                return float(value or 0) if kind[0].startswith("float") else default if value is None else value
+        (item, item_kind), count = kind
+        if item.name == "NAME" or item_kind[0] == "string":
+            return [self._field(item, item_kind, each) for each in value or ()]
+        size = count if node.name == "ARRAY" else 0
+        return np.zeros(size, item_kind[0]) if value is None else np.array(value, item_kind[0])
 
     def camera(self, stamp: int, mounting: Mounting) -> Any:
         """Return a TFMessage with the camera and its optical frame."""
         holder, place = (TILT, ORIGIN) if mounting.on_head else (BASE, (0.0, 0.0, mounting.height_m))
-        frames = [self._transform(stamp, holder, CAMERA, place, _looking_up(-mounting.pitch_rad))]
+        frames = [_transform(stamp, holder, CAMERA, place, _looking_up(-mounting.pitch_rad))]
         if mounting.optical not in (BASE, PAN, TILT, CAMERA):
             # From "x forward, y left, z up" to "z forward, x right, y down".
-            frames.append(self._transform(stamp, CAMERA, mounting.optical, rotation=(-0.5, 0.5, -0.5, 0.5)))
-        return self._frames(frames)
+            frames.append(_transform(stamp, CAMERA, mounting.optical, rotation=(-0.5, 0.5, -0.5, 0.5)))
+        return self.make(TF_MESSAGE, [frames])
 
     def head(self, stamp: int, pose: HeadPose, height_m: float = HEIGHT_M) -> Any:
         turned = (0.0, 0.0, math.sin(pose.pan / 2), math.cos(pose.pan / 2))
-        return self._frames(
-            [
-                self._transform(stamp, BASE, PAN, (0.0, 0.0, height_m), turned),
-                self._transform(stamp, PAN, TILT, rotation=_looking_up(pose.tilt)),
-            ]
-        )
+        pan = _transform(stamp, BASE, PAN, (0.0, 0.0, height_m), turned)
+        return self.make(TF_MESSAGE, [[pan, _transform(stamp, PAN, TILT, rotation=_looking_up(pose.tilt))]])
 
     def bodies(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
         """Return a TFMessage with a frame ``body_<id>`` at the hips of each located person."""
@@ -250,159 +253,93 @@ class StandardMessages:
             place = place_of(person, head)
             if person.track_id and place is not None:
                 hips = (*place[:2], HIPS_HEIGHT_M)
-                frames.append(self._transform(found.stamp, BASE, f"body_{body_id(person)}", hips))
-        return self._frames(frames)
+                frames.append(_transform(found.stamp, BASE, f"body_{body_id(person)}", hips))
+        return self.make(TF_MESSAGE, [frames])
 
     def joints(self, stamp: int, names: Sequence[str], positions_rad: Sequence[float]) -> Any:
-        return self._make(
-            "sensor_msgs/msg/JointState",
-            header=self.header(stamp),
-            name=list(names),
-            position=np.array(positions_rad, np.float64),
-            velocity=np.zeros(0),
-            effort=np.zeros(0),
-        )
+        return self.make("sensor_msgs/msg/JointState", ((stamp,), names, positions_rad))
 
     def markers(self, found: PersonDetections, head: HeadPose = AHEAD) -> Any:
         """Return a MarkerArray with a cylinder and a label per person; it replaces the last one."""
-        shapes = [self._marker(found.stamp, 0, _CYLINDER, action=_DELETE_ALL)]
+        shapes = [_marker(found.stamp, 0, _CYLINDER, action=_DELETE_ALL)]
         for number, person in enumerate(found.persons):
             place = place_of(person, head)
             if place is None:
                 continue
             x, y, _ = place
             size = (BODY_WIDTH_M, BODY_WIDTH_M, BODY_HEIGHT_M)
-            shapes.append(
-                self._marker(found.stamp, 2 * number, _CYLINDER, (x, y, BODY_HEIGHT_M / 2), size, (0.1, 0.8, 0.3, 0.6))
-            )
-            said = f"{person.track_id or PERSON} {person.distance_m:.1f} m"
-            above = (x, y, BODY_HEIGHT_M + 0.2)
-            shapes.append(
-                self._marker(found.stamp, 2 * number + 1, _TEXT, above, (0.2, 0.2, 0.2), (1.0, 1.0, 1.0, 1.0), said)
-            )
-        return self._make("visualization_msgs/msg/MarkerArray", markers=shapes)
+            body, above = (x, y, BODY_HEIGHT_M / 2), (x, y, BODY_HEIGHT_M + 0.2)
+            label = f"{person.track_id or PERSON} {person.distance_m:.1f} m"
+            shapes += [
+                _marker(found.stamp, 2 * number, _CYLINDER, body, size, (0.1, 0.8, 0.3, 0.6)),
+                _marker(found.stamp, 2 * number + 1, _TEXT, above, (0.2, 0.2, 0.2), (1.0, 1.0, 1.0, 1.0), label),
+            ]
+        return self.make("visualization_msgs/msg/MarkerArray", [shapes])
 
     def boxes(self, found: PersonDetections) -> Any:
         """Return a Detection2DArray of vision_msgs, in pixels."""
-        return self._make(
-            "vision_msgs/msg/Detection2DArray",
-            header=self.header(found.stamp, found.frame_id),
-            detections=[self._box(found, person) for person in found.persons],
-        )
+        header = (found.stamp, found.frame_id)
+        detections = [
+            {
+                "header": header,
+                "results": [{"hypothesis": (PERSON, person.score), "pose": {"pose": (ORIGIN, UPRIGHT)}}],
+                "bbox": (((person.x + person.w / 2, person.y + person.h / 2),), person.w, person.h),
+                "id": person.track_id,
+            }
+            for person in found.persons
+        ]
+        return self.make("vision_msgs/msg/Detection2DArray", (header, detections))
 
     def ids(self, found: PersonDetections) -> Any:
         """Return an IdsList of hri_msgs."""
-        return self._make(
-            "hri_msgs/msg/IdsList",
-            header=self.header(found.stamp, found.frame_id),
-            ids=[body_id(person) for person in found.persons if person.track_id],
-        )
+        ids = [body_id(person) for person in found.persons if person.track_id]
+        return self.make("hri_msgs/msg/IdsList", ((found.stamp, found.frame_id), ids))
 
     def region(self, found: PersonDetections, person: PersonDetection) -> Any:
         """Return a NormalizedRegionOfInterest2D of hri_msgs, as fractions of the image."""
+        corners = {
+            "xmin": person.x / found.width,
+            "ymin": person.y / found.height,
+            "xmax": (person.x + person.w) / found.width,
+            "ymax": (person.y + person.h) / found.height,
+            "c": person.score,
+        }
+        values = {name: min(max(value, 0.0), 1.0) for name, value in corners.items()}
+        header = (found.stamp, found.frame_id)
+        return self.make("hri_msgs/msg/NormalizedRegionOfInterest2D", {"header": header, **values})
 
-        def share(pixels: float, whole: int) -> float:
-            return min(max(pixels / whole, 0.0), 1.0)
 
-        return self._make(
-            "hri_msgs/msg/NormalizedRegionOfInterest2D",
-            header=self.header(found.stamp, found.frame_id),
-            xmin=share(person.x, found.width),
-            ymin=share(person.y, found.height),
-            xmax=share(person.x + person.w, found.width),
-            ymax=share(person.y + person.h, found.height),
-            c=min(max(person.score, 0.0), 1.0),
-        )
+def _marker(
+    stamp: int,
+    number: int,
+    kind: int,
+    place: Vector = ORIGIN,
+    size: Vector = ORIGIN,
+    colour: Rotation = (0.0, 0.0, 0.0, 0.0),
+    text: str = "",
+    *,
+    action: int = _ADD,
+) -> dict[str, Any]:
+    return {
+        "header": (stamp, BASE),
+        "ns": "people",
+        "id": number,
+        "type": kind,
+        "action": action,
+        "pose": (place, UPRIGHT),
+        "scale": size,
+        "color": colour,
+        "lifetime": nanoseconds(_SHOWN_S),
+        "text": text,
+    }
 
-    def _box(self, found: PersonDetections, person: PersonDetection) -> Any:
-        make = self._make
-        centre = make("vision_msgs/msg/Point2D", x=person.x + person.w / 2, y=person.y + person.h / 2)
-        hypothesis = make("vision_msgs/msg/ObjectHypothesis", class_id=PERSON, score=float(person.score))
-        return make(
-            "vision_msgs/msg/Detection2D",
-            header=self.header(found.stamp, found.frame_id),
-            results=[
-                make(
-                    "vision_msgs/msg/ObjectHypothesisWithPose",
-                    hypothesis=hypothesis,
-                    pose=make("geometry_msgs/msg/PoseWithCovariance", pose=self._pose(ORIGIN), covariance=np.zeros(36)),
-                )
-            ],
-            bbox=make(
-                "vision_msgs/msg/BoundingBox2D",
-                center=make("vision_msgs/msg/Pose2D", position=centre, theta=0.0),
-                size_x=float(person.w),
-                size_y=float(person.h),
-            ),
-            id=person.track_id,
-        )
 
-    def _marker(
-        self,
-        stamp: int,
-        number: int,
-        kind: int,
-        place: Vector = ORIGIN,
-        size: Vector = ORIGIN,
-        colour: Rotation = (0.0, 0.0, 0.0, 0.0),
-        text: str = "",
-        *,
-        action: int = _ADD,
-    ) -> Any:
-        make = self._make
-        seconds, rest = divmod(nanoseconds(_SHOWN_S), SECOND)
-        return make(
-            "visualization_msgs/msg/Marker",
-            header=self.header(stamp, BASE),
-            ns="people",
-            id=number,
-            type=kind,
-            action=action,
-            pose=self._pose(place),
-            scale=make("geometry_msgs/msg/Vector3", **_named("xyz", size)),
-            color=make("std_msgs/msg/ColorRGBA", **_named("rgba", colour)),
-            lifetime=make("builtin_interfaces/msg/Duration", sec=seconds, nanosec=rest),
-            text=text,
-            frame_locked=False,
-            points=[],
-            colors=[],
-            uv_coordinates=[],
-            texture_resource="",
-            texture=make("sensor_msgs/msg/CompressedImage", header=self.header(0), format="", data=_NO_BYTES),
-            mesh_resource="",
-            mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=_NO_BYTES),
-            mesh_use_embedded_materials=False,
-        )
-
-    def _pose(self, place: Vector) -> Any:
-        point = self._make("geometry_msgs/msg/Point", **_named("xyz", place))
-        upright = self._make("geometry_msgs/msg/Quaternion", **_named("xyzw", (0.0, 0.0, 0.0, 1.0)))
-        return self._make("geometry_msgs/msg/Pose", position=point, orientation=upright)
-
-    def _frames(self, transforms: list[Any]) -> Any:
-        return self._make("tf2_msgs/msg/TFMessage", transforms=transforms)
-
-    def _transform(
-        self,
-        stamp: int,
-        parent: str,
-        child: str,
-        place: Vector = ORIGIN,
-        rotation: Rotation = (0.0, 0.0, 0.0, 1.0),
-    ) -> Any:
-        moved = self._make("geometry_msgs/msg/Vector3", **_named("xyz", place))
-        turned = self._make("geometry_msgs/msg/Quaternion", **_named("xyzw", rotation))
-        transform = self._make("geometry_msgs/msg/Transform", translation=moved, rotation=turned)
-        header = self.header(stamp, parent)
-        return self._make(
-            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=transform
-        )
+def _transform(
+    stamp: int, parent: str, child: str, place: Vector = ORIGIN, rotation: Rotation = UPRIGHT
+) -> tuple[Any, ...]:
+    return (stamp, parent), child, (place, rotation)
 
 
 def _looking_up(angle: float) -> Rotation:
     """Return the rotation by ``angle`` (rad) up; positive rotations about y point down."""
     return (0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2))
-
-
-def _named(names: str, numbers: Iterable[float]) -> dict[str, float]:
-    return {name: float(number) for name, number in zip(names, numbers, strict=True)}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
-from socialbot.core.messages import TraceRecord
+from socialbot.core.messages import PersonDetection, TraceRecord
 from socialbot.runs.history import OF_TOPICS, History
 from socialbot.runs.narration import Wording, plan_name
 
@@ -86,28 +87,12 @@ class AgentMind(msgspec.Struct, frozen=True):
     paused: bool = False
 
 
-class DetectedPerson(msgspec.Struct, frozen=True):
-    """Person in a frame, as in `PersonDetection`: pixels, m and rad."""
-
-    x: float
-    y: float
-    w: float
-    h: float
-    score: float
-    track_id: str = ""
-    distance_m: float | None = None
-    distance_std_m: float | None = None
-    bearing_rad: float | None = None
-    elevation_rad: float | None = None
-    unseen_s: float = 0.0
-
-
 class FrameView(msgspec.Struct, frozen=True):
     """Persons in the latest frame; its size (pixels) is 0 if unknown."""
 
     id: str
     at_s: float
-    persons: tuple[DetectedPerson, ...]
+    persons: tuple[PersonDetection, ...]
     width: int = 0
     height: int = 0
 
@@ -159,26 +144,23 @@ class MindState:
     _shown: AgentMind | None = None
 
     def copy(self) -> MindState:
-        parts = (self.beliefs, self.desires, self.goals, self.plans, self.actions)
-        return MindState(self.name, *map(dict, parts), self.ended, self.paused, self._shown)  # type: ignore[arg-type]
+        return MindState(self.name, *map(dict, self._parts()), self.ended, self.paused, self._shown)  # type: ignore[arg-type]
+
+    def _parts(self) -> tuple[dict[Any, Any], ...]:
+        return self.beliefs, self.desires, self.goals, self.plans, self.actions
 
     def moment(self) -> AgentMind:
         if self._shown is None:
             self._shown = AgentMind(
                 self.name,
-                tuple(self.beliefs.values()),
-                tuple(self.desires.values()),
-                tuple(self.goals.values()),
-                tuple(self.plans.values()),
-                tuple(self.actions.values()),
-                self.ended,
-                self.paused,
+                *(tuple(part.values()) for part in self._parts()),  # type: ignore[arg-type]
+                ended=self.ended,
+                paused=self.paused,
             )
         return self._shown
 
     def ids(self) -> Iterator[str]:
-        for each in (self.beliefs, self.desires, self.goals, self.plans, self.actions):
-            yield from (held.id for held in each.values())
+        return (item.id for part in self._parts() for item in part.values())
 
     def take(self, record: TraceRecord, history: History, wording: Wording) -> None:
         """Process the next record of this agent."""
@@ -259,21 +241,15 @@ class MindState:
             if goal is not None:
                 self.goals[goal.id] = replace(goal, step=record.what)
             return
-        step = None if goal is None else self._step_behind(goal, history)
+        goal_record = None if goal is None else history.find(goal.id)
+        step = None if goal_record is None else self.actions.get(goal_record.cause)
         if record.kind == "progress":
-            doing = (
-                step
-                or self.actions.get(action.id)
-                or ActiveAction(action.id, action.what, history.seconds(action.stamp))
-            )
+            begun = ActiveAction(action.id, action.what, history.seconds(action.stamp))
+            doing = step or self.actions.get(action.id) or begun
             self.actions[doing.id] = replace(doing, done=record.detail.get("fraction"))
         elif step is None:
             self.actions.pop(action.id, None)
             self._end(record, "action", action.what, since, str(record.detail.get("outcome", "finished")))
-
-    def _step_behind(self, goal: GoalView, history: History) -> ActiveAction | None:
-        record = history.find(goal.id)
-        return None if record is None else self.actions.get(record.cause)
 
     def _step_end(self, record: TraceRecord, since: float, history: History, wording: Wording) -> None:
         step = history.find(record.cause)
@@ -335,7 +311,7 @@ class StateIndex:
     def at(self, stamp: int) -> RunState:
         """Return the state at ``stamp`` (ns), including all records of that stamp."""
         count = self._history.until(stamp)
-        self._forget_what_has_changed()
+        self._drop_late_checkpoints()
         scene = self._scene(count)
         return RunState(
             at_s=self._history.seconds(stamp),
@@ -386,7 +362,7 @@ class StateIndex:
         self._latest = done, scene
         return scene
 
-    def _forget_what_has_changed(self) -> None:
+    def _drop_late_checkpoints(self) -> None:
         late = self._history.late(self._late)
         if late:
             self._late += len(late)
@@ -409,31 +385,21 @@ class StateIndex:
                 spoken = SpokenUtterance(record.id, record.what, since, "waiting")
                 scene.speech = (*scene.speech, spoken)[-SENTENCES:]
             case "speech":
-                scene.speech = tuple(
-                    msgspec.structs.replace(spoken, state=record.what, since_s=since)
-                    if spoken.id == record.cause
-                    else spoken
-                    for spoken in scene.speech
-                )
+                changed = {"state": record.what, "since_s": since}
+                scene.speech = tuple(replace(x, **changed) if x.id == record.cause else x for x in scene.speech)
             case "head":
                 scene.head = HeadView(record.id, record.what, since, scene.head.joints if scene.head else "")
             case "motion":
                 head = scene.head or HeadView(record.id, "", since)
-                scene.head = msgspec.structs.replace(head, joints=record.what)
+                scene.head = replace(head, joints=record.what)
 
     def _sight(self, record: TraceRecord | None) -> FrameView | None:
         if record is None:
             return None
-        detail = record.detail
-        return FrameView(
-            record.id,
-            self._history.seconds(record.stamp),
-            persons_of(record),
-            detail.get("width", 0),
-            detail.get("height", 0),
-        )
+        at_s, size = self._history.seconds(record.stamp), [record.detail.get(side, 0) for side in ("width", "height")]
+        return FrameView(record.id, at_s, persons_of(record), *size)
 
 
-def persons_of(record: TraceRecord) -> tuple[DetectedPerson, ...]:
+def persons_of(record: TraceRecord) -> tuple[PersonDetection, ...]:
     """Return the persons of a detection record."""
-    return msgspec.convert(record.detail.get("persons", ()), tuple[DetectedPerson, ...])
+    return msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])

@@ -8,19 +8,16 @@ from typing import Any, TypeVar
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
-from socialbot.planning.pddl.domain import PddlPlan, PlanStep, parse_plan
-from socialbot.runs.narration import Origin, Phrases, StoryNarrator, Wording, in_words
+from socialbot.runs.narration import Narrator, Origin, Phrases, Wording, in_words
 
 SHORT_S = 20.0
-"""Times of shorter runs have two decimal places."""
 
 
 @dataclass(eq=False)
 class PlanRecord:
-    """Execution of a plan. ``outcome``: succeeded, failed, aborted, lost, or empty while it is executed.
+    """Execution of a plan of ``steps`` steps; ``makespan_s`` is None for plans without times.
 
-    ``makespan_s`` is None for plans without times. ``tree`` and ``last_tree`` draw its tasks at the start and at the
-    end.
+    ``again``: it replaces a plan that was given up. ``outcome``: succeeded, failed, aborted, lost, or empty.
     """
 
     agent: str
@@ -28,11 +25,8 @@ class PlanRecord:
     desire: str
     began: int
     makespan_s: float | None
-    plan: PddlPlan
+    steps: int
     again: bool
-    """Whether it replaces a plan that was given up."""
-    tree: str = ""
-    last_tree: str = ""
     ended: int | None = None
     outcome: str = ""
     reason: str = ""
@@ -48,18 +42,12 @@ class StepRecord:
 
     agent: str
     plan: PlanRecord | None
-    action: str
-    args: tuple[str, ...]
+    call: str
     text: str
     began: int | None
-    planned: PlanStep | None = None
     ended: int | None = None
     outcome: str = ""
     message: str = ""
-
-    @property
-    def call(self) -> str:
-        return f"({' '.join((self.action, *self.args))})"
 
 
 @dataclass(eq=False)
@@ -72,28 +60,9 @@ class RequestRecord:
     text: str
     asked: int
     about_desire: bool
-    answered: int | None = None
     ended: int | None = None
     state: str = "waiting"
     reason: str = ""
-
-
-@dataclass(eq=False)
-class MessageRecord:
-    """Message between agents at ``stamp`` (ns).
-
-    ``weight``: a ``plan``, a ``problem``, a ``word`` between partners, or empty.
-    """
-
-    id: str
-    stamp: int
-    sender: str
-    receiver: str
-    performative: str
-    content: str
-    text: str
-    about: str
-    weight: str
 
 
 @dataclass(eq=False)
@@ -120,7 +89,10 @@ T = TypeVar("T", DesireRecord, PlanRecord, StepRecord)
 
 @dataclass
 class Story:
-    """Desires, plans, steps and messages of a run by agents in order of appearance. Times are ns."""
+    """Desires, plans, steps and messages of a run by agents in order of appearance. Times are ns.
+
+    ``words`` are the records of messages, ``world`` the results of the world view.
+    """
 
     start: int = 0
     end: int = 0
@@ -129,7 +101,8 @@ class Story:
     plans: list[PlanRecord] = field(default_factory=list)
     steps: list[StepRecord] = field(default_factory=list)
     requests: list[RequestRecord] = field(default_factory=list)
-    words: list[MessageRecord] = field(default_factory=list)
+    words: list[TraceRecord] = field(default_factory=list)
+    world: Mapping[str, Any] = field(default_factory=dict)
 
     def seconds(self, time: int) -> float:
         """Convert a time (ns) to seconds from the start."""
@@ -140,15 +113,14 @@ class Story:
         return self.seconds(self.end)
 
     @property
-    def digits(self) -> int:
-        """Decimal places that keep times of the run distinct."""
-        return 2 if self.duration_s < SHORT_S else 1
-
-    @property
     def aims(self) -> list[DesireRecord]:
         """Main desires of the run: the agents' own ones, or else those from rules."""
         own = [desire for desire in self.desires if desire.origin == "own"]
         return own or [desire for desire in self.desires if desire.origin == "rule"]
+
+    @property
+    def reached(self) -> bool:
+        return {desire.how for desire in self.aims} == {"fulfilled"}
 
     @property
     def first(self) -> DesireRecord | None:
@@ -164,7 +136,8 @@ class Story:
 
     def when(self, stamp: int | None) -> str:
         """Return a time (ns) in words, empty for none."""
-        return "" if stamp is None else f"{self.seconds(stamp):.{self.digits}f} s"
+        digits = 2 if self.duration_s < SHORT_S else 1
+        return "" if stamp is None else f"{self.seconds(stamp):.{digits}f} s"
 
     def plans_for(self, desire: DesireRecord) -> list[PlanRecord]:
         """Return the plans for ``desire`` while it was held."""
@@ -205,64 +178,101 @@ class Story:
         step = next((step for step in failed if step.ended == plan.ended), None)
         return plan.reason if step is None else f"{step.agent} {step.text}, {step.message}"
 
+    def results(self) -> dict[str, Any]:
+        """Return the figures for results.json."""
+        return {
+            "reached": self.reached,
+            "duration_s": round(self.duration_s, 3),
+            "agents": {
+                agent: {
+                    "plans": sum(plan.agent == agent for plan in self.plans),
+                    "given_up": sum(plan.agent == agent and plan.given_up for plan in self.plans),
+                    "steps": sum(step.agent == agent for step in self.steps),
+                    "requests": sum(request.sender == agent for request in self.requests),
+                }
+                for agent in self.agents
+            },
+            "desires": [
+                {
+                    "agent": desire.agent,
+                    "name": desire.name,
+                    "why": desire.why,
+                    "from_s": round(self.seconds(desire.adopted), 3),
+                    "to_s": None if desire.ended is None else round(self.seconds(desire.ended), 3),
+                    "planned_s": planned_s,
+                    "took_s": None if took_s is None else round(took_s, 3),
+                    "how": desire.how,
+                    "reason": desire.reason,
+                }
+                for desire in self.desires
+                for planned_s, took_s in [self.makespans_s(desire)]
+            ],
+            "requests_for_desires": sum(request.about_desire for request in self.requests),
+            **self.world,
+        }
+
 
 def story_of(records: Iterable[TraceRecord], phrases: Phrases | None = None) -> Story:
     """Return the story of ``records``; ``phrases`` describe actions."""
-    teller = _Teller(phrases or {})
+    builder = _StoryBuilder(Wording(phrases=phrases or {}))
     for record in records:
-        teller.take(record)
-    return teller.story
+        builder.take(record)
+    return builder.story
 
 
-class _Teller:
-    def __init__(self, phrases: Phrases) -> None:
+class _StoryBuilder:
+    def __init__(self, wording: Wording) -> None:
         self.story = Story()
-        self._narrator = StoryNarrator(Wording(phrases=phrases))
+        self._wording = wording
+        self._narrator = Narrator(wording)
         self._asked: dict[str, RequestRecord] = {}
 
     def take(self, record: TraceRecord) -> None:
-        story = self.story
+        story, detail = self.story, record.detail
         if not story.agents:
             story.start = record.stamp
         if record.source not in story.agents:
             story.agents.append(record.source)
         story.end = max(story.end, record.stamp)
-        sentence = self._narrator.tell(record)
-        self._note(record, "" if sentence is None else sentence.text)
-
-    def _note(self, record: TraceRecord, text: str) -> None:
-        detail = record.detail
+        sentence = self._narrator.story(record)
         match record.kind:
             case "desire" | "desire_refused":
                 self._desire(record)
             case "desire_fulfilled" | "desire_dropped":
-                for desire in _open(self.story.desires, record):
+                how = "needless" if self._narrator.is_needless(record) else record.kind.removeprefix("desire_")
+                for desire in _open(story.desires, record):
                     if desire.name == record.what:
-                        desire.ended = record.stamp
-                        desire.how, desire.reason = record.kind.removeprefix("desire_"), in_words(detail["reason"])
-                        if self._narrator.is_needless(record):
-                            desire.how = "needless"
+                        desire.ended, desire.how, desire.reason = record.stamp, how, in_words(detail["reason"])
             case "plan_start":
                 self._plan(record)
             case "plan_end":
-                for plan in _open(self.story.plans, record):
+                for plan in _open(story.plans, record):
                     if plan.number == detail["plan"]:
-                        plan.ended = record.stamp
-                        plan.outcome, plan.reason = detail["outcome"], in_words(detail["reason"])
-                        plan.last_tree = detail.get("tree", "")
+                        plan.ended, plan.outcome = record.stamp, detail["outcome"]
+                        plan.reason = in_words(detail["reason"])
             case "step":
                 self._step(record, record.stamp)
             case "step_end":
-                self._step_end(record)
+                begun = (step for step in _open(story.steps, record) if step.call == record.what)
+                step = next(begun, None) or self._step(record, None)
+                step.ended, step.outcome = record.stamp, detail["outcome"]
+                step.message = detail.get("message", "")
             case "request":
-                self._request(record, text)
-            case "reply":
-                self._reply(record)
+                receiver = record.what.partition(" asks ")[2].partition(" ")[0]
+                text = sentence[1] if sentence else ""
+                is_desire = " desire " in record.what
+                request = RequestRecord(detail["id"], record.source, receiver, text, record.stamp, is_desire)
+                story.requests.append(request)
+                self._asked[request.id] = request
+            case "reply" if record.cause in self._asked:
+                request = self._asked[record.cause]
+                request.state, request.reason = record.what.rpartition(": ")[2], detail.get("reason", "")
+                request.ended = record.stamp
             case "said":
-                self._word(record)
+                story.words.append(record)
 
     def _desire(self, record: TraceRecord) -> None:
-        why, origin = self._narrator.why(record.cause), self._narrator.origin(record.cause)
+        origin, why, _ = self._narrator.reason(record.cause)
         desire = DesireRecord(record.source, record.what, why, origin, record.stamp)
         if record.kind == "desire":
             desire.priority, desire.deadline_s = record.detail["priority"], record.detail.get("deadline")
@@ -271,141 +281,31 @@ class _Teller:
         self.story.desires.append(desire)
 
     def _plan(self, record: TraceRecord) -> None:
-        detail = record.detail
-        left = [] if detail.get("beside") else _open(self.story.plans, record)  # from a killed agent
+        detail, story = record.detail, self.story
+        left = [] if detail.get("beside") else _open(story.plans, record)  # from a killed agent
         for plan in left:
-            plan.ended = record.stamp
-            plan.outcome, plan.reason = "lost", "the agent was restarted"
-            for step in _open(self.story.steps, record):
-                step.ended = record.stamp
-                step.outcome = "lost"
-        pursued = next((one for one in _open(self.story.desires, record) if one.name == record.what), None)
-        since = self.story.start if pursued is None else pursued.adopted
+            plan.ended, plan.outcome, plan.reason = record.stamp, "lost", "the agent was restarted"
+            for step in _open(story.steps, record):
+                step.ended, step.outcome = record.stamp, "lost"
+        pursued = next((one for one in _open(story.desires, record) if one.name == record.what), None)
+        since = story.start if pursued is None else pursued.adopted
         again = any(
             (plan.agent, plan.desire) == (record.source, record.what) and plan.reason and plan.began >= since
-            for plan in self.story.plans
+            for plan in story.plans
         )
-        steps = parse_plan("\n".join(detail["steps"]))
-        plan = PlanRecord(record.source, detail["plan"], record.what, record.stamp, detail["makespan_s"], steps, again)
-        plan.tree = detail.get("tree", "")
-        self.story.plans.append(plan)
+        makespan_s, steps = detail["makespan_s"], len(detail["steps"])
+        story.plans.append(
+            PlanRecord(record.source, detail["plan"], record.what, record.stamp, makespan_s, steps, again)
+        )
 
     def _step(self, record: TraceRecord, began: int | None) -> StepRecord:
-        action, *args = record.what.strip("()").split()
         director, number = record.detail.get("directed_by", record.source), record.detail.get("plan")
         of_agent = (plan for plan in reversed(self.story.plans) if plan.agent == director)
         plan = next((plan for plan in of_agent if number in (None, plan.number)), None)
-        timed = None if plan is None or plan.makespan_s is None else plan.plan
-        planned = None if timed is None else _find(timed, action, tuple(args), record.detail)
-        text = self._narrator.wording.call(action, args)
-        step = StepRecord(record.source, plan, action, tuple(args), text, began, planned)
+        step = StepRecord(record.source, plan, record.what, self._wording.step(record), began)
         self.story.steps.append(step)
         return step
 
-    def _step_end(self, record: TraceRecord) -> None:
-        open_ones = (step for step in _open(self.story.steps, record) if step.call == record.what)
-        step = next(open_ones, None) or self._step(record, None)
-        step.ended = record.stamp
-        step.outcome, step.message = record.detail["outcome"], record.detail.get("message", "")
 
-    def _request(self, record: TraceRecord, text: str) -> None:
-        receiver = record.what.partition(" asks ")[2].partition(" ")[0]
-        request = RequestRecord(
-            record.detail["id"],
-            record.source,
-            receiver,
-            text,
-            record.stamp,
-            " desire " in record.what,
-        )
-        self.story.requests.append(request)
-        self._asked[request.id] = request
-
-    def _word(self, record: TraceRecord) -> None:
-        detail = record.detail
-        self.story.words.append(
-            MessageRecord(
-                record.id,
-                record.stamp,
-                record.source,
-                detail["receiver"],
-                detail["performative"],
-                detail["content"],
-                record.what,
-                detail["mission"],
-                detail["weight"],
-            )
-        )
-
-    def _reply(self, record: TraceRecord) -> None:
-        request = self._asked.get(record.cause)
-        if request is None:
-            return
-        request.state = record.what.rpartition(": ")[2]
-        request.reason = record.detail.get("reason", "")
-        if request.answered is None:
-            request.answered = record.stamp
-        request.ended = record.stamp
-
-
-def _open(told: list[T], record: TraceRecord) -> list[T]:
-    return [each for each in told if each.agent == record.source and each.ended is None]
-
-
-def _find(plan: PddlPlan, action: str, args: tuple[str, ...], detail: Mapping[str, object]) -> PlanStep | None:
-    found = [step for step in plan.steps if (step.action, step.args) == (action, args)]
-    start = detail.get("planned_start")
-    return next((step for step in found if step.start_s == start), next(iter(found), None))
-
-
-@dataclass(frozen=True)
-class Summary:
-    """Figures of a run; ``world`` holds the results of the world view."""
-
-    story: Story
-    world: Mapping[str, Any]
-
-    @property
-    def reached(self) -> bool:
-        return {desire.how for desire in self.story.aims} == {"fulfilled"}
-
-    @property
-    def given_up(self) -> int:
-        return sum(plan.given_up for plan in self.story.plans)
-
-    @property
-    def requests_for_desires(self) -> int:
-        return sum(request.about_desire for request in self.story.requests)
-
-    def results(self) -> dict[str, Any]:
-        story = self.story
-        return {
-            "reached": self.reached,
-            "duration_s": round(story.duration_s, 3),
-            "agents": {
-                agent: {
-                    "plans": sum(plan.agent == agent for plan in story.plans),
-                    "given_up": sum(plan.agent == agent and plan.given_up for plan in story.plans),
-                    "steps": sum(step.agent == agent for step in story.steps),
-                    "requests": sum(request.sender == agent for request in story.requests),
-                }
-                for agent in story.agents
-            },
-            "desires": [
-                {
-                    "agent": desire.agent,
-                    "name": desire.name,
-                    "why": desire.why,
-                    "from_s": round(story.seconds(desire.adopted), 3),
-                    "to_s": None if desire.ended is None else round(story.seconds(desire.ended), 3),
-                    "planned_s": planned_s,
-                    "took_s": None if took_s is None else round(took_s, 3),
-                    "how": desire.how,
-                    "reason": desire.reason,
-                }
-                for desire in story.desires
-                for planned_s, took_s in [story.makespans_s(desire)]
-            ],
-            "requests_for_desires": self.requests_for_desires,
-            **self.world,
-        }
+def _open(records: list[T], record: TraceRecord) -> list[T]:
+    return [each for each in records if each.agent == record.source and each.ended is None]

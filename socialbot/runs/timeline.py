@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import islice
 
 import msgspec
@@ -53,7 +52,7 @@ class Timeline:
         self._wording = wording or Wording()
         self._lanes: dict[tuple[str, str], dict[str, Bar]] = {}
         self._at: dict[str, tuple[str, str]] = {}
-        self._there: dict[str, str] = {}
+        self._tracks: dict[str, str] = {}
         self._plans: dict[tuple[str, int], str] = {}
         self._changed: dict[str, None] = {}
 
@@ -78,15 +77,11 @@ class Timeline:
                 del bars[bar.id], self._at[bar.id]
                 self._changed.pop(bar.id, None)
         self._plans = {plan: id for plan, id in self._plans.items() if id in self._at}
-        self._there = {track: id for track, id in self._there.items() if id in self._at}
-
-    def take_all(self, records: Iterable[TraceRecord]) -> None:
-        for record in records:
-            self.take(record)
+        self._tracks = {track: id for track, id in self._tracks.items() if id in self._at}
 
     def take(self, record: TraceRecord) -> None:
-        """Process the next record."""
-        detail, what = record.detail, record.what
+        """Process the next record; a plan step replaces its own goal or action of an engine."""
+        history, detail, what = self._history, record.detail, record.what
         match record.kind:
             case "detection":
                 self._see(record)
@@ -94,10 +89,11 @@ class Timeline:
                 self._begin(record, "speech", what, agent="")
                 self._close(record.id, record, "waiting", ends=False)
             case "speech":
-                over = what in ("finished", "replaced", "expired", "failed")
-                self._close(record.cause, record, what, ends=over)
+                self._close(record.cause, record, what, ends=what in ("finished", "replaced", "expired", "failed"))
             case "head":
-                self._end_last("head", record)
+                last = next(reversed(self._lanes.get(("", "head"), {}).values()), None)
+                if last is not None:
+                    self._close(last.id, record, last.outcome)
                 self._begin(record, "head", what, agent="")
             case "desire":
                 if self._open_desire(record) is None:
@@ -113,54 +109,42 @@ class Timeline:
                 self._close(self._plans.get((record.source, number)), record, str(detail.get("outcome", "")))
             case "step":
                 self._begin(record, "steps", self._wording.step(record))
-                self._leave_out(self._history.cause(record))
-            case "step_end":
+                self._leave_out(history.cause(record))
+            case "step_end" | "action_end":
                 self._close(record.cause, record, str(detail.get("outcome", "")))
-            case _:
-                self._engine(record)
-
-    def _engine(self, record: TraceRecord) -> None:
-        """Process goals and actions of an engine; a plan step replaces its own goal or action."""
-        history = self._history
-        match record.kind:
             case "goal":
                 cause = history.cause(record)
                 if cause is None or cause.kind != "step":
-                    self._begin(record, "goals", record.what)
-            case "achieved":
-                self._close(record.cause, record, "achieved")
-            case "continued":
-                self._close(record.cause, record, "continued")
+                    self._begin(record, "goals", what)
+            case "achieved" | "continued":
+                self._close(record.cause, record, record.kind)
             case "action":
                 step = next((each for each in islice(history.before(record), 3) if each.kind == "step"), None)
-                if step is None and not record.what.startswith("."):
-                    self._begin(record, "actions", record.what)
+                if step is None and not what.startswith("."):
+                    self._begin(record, "actions", what)
                     self._close(record.id, record, "")
             case "progress":
                 self._close(record.cause, record, "", ends=False)
-            case "action_end":
-                self._close(record.cause, record, str(record.detail.get("outcome", "")))
             case "dropped":
                 for each in history.before(record):
                     if each.kind == "goal":
-                        self._close(each.id, record, str(record.detail.get("reason") or "dropped"))
+                        self._close(each.id, record, str(detail.get("reason") or "dropped"))
 
     def _see(self, record: TraceRecord) -> None:
         now = self._history.seconds(record.stamp)
         for person in record.detail.get("persons", ()):
             track = str(person.get("track_id") or "somebody")
-            bar = self._bar(self._there.get(track, ""))
+            bar = self._bar(self._tracks.get(track, ""))
             if bar is None or now - (bar.to_s or 0.0) > AWAY_S:
                 id = f"{track}@{record.id}"
-                self._there[track] = id
+                self._tracks[track] = id
                 self._put(("", "people"), Bar(id, "person", track, now, now))
             else:
                 self._put(("", "people"), replace(bar, to_s=max(now, bar.to_s or 0.0)))
 
     def _begin(self, record: TraceRecord, lane: str, text: str, agent: str | None = None) -> None:
         key = (record.source if agent is None else agent, lane)
-        kind = "speech" if lane == "speech" else "head" if lane == "head" else lane.removesuffix("s")
-        self._put(key, Bar(record.id, kind, text, self._history.seconds(record.stamp)))
+        self._put(key, Bar(record.id, lane.removesuffix("s"), text, self._history.seconds(record.stamp)))
 
     def _close(self, id: str | None, record: TraceRecord, outcome: str, *, ends: bool = True) -> None:
         bar = self._bar(id or "")
@@ -173,12 +157,6 @@ class Timeline:
         if record is not None and key is not None:
             del self._lanes[key][record.id]
             self._changed.pop(record.id, None)
-
-    def _end_last(self, lane: str, record: TraceRecord) -> None:
-        bars = self._lanes.get(("", lane), {})
-        last = next(reversed(bars.values()), None)
-        if last is not None:
-            self._close(last.id, record, last.outcome)
 
     def _open_desire(self, record: TraceRecord) -> str | None:
         bars = self._lanes.get((record.source, "desires"), {})
@@ -200,5 +178,6 @@ class Timeline:
 def timeline_of(history: History, wording: Wording | None = None) -> Timeline:
     """Return the timeline of a history."""
     timeline = Timeline(history, wording)
-    timeline.take_all(history)
+    for record in history:
+        timeline.take(record)
     return timeline

@@ -14,7 +14,6 @@ NEAR = (0.8, 0.8, 0.05)
 T = TypeVar("T")
 
 Moment = tuple[float, ...]
-"""Time (s) and the values from that time on."""
 
 
 def add(track: list[tuple[int, T]], stamp: int, what: T) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import groupby, islice
 from typing import Literal
@@ -11,7 +12,7 @@ import msgspec
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import History
-from socialbot.runs.narration import Narrator, Wording, plan_name, plan_of
+from socialbot.runs.narration import Narrator, Wording, plan_name, plan_of, rejected_plans
 
 SILENT = {"plan", "planning", "asked"}
 """Kinds of records that repeat the records around them."""
@@ -21,7 +22,7 @@ ACTED = {"goal", *DEEDS}
 
 MOST_LINKS = 500
 MOST_EFFECTS = 100
-LEFT_OUT = f"of what came before, which is left out after {MOST_LINKS} links"
+LEFT_OUT = f"of earlier causes, which are left out after {MOST_LINKS} links"
 
 
 class Reason(msgspec.Struct, frozen=True):
@@ -71,57 +72,55 @@ class Explanation(msgspec.Struct, frozen=True):
         """Return the chain as a sentence, one line per link; of consecutive earlier actions only the last."""
         lines = [f"At {self.chain[0].at_s:.2f} s {self.chain[0].sentence}"]
         for link, reasons in groupby(self.chain[1:], key=lambda reason: reason.link):
-            told = [f"  {link} {reason.sentence}" for reason in reasons]
-            if link == "after" and len(told) > 1:
-                told = [f"{told[0]} and {len(told) - 1} {'step' if len(told) == 2 else 'steps'} before"]
-            lines += told
+            clauses = [f"  {link} {reason.sentence}" for reason in reasons]
+            if link == "after" and len(clauses) > 1:
+                clauses = [f"{clauses[0]} and {len(clauses) - 1} {'step' if len(clauses) == 2 else 'steps'} before"]
+            lines += clauses
         return ",\n".join(lines) + "."
 
 
 def explain(history: History, wording: Wording, record: TraceRecord) -> Explanation:
     """Return why ``record`` exists."""
-    teller = Narrator(history, wording)
+    narrator = Narrator(wording, history)
     whole = [record, *islice(history.before(record), MOST_LINKS)]
-    told = list(_worth_telling(history, whole))
     chain: list[Reason] = []
-    subject, at = "", record.stamp
-    for number, each in enumerate(told):
-        clause = teller.clause(each, told[number - 1] if number else None)
-        sentence = clause.told(subject)
-        if each.stamp != at and each.kind != "detection":
-            sentence += f" (at {teller.when(each.stamp)})"
-        link = "after" if number and _goes_before(each, told[number - 1]) else "because"
+    subject, effect = "", None
+    for each in _without_repetition(history, whole):
+        clause = narrator.clause(each, effect)
+        sentence = clause.sentence(subject)
+        if effect is not None and each.stamp != effect.stamp and each.kind != "detection":
+            sentence += f" (at {narrator.when(each.stamp)})"
+        is_earlier_action = effect is not None and {each.kind, effect.kind} <= DEEDS and each.source == effect.source
+        link = "after" if is_earlier_action else "because"
         chain.append(Reason(each.id, history.seconds(each.stamp), each.kind, clause.subject, sentence, link))
-        subject, at = clause.subject or subject, each.stamp
+        subject, effect = clause.subject or subject, each
     is_cut = len(whole) > MOST_LINKS and history.cause(whole[-1]) is not None
-    outside = LEFT_OUT if is_cut else teller.outside(whole[-1])
+    outside = LEFT_OUT if is_cut else narrator.external_cause(whole[-1])
     if outside:
         chain.append(Reason("", history.seconds(whole[-1].stamp), "outside", "", outside))
     frame = next((history.seconds(each.stamp) for each in reversed(whole) if each.kind == "detection"), None)
     rejected = tuple(reason for each in whole for reason in _rejected(history, each))
     came = [each for each in history.effects(record) if each.kind not in SILENT]
     effects = tuple(
-        Reason(each.id, history.seconds(each.stamp), each.kind, teller.agent(each), teller.clause(each).told())
+        Reason(each.id, history.seconds(each.stamp), each.kind, narrator.agent(each), narrator.clause(each).sentence())
         for each in came[:MOST_EFFECTS]
     )
     return Explanation(tuple(chain), rejected, effects, frame, is_cut, len(came) - len(effects))
 
 
-def _worth_telling(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:
+def _without_repetition(history: History, chain: Sequence[TraceRecord]) -> Iterator[TraceRecord]:
     """Yield the chain without repetition; a step replaces its goal and action."""
     kept: TraceRecord | None = None
-    place = 0
-    while place < len(chain):
-        record = chain[place]
-        place += 1
+    rest = deque(chain)
+    while rest:
+        record = rest.popleft()
         if kept is not None and (record.kind in SILENT or _says_it(history, kept, record)):
             continue
         if record.kind in ACTED:
-            group = [record]
-            while place < len(chain) and (chain[place].kind in SILENT or _call(chain[place]) == _call(record)):
-                group.append(chain[place])
-                place += 1
-            record = next((each for each in group if each.kind == "step"), record)
+            call = _call(record)
+            while rest and (rest[0].kind in SILENT or _call(rest[0]) == call):
+                other = rest.popleft()
+                record = other if other.kind == "step" and record.kind != "step" else record
         kept = record
         yield record
 
@@ -141,10 +140,6 @@ def _says_it(history: History, kept: TraceRecord, record: TraceRecord) -> bool:
     return False
 
 
-def _goes_before(record: TraceRecord, other: TraceRecord) -> bool:
-    return record.kind in DEEDS and other.kind in DEEDS and record.source == other.source
-
-
 def _call(record: TraceRecord) -> str:
     if record.kind == "step":
         action, *args = record.what.strip("()").split() or [""]
@@ -153,9 +148,7 @@ def _call(record: TraceRecord) -> str:
 
 
 def _rejected(history: History, record: TraceRecord) -> Iterator[Rejected]:
-    found = record.detail.get("rejected")
-    for each in found if isinstance(found, (list, tuple)) else ():
-        plan, because = str(each.get("plan", "")), str(each.get("because", ""))
+    for plan, because in rejected_plans(record):
         yield Rejected(record.id, history.seconds(record.stamp), record.what, plan, because)
 
 
@@ -186,21 +179,16 @@ def _stands_alone(history: History, action: TraceRecord) -> bool:
 
 
 DECIDED = {"desire", "desire_refused", "desire_dropped", "plan_start", "plan_end"}
-"""Kinds of records that are decisions, besides actions."""
 
 
 def decided_at(history: History, stamp: int) -> list[TraceRecord]:
     """Return the last decisions up to ``stamp`` (ns): actions, or else desires and plans."""
-    done = actions(history)
-    taken = {id(record) for record in done}
-    found: list[TraceRecord] = []
-    for record in history.back(history[0].stamp if len(history) else 0, stamp):
-        if found and record.stamp != found[-1].stamp:
-            break
-        if id(record) in taken or record.kind in DECIDED:
-            found.append(record)
-    acts = [record for record in found if id(record) in taken]
-    return list(reversed(acts or found))
+    taken = {id(record) for record in actions(history)}
+    back = history.back(history[0].stamp if len(history) else 0, stamp)
+    decisions = (record for record in back if id(record) in taken or record.kind in DECIDED)
+    _, last = next(groupby(decisions, key=lambda record: record.stamp), (0, ()))
+    found = list(last)
+    return [record for record in found if id(record) in taken][::-1] or found[::-1]
 
 
 # Rejected plans

@@ -1,4 +1,4 @@
-"""Operating-system processes: start, stop, and restart policy."""
+"""Processes of a graph: arguments, logs, start, stop, and restart policy."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ from pathlib import Path
 from typing import Protocol
 
 from socialbot.bridge import environment
+from socialbot.bridge.process import CHANNEL_VARIABLE
+from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.process import ENDING_SIGNALS
-from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
+from socialbot.graph.files import dump_graph
+from socialbot.graph.node import Graph
 
-GRACE_S = 8.0
-"""Time between SIGINT and SIGKILL."""
+GRACE_S = 8.0  # time between SIGINT and SIGKILL
+ASKED_AGAIN_S = 3.0  # time between the first and the second SIGINT
 
-ASKED_AGAIN_S = 3.0
-"""Time between the first and the second SIGINT."""
+
+LOG_TAIL_LINES = 8
+DOCUMENTED = frozenset({3, 4, 5, 7})  # exit codes with a documented meaning; any other failure of a node is 6
 
 
 class Process(Protocol):
@@ -49,15 +53,15 @@ def environment_of(log_folder: Path) -> dict[str, str]:
 
 
 def start_process(
-    arguments: list[str], log: Path, *, variables: Mapping[str, str] | None = None, lifeline: int | None = None
+    arguments: list[str], log: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
 ) -> subprocess.Popen[bytes]:
     """Start ``socialbot *arguments`` as a process that ends with this one.
 
-    ``variables`` extend the environment; ``lifeline`` is the file descriptor of the supervisor channel.
+    ``variables`` extend the environment; ``channel`` is the file descriptor of the supervisor channel.
     """
-    inherited = {**environment_of(log.parent), **(variables or {})}
-    if lifeline is not None:
-        inherited[CHANNEL_VARIABLE] = str(lifeline)
+    inherited = {**environment_of(log.parent), **variables}
+    if channel is not None:
+        inherited[CHANNEL_VARIABLE] = str(channel)
     with log.open("ab") as output, blocked_signals():
         return subprocess.Popen(
             [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
@@ -66,7 +70,7 @@ def start_process(
             stdout=output,
             stderr=output,
             start_new_session=True,
-            pass_fds=() if lifeline is None else (lifeline,),
+            pass_fds=() if channel is None else (channel,),
         )
 
 
@@ -105,6 +109,40 @@ def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
 def how_it_ended(code: int) -> str:
     """Describe an exit code."""
     return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+def write_graph(graph: Graph, folder: Path) -> Path:
+    """Write ``graph`` to ``folder``; return the file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "graph.yaml"
+    file.write_text(dump_graph(graph), encoding="utf-8")
+    return file
+
+
+def processes_of(graph: Graph, *, composed: bool) -> dict[str, list[str]]:
+    """The nodes of each process by its name: one process for each node, or a single ``composed`` one."""
+    names = [config.name for config in graph.nodes]
+    return {graph.name: names} if composed else {name: [name] for name in names}
+
+
+def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False) -> list[str]:
+    """The arguments of ``socialbot`` to run ``nodes``."""
+    return ["node", "--graph", str(graph_file), *(["--sim-time"] if sim_time else []), *nodes]
+
+
+def log_file(folder: Path, name: str) -> Path:
+    """The log file of the process ``name``."""
+    return folder / f"{name}.log"
+
+
+def failure(name: str, code: int, log: Path) -> SocialbotError:
+    """Return the error for a failed process, with its exit code and the end of its log."""
+    lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
+    what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
+    error = NodeError(what, where=name, remedy=f"the whole log: {log}")
+    if code in DOCUMENTED:
+        error.exit_code = code
+    return error
 
 
 @dataclass(frozen=True)

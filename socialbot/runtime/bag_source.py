@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from socialbot.bags.playback import InlineStage, PlaybackResult, WorldScript, feeding, play, takes_images
 from socialbot.bags.reader import Bag, open_bag
-from socialbot.bags.topic_mapping import feeding, takes_images
-from socialbot.bags.world_replay import InlineStage, PlaybackResult, WorldScript, play
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, TraceRecord
-from socialbot.core.process import Ending
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
@@ -35,14 +33,9 @@ from socialbot.runtime.run import (
 from socialbot.vision.metrics.scores import Scores, score
 from socialbot.vision.metrics.truth import GroundTruth, load_truth, truth_beside
 
-TAIL_S = 3.0
-"""Simulated time after the last image, for speech to finish."""
-
-DRAIN_S = 0.5
-"""Time for the last messages to arrive from other processes."""
-
-BAG_GRAPH = "graph.yaml"
-"""File name of the graph in the folder of a bag."""
+TAIL_S = 3.0  # simulated time after the last image, for speech to finish
+DRAIN_S = 0.5  # time for the last messages to arrive from other processes
+BAG_GRAPH = "graph.yaml"  # file name of the graph in the folder of a bag
 
 
 def replay(
@@ -158,7 +151,8 @@ class BagSource(RunSource):
         with execution.inline(observed_topics(graph), first[1].stamp) as runner:
             if takes_images(graph):
                 runner.start()
-                runner.run(_until(ending, itertools.chain([first], messages)), tail_s=TAIL_S)
+                unread = itertools.chain([first], messages)
+                runner.run(itertools.takewhile(lambda _: not ending.asked, unread), tail_s=TAIL_S)
             else:
                 script = WorldScript(self.bag, self._feeds, graph)
                 stage = InlineStage(runner, script)
@@ -172,7 +166,10 @@ class BagSource(RunSource):
         with execution.processes(observed_topics(execution.graph)) as (observer, launch):
             execution.await_graph(observer, launch)
             if not ending.asked:
-                player = launch.start("bag_player", self._player_arguments(execution.logs / "graph.yaml", report))
+                arguments = ["bag", "play", str(self.bag.path), "--graph", str(execution.logs / "graph.yaml")]
+                arguments += ["--rate", str(self.rate), "--report", str(report)]
+                arguments += [] if self.image_topic is None else ["--image-topic", self.image_topic]
+                player = launch.start("bag_player", arguments if self.paced else [*arguments, "--no-pace"])
                 while player.poll() is None and not ending.asked:
                     launch.check()
                     time.sleep(0.1)
@@ -183,13 +180,6 @@ class BagSource(RunSource):
             self.bag.skipped.update(played.skipped)
             if not played.sent:
                 raise self._unreadable()
-
-    def _player_arguments(self, graph_file: Path, report: Path) -> list[str]:
-        arguments = ["bag", "play", str(self.bag.path), "--graph", str(graph_file), "--rate", str(self.rate)]
-        arguments += ["--report", str(report)]
-        if self.image_topic is not None:
-            arguments += ["--image-topic", self.image_topic]
-        return arguments if self.paced else [*arguments, "--no-pace"]
 
     def _unreadable(self) -> BagError:
         skipped = self.bag.skipped.items()
@@ -233,10 +223,6 @@ def _compare(bag: Bag, graph: Graph, decisions: list[TraceRecord]) -> DecisionCo
     if not any(record.kind in DECIDED for record in recorded):
         return None
     return compare(recorded, decisions)
-
-
-def _until(ending: Ending, messages: Iterator[tuple[str, Message]]) -> Iterator[tuple[str, Message]]:
-    return itertools.takewhile(lambda _: not ending.asked, messages)
 
 
 def _scores(scores: Scores) -> dict[str, Any]:

@@ -6,11 +6,11 @@ import ipaddress
 import os
 import re
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast, get_args
 
 from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
 from socialbot.core import paths
@@ -48,13 +48,14 @@ def with_crossings(
         home = _home(graph, topic, places)
         if not home or settings.transport == "raw":
             continue
-        takers = {crossed[one.name] for one in graph.placements if _takes(one, topic)}
-        for machine in sorted(takers - {home}):
-            sender, receiver = _pair(topic, machine, settings)
-            placements = [
-                _remapped(one, topic, machine) if crossed[one.name] == machine else one for one in graph.placements
-            ]
-            graph = replace(graph, placements=(*placements, sender, receiver))
+        subscribers = [one for one in graph.nodes if any(topic == name for name, _ in one.subscriptions)]
+        for machine in sorted({crossed[one.name] for one in subscribers} - {home}):
+            arrived, stem = f"{topic}/{machine}", topic.strip("~/").replace("/", "_")
+            link = {"link": f"{arrived}/link", "ack": f"{arrived}/link/ack"}
+            sender = NodeConfig(f"{stem}_to_{machine}", ImageSender, settings.parameters, {"image": topic, **link})
+            receiver = NodeConfig(f"{stem}_at_{machine}", ImageReceiver, {}, {"image": arrived, **link})
+            nodes = [_remapped(one, topic, arrived) if crossed[one.name] == machine else one for one in graph.nodes]
+            graph = replace(graph, nodes=(*nodes, sender, receiver))
             crossed |= {sender.name: home, receiver.name: machine}
     return graph, crossed
 
@@ -64,44 +65,21 @@ def picture_topics(graph: Graph) -> list[str]:
     return sorted(topic for topic, kind in graph.topics().items() if kind is Image)
 
 
-def publishes_pictures(placement: NodeConfig) -> bool:
-    """Whether a node publishes raw images."""
-    return any(port.message_type is Image for _, port in placement.publications)
-
-
-def _takes(placement: NodeConfig, topic: str) -> bool:
-    return any(topic == taken for taken, _ in placement.subscriptions)
-
-
 def _home(graph: Graph, topic: str, places: Mapping[str, str]) -> str:
-    publishers = [one for one in graph.placements if any(topic == said for said, _ in one.publications)]
+    publishers = [one for one in graph.nodes if any(topic == name for name, _ in one.publications)]
     homes = sorted({places[one.name] for one in publishers})
     if len(homes) > 1:
         raise GraphError(
-            f"pictures of {topic} are published on several machines: {', '.join(homes)}",
+            f"images of {topic} are published on several machines: {', '.join(homes)}",
             where=f"nodes.{publishers[-1].name}",
             remedy="move the nodes to one, or remap one of them to another topic",
         )
     return homes[0] if homes else ""
 
 
-def _pair(topic: str, machine: str, pictures: Pictures) -> tuple[NodeConfig, NodeConfig]:
-    stem = topic.strip("~/").replace("/", "_")
-    arrived = _arrived(topic, machine)
-    link = {"link": f"{arrived}/link", "ack": f"{arrived}/link/ack"}
-    return (
-        NodeConfig(f"{stem}_to_{machine}", ImageSender, pictures.parameters, {"image": topic, **link}),
-        NodeConfig(f"{stem}_at_{machine}", ImageReceiver, {}, {"image": arrived, **link}),
-    )
-
-
-def _remapped(placement: NodeConfig, topic: str, machine: str) -> NodeConfig:
-    moved = {port.name: _arrived(topic, machine) for taken, port in placement.subscriptions if taken == topic}
-    return replace(placement, remap={**placement.remap, **moved})
-
-
-def _arrived(topic: str, machine: str) -> str:
-    return f"{topic}/{machine}"
+def _remapped(node: NodeConfig, topic: str, new_topic: str) -> NodeConfig:
+    moved = {port.name: new_topic for name, port in node.subscriptions if name == topic}
+    return replace(node, remap={**node.remap, **moved})
 
 
 SERVER_PORT = 11811
@@ -155,12 +133,11 @@ class Deployment:
         """The nodes of one machine. Raises GraphError if it is unknown."""
         self.address(machine)
         graph, places = self._crossed
-        return tuple(placement for placement in graph.placements if places[placement.name] == machine)
+        return tuple(config for config in graph.nodes if places[config.name] == machine)
 
     def address(self, machine: str) -> str:
         """The address of a machine. Raises GraphError if it is unknown."""
-        if machine not in self.machines:
-            raise GraphError(f"no machine {machine!r}", where="machines", remedy=suggestion(machine, self.machines))
+        self._check_machine(machine, "machines")
         return self.machines[machine]
 
     def across(self, machine: str) -> Across | None:
@@ -174,7 +151,7 @@ class Deployment:
 
     def raw_pictures(self, node: str) -> bool:
         """Whether the node publishes raw images, whose messages need large datagrams."""
-        return publishes_pictures(self.graph.placement(node))
+        return any(port.message_type is Image for _, port in self.graph.node(node).publications)
 
     def this_machine(self) -> str:
         """The name of this machine, by its address. Raises GraphError unless exactly one matches."""
@@ -191,52 +168,47 @@ class Deployment:
 
     def _check_machines(self) -> None:
         if not self.machines:
-            raise GraphError("there is no machine", where="machines", remedy="name one: laptop: {address: 127.0.0.1}")
+            raise GraphError("no machines", where="machines", remedy="name one: laptop: {address: 127.0.0.1}")
         for name, address in self.machines.items():
             where = f"machines.{name}"
             if not NODE_NAME.fullmatch(name):
-                raise GraphError(f"no name for a machine: {name!r}", where=where, remedy="use letters, digits and _")
-            if not is_address(address):
                 raise GraphError(
-                    f"no address: {address!r}", where=where, remedy="give an IPv4 address, or the name of a host"
+                    f"{name!r} is not a valid machine name", where=where, remedy="use letters, digits and _"
                 )
+            if not is_address(address):
+                remedy = "give an IPv4 address, or a host name"
+                raise GraphError(f"{address!r} is not a valid address", where=where, remedy=remedy)
             if list(self.machines.values()).count(address) > 1:
                 raise GraphError(f"two machines have the address {address}", where=where, remedy="correct one of them")
         if not 0 <= self.domain <= HIGHEST_DOMAIN:
-            raise GraphError(
-                f"no ROS domain: {self.domain}", where="domain", remedy=f"give a number from 0 to {HIGHEST_DOMAIN}"
-            )
-        if self.server is not None and self.server.machine not in self.machines:
-            raise GraphError(
-                f"no machine {self.server.machine!r}",
-                where="discovery.server",
-                remedy=suggestion(self.server.machine, self.machines),
-            )
+            remedy = f"give a number from 0 to {HIGHEST_DOMAIN}"
+            raise GraphError(f"{self.domain} is not a ROS domain", where="domain", remedy=remedy)
+        if self.server is not None:
+            self._check_machine(self.server.machine, "discovery.server")
+
+    def _check_machine(self, machine: str, where: str) -> None:
+        _check_known(f"no machine {machine!r}", machine, self.machines, where)
 
     def _check_places(self) -> None:
-        nodes = [placement.name for placement in self.written.placements]
+        nodes = [config.name for config in self.written.nodes]
         for node, machine in self.places.items():
-            where = f"nodes.{node}"
-            if node not in nodes:
-                raise GraphError(
-                    f"{self.written.name} has no node {node!r}", where=where, remedy=suggestion(node, nodes)
-                )
-            if machine not in self.machines:
-                raise GraphError(f"no machine {machine!r}", where=where, remedy=suggestion(machine, self.machines))
+            _check_known(f"{self.written.name} has no node {node!r}", node, nodes, f"nodes.{node}")
+            self._check_machine(machine, f"nodes.{node}")
         if missing := [node for node in nodes if node not in self.places]:
-            raise GraphError(
-                f"nothing says where these run: {', '.join(missing)}",
-                where="nodes",
-                remedy=f"add {missing[0]}: {next(iter(self.machines))}",
-            )
+            remedy = f"add {missing[0]}: {next(iter(self.machines))}"
+            raise GraphError(f"nodes without a machine: {', '.join(missing)}", where="nodes", remedy=remedy)
 
     def _check_pictures(self) -> None:
-        topics = picture_topics(self.written)
         for topic, pictures in self.pictures.items():
             where = f"pictures.{topic}"
-            if topic not in topics:
-                raise GraphError(f"no topic of pictures: {topic!r}", where=where, remedy=suggestion(topic, topics))
+            _check_known(f"{topic!r} is not an image topic", topic, picture_topics(self.written), where)
             check_parameters(ImageSender, pictures.parameters, where=where)
+
+
+def _check_known(what: str, name: str, known: Iterable[str], where: str) -> None:
+    """Raise GraphError with ``what`` and a suggestion, unless ``name`` is ``known``."""
+    if name not in known:
+        raise GraphError(what, where=where, remedy=suggestion(name, known))
 
 
 def is_address(text: str) -> bool:
@@ -260,8 +232,7 @@ def is_own(address: str) -> bool:
     return True
 
 
-KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "minds", "parameters")
-TRANSPORTS = ("jpeg", "raw")
+_KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "minds", "parameters")
 
 
 def is_deployment(name: str) -> bool:
@@ -289,23 +260,23 @@ def load_deployment(path: Path) -> Deployment:
 def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
     """Parse a deployment from YAML. Errors name the source ``where``; relative paths start at ``folder``."""
     root = read_page(text, where=where)
-    root.only(*KEYS)
+    root.only(*_KEYS)
     graph = _graph(root, folder)
     try:
         return Deployment(
             written=graph,
-            machines=_machines(root.section("machines")),
-            places=_texts(root.section("nodes")),
+            machines={name: _only(section, "address") for name, section in _sections(root.section("machines"))},
+            places={str(node): root.section("nodes").text(node) for node in root.section("nodes").page},
             domain=root.whole("domain", 0, minimum=0, maximum=HIGHEST_DOMAIN),
             server=_server(root),
             pictures=_pictures(root.section("pictures", {})),
             restart=_restart(root.section("restart", {})),
-            keys=_keys(root, folder),
+            keys=folder / _only(root.section("security"), "keys") if "security" in root.page else None,
             minds=folder / root.text("minds") if "minds" in root.page else None,
         )
     except (GraphError, ParameterError) as error:
         first, _, rest = (error.where or "").partition(".")
-        if first not in KEYS:
+        if first not in _KEYS:
             raise
         name, _, setting = rest.rpartition(".")
         place = root.line(first, name, setting) if name else root.line(first, rest)
@@ -323,60 +294,50 @@ def _graph(root: YamlSection, folder: Path) -> Graph:
             f"no graph {name!r}", where=root.line("graph"), remedy=suggestion(name, graph_names())
         ) from error
     section = root.section("parameters", {})
-    parameters = {str(node): {str(k): plain(v) for k, v in section.section(node).page.items()} for node in section.page}
-    names = [placement.name for placement in graph.placements]
+    parameters = {node: {str(k): plain(v) for k, v in each.page.items()} for node, each in _sections(section)}
     for node, values in parameters.items():
-        if node not in names:
-            raise GraphError(f"no node {node!r}", where=section.line(node), remedy=suggestion(node, names))
+        names = [config.name for config in graph.nodes]
+        _check_known(f"no node {node!r}", node, names, section.line(node))
         for name, value in values.items():
-            check_parameters(graph.placement(node).type, {name: value}, where=section.line(node, name))
+            check_parameters(graph.node(node).type, {name: value}, where=section.line(node, name))
     return graph.with_parameters(parameters)
 
 
-def _machines(section: YamlSection) -> dict[str, str]:
-    machines = {}
-    for name in section.page:
-        machine = section.section(name)
-        machine.only("address")
-        machines[str(name)] = machine.text("address")
-    return machines
+def _sections(section: YamlSection) -> Iterator[tuple[str, YamlSection]]:
+    return ((str(name), section.section(name)) for name in section.page)
 
 
-def _texts(section: YamlSection) -> dict[str, str]:
-    return {str(key): section.text(key) for key in section.page}
+def _only(section: YamlSection, key: str) -> str:
+    """The text of ``key``, the only key of ``section``."""
+    section.only(key)
+    return section.text(key)
 
 
 def _server(root: YamlSection) -> Server | None:
     if root.page.get("discovery", "peers") == "peers":
         return None
     if isinstance(root.page["discovery"], str):
-        raise GraphError(
-            f"no kind of discovery: {root.text('discovery')!r}",
-            where=root.line("discovery"),
-            remedy="peers, or {server: MACHINE}",
-        )
+        what = f"unknown kind of discovery: {root.text('discovery')!r}"
+        raise GraphError(what, where=root.line("discovery"), remedy="write peers, or {server: MACHINE}")
     section = root.section("discovery")
-    section.only("server")
-    machine, colon, port = section.text("server").partition(":")
-    if colon and not (port.isascii() and port.isdigit() and len(port) < 6 and 0 < int(port) < 65536):
-        raise GraphError(
-            f"no port: {port!r}", where=section.line("server"), remedy=f"write MACHINE or MACHINE:{SERVER_PORT}"
-        )
+    machine, colon, port = _only(section, "server").partition(":")
+    if colon and not (re.fullmatch("[0-9]{1,5}", port) and 0 < int(port) < 65536):
+        remedy = f"write MACHINE or MACHINE:{SERVER_PORT}"
+        raise GraphError(f"{port!r} is not a port", where=section.line("server"), remedy=remedy)
     return Server(machine, int(port) if colon else SERVER_PORT)
 
 
 def _pictures(section: YamlSection) -> dict[str, Pictures]:
     pictures = {}
-    for topic in section.page:
-        one = section.section(topic)
+    for topic, one in _sections(section):
         one.only("transport", "quality", "least_quality", "rate_hz")
         transport = one.text("transport", "jpeg")
-        if transport not in TRANSPORTS:
-            raise GraphError(
-                f"no transport: {transport!r}", where=one.line("transport"), remedy=f"one of {', '.join(TRANSPORTS)}"
-            )
+        known = get_args(Transport)
+        if transport not in known:
+            what, remedy = f"unknown transport {transport!r}", f"write one of {', '.join(known)}"
+            raise GraphError(what, where=one.line("transport"), remedy=remedy)
         parameters = {str(name): plain(value) for name, value in one.page.items() if name != "transport"}
-        pictures[str(topic)] = Pictures("raw" if transport == "raw" else "jpeg", parameters)
+        pictures[topic] = Pictures(cast("Transport", transport), parameters)
     return pictures
 
 
@@ -390,11 +351,3 @@ def _restart(section: YamlSection) -> RestartPolicy:
         if name.endswith("_s")
     }
     return RestartPolicy(times=section.whole("times", usual.times, minimum=0, maximum=10**6), **seconds)
-
-
-def _keys(root: YamlSection, folder: Path) -> Path | None:
-    if "security" not in root.page:
-        return None
-    section = root.section("security")
-    section.only("keys")
-    return folder / section.text("keys")

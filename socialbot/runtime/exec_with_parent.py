@@ -1,6 +1,6 @@
 """Run a program that ends with its parent process.
 
-``python -I -S exec_with_parent.py PARENT COMMAND...`` asks the Linux kernel to kill it when the process PARENT dies,
+``python -I -S exec_with_parent.py PARENT COMMAND...`` asks the Linux kernel to kill it when the process PARENT ends,
 and executes COMMAND. It is a separate script, because a process with threads cannot safely run code between fork and
 exec.
 """

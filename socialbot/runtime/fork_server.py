@@ -22,23 +22,19 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
+from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.graph.node import Graph
 from socialbot.runtime._processes import Process, blocked_signals, environment_of, start_process, until_parent_ends
-from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
 
 log = logging.getLogger("socialbot.fork_server")
 
-ANSWER_S = 30.0
-"""Time limit for the imports of the server, and for a fork."""
-
-MAX_SERVERS = 3
-"""Maximum number of server starts; later processes start without a server."""
-
+ANSWER_S = 30.0  # time limit for the imports of the server, and for a fork
+MAX_SERVERS = 3  # maximum number of server starts; later processes start without a server
 POLL_S = 0.005
 MAX_ANSWER_BYTES = 64
 MAX_REQUEST_BYTES = 2**17
@@ -48,8 +44,7 @@ PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
 
 
-@dataclass(frozen=True)
-class ForkRequest:
+class ForkRequest(NamedTuple):
     """Request to fork ``socialbot *arguments`` with a process ``name`` and additional environment ``variables``.
 
     The file descriptors of the log and of any supervisor channel are attached.
@@ -57,7 +52,7 @@ class ForkRequest:
 
     name: str
     arguments: list[str]
-    variables: dict[str, str] = field(default_factory=dict)
+    variables: dict[str, str]
 
 
 class ForkedProcess:
@@ -100,7 +95,7 @@ class ForkServer:
 
     def __init__(self, graph: Graph, folder: Path) -> None:
         # Modules of users may have side effects on import, such as threads.
-        modules = {config.type.__module__ for config in graph.placements}
+        modules = {config.type.__module__ for config in graph.nodes}
         self._modules = sorted(module for module in modules if module.startswith("socialbot."))
         self._folder = folder
         self._servers_left = MAX_SERVERS if sys.platform == "linux" else 0
@@ -126,19 +121,14 @@ class ForkServer:
             )
 
     def start(
-        self,
-        arguments: list[str],
-        log: Path,
-        *,
-        variables: Mapping[str, str] | None = None,
-        lifeline: int | None = None,
+        self, arguments: list[str], log: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
     ) -> Process:
         """Start ``socialbot *arguments`` as `start_process` does."""
         self.prepare()
-        pid = self._request(arguments, log, variables or {}, lifeline)
-        return (
-            start_process(arguments, log, variables=variables, lifeline=lifeline) if pid is None else ForkedProcess(pid)
-        )
+        pid = self._request(arguments, log, variables, channel)
+        if pid is not None:
+            return ForkedProcess(pid)
+        return start_process(arguments, log, variables=variables, channel=channel)
 
     @property
     def server_pid(self) -> int | None:
@@ -154,14 +144,14 @@ class ForkServer:
         self._server = self._socket = None
 
     def _request(
-        self, arguments: list[str], file: Path, variables: Mapping[str, str], lifeline: int | None
+        self, arguments: list[str], file: Path, variables: Mapping[str, str], channel: int | None
     ) -> int | None:
         """Return the process id of a fork; None without a working server."""
         if self._socket is None:
             return None
         request = msgspec.json.encode(ForkRequest(file.stem, until_parent_ends(arguments), dict(variables)))
         with file.open("ab") as output:
-            files = [output.fileno(), *([] if lifeline is None else [lifeline])]
+            files = [output.fileno(), *([] if channel is None else [channel])]
             try:
                 with _adopting_orphans():
                     socket.send_fds(self._socket, [request], files)
@@ -178,16 +168,13 @@ class ForkServer:
 @contextmanager
 def _adopting_orphans() -> Iterator[None]:
     """Make orphaned descendants children of this process. Raises OSError if the kernel refuses."""
-    _set_subreaper(True)
+    prctl = ctypes.CDLL(None, use_errno=True).prctl
+    if prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), "cannot adopt orphans")
     try:
         yield
     finally:
-        _set_subreaper(False)
-
-
-def _set_subreaper(wanted: bool) -> None:
-    if ctypes.CDLL(None, use_errno=True).prctl(PR_SET_CHILD_SUBREAPER, int(wanted), 0, 0, 0):
-        raise OSError(ctypes.get_errno(), "cannot adopt orphans")
+        prctl(PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
 
 
 def main() -> None:

@@ -1,26 +1,42 @@
-"""Launch a graph in separate processes.
-
-A crashed process ends them all, as a replay requires; `socialbot.runtime._supervisor` restarts it instead.
-"""
+"""Launch the processes of a graph; supervise their activation, restarts, logs, and the diagnostics of dead nodes."""
 
 from __future__ import annotations
 
+import logging
+import math
+import select
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.core.errors import NodeError, SocialbotError
-from socialbot.graph.files import dump_graph
+from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher
+from socialbot.bridge.environment import remove_stale
+from socialbot.bridge.process import SupervisorChannel, channel_pair
+from socialbot.core.bounded_log import Rotation
+from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
-from socialbot.runtime._processes import Process, end_processes, how_it_ended
+from socialbot.runtime._processes import (
+    DOCUMENTED,
+    Process,
+    RestartBackoff,
+    RestartPolicy,
+    end_processes,
+    failure,
+    how_it_ended,
+    in_time,
+    log_file,
+    node_arguments,
+    processes_of,
+    write_graph,
+)
 from socialbot.runtime.fork_server import ForkServer
-
-LOG_TAIL_LINES = 8
-DOCUMENTED = frozenset({3, 4, 5, 7})
-"""Exit codes with a documented meaning; any other failure of a node is 6."""
 
 
 class Launch:
-    """Processes of one graph, as a context manager that ends them all.
+    """Processes of one graph, as a context manager that ends them all. A replay requires every one of them.
 
     ``folder`` receives the graph (graph.yaml) and a log of each process.
     """
@@ -70,35 +86,335 @@ class Launch:
         return {name: process.pid for name, process in self._processes.items()}
 
 
-def write_graph(graph: Graph, folder: Path) -> Path:
-    """Write ``graph`` to ``folder``; return the file."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "graph.yaml"
-    file.write_text(dump_graph(graph), encoding="utf-8")
-    return file
+CONFIGURED_S = 10.0  # time limit for all nodes to be configured; then the configured ones start
+ACTIVE_S = 1.0  # time limit for a node to become active before the next one is activated
 
 
-def processes_of(graph: Graph, *, composed: bool) -> dict[str, list[str]]:
-    """The nodes of each process by its name: one process for each node, or a single ``composed`` one."""
-    names = [placement.name for placement in graph.placements]
-    return {graph.name: names} if composed else {name: [name] for name in names}
+def sinks_first(graph: Graph) -> list[str]:
+    """Return the names of the nodes, subscribers before publishers as far as possible."""
+    subscribers = {
+        config.name: {
+            other.name
+            for other in graph.nodes
+            if other is not config
+            and {topic for topic, _ in other.subscriptions} & {topic for topic, _ in config.publications}
+        }
+        for config in graph.nodes
+    }
+    left = list(reversed(subscribers))
+    order: list[str] = []
+    while left:
+        # In a cycle of subscriptions, take the node with the fewest remaining subscribers.
+        name = min(left, key=lambda name: len(subscribers[name].intersection(left)))
+        left.remove(name)
+        order.append(name)
+    return order
 
 
-def node_arguments(graph_file: Path, nodes: list[str], *, sim_time: bool = False) -> list[str]:
-    """The arguments of ``socialbot`` to run ``nodes``."""
-    return ["node", "--graph", str(graph_file), *(["--sim-time"] if sim_time else []), *nodes]
+class BringUp:
+    """Bring-up sequence: calls ``activate`` for the nodes in ``order``, one after the other. Times are in s."""
+
+    def __init__(self, order: Collection[str], activate: Callable[[str], None], now: float) -> None:
+        self._waiting = list(order)
+        self._activate = activate
+        self._begun = now
+        self._asked = ""
+        self._asked_at = now
+
+    def look(self, inactive: Collection[str], dead: Collection[str], now: float) -> None:
+        """Activate further nodes if possible. ``inactive`` nodes are configured, ``dead`` ones are skipped."""
+        self._waiting = [name for name in self._waiting if name not in dead]
+        if not self._asked and set(self._waiting) - set(inactive) and now < self._begun + CONFIGURED_S:
+            return
+        while self._waiting and not self._is_busy(inactive, dead, now):
+            name = self._asked = self._waiting.pop(0)
+            self._asked_at = now
+            self._activate(name)
+
+    @property
+    def done(self) -> bool:
+        return not self._waiting
+
+    def _is_busy(self, inactive: Collection[str], dead: Collection[str], now: float) -> bool:
+        name = self._asked
+        return name in inactive and name not in dead and now < self._asked_at + ACTIVE_S
 
 
-def log_file(folder: Path, name: str) -> Path:
-    """The log file of the process ``name``."""
-    return folder / f"{name}.log"
+log = logging.getLogger("socialbot.supervisor")
+
+ACTIVE, INACTIVE = "active", "inactive"  # reported node states: running, and configured
+ROTATE_EVERY_S = 5.0
+
+ABSENT_S = 1.0  # polls later than this are treated as a system suspend, which nodes share
+Variables = Callable[[Collection[str]], Mapping[str, str]]
+"""Function that returns environment variables for a process with these nodes."""
 
 
-def failure(name: str, code: int, log: Path) -> SocialbotError:
-    """Return the error for a failed process, with its exit code and the end of its log."""
-    lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
-    what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
-    error = NodeError(what, where=name, remedy=f"the whole log: {log}")
-    if code in DOCUMENTED:
-        error.exit_code = code
-    return error
+@dataclass(eq=False)
+class Member:
+    """Supervised process: its nodes, their last reports with times (s), and its restarts."""
+
+    name: str
+    nodes: list[str]
+    backoff: RestartBackoff
+    process: Process | None = None
+    channel: SupervisorChannel | None = None
+    states: dict[str, str] = field(default_factory=dict)
+    reported_at: dict[str, float] = field(default_factory=dict)
+    restarts: int = 0
+    was_well: bool = False
+    is_down: bool = False
+    is_given_up: bool = False
+    hung: str = ""
+    started: float = 0.0
+    due: float | None = None
+    last_error: str = ""
+
+    @property
+    def state(self) -> str:
+        """One of ``starting``, ``active``, ``waiting`` (for a restart), ``ended`` (by itself) and ``given up``."""
+        if self.process is not None:
+            well = all(self.states.get(node) == ACTIVE for node in self.nodes)
+            return ACTIVE if well else "starting"
+        if self.due is not None:
+            return "waiting"
+        return "given up" if self.is_given_up else "ended"
+
+
+class Supervisor:
+    """Supervisor of the processes of one graph; restarts crashed ones. Leaving the context ends them all.
+
+    ``folder`` receives the graph file and logs. ``well`` are the names of processes that ran in an earlier supervisor,
+    so this is no first start.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        folder: Path,
+        *,
+        composed: bool = False,
+        policy: RestartPolicy | None = None,
+        nodes: Collection[str] | None = None,
+        variables: Variables = lambda nodes: {},
+        well: Collection[str] = (),
+    ) -> None:
+        self._graph = graph
+        self._folder = folder
+        self._policy = policy or RestartPolicy()
+        self._rotation = Rotation()
+        self._rotate_at = 0.0
+        self._attended = math.inf
+        self._fork_server = ForkServer(graph, folder)
+        self._variables = variables
+        self._file = folder / "graph.yaml"
+        self._bring_up = BringUp((), self._activate, 0.0)
+        own = {config.name for config in graph.nodes} if nodes is None else set(nodes)
+        self.members = {
+            name: Member(name, nodes, RestartBackoff(self._policy), was_well=name in well)
+            for name, nodes in processes_of(graph, composed=composed).items()
+            if own.issuperset(nodes)
+        }
+
+    def __enter__(self) -> Supervisor:
+        environment.require_ros()
+        remove_stale()
+        self._file = write_graph(self._graph, self._folder)
+        own = {node for member in self.members.values() for node in member.nodes}
+        order = [node for node in sinks_first(self._graph) if node in own]
+        self._bring_up = BringUp(order, self._activate, time.monotonic())
+        try:
+            for member in self.members.values():
+                self._start(member)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def attend(self, timeout_s: float) -> None:
+        """Handle all events once; wait at most ``timeout_s`` for the next one. Call it continuously.
+
+        Raises NodeError when every process is given up, and any documented error of a first start, which would recur.
+        """
+        self._listen(timeout_s)
+        now = time.monotonic()
+        self._discount_suspend(now - self._attended - timeout_s, now)
+        self._attended = now
+        if not self._bring_up.done:
+            self._go_on_bringing_up(now)
+        if now >= self._rotate_at:
+            self._rotate_at = now + ROTATE_EVERY_S
+            self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
+        for member in self.members.values():
+            if member.process is not None:
+                code = member.process.poll()
+                if code is not None:
+                    self._on_exit(member, code, now)
+                elif not member.hung and (hung := self._hung(member, now)):
+                    member.hung = hung
+                    member.process.kill()
+            elif member.due is not None and now >= member.due:
+                self._start(member)
+        if self.members and all(member.state == "given up" for member in self.members.values()):
+            raise NodeError(
+                "all processes have crashed too often",
+                where=self._graph.name,
+                remedy=f"their logs are in {self._folder}",
+            )
+
+    def renew(self, begin: float, end: float) -> None:
+        """Restart the processes started between two times (monotonic s), without counting a crash."""
+        renewed = [one for one in self.members.values() if one.process is not None and begin <= one.started <= end]
+        for member in renewed:
+            log.warning("%s is started again, because a service came up after it", member.name)
+        end_processes({one.name: one.process for one in renewed if one.process is not None})
+        for member in renewed:
+            self._part(member)
+            member.due, member.is_down = time.monotonic(), True
+            member.restarts += 1
+
+    def stop(self) -> None:
+        self._fork_server.close()
+        end_processes({name: one.process for name, one in self.members.items() if one.process is not None})
+        for member in self.members.values():
+            self._part(member)
+            member.due = None
+
+    @property
+    def well(self) -> frozenset[str]:
+        """Names of the processes that have become active."""
+        return frozenset(member.name for member in self.members.values() if member.was_well)
+
+    @property
+    def pids(self) -> dict[str, int]:
+        return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
+
+    def _start(self, member: Member) -> None:
+        channel, theirs = channel_pair()
+        with theirs:
+            member.process = self._fork_server.start(
+                node_arguments(self._file, member.nodes),
+                log_file(self._folder, member.name),
+                variables={
+                    RESTARTS_VARIABLE: str(member.restarts),
+                    LAST_ERROR_VARIABLE: member.last_error,
+                    **self._variables(member.nodes),
+                },
+                channel=theirs.fileno(),
+            )
+        now = time.monotonic()
+        member.channel, member.due, member.hung = channel, None, ""
+        member.started = now
+        member.states.clear()
+        member.reported_at = dict.fromkeys(member.nodes, now)
+        member.backoff.started(now)
+
+    def _listen(self, timeout_s: float) -> None:
+        channels = {
+            one.channel: one for one in self.members.values() if one.channel is not None and not one.channel.broken
+        }
+        due = [one.due - time.monotonic() for one in self.members.values() if one.due is not None]
+        wait_s = max(0.0, min([timeout_s, *due]))
+        if not channels:
+            time.sleep(wait_s)
+            return
+        for channel in select.select(list(channels), [], [], wait_s)[0]:
+            for node, state in channel.receive():
+                self._note(channels[channel], node, state)
+
+    def _go_on_bringing_up(self, now: float) -> None:
+        members = self.members.values()
+        inactive = [node for one in members for node, state in one.states.items() if state == INACTIVE]
+        dead = [node for one in members if one.process is None for node in one.nodes]
+        self._bring_up.look(inactive, dead, now)
+
+    def _activate(self, node: str) -> None:
+        for member in self.members.values():
+            if node in member.nodes and member.channel is not None:
+                member.channel.send(node, ACTIVE)
+
+    def _note(self, member: Member, node: str, state: str) -> None:
+        if state == INACTIVE and member.restarts and node not in member.states:
+            self._activate(node)
+        member.reported_at[node] = time.monotonic()
+        member.states[node] = state
+        if member.state == ACTIVE and (member.is_down or not member.was_well):
+            if member.is_down:
+                log.warning("%s is back", member.name)
+            member.was_well, member.is_down = True, False
+
+    def _discount_suspend(self, absent_s: float, now: float) -> None:
+        """Exclude the time of a suspend from timeouts."""
+        if absent_s > ABSENT_S:
+            for member in self.members.values():
+                member.reported_at = {node: min(now, time + absent_s) for node, time in member.reported_at.items()}
+
+    def _hung(self, member: Member, now: float) -> str:
+        """Return a node whose reports have timed out, if any."""
+        for node, reported_at in member.reported_at.items():
+            limit_s = self._policy.hung_s if member.states.get(node) == ACTIVE else self._policy.ready_s
+            if now - reported_at > limit_s:
+                return node
+        return ""
+
+    def _on_exit(self, member: Member, code: int, now: float) -> None:
+        self._part(member)
+        remove_stale()
+        file = log_file(self._folder, member.name)
+        if code == 0:
+            log.warning("%s has ended", member.name)
+            return
+        if code in DOCUMENTED and not member.was_well:
+            raise failure(member.name, code, file)
+        what = f"hung ({member.hung} sent no report)" if member.hung else how_it_ended(code)
+        member.last_error, member.is_down = what, True
+        pause_s = member.backoff.crashed(now)
+        if pause_s is None:
+            member.is_given_up = True
+            log.error(
+                "%s is given up: it has crashed more than %d times in %g s; at last it %s; its log: %s",
+                *(member.name, self._policy.times, self._policy.within_s, what, file),
+            )
+            return
+        member.due = now + pause_s
+        member.restarts += 1
+        log.warning("%s %s; started again %s (no. %d)", member.name, what, in_time(pause_s), member.restarts)
+
+    @staticmethod
+    def _part(member: Member) -> None:
+        member.process = None
+        if member.channel is not None:
+            member.channel.close()
+            member.channel = None
+
+
+EVERY_S = 1.0
+
+
+class DeadNodeDiagnostics:
+    """Publisher of the status of nodes without a process, by the rclpy node ``ros``: on change and every second."""
+
+    def __init__(self, ros: Any, supervisor: Supervisor) -> None:
+        self._supervisor = supervisor
+        self._publisher = DiagnosticsPublisher(ros)
+        self._states: dict[str, str] = {}
+        self._published_at = 0.0
+
+    def publish(self) -> None:
+        dead = [one for one in self._supervisor.members.values() if one.process is None]
+        states = {one.name: f"{one.state}: {one.last_error}" for one in dead}
+        now = time.monotonic()
+        if not dead or (states == self._states and now < self._published_at + EVERY_S):
+            self._states = states
+            return
+        self._states, self._published_at = states, now
+        self._publisher.publish_dead(
+            {
+                node: {"state": one.state, "restarts": str(one.restarts), "last_error": one.last_error}
+                for one in dead
+                for node in one.nodes
+            }
+        )

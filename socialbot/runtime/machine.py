@@ -1,137 +1,172 @@
-"""One machine of a deployment: its nodes, its services and its network."""
+"""Run a graph on live sensors under supervision, or the nodes of one machine of a deployment."""
 
 from __future__ import annotations
 
-import ipaddress
 import logging
-import math
 import os
-import socket
-import threading
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import psutil
-
+from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE
 from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.bridge.graph_observer import expect_free_names, observe_graph
+from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
 from socialbot.core import paths
+from socialbot.core.clock import WallClock
+from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Graph
-from socialbot.runtime._discovery_server import DiscoveryServer
+from socialbot.runtime._network import DiscoveryServer, Network
+from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
-from socialbot.runtime.launch import node_arguments, write_graph
-from socialbot.runtime.live_source import LiveSource, RunServices, with_state_files
+from socialbot.runtime.launch import DeadNodeDiagnostics, Supervisor, Variables
+from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics, with_speech_files
+
+ATTEND_S = 0.1
+
+CLOCK_JUMP_S = 0.5  # threshold below which clock changes are not logged
+log = logging.getLogger("socialbot.runtime.live")
 
 
-def enter(deployment: Deployment, machine: str) -> None:
-    """Configure this process for ``machine``: ROS domain, discovery, key and name.
+@dataclass
+class LiveSource(RunSource):
+    """Live sensors as a source, until SIGINT, SIGTERM or ``socialbot down``. Restarts crashed processes.
 
-    Call it before rclpy starts. Raises GraphError for an unknown machine.
+    Attributes:
+        nodes: Names of the nodes to run and observe; None means all.
+        state_folder: Folder of the agents' saved state; by default a new one in the record.
+        policy: Restart policy of processes.
+        variables: Additional environment variables of a process, by its nodes.
+        services: Context of the services beside the graph; entered again after each restart of all processes.
+        missed: Start times (monotonic s) of processes that missed a service, returned once after it came up.
+    """
+
+    nodes: Collection[str] | None = None
+    state_folder: Path | None = None
+    policy: RestartPolicy | None = None
+    variables: Variables = lambda nodes: {}
+    services: Callable[[], AbstractContextManager[object]] = nullcontext
+    missed: Callable[[], tuple[float, float] | None] = lambda: None
+
+    def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
+        return with_state_files(with_speech_files(graph, folder), self.state_folder or folder / "minds")
+
+    def execute(self, execution: Execution) -> None:
+        """Raises what `Supervisor.attend` does."""
+        graph, record, ending = execution.graph, execution.record, execution.ending
+        clock, names = WallClock(), {config.name for config in graph.nodes}
+
+        def note(name: str, values: dict[str, str]) -> None:
+            if name in names:  # other programs may publish on /diagnostics, too
+                record.note_node(clock.now(), name, values)
+
+        watch = ClockWatch(clock)
+        well: frozenset[str] | None = None
+        while not ending.asked:
+            begun = time.monotonic()
+            topics = observed_topics(graph, self.nodes)
+            with self.services(), observe_graph(topics, execution.observe, note, graph.wire) as observer:
+                announcer = RunAnnouncer(observer.ros, graph.name, ending.ask)
+                with run_lock(announcer.run):
+                    if well is None:  # a duplicate that appears later is only logged
+                        expect_free_names(observer.ros, graph, self.nodes)
+                    supervisor = Supervisor(
+                        graph,
+                        execution.logs,
+                        composed=execution.composed,
+                        policy=self.policy,
+                        nodes=self.nodes,
+                        variables=self.variables,
+                        well=well or (),
+                    )
+                    with announcer, supervisor:
+                        diagnostics = DeadNodeDiagnostics(observer.ros, supervisor)
+                        while not (ending.asked or restarted(supervisor, begun, self.missed())):
+                            supervisor.attend(ATTEND_S)
+                            diagnostics.publish()
+                            announcer.announce()
+                            watch.check()
+                        well = supervisor.well
+            if not ending.asked:
+                log.warning("restart everything: a service came up after the start")
+
+
+def restarted(supervisor: Supervisor, begun: float, missed: tuple[float, float] | None) -> bool:
+    """Restart processes that ``missed`` a service; return True if the caller, started at ``begun``, missed it too."""
+    if missed is None:
+        return False
+    begin, end = missed
+    if begin <= begun <= end:
+        return True
+    supervisor.renew(begin, end)
+    return False
+
+
+@dataclass
+class ClockWatch:
+    """Logger of changes of the system clock, which the ``clock`` of the graph does not follow."""
+
+    clock: WallClock
+    logged_s: float = 0.0
+    """Difference of both clocks at the last log line."""
+
+    def check(self) -> None:
+        """Compare the clocks once."""
+        behind_s = self.clock.behind_s
+        if abs(behind_s - self.logged_s) < CLOCK_JUMP_S:
+            return
+        log.warning(
+            "the clock of this computer was set %s by %.1f s; the graph keeps its own time, which is %.1f s %s:"
+            " restart it to use the new time",
+            "forward" if behind_s > self.logged_s else "back",
+            abs(behind_s - self.logged_s),
+            abs(behind_s),
+            "behind" if behind_s > 0 else "ahead",
+        )
+        self.logged_s = behind_s
+
+
+def with_state_files(graph: Graph, folder: Path) -> Graph:
+    """Return ``graph`` with agents that save their state in ``folder``, unless they name a file of their own.
+
+    Raises ParameterError when the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        remedy = "name another folder"
+        raise ParameterError(f"cannot make the folder: {error.strerror}", where=str(folder), remedy=remedy) from error
+    paths.allow(folder)
+    files: dict[str, dict[str, object]] = {}
+    for config in graph.nodes:
+        known = config.type.parameters()
+        for parameter in {"mind_file", "memory_file"} & known.keys() - config.parameters.keys():
+            if not issubclass(config.type, AgentNode) or config.type.keeps_mind:
+                files[config.name] = {parameter: str((folder / f"{config.name}.json").resolve())}
+    return graph.with_parameters(files)
+
+
+def enter(
+    deployment: Deployment,
+    machine: str,
+    variables: MutableMapping[str, str] = os.environ,
+    *,
+    raw_pictures: bool = False,
+) -> None:
+    """Set the ``variables`` of ``machine``: ROS domain, discovery, key and name; see `environment.prepare`.
+
+    For this process, call it before rclpy starts. Raises GraphError for an unknown machine.
     """
     deployment.address(machine)
-    environment.prepare(domain=deployment.domain, across=deployment.across(machine))
-    os.environ[MACHINE_VARIABLE] = machine
+    across = deployment.across(machine)
+    environment.prepare(variables, domain=deployment.domain, across=across, raw_pictures=raw_pictures)
+    variables[MACHINE_VARIABLE] = machine
     if deployment.keys is not None:
-        os.environ[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
-
-
-POLL_S = 0.5
-
-UNCERTAIN_S = 5.0
-"""Startup time in which a process may still miss a network."""
-
-log = logging.getLogger("socialbot.network")
-
-
-class Network:
-    """Monitor of the network of ``address``, in a thread, since name look-ups may block.
-
-    Use it as a context manager. It logs an address that is down at the start.
-    """
-
-    def __init__(self, address: str) -> None:
-        self._address = address
-        self._wanted: frozenset[str] = frozenset()
-        self._missed: tuple[float, float] | None = None
-        self._lock = threading.Lock()
-        self._down = False
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="network", daemon=True)
-
-    def __enter__(self) -> Network:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._closed.set()
-
-    def missed(self) -> tuple[float, float] | None:
-        """Start times (monotonic s) of processes that missed the network, returned once after it came up."""
-        with self._lock:
-            missed, self._missed = self._missed, None
-        return missed
-
-    def _watch(self) -> None:
-        seen = -math.inf
-        self._down = not self._is_up()
-        if self._down:
-            log.warning("%s is down on this machine: other machines are unreachable", self._address)
-        while not self._closed.wait(POLL_S):
-            is_up, now = self._is_up(), time.monotonic()
-            if is_up and self._down:
-                log.warning("%s is up now", self._address)
-                with self._lock:  # join with an interval that nobody has asked for yet
-                    self._missed = (self._missed[0] if self._missed else seen - UNCERTAIN_S, now)
-            if is_up:
-                seen = now
-            self._down = not is_up
-
-    def _is_up(self) -> bool:
-        """Whether this machine has the address and its network is up."""
-        try:
-            own = own_addresses()
-        except OSError as error:  # such as too many open files
-            log.debug("cannot read the addresses of this machine: %s", error)
-            return not self._down
-        if self._wanted.isdisjoint(own):  # the name may resolve to other addresses now
-            self._wanted = addresses_of(self._address) or self._wanted
-        if self._wanted and not beyond(self._wanted):  # its own host name: any network that other machines reach counts
-            return bool(own & self._wanted or beyond(own))
-        return not self._wanted.isdisjoint(own)
-
-
-def addresses_of(name: str) -> frozenset[str]:
-    """Return the IPv4 addresses of ``name``, if any."""
-    try:
-        found = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_DGRAM)
-    except OSError:
-        return frozenset()
-    return frozenset(str(address[0]) for *_, address in found)
-
-
-def own_addresses() -> frozenset[str]:
-    """Return the IPv4 addresses of this machine on active networks."""
-    states = psutil.net_if_stats()
-    return frozenset(
-        each.address
-        for name, addresses in psutil.net_if_addrs().items()
-        for each in addresses
-        if each.family == socket.AF_INET and _is_running(states.get(name.partition(":")[0]))  # eth0:1 is one of eth0
-    )
-
-
-def beyond(addresses: frozenset[str]) -> frozenset[str]:
-    """Return the addresses except loopback; a host name often resolves to 127.0.1.1."""
-    return frozenset(address for address in addresses if not ipaddress.IPv4Address(address).is_loopback)
-
-
-def _is_running(states: Any) -> bool:
-    return states is not None and "running" in states.flags.split(",")
+        variables[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
 
 
 @dataclass(frozen=True)
@@ -141,22 +176,6 @@ class NodeProcess:
     name: str
     arguments: tuple[str, ...]
     variables: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class MachineServices(RunServices):
-    """Services of ``machine``: its network monitor, and the discovery server if assigned to it."""
-
-    deployment: Deployment
-    machine: str
-    logs: Path
-    network: Network
-
-    def running(self) -> AbstractContextManager[object]:
-        return discovery(self.deployment, self.machine, self.logs)
-
-    def missed(self) -> tuple[float, float] | None:
-        return self.network.missed()
 
 
 @contextmanager
@@ -182,7 +201,8 @@ def machine_source(
             state_folder=state_folder or deployment.minds,
             policy=deployment.restart,
             variables=variables,
-            services=MachineServices(deployment, machine, logs, network),
+            services=lambda: discovery(deployment, machine, logs),
+            missed=network.missed,
         )
 
 
@@ -212,7 +232,7 @@ def graph_processes(
             arguments=(*node_arguments(file, [config.name], sim_time=sim_time)[1:], *parent),
             variables=_changed(prepared),
         )
-        for config in graph.placements
+        for config in graph.nodes
     ]
 
 
@@ -228,14 +248,7 @@ def machine_processes(
     for process in graph_processes(graph or deployment.graph, folder, state_folder=deployment.minds):
         if process.name in names:
             prepared = dict(os.environ)
-            environment.prepare(
-                prepared,
-                domain=deployment.domain,
-                across=deployment.across(machine),
-                raw_pictures=deployment.raw_pictures(process.name),
-            )
-            if deployment.keys is not None:
-                prepared[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
+            enter(deployment, machine, prepared, raw_pictures=deployment.raw_pictures(process.name))
             found.append(replace(process, variables={**process.variables, **_changed(prepared)}))
     return found
 

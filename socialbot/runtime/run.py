@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 Runner = Literal["ros", "inline"]
 
-GRAPH_TIMEOUT_S = 60.0
-"""Time limit for the processes of a graph to start and to connect."""
+GRAPH_TIMEOUT_S = 60.0  # time limit for the processes of a graph to start and to connect
 
 
 @dataclass
@@ -139,11 +138,14 @@ class Execution:
         failed = [f"{name} ({code})" for name, code in launch.exit_codes.items() if code]
         if failed and not self.ending.asked:
             raise NodeError(f"did not end well: {', '.join(failed)}", where=str(self.logs))
-        self.result.nodes.update((name, _node_result(values)) for name, values in sorted(statistics.latest.items()))
+        self.result.nodes.update(
+            (name, msgspec.convert(values, NodeResult, strict=False))
+            for name, values in sorted(statistics.latest.items())
+        )
 
     def await_graph(self, observer: GraphObserver, launch: Launch) -> None:
         """Wait until all nodes are connected, or a signal arrives. Raises NodeError after `GRAPH_TIMEOUT_S`."""
-        from socialbot.bridge.graph_observer import await_graph
+        from socialbot.bridge.graph_observer import await_graph, not_connected
 
         def ended() -> bool:
             launch.check()
@@ -152,10 +154,7 @@ class Execution:
         connections = observer.connections(self.graph)
         missing = await_graph(observer.ros, self.graph, connections, timeout_s=GRAPH_TIMEOUT_S, ended=ended)
         if missing and not self.ending.asked:
-            raise NodeError(
-                f"the graph is not connected after {GRAPH_TIMEOUT_S:.0f} s; missing: {'; '.join(missing)}",
-                remedy="read the nodes' logs in the folder of the run; `socialbot doctor` checks the installation",
-            )
+            raise not_connected(missing, GRAPH_TIMEOUT_S)
 
 
 def run(
@@ -224,53 +223,29 @@ def new_run_folder() -> Path:
     return Path("runs") / datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
 
 
-def recorded_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics that make up the trace of a run."""
-    return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, RECORDED)}
-
-
 def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[str, type[Message]]:
     """Return the topics to observe: recorded ones, plans, health and structured inputs.
 
     ``nodes`` limits them to topics which these nodes publish or subscribe to.
     """
-    more = {
+    found = event_log_topics(graph) | {
         topic: kind
         for topic, kind in graph.topics().items()
-        if kind in (PlanExecutionInfo, Health) or (topic in graph.inputs and issubclass(kind, Structured))
+        if issubclass(kind, (*RECORDED, PlanExecutionInfo, Health))
+        or (topic in graph.inputs and issubclass(kind, Structured))
     }
-    found = {**recorded_topics(graph), **event_log_topics(graph), **more}
-    if nodes is None:
-        return found
-    ports = {
-        topic
-        for config in graph.placements
-        if config.name in nodes
-        for topic, _ in (*config.publications, *config.subscriptions)
-    }
-    return {topic: kind for topic, kind in found.items() if topic in ports}
+    chosen = [config for config in graph.nodes if nodes is None or config.name in nodes]
+    ports = {topic for config in chosen for topic, _ in (*config.publications, *config.subscriptions)}
+    return {topic: kind for topic, kind in found.items() if nodes is None or topic in ports}
 
 
 def with_speech_files(graph: Graph, folder: Path, **parameters: object) -> Graph:
     """Return ``graph`` with speakers that write .wav files below ``folder`` and have ``parameters`` set."""
     written: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
-    speakers = [config.name for config in graph.placements if issubclass(config.type, Speaker)]
+    speakers = [config.name for config in graph.nodes if issubclass(config.type, Speaker)]
     return graph.with_parameters(dict.fromkeys(speakers, written))
 
 
 def parameters_of(graph: Graph) -> dict[str, dict[str, Any]]:
     """Return the initial values of all parameters by node."""
-    return {
-        config.name: check_parameters(config.type, config.parameters, where=config.name) for config in graph.placements
-    }
-
-
-def _node_result(values: Mapping[str, str]) -> NodeResult:
-    return NodeResult(
-        calls=int(values["calls"]),
-        failures=int(values["failures"]),
-        first_failure=values["first_failure"],
-        skipped=int(values["skipped"]),
-        cpu_s=float(values["cpu_s"]),
-        peak_rss_mb=float(values["peak_rss_mb"]),
-    )
+    return {config.name: check_parameters(config.type, config.parameters, where=config.name) for config in graph.nodes}

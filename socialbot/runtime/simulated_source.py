@@ -22,11 +22,8 @@ from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPP
 from socialbot.runtime.bag_source import BAG_GRAPH
 from socialbot.runtime.run import Execution, Runner, RunSource, with_speech_files
 
-STEP_S = 0.1
-"""Simulated interval between completion checks."""
-
-QUIET_S = 3.0
-"""Idle time before a run ends, without desires of agents or after the end of all simulators."""
+STEP_S = 0.1  # simulated interval between completion checks
+QUIET_S = 3.0  # idle time before a run ends, without desires of agents or after the end of all simulators
 
 
 class DesiresDone:
@@ -72,7 +69,7 @@ def completion_check(graph: Graph) -> CompletionCheck:
     found = completion_of(graph)
     if found is not None:
         return found
-    simulators = frozenset(config.name for config in graph.placements if config.type.is_simulator)
+    simulators = frozenset(config.name for config in graph.nodes if config.type.is_simulator)
     has_desires = any(issubclass(kind, DesireSet) for kind in graph.topics().values())
     return SimulatorsDone(simulators) if simulators and not has_desires else DesiresDone()
 
@@ -116,9 +113,9 @@ class SimulatedSource(RunSource):
                     self._advance(execution, advance, runner.clock.now())
                 return
             with execution.processes(topics) as (observer, launch):
-                from socialbot.bridge.sim_clock import SimClock
+                from socialbot.bridge.player import SimClock
 
-                clock = SimClock(observer.ros, [config.name for config in execution.graph.placements])
+                clock = SimClock(observer.ros, [config.name for config in execution.graph.nodes])
 
                 def advance_clock() -> int:
                     launch.check()
@@ -179,7 +176,7 @@ def replay_topics(graph: Graph) -> dict[str, type[Message]]:
     """Return the topics to record for a replay: simulators, messages between agents, and traces."""
     simulated = {
         topic
-        for config in graph.placements
+        for config in graph.nodes
         if config.type.is_simulator
         for topic, _ in (*config.publications, *config.subscriptions)
     }

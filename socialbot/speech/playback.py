@@ -50,10 +50,8 @@ class DevicePlayer:
 
     def play(self, sound: Sound, on_end: OnEnd) -> None:
         self.stop()
-        self._source = _Source(sound)
-        self._thread = threading.Thread(
-            target=self._run, args=(self._source, on_end), name="socialbot-playback", daemon=True
-        )
+        self._source = source = _Source(sound)
+        self._thread = threading.Thread(target=self._run, args=(source, on_end), name="socialbot-playback", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:

@@ -19,8 +19,9 @@ from socialbot.graph.node import Context, Input, Node, Output, Parameter, Timer
 from socialbot.speech.playback import AudioPlayer, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
-MOST_SOUNDS = 500
-"""Number of sound files kept, about 50 MB."""
+MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
+
+PLAYBACK = ("auto", "off", "required")
 
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
 
@@ -52,19 +53,14 @@ class Speaker(Node):
     health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     status = Output(SpeechStatus, "/speech/status")
 
-    voice = Parameter("en", "espeak-ng voice: a language, perhaps with a variant as in en-us+f3")
+    voice = Parameter("en", "espeak-ng voice: a language, optionally with a variant, as in en-us+f3")
     rate_wpm = Parameter(165, "words per minute", minimum=80, maximum=450)
     pitch = Parameter(50, "pitch of the voice", minimum=0, maximum=100)
     volume = Parameter(1.0, "loudness, as a share of full amplitude", minimum=0.0, maximum=1.0)
     playback = Parameter(
-        "auto",
-        "auto: play if there is a sound device; off: never play; required: fail to start without a device",
-        choices=("auto", "off", "required"),
-        fixed=True,
+        "auto", "auto: play if possible; off; required: fail without a sound device", choices=PLAYBACK, fixed=True
     )
-    folder = Parameter(
-        "", f"where the last {MOST_SOUNDS} utterances are kept as .wav files; empty: nowhere", fixed=True
-    )
+    folder = Parameter("", f"folder for .wav files of the last {MOST_SOUNDS} utterances; empty: none", fixed=True)
     max_waiting_s = Parameter(5.0, "longest waiting time of an utterance, s", minimum=0.0)
     engine = Parameter("", "node whose health the queue depends on; empty: none")
     max_waiting = Parameter(8, "longest queue; beyond it the oldest utterance is dropped", minimum=1)
@@ -96,11 +92,8 @@ class Speaker(Node):
         self._folder = self._make_folder() if self.folder else None
         self._player = None if self.playback == "off" else self.find_player()
         if self._player is None and self.playback == "required":
-            raise DeviceError(
-                "no sound device",
-                where=self.name,
-                remedy="connect one and pip install socialbot[speech], or set playback to 'auto'",
-            )
+            remedy = "connect one and pip install socialbot[speech], or set playback to 'auto'"
+            raise DeviceError("no sound device", where=self.name, remedy=remedy)
 
     def stop(self) -> None:
         if self._player is not None:
@@ -213,20 +206,16 @@ class Speaker(Node):
             self._speak(waiting.utterance)
 
     def _report(self, utterance: Utterance, state: State, detail: str = "") -> None:
-        self.status.publish(
-            SpeechStatus(
-                stamp=self.clock.now(), utterance_id=utterance.id, state=state, text=utterance.text, detail=detail
-            )
-        )
+        stamp, about = self.clock.now(), {"utterance_id": utterance.id, "text": utterance.text}
+        self.status.publish(SpeechStatus(stamp=stamp, state=state, detail=detail, **about))
 
     def _make_folder(self) -> Path:
         folder = paths.in_workspace(self.folder, where=f"{self.name}.folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ParameterError(
-                f"no folder {self.folder!r}: {error.strerror}", where=f"{self.name}.folder", remedy="name another one"
-            ) from error
+            what = f"cannot make the folder {self.folder!r}: {error.strerror}"
+            raise ParameterError(what, where=f"{self.name}.folder", remedy="name another one") from error
         return folder
 
     def _keep(self, sound: Sound, text: str) -> str:

@@ -32,8 +32,7 @@ _LOCK = threading.Lock()
 _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
 _REMEDY = "pip install socialbot[speech]"
 
-SOUNDS_KEPT = 16
-"""Size of the cache; espeak-ng leaks about 2 kB per synthesis."""
+SOUNDS_KEPT = 16  # size of the cache; espeak-ng leaks about 2 kB per synthesis
 
 
 @dataclass(frozen=True, eq=False)

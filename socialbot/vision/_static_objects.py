@@ -23,8 +23,6 @@ from socialbot.core.clock import SECOND
 from socialbot.vision.detector import clip
 from socialbot.vision.tracking import Track
 
-__all__ = ["StaticObjectFilter"]
-
 _WIDTH = 320  # Images are compared at this width: coarse for vibrations, fine enough for breathing.
 _LARGE_SIGMA = 4.0  # Contrast is local to about this many pixels.
 _FAINT = 3.0  # Contrast of fewer grey levels is noise.
@@ -44,7 +42,7 @@ _STILL_VAGUE = 0.45  # and from this one if it was an object before, of which a 
 _STIRRED = 0.75  # Below this correlation such a box has moved; shadows change less.
 
 _TURNED = 0.5  # The camera turns when the rest of the image correlates less.
-_ROOM = 0.3  # Share of a box free of other people from which only that part is compared.
+_LEAST_FREE = 0.3  # A box is compared where it is free of other people, if that is this share of it.
 _LEAST_REST = 0.05  # If people leave less of the image, all of it is compared.
 _MIDDLE = np.array([0.25, 0.0, 0.5, 0.6])  # Part of a box that a person fills: x, y, w, h as shares.
 _MARGIN = 0.1  # People may exceed their box by this share of its width.
@@ -59,11 +57,9 @@ class _Snapshot:
     boxes: np.ndarray
     names: tuple[str, ...]
 
-    def others(self, name: str) -> np.ndarray:
-        return self.boxes[[each != name for each in self.names]]
-
-    def only(self, numbers: Sequence[int]) -> _Snapshot:
-        return replace(self, boxes=self.boxes[list(numbers)], names=tuple(self.names[number] for number in numbers))
+    def free(self, name: str) -> np.ndarray:
+        """Mask of the image without the boxes of other tracks."""
+        return ~_covered(self.shapes.shape, self.boxes[[each != name for each in self.names]], _MARGIN)
 
 
 class _Background:
@@ -106,26 +102,27 @@ class StaticObjectFilter:
         """The tracks that are not static objects in the image (height, width, 3), uint8, taken at ``stamp_ns``."""
         now = _view(image_bgr, stamp_ns, tracks)
         # An earlier stamp means another recording, or that a clock was set.
-        anew = self._views and stamp_ns < self._views[-1].stamp
-        if anew or now.shapes.shape != self._background.known.shape:
+        is_new = self._views and stamp_ns < self._views[-1].stamp
+        if is_new or now.shapes.shape != self._background.known.shape:
             self._forget(now.shapes.shape)
         earlier = self._earlier(stamp_ns)
-        is_turning = bool(earlier) and _turned(now, earlier[0])
+        is_turning = bool(earlier) and _has_turned(now, earlier[0])
         people = [
             number
             for number, track in enumerate(tracks)
             if self._is_person(track.id, number, now, [] if is_turning else earlier, is_turning=is_turning)
         ]
         kept = tuple(tracks[number] for number in people)
-        self._objects = {track.id for track in tracks} - {track.id for track in kept}
-        self._keep(now.only(people), {track.id for track in tracks})
+        names = {track.id for track in tracks}
+        self._objects = names - {track.id for track in kept}
+        self._keep(replace(now, boxes=now.boxes[people], names=tuple(track.id for track in kept)), names)
         return kept
 
     def _is_person(
         self, name: str, number: int, now: _Snapshot, earlier: Sequence[_Snapshot], *, is_turning: bool
     ) -> bool:
         box = now.boxes[number]
-        free = ~_covered(now.shapes.shape, now.others(name), _MARGIN)
+        free = now.free(name)
         familiar = self._background.likeness(now, box, free)
         if familiar is not None and familiar >= _FAMILIAR:
             self._moved.pop(name, None)
@@ -181,14 +178,13 @@ def _since(
     None if other people hide too much of it in all of them.
     """
     for view in earlier:
-        then = _covered(now.shapes.shape, view.others(name), _MARGIN)
-        likeness = _likeness(now.shapes, view.shapes, box, free & ~then)
+        likeness = _likeness(now.shapes, view.shapes, box, free & view.free(name))
         if likeness is not None:
             return likeness, (now.stamp - view.stamp) / SECOND
     return None
 
 
-def _turned(now: _Snapshot, then: _Snapshot) -> bool:
+def _has_turned(now: _Snapshot, then: _Snapshot) -> bool:
     """Whether the image outside of people has changed."""
     rest = ~_covered(now.shapes.shape, np.vstack([now.boxes, then.boxes]), 2 * _MARGIN)
     if rest.mean() < _LEAST_REST:
@@ -200,7 +196,7 @@ def _likeness(now: np.ndarray, then: np.ndarray, box: np.ndarray, free: np.ndarr
     """Correlation (-1 to 1) of two images in the free part of ``box``; None if too little is free."""
     x, y, right, bottom = _edges(box, now.shape)
     there = free[y:bottom, x:right]
-    if there.mean() < _ROOM:
+    if there.mean() < _LEAST_FREE:
         return None
     return _correlation(now[y:bottom, x:right][there], then[y:bottom, x:right][there])
 

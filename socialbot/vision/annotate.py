@@ -11,8 +11,6 @@ import numpy as np
 from socialbot.core.messages import PersonDetection, PersonDetections
 from socialbot.vision.metrics.truth import TruthPerson
 
-__all__ = ["draw"]
-
 Colour = tuple[int, int, int]
 Point = tuple[int, int]
 
@@ -34,107 +32,92 @@ def draw(
 ) -> np.ndarray:
     """A copy of ``image_bgr``, shape (height, width, 3), uint8, with boxes and lines of text.
 
-    Detections are framed and labelled with track id, distance with its standard error, and score; the frames
-    of those that are only predicted are dashed. True persons have dashed white frames. ``caption`` stands on a
-    dark strip at the bottom, its letters in their plainest form (ASCII).
+    Detections have frames with track id, distance with its standard error, and score; the frames of predictions are
+    dashed. True persons have dashed white frames. ``caption`` is on a dark strip at the bottom, in ASCII.
     """
-    picture = image_bgr.copy()
-    unit = max(picture.shape[0] / 480, 0.5)
+    image = image_bgr.copy()
+    unit = max(image.shape[0] / 480, 0.5)
     for person in truth:
-        _dashed(picture, person, _TRUTH, 1, unit)
-    coloured = [
-        (person, _colour(person, index)) for index, person in enumerate(detections.persons if detections else ())
-    ]
+        _draw_dashed(image, person, _TRUTH, 1, unit)
+    coloured = []
+    for index, person in enumerate(detections.persons if detections else ()):
+        number = sum(person.track_id.encode()) if person.track_id else index
+        coloured.append((person, _COLOURS[number % len(_COLOURS)]))
     coloured.sort(key=lambda pair: -(pair[0].distance_m or 0.0))  # the nearest on top
     for person, colour in coloured:
-        _framed(picture, person, colour, unit)
+        _draw_frame(image, person, colour, unit)
     for person, colour in coloured:
-        _labelled(picture, person, colour, unit)
+        _draw_label(image, person, colour, unit)
     if caption:
-        _captioned(picture, caption, unit)
-    return picture
-
-
-def _colour(person: PersonDetection, index: int) -> Colour:
-    number = sum(person.track_id.encode()) if person.track_id else index
-    return _COLOURS[number % len(_COLOURS)]
+        _draw_caption(image, caption, unit)
+    return image
 
 
 def _corners(person: PersonDetection | TruthPerson) -> tuple[Point, Point]:
     return (round(person.x), round(person.y)), (round(person.x + person.w), round(person.y + person.h))
 
 
-def _framed(picture: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
+def _draw_frame(image: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
     corner, opposite = _corners(person)
     thick = max(1, round(2 * unit))
     if person.unseen_s > 0:
-        _dashed(picture, person, colour, thick, unit)
+        _draw_dashed(image, person, colour, thick, unit)
         return
     # The dark outline keeps the frame visible on a background of its own colour.
-    cv2.rectangle(picture, corner, opposite, _DARK, round(4 * unit), cv2.LINE_AA)
-    cv2.rectangle(picture, corner, opposite, colour, thick, cv2.LINE_AA)
+    cv2.rectangle(image, corner, opposite, _DARK, round(4 * unit), cv2.LINE_AA)
+    cv2.rectangle(image, corner, opposite, colour, thick, cv2.LINE_AA)
 
 
-def _dashed(
-    picture: np.ndarray, person: PersonDetection | TruthPerson, colour: Colour, thick: int, unit: float
+def _draw_dashed(
+    image: np.ndarray, person: PersonDetection | TruthPerson, colour: Colour, thick: int, unit: float
 ) -> None:
     (left, top), (right, bottom) = _corners(person)
     dash = max(2, round(6 * unit))
     for x in range(left, right, 2 * dash):
         for y in (top, bottom):
-            cv2.line(picture, (x, y), (min(x + dash, right), y), colour, thick)
+            cv2.line(image, (x, y), (min(x + dash, right), y), colour, thick)
     for y in range(top, bottom, 2 * dash):
         for x in (left, right):
-            cv2.line(picture, (x, y), (x, min(y + dash, bottom)), colour, thick)
+            cv2.line(image, (x, y), (x, min(y + dash, bottom)), colour, thick)
 
 
-def _labelled(picture: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
-    """The label above the box, or inside it where there is no room above."""
+def _draw_label(image: np.ndarray, person: PersonDetection, colour: Colour, unit: float) -> None:
+    """Draw the label above the box, or inside it at the upper edge of the image."""
     score = "" if person.unseen_s > 0 else f"{person.score:.2f}"
-    text = "  ".join(word for word in (_plain(person.track_id), _distance(person), score) if word)
+    error = "" if person.distance_std_m is None else f"+-{person.distance_std_m:.1f}"
+    distance = "" if person.distance_m is None else f"{person.distance_m:.1f}{error} m"
+    text = "  ".join(filter(None, (_plain(person.track_id), distance, score)))
     scale, margin = 0.45 * unit, round(4 * unit)
     (width, height), base = cv2.getTextSize(text, _FONT, scale, 1)
     (left, top), _ = _corners(person)
     tall = height + base + margin
-    left = min(max(left, 0), max(picture.shape[1] - width - 2 * margin, 0))
+    left = min(max(left, 0), max(image.shape[1] - width - 2 * margin, 0))
     top = top - tall if top >= tall else max(top, 0)
-    cv2.rectangle(picture, (left, top), (left + width + 2 * margin, top + tall), colour, cv2.FILLED)
-    cv2.putText(picture, text, (left + margin, top + height + margin // 2), _FONT, scale, _DARK, 1, cv2.LINE_AA)
+    cv2.rectangle(image, (left, top), (left + width + 2 * margin, top + tall), colour, cv2.FILLED)
+    cv2.putText(image, text, (left + margin, top + height + margin // 2), _FONT, scale, _DARK, 1, cv2.LINE_AA)
 
 
-def _distance(person: PersonDetection) -> str:
-    if person.distance_m is None:
-        return ""
-    error = "" if person.distance_std_m is None else f"+-{person.distance_std_m:.1f}"
-    return f"{person.distance_m:.1f}{error} m"
-
-
-def _captioned(picture: np.ndarray, lines: Sequence[str], unit: float) -> None:
+def _draw_caption(image: np.ndarray, lines: Sequence[str], unit: float) -> None:
     scale, line_height, margin = 0.5 * unit, round(20 * unit), round(10 * unit)
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     top = max(height - line_height * len(lines) - margin, 0)
-    strip = picture[top:]
+    strip = image[top:]
     strip[:] = cv2.addWeighted(strip, 1 - _STRIP_OPACITY, np.full_like(strip, _DARK), _STRIP_OPACITY, 0)
     for number, line in enumerate(lines, 1):
         text = _fitted(_plain(line), scale, width - 2 * margin)
         baseline = top + number * line_height
-        cv2.putText(picture, text, (margin, baseline), _FONT, scale, (240, 240, 240), 1, cv2.LINE_AA)
+        cv2.putText(image, text, (margin, baseline), _FONT, scale, (240, 240, 240), 1, cv2.LINE_AA)
 
 
 def _fitted(text: str, scale: float, width: int) -> str:
     """``text``, cut to ``width`` pixels."""
-    if cv2.getTextSize(text, _FONT, scale, 1)[0][0] <= width:
-        return text
-    while text and cv2.getTextSize(text + "...", _FONT, scale, 1)[0][0] > width:
-        text = text[:-1]
-    return text + "..."
+    cut = ""
+    while text and cv2.getTextSize(text + cut, _FONT, scale, 1)[0][0] > width:
+        text, cut = text[:-1], "..."
+    return text + cut
 
 
 def _plain(text: str) -> str:
     """``text`` in the letters that OpenCV's font has."""
     decomposed = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
-    return (
-        "".join(letter for letter in decomposed if not unicodedata.combining(letter))
-        .encode("ascii", "replace")
-        .decode()
-    )
+    return "".join(each for each in decomposed if not unicodedata.combining(each)).encode("ascii", "replace").decode()

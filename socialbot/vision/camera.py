@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -18,9 +18,6 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError, MessageError, ParameterError
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Delivery, Node, Output, Parameter, Timer
-
-__all__ = ["Box", "Camera", "CameraModel", "Frames", "is_device", "open_frames"]
-
 
 Box = Sequence[float]
 """x, y, w, h in pixels."""
@@ -77,18 +74,30 @@ class CameraModel:
         focal = width / 2 / math.tan(hfov_rad / 2)
         return cls(focal, focal, width / 2, height / 2, width, height, mount_height_m, pitch_rad)
 
+    @classmethod
+    def of_images(
+        cls,
+        info: CameraInfo | None,
+        width: int,
+        height: int,
+        *,
+        hfov_rad: float,
+        mount_height_m: float,
+        pitch_rad: float,
+    ) -> CameraModel:
+        """The camera of images of ``width`` x ``height`` pixels; without ``info``, its field of view is ``hfov_rad``.
+
+        Raises MessageError for an uncalibrated camera.
+        """
+        if info is None:
+            return cls.from_field_of_view(width, height, hfov_rad, mount_height_m=mount_height_m, pitch_rad=pitch_rad)
+        return cls.from_info(info, mount_height_m=mount_height_m, pitch_rad=pitch_rad).scaled(width, height)
+
     def scaled(self, width: int, height: int) -> CameraModel:
         """The same camera with images scaled to ``width`` x ``height`` pixels."""
         across, down = width / self.width, height / self.height
-        return replace(
-            self,
-            fx=self.fx * across,
-            cx=self.cx * across,
-            fy=self.fy * down,
-            cy=self.cy * down,
-            width=width,
-            height=height,
-        )
+        axes = {"fx": self.fx * across, "cx": self.cx * across, "fy": self.fy * down, "cy": self.cy * down}
+        return replace(self, **axes, width=width, height=height)
 
     def direction(self, u: float, v: float) -> tuple[float, float]:
         """Bearing (rad, left positive) and elevation (rad, up positive) of the pixel at ``u``, ``v``."""
@@ -160,10 +169,8 @@ class _VideoFrames:
     def _read_properties(self) -> None:
         rate = self._capture.get(cv2.CAP_PROP_FPS)
         self.rate_hz = rate if 0 < rate < 1000 else _USUAL_RATE_HZ
-        self.size = (
-            int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-            int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        )
+        width, height = (self._capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        self.size = (int(width), int(height))
 
     def read(self) -> np.ndarray | None:
         good, pixels = self._capture.read()
@@ -184,12 +191,11 @@ class _CameraFrames(_VideoFrames):
         except DeviceError:
             remedy = "is another program using it? may you read it (group 'video')?"
             raise DeviceError("the camera cannot be opened", where=path, remedy=remedy) from None
-        if width:
-            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
-        if height:
-            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
         # A longer buffer delivers old images to a slow reader.
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        settings = {cv2.CAP_PROP_FRAME_WIDTH: width, cv2.CAP_PROP_FRAME_HEIGHT: height, cv2.CAP_PROP_BUFFERSIZE: 1}
+        for name, value in settings.items():
+            if value:
+                self._capture.set(name, value)
         self._read_properties()
 
 
@@ -266,10 +272,10 @@ class Camera(Node):
         """
         if not self.source.isdecimal():
             paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
-        self._frames = self._open()
+        self._open()
         self._publish_info()
         self._due = self.clock.now()
-        self._timer = self.call_after(0.0, self._tick)
+        self._schedule(self._due, self._tick)
 
     def stop(self) -> None:
         if self._timer:
@@ -277,47 +283,52 @@ class Camera(Node):
         self._close()
 
     def on_parameter(self, name: str) -> None:
-        if name == "hfov_rad" and self._frames:
+        if name == "hfov_rad":
             self._publish_info()
 
     def _open(self) -> Frames:
-        return open_frames(self.source, width=self.width, height=self.height)
+        self._frames = open_frames(self.source, width=self.width, height=self.height)
+        return self._frames
 
     def _close(self) -> None:
         if self._frames:
             self._frames.close()
             self._frames = None
 
-    def _tick(self) -> None:
-        """Publish one image. The next one is scheduled first, so that a damaged image does not stop the node."""
-        if self._frames is None:
-            return
-        self._schedule_next(self._frames)
-        pixels = self._read(self._frames)
-        if pixels is None:
-            self._on_end()
-        else:
-            self._publish(pixels)
+    def _schedule(self, due: int, callback: Callable[[], None]) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._timer = self.context.call_at(due, callback)
 
     def _schedule_next(self, frames: Frames) -> None:
         """Schedule the next image without drift; restart the schedule after a delay of a whole period."""
         period, now = nanoseconds(1 / (self.rate_hz or frames.rate_hz)), self.clock.now()
         due = self._due + period
         self._due = due if due > now else now + period
-        self._timer = self.context.call_at(self._due, self._tick)
+        self._schedule(self._due, self._tick)
 
-    def _read(self, frames: Frames) -> np.ndarray | None:
-        pixels = frames.read()
-        if pixels is not None or not self.loop or is_device(self.source):
-            return pixels
-        self._close()
-        try:
-            self._frames = self._open()
-        except (DeviceError, ImageError):
-            self._schedule_retry()
-            self.say_health("failed", f"{self.source} cannot begin again")
-            raise
-        return self._frames.read()
+    def _schedule_retry(self) -> None:
+        self._schedule(self.clock.now() + nanoseconds(_RETRY_S), self._reopen)
+
+    def _tick(self) -> None:
+        """Publish one image. The next one is scheduled first, so that a damaged image does not stop the node."""
+        if self._frames is None:
+            return
+        self._schedule_next(self._frames)
+        pixels = self._frames.read()
+        if pixels is None and self.loop and not is_device(self.source):
+            self._close()
+            try:
+                pixels = self._open().read()
+            except (DeviceError, ImageError):
+                if self._frames is None:
+                    self._schedule_retry()
+                    self.report_health("failed", f"{self.source} cannot be opened again")
+                raise
+        if pixels is None:
+            self._on_end()
+        else:
+            self._publish(pixels)
 
     def _on_end(self) -> None:
         self._close()
@@ -325,47 +336,38 @@ class Camera(Node):
             if self._timer:
                 self._timer.cancel()
             self.log.info("%s has ended", self.source)
-            self.say_health("waiting", f"{self.source} has ended")
+            self.report_health("waiting", f"{self.source} has ended")
             return
         self._schedule_retry()
-        self.say_health("failed", f"{self.source} sends no more images")
+        self.report_health("failed", f"{self.source} sends no more images")
         raise DeviceError(
             "the camera sends no more images",
             where=self.source,
             remedy=f"check the connection; it is retried every {_RETRY_S:g} s",
         )
 
-    def _schedule_retry(self) -> None:
-        if self._timer:
-            self._timer.cancel()
-        self._timer = self.call_after(_RETRY_S, self._reopen)
-
     def _reopen(self) -> None:
         """Retry a lost source; it is back when it delivers an image."""
         self._schedule_retry()
         try:
-            self._frames = self._open()
-            pixels = self._frames.read()
+            pixels = self._open().read()
         except (DeviceError, ImageError):
             pixels = None
-        if self._frames is None or pixels is None:
+        if pixels is None or self._frames is None:
             self._close()
             return
-        if self._timer:
-            self._timer.cancel()
         self.log.info("camera %s is back", self.source)
-        self.say_health("ok")
+        self.report_health("ok")
         self._publish_info()
         self._publish(pixels)
         self._schedule_next(self._frames)
 
     def _publish(self, pixels: np.ndarray) -> None:
-        self.image_raw.publish(Image.from_bgr(self._fitted(pixels), stamp=self.clock.now(), frame_id=self.frame_id))
-
-    def _fitted(self, pixels: np.ndarray) -> np.ndarray:
         height, width = pixels.shape[:2]
         size = self._size(width, height)
-        return pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+        if size != (width, height):
+            pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+        self.image_raw.publish(Image.from_bgr(pixels, stamp=self.clock.now(), frame_id=self.frame_id))
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
         """Published size of an image; width or height alone keeps the aspect ratio."""

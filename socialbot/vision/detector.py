@@ -7,9 +7,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Detections", "Detector", "clip", "iou", "same_head", "select", "suppress"]
-
-
 _HEADS_ALIKE = 0.15  # Box tops this close belong to one head: share of the smaller height.
 _NARROWER = 0.4  # Boxes of one head differ less in width; distant people behind near ones are narrower.
 _TALLER = 4 / 3  # A taller box may be the whole body, and the better one its upper half.
@@ -24,7 +21,7 @@ def clip(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
 
 def iou(one: np.ndarray, many: np.ndarray) -> np.ndarray:
     """Intersection over union of ``one``, shape (4,), with each of ``many``, (n, 4)."""
-    shared = _shared(one, many)
+    shared = shared_area(one, many)
     return _ratio(shared, one[2] * one[3] + many[:, 2] * many[:, 3] - shared)
 
 
@@ -34,7 +31,7 @@ def same_head(one: np.ndarray, many: np.ndarray, within: float) -> np.ndarray:
     Their tops and widths must be similar, and the larger box must contain more than the share ``within`` of the
     smaller. This matches the upper body and the whole body, or a person alone and with a neighbour.
     """
-    share = _ratio(_shared(one, many), np.minimum(one[2] * one[3], many[:, 2] * many[:, 3]))
+    share = _ratio(shared_area(one, many), np.minimum(one[2] * one[3], many[:, 2] * many[:, 3]))
     alike = np.abs(one[1] - many[:, 1]) < _HEADS_ALIKE * np.minimum(one[3], many[:, 3])
     widths = np.minimum(one[2], many[:, 2]) >= _NARROWER * np.maximum(one[2], many[:, 2])
     return (share > within) & alike & widths
@@ -66,7 +63,8 @@ def suppress(boxes: np.ndarray, scores: np.ndarray, overlap: float, within: floa
     return np.array(kept, dtype=np.intp)
 
 
-def _shared(one: np.ndarray, many: np.ndarray) -> np.ndarray:
+def shared_area(one: np.ndarray, many: np.ndarray) -> np.ndarray:
+    """Area that ``one``, shape (4,), shares with each of ``many``, (n, 4)."""
     corner = np.maximum(one[:2], many[:, :2])
     opposite = np.minimum(one[:2] + one[2:], many[:, :2] + many[:, 2:])
     return np.prod(np.clip(opposite - corner, 0, None), axis=1)
@@ -87,11 +85,6 @@ class Detections:
 
     boxes: np.ndarray
     scores: np.ndarray
-
-    @classmethod
-    def none(cls) -> Detections:
-        """No detections."""
-        return cls(np.empty((0, 4)), np.empty(0))
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -121,9 +114,7 @@ def select(
     boxes: np.ndarray, scores: np.ndarray, *, width: int, height: int, overlap: float, within: float = 1.0
 ) -> Detections:
     """Suppress raw ``boxes`` (n, 4) with ``scores`` (n,), see `suppress`, and clip them to the image."""
-    if not len(scores):
-        return Detections.none()
-    boxes = np.asarray(boxes, dtype=np.float64)
+    boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)
     scores = np.asarray(scores, dtype=np.float64)
     kept = suppress(boxes, scores, overlap, within)
     boxes = clip(boxes[kept], width, height)

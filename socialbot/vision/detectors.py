@@ -28,19 +28,6 @@ from socialbot.vision.network import (
     whole,
 )
 
-__all__ = [
-    "DETECTORS",
-    "DetectorSettings",
-    "DetectorSpec",
-    "NetworkDetector",
-    "PIXELS",
-    "SHA256",
-    "Views",
-    "nanodet",
-    "weights",
-]
-
-
 PIXELS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "0-255": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
     "0-1": ((0.0, 0.0, 0.0), (255.0, 255.0, 255.0)),
@@ -124,8 +111,8 @@ class NetworkDetector:
         self, image: np.ndarray, table: np.ndarray, threshold: float, view: View
     ) -> tuple[np.ndarray, np.ndarray]:
         """Boxes (n, 4) in image pixels and scores (n,) of one view, before suppression."""
-        picture = cv2.LUT(view.cut(image), table).transpose(2, 0, 1)
-        arrays = self._network.run(picture[::-1] if self._red_first else picture)
+        data = cv2.LUT(view.cut(image), table).transpose(2, 0, 1)
+        arrays = self._network.run(data[::-1] if self._red_first else data)
         answers = ModelOutput(
             arrays, self._network.outputs, view.width, view.height, self._person, self._classes, threshold
         )
@@ -133,22 +120,19 @@ class NetworkDetector:
             boxes, scores = self._layout.read(answers)
             if scores.max(initial=0.0) > _LARGEST_SCORE:
                 raise LayoutMismatch(f"scores from 0 to 1, not {scores.max():.3g}")
-        except LayoutMismatch as misfit:
-            raise self._misfit(arrays, misfit) from None
+        except LayoutMismatch as error:
+            shapes = (
+                f"{port.name} {' x '.join(map(str, array.shape))} {array.dtype}"
+                for port, array in zip(self._network.outputs, arrays, strict=True)
+            )
+            raise ParameterError(
+                f"the model answers {'; '.join(shapes)}; layout {self._layout.name} expects {error}",
+                where=self._network.where,
+                remedy=f"choose the layout it was exported in ({', '.join(LAYOUTS)}) and the index of people",
+            ) from None
         boxes = view.back(boxes)
         trusted = view.trusted(boxes, image.shape[1], image.shape[0])
         return boxes[trusted], scores[trusted]
-
-    def _misfit(self, arrays: Sequence[np.ndarray], misfit: LayoutMismatch) -> ParameterError:
-        said = "; ".join(
-            f"{port.name} {' x '.join(map(str, array.shape))} {array.dtype}"
-            for port, array in zip(self._network.outputs, arrays, strict=True)
-        )
-        return ParameterError(
-            f"the model answers {said}; layout {self._layout.name} expects {misfit}",
-            where=self._network.where,
-            remedy=f"choose the layout it was exported in ({', '.join(LAYOUTS)}) and the index of people",
-        )
 
 
 def _gain(image: np.ndarray) -> float:
@@ -232,18 +216,10 @@ _FREE = 640 * 480  # Input size (pixels) of a model without a fixed one.
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """Settings of a detector; all but ``threads`` are for ``onnx``.
+    """Settings of a detector, as in the parameters of the node `PersonDetector`; all but ``threads`` are for ``onnx``.
 
-    Args:
-        threads: Processor threads.
-        model: Path of the ONNX file.
-        layout: Layout of its output, a key of `LAYOUTS`.
-        input_width: Input width, pixels; 0: that of the model.
-        input_height: Input height, pixels; 0: that of the model.
-        channels: Order of the colours, "bgr" or "rgb"; empty: that of the layout.
-        pixels: Range of the pixel values, a key of `PIXELS`; empty: that of the layout.
-        classes: Number of classes.
-        person_class: Index of the class "person".
+    ``layout`` is a key of `LAYOUTS`, ``pixels`` one of `PIXELS`, ``channels`` is "bgr" or "rgb". Empty texts and sizes
+    of 0 mean the defaults of the layout and of the model.
     """
 
     threads: int = 1
@@ -286,15 +262,11 @@ def _nanodet(settings: DetectorSettings) -> Detector:
 def _onnx(settings: DetectorSettings) -> Detector:
     if not settings.model:
         raise ParameterError("no model is named", where="detector onnx", remedy="set the path of an ONNX file")
-    if settings.layout not in LAYOUTS:
-        raise ParameterError(
-            f"there is no layout {settings.layout!r}", where="detector onnx", remedy=f"one of {', '.join(LAYOUTS)}"
-        )
-    layout = LAYOUTS[settings.layout]
+    layout = LAYOUTS[_choice("layout", settings.layout, tuple(LAYOUTS))]
     network = OnnxModel(Path(settings.model).expanduser(), threads=settings.threads)
     canvas = _canvas(settings, network)
 
-    def views(width: int, height: int, horizon: float):
+    def views(width: int, height: int, horizon: float) -> Sequence[View]:
         if canvas is None:
             return [fitting((0, 0, width, height), _FREE, fill=layout.fill)]
         return [whole(width, height, canvas, centred=layout.centred, fill=layout.fill)]
@@ -314,14 +286,13 @@ def _onnx(settings: DetectorSettings) -> Detector:
 def _canvas(settings: DetectorSettings, network: OnnxModel) -> tuple[int, int] | None:
     """Input size for ``network``; None if neither settings nor model define it."""
     wanted = (settings.input_width, settings.input_height)
-    for want, fixed in zip(wanted, network.size, strict=True):
-        if want and fixed and want != fixed:
-            raise ParameterError(
-                f"the model takes {network.input}, not images of {' x '.join(str(side or 'any') for side in wanted)} "
-                "pixels",
-                where=network.where,
-                remedy="leave the input size to the model: set it to 0",
-            )
+    if any(want and fixed and want != fixed for want, fixed in zip(wanted, network.size, strict=True)):
+        size = " x ".join(str(side or "any") for side in wanted)
+        raise ParameterError(
+            f"the model takes {network.input}, not images of {size} pixels",
+            where=network.where,
+            remedy="leave the input size to the model: set it to 0",
+        )
     width, height = (want or fixed for want, fixed in zip(wanted, network.size, strict=True))
     if bool(width) != bool(height):
         raise ParameterError(

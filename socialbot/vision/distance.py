@@ -26,8 +26,6 @@ import numpy as np
 from socialbot.vision.camera import Box, CameraModel
 from socialbot.vision.tracking import Cut
 
-__all__ = ["Estimate", "Figure", "Range", "Stature", "head_direction", "measure", "whole_height"]
-
 HEAD_CENTRE_M = 0.12  # From the top of the head to its middle.
 
 # Standard errors.
@@ -72,8 +70,7 @@ class _Cue(NamedTuple):
     std: float
 
 
-@dataclass(frozen=True)
-class _BoxAngles:
+class _BoxAngles(NamedTuple):
     """Tangents of the elevations of a box's top and bottom, of half its width, and their standard error ``edge``."""
 
     top: float
@@ -104,13 +101,15 @@ def measure(
         *(_ground(camera, view) if feet else ()),
         *(_height(camera, view, stature.height) if feet and head else ()),
         *(_head(camera, view, stature.height) if head and not feet else ()),
-        *(_width(view, stature.width) if sides and not (feet and head) else ()),
     ]
+    by_width = math.log(stature.width.value / 2 / view.half)
+    if sides and not (feet and head):
+        cues.append(_Cue(by_width, math.hypot(stature.width.std / stature.width.value, _WIDE_SHARE)))
     bounds = [_height_log(camera, view, stature.height.value + stature.height.std)]
     if not feet and view.bottom < 0:
         bounds.append(math.log(camera.mount_height_m / -view.bottom))
     if not sides:
-        bounds.append(math.log(stature.width.value / 2 / view.half))
+        bounds.append(by_width)
     if not cues:
         return _metres(_Cue(min(bounds) - _WIDTHS, _WIDTHS))
     cue = _combined(cues)
@@ -168,10 +167,6 @@ def _head(camera: CameraModel, view: _BoxAngles, height: Estimate) -> list[_Cue]
     return [_Cue(math.log(above / view.top), std)] if std < 0.5 else []
 
 
-def _width(view: _BoxAngles, width: Estimate) -> list[_Cue]:
-    return [_Cue(math.log(width.value / 2 / view.half), math.hypot(width.std / width.value, _WIDE_SHARE))]
-
-
 def _combined(cues: Sequence[_Cue]) -> _Cue:
     weights = [cue.std**-2 for cue in cues]
     whole = sum(weights)
@@ -184,13 +179,12 @@ def _combined(cues: Sequence[_Cue]) -> _Cue:
 def _below(cue: _Cue, bound: float) -> _Cue:
     """The cue, truncated at ``bound``: the mode and the error around it.
 
-    A normal distribution truncated at ``room`` has the mean -slope and the variance 1 - room * slope - slope ** 2.
+    A normal distribution truncated at ``limit`` has the mean -slope and the variance 1 - limit * slope - slope ** 2.
     """
-    room = max((bound - cue.log) / cue.std, -3.0)
-    density = math.exp(-(room**2) / 2) / math.sqrt(2 * math.pi)
-    slope = density / (0.5 * math.erfc(-room / math.sqrt(2)))
-    likeliest = min(room, 0.0)
-    square = (1 - room * slope - slope**2) + (likeliest + slope) ** 2
+    limit = max((bound - cue.log) / cue.std, -3.0)
+    density = math.exp(-(limit**2) / 2) / math.sqrt(2 * math.pi)
+    slope = density / (0.5 * math.erfc(-limit / math.sqrt(2)))
+    square = (1 - limit * slope - slope**2) + (min(limit, 0.0) + slope) ** 2
     return _Cue(min(cue.log, bound), cue.std * math.sqrt(max(square, 0.05)))
 
 

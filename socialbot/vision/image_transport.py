@@ -7,28 +7,13 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
-
-import cv2
+from typing import NamedTuple
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import ImageError
 from socialbot.core.messages import CompressedImage, Image, PictureAck
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
-from socialbot.vision.images import bgr_from_compressed, bgr_from_image
-
-__all__ = [
-    "BitrateControl",
-    "ImageLink",
-    "ImageReceiver",
-    "ImageSender",
-    "InFlightImage",
-    "LinkStatistics",
-    "SendWindow",
-    "StaleImageFilter",
-    "relative_size",
-]
-
+from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 
 PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer.
 LOST_S = 1.0  # Without an answer for this long the link counts as down.
@@ -36,7 +21,7 @@ FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16  # Images in flight: at first, and at most; 
 MEASURE_S = 1.0  # Period of one measurement.
 SETTLING_S = 0.2  # Pause after a change before the next measurement.
 LATE_S = 0.15  # A link is full when its median delay is larger,
-REFUSED_SHARE = 0.1  # or when it has no room for more than this share of the images.
+REFUSED_SHARE = 0.1  # or when it refuses more than this share of the images.
 CARRIED_SHARE = 0.8  # A full link gets this share of what it carried.
 TRIED_SHARE = 1.2  # Factor of a trial increase.
 LEAP_SHARE = 1.5  # Factor of an increase for which single images prove the capacity.
@@ -51,8 +36,7 @@ REMEMBERED = 32
 ALIVE_S = 0.25  # Period of repeated answers while no image arrives.
 
 
-@dataclass(frozen=True)
-class InFlightImage:
+class InFlightImage(NamedTuple):
     """Unanswered image: stamp, bytes, time of sending, and whether the link was idle then."""
 
     stamp: int
@@ -67,7 +51,7 @@ class SendWindow:
     def __init__(self) -> None:
         self._flights: deque[InFlightImage] = deque()
         self._limit = FIRST_FLIGHTS
-        self._heard = -math.inf
+        self._answered = -math.inf
         self.silent = False
 
     @property
@@ -75,20 +59,19 @@ class SendWindow:
         """Send time (ns) of the oldest unanswered image; infinite without any."""
         return self._flights[0].sent if self._flights else math.inf
 
-    def has_room(self, now: int) -> bool:
+    def is_open(self, now: int) -> bool:
         """Whether another image may be sent. Detects a dead link and then drops all images in flight."""
         if not self._flights:
             return not self.silent
-        oldest = self._flights[0].sent
-        if now - max(oldest, self._heard) > LOST_S * SECOND:
+        if now - max(self.oldest, self._answered) > LOST_S * SECOND:
             self._flights.clear()
             self.silent = True
             return False
-        return len(self._flights) < self._limit and now - oldest <= PATIENCE_S * SECOND
+        return len(self._flights) < self._limit and now - self.oldest <= PATIENCE_S * SECOND
 
     def stalls(self, now: int) -> bool:
         """Whether answers are overdue."""
-        return bool(self._flights) and now - max(self._flights[0].sent, self._heard) > PATIENCE_S * SECOND
+        return now - max(self.oldest, self._answered) > PATIENCE_S * SECOND
 
     def send(self, stamp: int, size: int, now: int) -> None:
         self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
@@ -100,12 +83,11 @@ class SendWindow:
         """
         if self.silent:
             self.silent, self._limit = False, FIRST_FLIGHTS
-        self._heard = now
-        if all(flight.stamp != stamp for flight in self._flights):
+        self._answered = now
+        count = next((number for number, flight in enumerate(self._flights, 1) if flight.stamp == stamp), 0)
+        if not count:
             return []
-        arrived = [self._flights.popleft()]
-        while arrived[-1].stamp != stamp:
-            arrived.append(self._flights.popleft())
+        arrived = [self._flights.popleft() for _ in range(count)]
         self._limit = min(self._limit + 1, MOST_FLIGHTS)
         return arrived
 
@@ -151,7 +133,7 @@ class BitrateControl:
         self._failed = math.inf
         self._on_trial = False
         self._trial_s = FIRST_TRIAL_S
-        self._changed = 0
+        self.changed = 0  # ns
 
     def judge(self, measure: LinkStatistics, now: int, *, wants_more: bool) -> bool:
         """Update the budget from a measurement that ends ``now``; True if it changed."""
@@ -163,16 +145,12 @@ class BitrateControl:
             return False
         elif LEAP_SHARE * self.budget <= CARRIED_SHARE * measure.speed:
             self._raise(LEAP_SHARE, on_trial=False)
-        elif now - self._changed >= self._trial_s * SECOND:
+        elif now - self.changed >= self._trial_s * SECOND:
             self._raise(TRIED_SHARE, on_trial=True)
         else:
             return False
-        self._changed = now
+        self.changed = now
         return True
-
-    def wait_from(self, now: int) -> None:
-        """Restart the pause before the next trial."""
-        self._changed = now
 
     def _lower(self, arrived: float, sent: float) -> None:
         """Reduce the budget to the rate that ``arrived``, but not below the last good rate.
@@ -236,19 +214,23 @@ class ImageLink:
 
     def takes(self, now: int) -> bool:
         """Whether to send an image taken now."""
-        if now < self._asked:
-            self._begin_anew(now)
-        allowed = self._is_allowed(now)
-        room = self._window.has_room(now)
+        if now < self._asked:  # the clock was set back: forget all times
+            self._window, self._measure, self._changed = SendWindow(), _begun_soon(now), -1
+            self._throttle.changed = now
+        # The rate limit has credit for two images, since cameras are not punctual.
+        since_s, self._asked = max(0, now - self._asked) / SECOND, now
+        self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
+        allowed = self._credit > 0.99
+        is_open = self._window.is_open(now)
         if self.silent or self._window.oldest <= self._changed:
             self._measure = _begun_soon(now)
         if now >= self._measure.begin:
             self._measure.images += 1
             self._measure.offered += allowed
-            self._measure.refused += allowed and not room
+            self._measure.refused += allowed and not is_open
         if now - self._measure.begin >= MEASURE_S * SECOND and not self._window.stalls(now):
             self._judge(now)
-        return allowed and room
+        return allowed and is_open
 
     def sent(self, stamp: int, size: int, now: int) -> None:
         """Record that the image of ``stamp`` was sent as ``size`` bytes."""
@@ -265,17 +247,6 @@ class ImageLink:
             if now >= self._measure.begin:
                 self._measure.arrive(flight, now)
 
-    def _begin_anew(self, now: int) -> None:
-        """Forget all times after the clock was set back."""
-        self._window, self._measure, self._changed = SendWindow(), _begun_soon(now), -1
-        self._throttle.wait_from(now)
-
-    def _is_allowed(self, now: int) -> bool:
-        """Apply the rate limit, with credit for two images since cameras are not punctual."""
-        since_s, self._asked = max(0, now - self._asked) / SECOND, now
-        self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
-        return self._credit > 0.99
-
     def _judge(self, now: int) -> None:
         measure, self._measure = self._measure, LinkStatistics(now)
         self._images_hz = measure.images * SECOND / (now - measure.begin)
@@ -286,12 +257,13 @@ class ImageLink:
     def _choose(self) -> None:
         """Choose the best quality at the full rate; reduce the rate only at the lowest quality."""
         rate = min(self._most_hz, self._images_hz)
-        room = self.budget / rate if rate else math.inf
-        fitting = next((each for each in range(self._best, self._least, -1) if self._size(each) <= room), self._least)
+        most_bytes = self.budget / rate if rate else math.inf
+        choices = range(self._best, self._least, -1)
+        fitting = next((each for each in choices if self._size(each) <= most_bytes), self._least)
         if fitting < self.quality or fitting >= self.quality + QUALITY_STEP or fitting == self._best:
             self.quality = fitting
         needed = self._size(self._least)
-        self.rate_hz = self._most_hz if needed <= room else max(LEAST_RATE_HZ, self.budget / needed)
+        self.rate_hz = self._most_hz if needed <= most_bytes else max(LEAST_RATE_HZ, self.budget / needed)
 
     def _size(self, quality: int) -> float:
         return self._size_at_best * relative_size(quality, self._best)
@@ -358,30 +330,23 @@ class ImageSender(Node):
         if not self.image_link.takes(self.clock.now()):
             if self.image_link.silent and not was_silent:
                 self.log.warning("the link is silent: no answer from the receiver of %s", image.frame_id)
-                self.say_health("degraded", f"no answer from the receiver of {image.frame_id}")
+                self.report_health("degraded", f"no answer from the receiver of {image.frame_id}")
             return
-        jpeg = self._jpeg(image)
-        self.image_link.sent(image.stamp, jpeg.data.size, self.clock.now())
-        self.link.publish(jpeg)
+        jpeg = encode_jpeg(bgr_from_image(image), self.image_link.quality)
+        self.image_link.sent(image.stamp, jpeg.size, self.clock.now())
+        kind = "bgr8; jpeg compressed bgr8"
+        self.link.publish(CompressedImage(stamp=image.stamp, frame_id=image.frame_id, format=kind, data=jpeg))
 
     @ack
     def on_ack(self, ack: PictureAck) -> None:
         if self.image_link.silent:
             self.log.info("the link answers")
-            self.say_health("ok")
+            self.report_health("ok")
         self.image_link.answered(ack.stamp, self.clock.now())
 
     @property
     def _most_hz(self) -> float:
         return self.rate_hz or math.inf
-
-    def _jpeg(self, image: Image) -> CompressedImage:
-        good, data = cv2.imencode(".jpg", bgr_from_image(image), [cv2.IMWRITE_JPEG_QUALITY, self.image_link.quality])
-        if not good:
-            raise ImageError("cannot be encoded as JPEG", where=f"image of {image.width}x{image.height}")
-        return CompressedImage(
-            stamp=image.stamp, frame_id=image.frame_id, format="bgr8; jpeg compressed bgr8", data=data.reshape(-1)
-        )
 
 
 class ImageReceiver(Node):
@@ -397,12 +362,12 @@ class ImageReceiver(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         self._last = PictureAck(stamp=0, arrived=0)
-        self._said = 0
+        self._answered_at = 0
         self._backlog = StaleImageFilter()
         self._timer: Timer | None = None
 
     def start(self) -> None:
-        self._live()
+        self._keep_alive()
 
     def stop(self) -> None:
         if self._timer:
@@ -416,11 +381,11 @@ class ImageReceiver(Node):
             pixels = bgr_from_compressed(image)
             self.image.publish(Image.from_bgr(pixels, stamp=image.stamp, frame_id=image.frame_id))
 
-    def _live(self) -> None:
-        self._timer = self.call_after(ALIVE_S, self._live)
-        if self.clock.now() - self._said >= ALIVE_S * SECOND:
+    def _keep_alive(self) -> None:
+        self._timer = self.call_after(ALIVE_S, self._keep_alive)
+        if self.clock.now() - self._answered_at >= ALIVE_S * SECOND:
             self._answer(self._last)
 
     def _answer(self, ack: PictureAck) -> None:
-        self._last, self._said = ack, self.clock.now()
+        self._last, self._answered_at = ack, self.clock.now()
         self.ack.publish(ack)

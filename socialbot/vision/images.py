@@ -13,9 +13,6 @@ from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Delivery, Input, Node, Output
 
-__all__ = ["ENCODINGS", "ImageConverter", "MOST_PIXELS", "bgr_from_compressed", "bgr_from_image"]
-
-
 Pixels = np.ndarray
 _BYTES = {"bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "8UC4": 4, "rgba8": 4, "mono8": 1, "8UC1": 1,
           "mono16": 2, "16UC1": 2, "yuv422": 2, "uyvy": 2, "yuv422_yuy2": 2, "yuyv": 2,
@@ -24,7 +21,7 @@ _CODES = {"rgb8": cv2.COLOR_RGB2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "8UC4": cv2.CO
           "rgba8": cv2.COLOR_RGBA2BGR, "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR,
           "yuv422": cv2.COLOR_YUV2BGR_UYVY, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
           "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2, "yuyv": cv2.COLOR_YUV2BGR_YUY2,
-          # OpenCV's older two-letter names speak of the second row; these speak of the first, as ROS does.
+          # OpenCV's older two-letter names describe the second row; these describe the first, as ROS does.
           "bayer_rggb8": cv2.COLOR_BayerRGGB2BGR, "bayer_bggr8": cv2.COLOR_BayerBGGR2BGR,
           "bayer_gbrg8": cv2.COLOR_BayerGBRG2BGR, "bayer_grbg8": cv2.COLOR_BayerGRBG2BGR}  # fmt: skip
 _SUBSAMPLED = frozenset({"yuv422", "uyvy", "yuv422_yuy2", "yuyv"})
@@ -45,8 +42,8 @@ _WITHOUT_CONTENT = frozenset({0x01, *range(0xD0, 0xD8)})
 def bgr_from_image(image: Image) -> Pixels:
     """Decode ``image``: shape (height, width, 3), uint8, BGR.
 
-    A bgr8 image is not copied: the pixels are a view of its data. Raises ImageError for an
-    unknown encoding or a size that the data does not fill.
+    A bgr8 image is not copied: the pixels are a view of its data. Raises ImageError for an unknown encoding or a size
+    that the data does not fill.
     """
     rows = _rows(image)
     if image.encoding in ("bgr8", "8UC3"):
@@ -61,79 +58,67 @@ def bgr_from_image(image: Image) -> Pixels:
 
 def _rows(image: Image) -> Pixels:
     """The bytes of ``image`` without padding: (height, width * bytes per pixel)."""
-    where = f"{image.encoding} image of {image.width}x{image.height}"
+
+    def refused(what: str, remedy: str) -> ImageError:
+        return ImageError(what, where=f"{image.encoding} image of {image.width}x{image.height}", remedy=remedy)
+
     if image.encoding not in _BYTES:
-        raise ImageError(
-            f"unknown encoding {image.encoding!r}", where=where, remedy=f"have the camera publish one of {_listed()}"
-        )
+        raise refused(f"unknown encoding {image.encoding!r}", f"have the camera publish one of {', '.join(ENCODINGS)}")
     if image.width <= 0 or image.height <= 0:
-        raise ImageError("no pixels", where=where, remedy="check the camera driver's width and height")
+        raise refused("no pixels", "check the camera driver's width and height")
     if image.encoding in _SUBSAMPLED and image.width % 2:
-        raise ImageError(
-            "two pixels share their colour, so the width must be even",
-            where=where,
-            remedy=f"set the driver to a width of {image.width - 1} or {image.width + 1}, or to bgr8",
-        )
+        remedy = f"set the driver to a width of {image.width - 1} or {image.width + 1}, or to bgr8"
+        raise refused("two pixels share their colour, so the width must be even", remedy)
     if image.encoding.startswith("bayer") and min(image.width, image.height) < 3:
-        raise ImageError("too small to interpolate colours", where=where, remedy="use 3x3 pixels or more")
+        raise refused("too small to interpolate colours", "use 3x3 pixels or more")
     used = image.width * _BYTES[image.encoding]
     if image.step < used:
-        raise ImageError(
-            f"a row has {image.step} bytes (step) but needs {used}", where=where, remedy="check the driver's encoding"
-        )
+        raise refused(f"a row has {image.step} bytes (step) but needs {used}", "check the driver's encoding")
     # Some drivers leave out the padding of the last row.
     needed = (image.height - 1) * image.step + used
     flat = np.asarray(image.data).reshape(-1)
     if flat.dtype != np.uint8 or flat.size < needed:
-        raise ImageError(
-            f"{flat.size} values of type {flat.dtype} where {needed} bytes are needed",
-            where=where,
-            remedy="check the driver's encoding, width, height and step",
-        )
+        what = f"{flat.size} values of type {flat.dtype} where {needed} bytes are needed"
+        raise refused(what, "check the driver's encoding, width, height and step")
     return np.lib.stride_tricks.as_strided(
         flat, (image.height, used), (image.step * flat.strides[0], flat.strides[0]), writeable=flat.flags.writeable
     )
 
 
-def _listed() -> str:
-    return ", ".join(ENCODINGS)
-
-
 def bgr_from_compressed(image: CompressedImage) -> Pixels:
     """Decode a JPEG or PNG: shape (height, width, 3), uint8, BGR.
 
-    ``format`` is what image_transport and others write: "jpeg", "jpg", "png", "rgb8; jpeg compressed
-    bgr8", "bgr8; png compressed ". Where it says "compressed rgb" the file holds red and blue exchanged,
-    and they are put back. An orientation in the file is ignored, as CameraInfo speaks of the sensor.
+    ``format`` is that of image_transport or others: "jpeg", "jpg", "png", "rgb8; jpeg compressed bgr8", "bgr8; png
+    compressed ". With "compressed rgb", red and blue are exchanged in the file, and exchanged again here. An
+    orientation in the file is ignored, since CameraInfo describes the sensor.
 
-    Raises ImageError for another format, no data, a damaged or cut file, and more than `MOST_PIXELS`.
+    Raises ImageError for another format, no data, a damaged or truncated file, and more than `MOST_PIXELS`.
     """
+
+    def refused(what: str, remedy: str) -> ImageError:
+        return ImageError(what, where=f"image of format {image.format!r}, {image.data.size} bytes", remedy=remedy)
+
     words = image.format.lower()
-    where = f"image of format {image.format!r}, {image.data.size} bytes"
-    kind = next((kind for kind in ("jpeg", "jpg", "png") if kind in words), "")
-    if not kind or "compresseddepth" in words:
-        raise ImageError("unknown format", where=where, remedy="have the camera publish jpeg or png")
+    if not any(kind in words for kind in ("jpeg", "jpg", "png")) or "compresseddepth" in words:
+        raise refused("unknown format", "have the camera publish jpeg or png")
     data = np.ascontiguousarray(image.data, dtype=np.uint8).reshape(-1)
     if not data.size:
-        raise ImageError("no data", where=where, remedy="check the camera and its driver")
+        raise refused("no data", "check the camera and its driver")
     file = data.tobytes()
     width, height = _size(file)
-    if not width * height:
-        raise ImageError("cannot be decoded", where=where, remedy="check that the data is what its format says")
     if width * height > MOST_PIXELS:
-        raise ImageError(
-            f"{width}x{height} pixels are too many",
-            where=where,
-            remedy=f"send images of {MOST_PIXELS / 1e6:.0f} million pixels at most",
-        )
-    if not _is_complete(file):
-        raise ImageError("the file is cut short", where=where, remedy="check the camera's cable and bandwidth")
+        remedy = f"send images of {MOST_PIXELS / 1e6:.0f} million pixels at most"
+        raise refused(f"{width}x{height} pixels are too many", remedy)
+    if width * height and not (_is_complete_png if file.startswith(_PNG) else _is_complete_jpeg)(file):
+        raise refused("the file is truncated", "check the camera's cable and bandwidth")
+    pixels, why = None, ""
     try:
-        pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if width * height:
+            pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
-        raise ImageError(f"cannot be decoded ({error})", where=where, remedy="check what publishes it") from error
+        why = f" ({error})"
     if pixels is None:
-        raise ImageError("cannot be decoded", where=where, remedy="check that the data is what its format says")
+        raise refused(f"cannot be decoded{why}", "check that the data is what its format says")
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if "compressed rgb" in words else pixels
 
 
@@ -152,12 +137,8 @@ def _size(data: bytes) -> tuple[int, int]:
     return 0, 0
 
 
-def _is_complete(data: bytes) -> bool:
-    return _is_complete_png(data) if data.startswith(_PNG) else _is_complete_jpeg(data)
-
-
 def _is_complete_png(data: bytes) -> bool:
-    """False for a PNG without its end: OpenCV would make room for whatever length the last part gives."""
+    """Whether a PNG has its end: otherwise OpenCV would allocate the length that the last part gives."""
     at, kind = len(_PNG), b""
     while kind != b"IEND" and at + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, at)
@@ -166,21 +147,20 @@ def _is_complete_png(data: bytes) -> bool:
 
 
 def _is_complete_jpeg(data: bytes) -> bool:
-    """False for a JPEG without its end: OpenCV would fill what is missing with grey and say nothing."""
-    # A thumbnail has an end of its own, hence the search behind the last start of scan.
+    """Whether a JPEG has its end: otherwise OpenCV would fill the rest with grey, without an error."""
+    # A thumbnail has its own end, hence the search behind the last start of scan.
     return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
 
 
 WIDTH = 640
 QUALITY = 80
-_JPEG_OPTIONS = b"\xff\xd8"
 
 
-def as_jpeg(image: Image | CompressedImage, width: int = WIDTH, quality: int = QUALITY) -> bytes:
-    """``image`` as JPEG, at most ``width`` pixels wide; one that is a JPEG is left as it is. Raises ImageError."""
+def as_jpeg(image: Image | CompressedImage, width: int = WIDTH) -> bytes:
+    """Encode ``image`` as JPEG, at most ``width`` pixels wide; a JPEG is returned unchanged. Raises ImageError."""
     if isinstance(image, CompressedImage):
         data = bytes(image.data)
-        if data.startswith(_JPEG_OPTIONS):
+        if data.startswith(_JPEG):
             return data
         pixels = bgr_from_compressed(image)
     else:
@@ -188,10 +168,15 @@ def as_jpeg(image: Image | CompressedImage, width: int = WIDTH, quality: int = Q
     height, whole = pixels.shape[:2]
     if whole > width:
         pixels = cv2.resize(pixels, (width, max(1, round(height * width / whole))), interpolation=cv2.INTER_AREA)
-    done, packed = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encode_jpeg(pixels, QUALITY).tobytes()
+
+
+def encode_jpeg(pixels: Pixels, quality: int) -> np.ndarray:
+    """Encode BGR pixels as JPEG: uint8, shape (n,). Raises ImageError if they have no JPEG."""
+    done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
-        raise ImageError("the image cannot be encoded as JPEG")
-    return packed.tobytes()
+        raise ImageError("cannot be encoded as JPEG", where=f"image of {pixels.shape[1]}x{pixels.shape[0]}")
+    return data.reshape(-1)
 
 
 class ImageConverter(Node):

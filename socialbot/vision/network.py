@@ -12,12 +12,6 @@ import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
 
-__all__ = [
-    "LAYOUTS", "LayoutMismatch", "ModelOutput", "OnnxModel", "OutputLayout", "Region", "TensorInfo", "View", "band",
-    "fitting", "scaled", "whole",
-]  # fmt: skip
-
-
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
 
@@ -51,23 +45,23 @@ class OnnxModel:
         """
         self.where = where or (str(model) if isinstance(model, Path) else "network")
         self._session = _session(model, threads, self.where)
-        inputs = [_port(port) for port in self._session.get_inputs()]
-        self.outputs = tuple(_port(port) for port in self._session.get_outputs())
-        if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].dtype not in _DTYPES:
-            raise ParameterError(
-                f"the model takes {'; '.join(map(str, inputs)) or 'nothing'}, expected one image of four dimensions",
-                where=self.where,
-                remedy="export the detector alone: image in, boxes out, batch of one",
+        inputs, self.outputs = (
+            tuple(
+                TensorInfo(each.name, tuple(max(n, 0) if isinstance(n, int) else 0 for n in each.shape), each.type)
+                for each in tensors
             )
+            for tensors in (self._session.get_inputs(), self._session.get_outputs())
+        )
+        takes = f"the model takes {'; '.join(map(str, inputs)) or 'nothing'}, expected"
+        if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].dtype not in _DTYPES:
+            remedy = "export the detector alone: image in, boxes out, batch of one"
+            raise ParameterError(f"{takes} one image of four dimensions", where=self.where, remedy=remedy)
         self.input = inputs[0]
         batch, channels, *_, last = self.input.shape
         self.channels_last = last == 3 and channels != 3
         if batch > 1 or (channels not in (0, 3) and not self.channels_last):
-            raise ParameterError(
-                f"the model takes {self.input}, expected 1 x 3 x height x width or 1 x height x width x 3",
-                where=self.where,
-                remedy="export the detector for one colour image at a time",
-            )
+            expected, remedy = "1 x 3 x height x width or 1 x height x width x 3", "export it for one colour image"
+            raise ParameterError(f"{takes} {expected}", where=self.where, remedy=remedy)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -76,14 +70,14 @@ class OnnxModel:
         height, width = sizes[:2] if self.channels_last else sizes[1:]
         return width, height
 
-    def run(self, picture: np.ndarray) -> Sequence[np.ndarray]:
+    def run(self, image: np.ndarray) -> Sequence[np.ndarray]:
         """Run the model on an image of shape (3, height, width); returns one array per output.
 
         Raises:
             ParameterError: The model rejects the shape.
         """
-        picture = picture.transpose(1, 2, 0) if self.channels_last else picture
-        data = np.ascontiguousarray(picture[None], dtype=_DTYPES[self.input.dtype])
+        image = image.transpose(1, 2, 0) if self.channels_last else image
+        data = np.ascontiguousarray(image[None], dtype=_DTYPES[self.input.dtype])
         try:
             return [np.asarray(answer) for answer in self._session.run(None, {self.input.name: data})]
         except Exception as error:  # onnxruntime's errors have no class of their own.
@@ -118,13 +112,8 @@ def _session(model: Path | bytes, threads: int, where: str):
         raise ParameterError(
             f"not a network that onnxruntime {onnxruntime.__version__} can run: {_first(error)}",
             where=where,
-            remedy="export the detector to ONNX anew, for the processor",
+            remedy="export the detector to ONNX again, for the processor",
         ) from error
-
-
-def _port(port) -> TensorInfo:
-    shape = tuple(size if isinstance(size, int) and size > 0 else 0 for size in port.shape)
-    return TensorInfo(port.name, shape, port.type)
 
 
 def _first(error: Exception) -> str:
@@ -136,6 +125,7 @@ Region = tuple[int, int, int, int]
 
 _NEAR_EDGE = 0.06  # A box nearer to an edge of its view counts as cut off: share of the view's height.
 _LARGEST_SCALE = 2.0
+_STEP = 32
 _ABOVE, _BELOW = 0.13, 0.2  # Extent of the band around the horizon: share of the height, for people from 10 m on.
 
 
@@ -177,12 +167,9 @@ class View:
         return np.hstack([corner, boxes[:, 2:] * scale])
 
     def trusted(self, boxes: np.ndarray, width: int, height: int) -> np.ndarray:
-        """Whether each of ``boxes``, (n, 4) in image pixels, is large enough and not cut off by the view.
+        """Whether each of ``boxes``, (n, 4), is large enough and not cut off by the view.
 
-        Args:
-            boxes: Boxes of this view.
-            width: Width of the image, pixels.
-            height: Height of the image, pixels.
+        The boxes are in pixels of the image, which is ``width`` x ``height`` pixels large.
         """
         margin = _NEAR_EDGE * self.h
         return (
@@ -203,7 +190,7 @@ def band(width: int, height: int, horizon: float) -> Region:
 
 def whole(width: int, height: int, canvas: tuple[int, int], *, centred: bool = True, fill: int = 0) -> View:
     """View of the whole image, as large as fits on ``canvas``, in its middle or at the upper left."""
-    return _placed((0, 0, width, height), canvas, centred, fill, 0.0)
+    return _placed((0, 0, width, height), canvas, centred=centred, fill=fill)
 
 
 def scaled(part: Region, ratio: float) -> View:
@@ -213,15 +200,15 @@ def scaled(part: Region, ratio: float) -> View:
     return View(x, y, w, h, width, height, width, height, 0, 0)
 
 
-def fitting(part: Region, pixels: int, *, step: int = 32, fill: int = 0, least: float = 0.0) -> View:
-    """View of ``part`` on a canvas of about ``pixels``, with sides divisible by ``step``."""
+def fitting(part: Region, pixels: int, *, fill: int = 0, least: float = 0.0) -> View:
+    """View of ``part`` on a canvas of about ``pixels``, with sides divisible by 32."""
     _, _, w, h = part
     scale = min(math.sqrt(pixels / (w * h)), _LARGEST_SCALE)
-    canvas = (max(1, round(w * scale / step)) * step, max(1, round(h * scale / step)) * step)
-    return _placed(part, canvas, True, fill, least)
+    canvas = (max(1, round(w * scale / _STEP)) * _STEP, max(1, round(h * scale / _STEP)) * _STEP)
+    return _placed(part, canvas, fill=fill, least=least)
 
 
-def _placed(part: Region, canvas: tuple[int, int], centred: bool, fill: int, least: float) -> View:
+def _placed(part: Region, canvas: tuple[int, int], *, centred: bool = True, fill: int = 0, least: float = 0.0) -> View:
     x, y, w, h = part
     width, height = canvas
     scale = min(width / w, height / h)
@@ -234,21 +221,14 @@ _STRIDES = (8, 16, 32, 64)  # Pixels per cell of each level; many networks lack 
 
 
 class LayoutMismatch(Exception):  # noqa: N818
-    """Output that does not have the layout; the message says what is expected."""
+    """Output that does not have the layout; the message is the expected one."""
 
 
 @dataclass(frozen=True)
 class ModelOutput:
-    """Output arrays of a model for an input of ``width`` x ``height`` pixels.
+    """Output of a model, one array for each of its ``ports``, for an input of ``width`` x ``height`` pixels.
 
-    Args:
-        arrays: One array per output.
-        ports: Description of the outputs.
-        width: Width of the input, pixels.
-        height: Height of the input, pixels.
-        person: Index of the class "person".
-        classes: Number of classes.
-        threshold: Boxes with lower scores are dropped.
+    ``person`` is the index of the class "person"; boxes with scores below ``threshold`` are dropped.
     """
 
     arrays: Sequence[np.ndarray]
@@ -260,7 +240,7 @@ class ModelOutput:
     threshold: float = 0.0
 
     def table(self, expected: str) -> np.ndarray:
-        """The only answer, without the dimension of the batch. Raises Misfit with ``expected``."""
+        """The only answer, without the dimension of the batch. Raises LayoutMismatch with ``expected``."""
         if len(self.arrays) != 1 or self.arrays[0].ndim != 3 or self.arrays[0].shape[0] != 1:
             raise LayoutMismatch(expected)
         return self.arrays[0][0]
@@ -283,11 +263,11 @@ Found = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class OutputLayout:
-    """How answers are read, and how networks with such answers usually want their pictures.
+    """Format of the output of models, and the usual format of their input.
 
-    ``channels`` is the order of colours, ``pixels`` what a pixel's 0 to 255 become; the picture stands in the middle
-    of the network's or, unless ``centred``, at its upper left, and ``fill`` is the grey beside it. ``read`` raises
-    Misfit when the answers are of another layout.
+    ``channels`` is the order of the colours, ``pixels`` the range of the pixel values. The image is in the middle of
+    the input, or at the upper left if not ``centred``; ``fill`` is the grey level beside it. ``read`` raises
+    LayoutMismatch for the output of another layout.
     """
 
     name: str
@@ -363,13 +343,6 @@ def _yolov8(answers: ModelOutput) -> Found:
 
 def _detections(answers: ModelOutput) -> Found:
     """Left, top, right, bottom in pixels, score and class, in one output or several."""
-    rows = _detection_rows(answers)
-    good = (rows[:, 5] == answers.person) & (rows[:, 4] >= answers.threshold)
-    return _corners(rows[good, :2], rows[good, 2:4]), rows[good, 4]
-
-
-def _detection_rows(answers: ModelOutput) -> np.ndarray:
-    """Shape (n, 6): left, top, right, bottom, score, class."""
     expected = (
         "n x 6 (left, top, right, bottom, score, class), or boxes n x 5 (with scores) and labels n, or boxes n x 4, "
         "scores n and labels n; each perhaps with a batch of 1 before it"
@@ -381,16 +354,17 @@ def _detection_rows(answers: ModelOutput) -> np.ndarray:
     flat = [(port, table) for port, table in zip(answers.ports, tables, strict=True) if table.ndim == 1]
     if len(wide) != 1 or any(len(table) != len(wide[0]) for _, table in flat):
         raise LayoutMismatch(expected)
-    labels = [_is_label(port, table) for port, table in flat]
+    labels = [
+        table.dtype.kind in "iu" or any(word in port.name.lower() for word in ("label", "class"))
+        for port, table in flat
+    ]
     if (wide[0].shape[1], labels.count(False), labels.count(True)) not in {(6, 0, 0), (5, 0, 1), (4, 1, 1)}:
         raise LayoutMismatch(expected)
     # Sorting puts the scores before the labels.
     rest = [table[:, None] for _, (_, table) in sorted(zip(labels, flat, strict=True), key=lambda pair: pair[0])]
-    return np.hstack([wide[0], *rest]).astype(np.float64)
-
-
-def _is_label(port: TensorInfo, table: np.ndarray) -> bool:
-    return table.dtype.kind in "iu" or any(word in port.name.lower() for word in ("label", "class"))
+    rows = np.hstack([wide[0], *rest]).astype(np.float64)
+    good = (rows[:, 5] == answers.person) & (rows[:, 4] >= answers.threshold)
+    return _corners(rows[good, :2], rows[good, 2:4]), rows[good, 4]
 
 
 def _corners(corner: np.ndarray, opposite: np.ndarray) -> np.ndarray:

@@ -13,13 +13,11 @@ from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetecti
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
+from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.network import LAYOUTS
-from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, make_pipeline
+from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
 
-__all__ = ["PersonDetector"]
-
-_GEOMETRY = frozenset({"mount_height_m", "pitch_rad", "hfov_rad"})
+_GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
 
 
@@ -53,26 +51,12 @@ class PersonDetector(Node):
     hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
     model = Parameter(_USUAL.model, "onnx: path of the model's file", fixed=True)
     layout = Parameter(_USUAL.layout, "onnx: layout of its output", choices=tuple(LAYOUTS), fixed=True)
-    input_width = Parameter(_USUAL.input_width, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True)
-    input_height = Parameter(
-        _USUAL.input_height, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True
-    )
-    channels = Parameter(
-        _USUAL.channels,
-        "onnx: order of colours; empty: default of the layout",
-        choices=("", "bgr", "rgb"),
-        fixed=True,
-    )
-    pixels = Parameter(
-        _USUAL.pixels,
-        "onnx: range of pixel values; empty: default of the layout",
-        choices=("", "0-255", "0-1", "imagenet"),
-        fixed=True,
-    )
+    input_width = Parameter(0, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True)
+    input_height = Parameter(0, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True)
+    channels = Parameter("", "onnx: order of colours; empty: from the layout", choices=("", "bgr", "rgb"), fixed=True)
+    pixels = Parameter("", "onnx: range of pixels; empty: from the layout", choices=("", *PIXELS), fixed=True)
     classes = Parameter(_USUAL.classes, "onnx: number of classes", minimum=1, maximum=100000, fixed=True)
-    person_class = Parameter(
-        _USUAL.person_class, "onnx: index of the class person, from 0", minimum=0, maximum=99999, fixed=True
-    )
+    person_class = Parameter(0, "onnx: index of the class person, from 0", minimum=0, maximum=99999, fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises InstallationError if the detector is not installed, ParameterError for invalid settings."""
@@ -82,9 +66,8 @@ class PersonDetector(Node):
         if self.model:
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
-        self._pipeline = make_pipeline(
-            self._spec, self._spec.make(DetectorSettings(**settings)), tracker=self.tracker, bridge_s=self.bridge_s
-        )
+        detector = self._spec.make(DetectorSettings(**settings))
+        self._pipeline = PersonPipeline(self._spec, detector, tracker=self.tracker, bridge_s=self.bridge_s)
         for parameter in ("threshold", "person_height_m", "hide_still"):
             self.on_parameter(parameter)
         self._info: CameraInfo | None = None
@@ -100,7 +83,7 @@ class PersonDetector(Node):
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
-            self._pipeline.set_thresholds(self._spec.sure if self.threshold < 0 else self.threshold, self._spec.weak)
+            self._pipeline.set_threshold(None if self.threshold < 0 else self.threshold)
         elif name == "bridge_s" and self._pipeline.tracker is not None:
             self._pipeline.tracker.bridge_s = self.bridge_s
         elif name == "hide_still":
@@ -129,23 +112,18 @@ class PersonDetector(Node):
 
     def _camera_of(self, image: Image) -> CameraModel:
         """The camera model, scaled to the size of ``image``."""
-        if self._camera is None or (self._camera.width, self._camera.height) != (image.width, image.height):
-            self._camera = self._new_camera(image.width, image.height)
+        width, height, info = image.width, image.height, self._info
+        if self._camera is None or (self._camera.width, self._camera.height) != (width, height):
+            if info is None:
+                self._warn_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
+            elif (info.width, info.height) != (width, height):
+                self._warn_once(
+                    f"camera_info is for {info.width}x{info.height} pixels but images have {width}x{height}: "
+                    "its intrinsics are scaled"
+                )
+            pose = {name: self.parameter_values[name] for name in _GEOMETRY}
+            self._camera = CameraModel.of_images(info, width, height, **pose)
         return self._camera
-
-    def _new_camera(self, width: int, height: int) -> CameraModel:
-        mount, pitch = self.mount_height_m, self.pitch_rad
-        if self._info is None:
-            self._warn_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
-            return CameraModel.from_field_of_view(width, height, self.hfov_rad, mount_height_m=mount, pitch_rad=pitch)
-        camera = CameraModel.from_info(self._info, mount_height_m=mount, pitch_rad=pitch)
-        if (camera.width, camera.height) == (width, height):
-            return camera
-        self._warn_once(
-            f"camera_info is for {camera.width}x{camera.height} pixels but images have {width}x{height}: "
-            "its intrinsics are scaled"
-        )
-        return camera.scaled(width, height)
 
     def _warn_once(self, text: str) -> None:
         if text not in self._warned:

@@ -14,12 +14,10 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
 from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.detector import Detector
+from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
 from socialbot.vision.tracking import Track, Tracker, cut_off
-
-__all__ = ["BRIDGE_S", "TRACKERS", "PersonPipeline", "make_pipeline"]
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
@@ -45,70 +43,82 @@ class PersonPipeline:
     Boxes of people with hidden feet are extended to the floor, and boxes narrower than a person are widened.
 
     Args:
+        spec: Description of the detector, with its score thresholds.
         detector: Detector, whose threshold the pipeline sets.
-        tracker: Tracker; None treats each image alone.
-        sure: Score from which a detection counts alone.
-        weak: Score from which a detection continues a track.
+        tracker: Name of the tracker (`TRACKERS`); "none" treats each image alone.
+        threshold: Score from which a detection counts alone; default: that of ``spec``.
+        bridge_s: Longest time to publish a lost track, s.
         person_height_m: Usual height of a person, m.
         hide_still: Whether tracks that never move are removed; needs a tracker.
     """
 
     def __init__(
         self,
+        spec: DetectorSpec,
         detector: Detector,
-        tracker: Tracker | None = None,
         *,
-        sure: float,
-        weak: float,
+        tracker: str = "kalman",
+        threshold: float | None = None,
+        bridge_s: float = BRIDGE_S,
         person_height_m: float = 1.70,
         hide_still: bool = True,
     ) -> None:
         self.person_height_m = person_height_m
-        self.tracker = tracker
+        self.tracker = Tracker(spec.sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
         self.hide_still = hide_still
-        self._scenery = StaticObjectFilter()
+        self._static_objects = StaticObjectFilter()
+        self._spec = spec
         self._detector = detector
         self._known: dict[str, TrackState] = {}
         self._stamp = 0
-        self.set_thresholds(sure, weak)
+        self.set_threshold(threshold)
 
-    def set_thresholds(self, high: float, low: float) -> None:
-        """Set the score thresholds; may be called between images."""
-        low = min(low, high)
-        self._detector.threshold = high
+    def set_threshold(self, threshold: float | None) -> None:
+        """Set the score from which a detection counts alone (None: the default); may be called between images."""
+        sure = self._spec.sure if threshold is None else threshold
+        self.threshold = sure
         if self.tracker is not None:
-            self._detector.threshold = low
-            self.tracker.sure, self.tracker.weak = high, low
+            self.threshold = min(self._spec.weak, sure)
+            self.tracker.sure, self.tracker.weak = sure, self.threshold
 
     def find(self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel) -> tuple[PersonDetection, ...]:
         """Find the people in an image (height, width, 3), uint8, BGR, best first.
 
         A stamp before the last one starts a new recording.
         """
+        return self.follow(self.detect(image_bgr, camera, self.threshold), image_bgr, stamp_ns, camera)
+
+    def detect(self, image_bgr: np.ndarray, camera: CameraModel, threshold: float) -> Detections:
+        """Run the detector alone, with a score ``threshold``."""
+        self._detector.threshold = threshold
         self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
         if self.tracker is not None:
             self._detector.camera_height = camera.mount_height_m / self.person_height_m
-        found = self._detector.detect(image_bgr)
-        size = image_bgr.shape[1], image_bgr.shape[0]
-        if self.tracker is None:
-            tracks = [
-                Track("", box, score, 0.0, cut_off(box, *size))
-                for box, score in zip(found.boxes, found.scores.tolist(), strict=True)
-            ]
-        else:
-            tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size)
-            if self.hide_still:
-                tracks = self._scenery.people(image_bgr, stamp_ns, tracks)
-            tracks = _with_hidden_feet(tracks)
-        self._forget(stamp_ns)
-        return tuple(self._person(track, stamp_ns, camera) for track in tracks)
+        return self._detector.detect(image_bgr)
 
-    def _forget(self, stamp_ns: int) -> None:
+    def follow(
+        self, found: Detections, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel
+    ) -> tuple[PersonDetection, ...]:
+        """Track the people ``found`` in an image, and measure their distance."""
+        if self.tracker is None:
+            return self.measured(found, camera)
+        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
+        if self.hide_still:
+            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks)
         if stamp_ns < self._stamp:
             self._known = {}
         self._stamp = stamp_ns
         oldest = stamp_ns - round(_REMEMBERED_S * SECOND)
         self._known = {name: person for name, person in self._known.items() if person.stamp >= oldest}
+        return tuple(self._person(track, stamp_ns, camera) for track in _with_hidden_feet(tracks))
+
+    def measured(self, found: Detections, camera: CameraModel) -> tuple[PersonDetection, ...]:
+        """Measure the distance of the people ``found``, without tracking them."""
+        tracks = [
+            Track("", box, score, 0.0, cut_off(box, camera.width, camera.height))
+            for box, score in zip(found.boxes, found.scores.tolist(), strict=True)
+        ]
+        return tuple(self._person(track, 0, camera) for track in tracks)
 
     def _person(self, track: Track, stamp_ns: int, camera: CameraModel) -> PersonDetection:
         x, y, w, h = box = tuple(track.box.tolist())
@@ -121,7 +131,9 @@ class PersonPipeline:
         if track.feet_hidden and distance is not None:
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
         if track.id and not (track.cut.left or track.cut.right):
-            x, w = _widened(x, w, _SLIMMEST * h, camera.width)
+            margin = max(_SLIMMEST * h - w, 0.0) / 2
+            x, right = max(x - margin, 0.0), min(x + w + margin, float(camera.width))
+            w = right - x
         return PersonDetection(
             x=x,
             y=y,
@@ -166,26 +178,18 @@ class PersonPipeline:
 
 
 def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
-    """Mark tracks that are occluded from below, or too wide to be whole, as having hidden feet."""
+    """Mark tracks that are occluded from below, or too wide to be whole, as having hidden feet.
+
+    A low object, such as a trolley, hides the feet of a box that is too wide.
+    """
     boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
     return tuple(
         replace(track, feet_hidden=True)
-        if not track.cut.bottom and (_too_wide(track) or _behind(track.box, boxes))
+        if not track.cut.bottom
+        and ((not track.cut.top and track.box[2] > _WIDEST * track.box[3]) or _behind(track.box, boxes))
         else track
         for track in tracks
     )
-
-
-def _too_wide(track: Track) -> bool:
-    """Whether a low object, such as a trolley, hides the feet."""
-    return not track.cut.top and bool(track.box[2] > _WIDEST * track.box[3])
-
-
-def _widened(x: float, w: float, least: float, width: int) -> tuple[float, float]:
-    """Widen the span ``x``, ``w`` of a box to ``least`` pixels, within the image."""
-    margin = max(least - w, 0.0) / 2
-    left, right = max(x - margin, 0.0), min(x + w + margin, float(width))
-    return left, right - left
 
 
 def _behind(box: np.ndarray, others: np.ndarray) -> bool:
@@ -195,24 +199,3 @@ def _behind(box: np.ndarray, others: np.ndarray) -> bool:
     shared = np.minimum(box[0] + box[2], right) - np.maximum(box[0], others[:, 0])
     nearer = (others[:, 1] < end) & (bottom > end + _NEARER * box[3])
     return bool((nearer & (shared > _HIDING * box[2])).any())
-
-
-def make_pipeline(
-    spec: DetectorSpec,
-    detector: Detector,
-    *,
-    tracker: str = "kalman",
-    threshold: float | None = None,
-    bridge_s: float = BRIDGE_S,
-    person_height_m: float = 1.70,
-    hide_still: bool = True,
-) -> PersonPipeline:
-    """Build a pipeline with a ``detector`` that ``spec`` describes, and the ``tracker`` of that name (`TRACKERS`).
-
-    ``threshold`` replaces the score of ``spec`` from which a detection counts alone.
-    """
-    sure = spec.sure if threshold is None else threshold
-    follower = Tracker(sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
-    return PersonPipeline(
-        detector, follower, sure=sure, weak=spec.weak, person_height_m=person_height_m, hide_still=hide_still
-    )

@@ -12,8 +12,6 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.vision.detector import clip, iou, same_head
 
-__all__ = ["Cut", "BoxFilter", "Track", "Tracker", "assign", "cut_off"]
-
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
     """Solve the assignment problem for ``costs``, shape (n, m), which may be infinite.
@@ -153,13 +151,8 @@ _HIDDEN_S = 1.5  # for at most this long.
 class Track:
     """Tracked person in one image.
 
-    Args:
-        id: Track id, unique per tracker.
-        box: x, y, w, h in pixels, shape (4,); the prediction if ``unseen_s`` > 0.
-        score: Score of the last detection.
-        unseen_s: Time since the last detection, s.
-        cut: Sides that the image cuts off.
-        feet_hidden: Whether the lower part is occluded.
+    ``box`` is x, y, w, h in pixels, shape (4,): the prediction if ``unseen_s`` (s, since the last detection) > 0.
+    ``score`` is that of the last detection.
     """
 
     id: str
@@ -241,26 +234,27 @@ class Tracker:
         Returns:
             The tracks, best score first.
         """
-        seconds = self._pass_to(stamp_ns)
+        after_gap, seconds = self._pass_to(stamp_ns)
         for person in self._persons:
-            person.motion.predict(seconds or 0.0)
-        order = np.lexsort((*np.asarray(boxes, np.float64).reshape(-1, 4).T[::-1], -np.asarray(scores, np.float64)))
-        boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4)[order], np.asarray(scores, np.float64)[order]
+            person.motion.predict(seconds)
+        boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4), np.asarray(scores, np.float64)
+        order = np.lexsort((*boxes.T[::-1], -scores))
+        boxes, scores = boxes[order], scores[order]
         cuts = [cut_off(box, *size) if size else Cut() for box in boxes]
-        expected = self._expected(size)
-        taken = self._match(expected, boxes, scores)
+        expected = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
+        taken = self._match(clip(expected, *size) if size else expected, boxes, scores)
         for number, person in enumerate(self._persons):
             if number in taken:
                 index = taken[number]
-                self._see(person, boxes[index], float(scores[index]), cuts[index], seconds or 0.0)
+                self._see(person, boxes[index], float(scores[index]), cuts[index], seconds)
             else:
                 person.misses += 1
-                person.unseen_s += seconds or 0.0
+                person.unseen_s += seconds
         seen = list(taken.values())
         # Largest first, so that parts of a person find the whole.
         left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
         for index in [index for index in left if scores[index] >= self.sure]:
-            at_once = self._after_gap(seconds) or bool(scores[index] >= 2 * self.sure - self.weak)
+            at_once = after_gap or bool(scores[index] >= 2 * self.sure - self.weak)
             self._begin(boxes[index], float(scores[index]), cuts[index], boxes[seen], at_once=at_once)
             seen.append(index)
         for index in [index for index in left if self.weak <= scores[index] < self.sure]:
@@ -268,23 +262,15 @@ class Tracker:
         self._persons = [person for person in self._persons if self._kept(person, size)]
         return self._published(size)
 
-    def _pass_to(self, stamp_ns: int) -> float | None:
-        """Seconds since the last image; None for the first one of a recording."""
+    def _pass_to(self, stamp_ns: int) -> tuple[bool, float]:
+        """Whether the image is the first or follows a gap, and the seconds since the last one."""
         before, self._stamp = self._stamp, stamp_ns
         if before is None or stamp_ns < before:
             self._persons = []
-            return None
+            return True, 0.0
         seconds = (stamp_ns - before) / SECOND
         self._persons = [person for person in self._persons if person.unseen_s + seconds <= max(self.keep_s, _GAP_S)]
-        return seconds
-
-    @staticmethod
-    def _after_gap(seconds: float | None) -> bool:
-        return seconds is None or seconds >= _GAP_S
-
-    def _expected(self, size: tuple[int, int] | None) -> np.ndarray:
-        boxes = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
-        return clip(boxes, *size) if size else boxes
+        return seconds >= _GAP_S, seconds
 
     def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray) -> dict[int, int]:
         """Assign boxes to tracks: box index by track index."""
@@ -349,8 +335,14 @@ class Tracker:
         return size is None or bool((clip(person.motion.box[None], *size)[0, 2:] > 0).all())
 
     def _published(self, size: tuple[int, int] | None) -> tuple[Track, ...]:
-        likely = [person for person in self._persons if person.id and not person.misses and self._likely(person)]
-        seen = _one_a_head(likely)
+        # Tracks of weak boxes fade.
+        seen = _one_a_head(
+            [
+                person
+                for person in self._persons
+                if person.id and not person.misses and max(person.score, person.usual_score) >= self.sure
+            ]
+        )
         boxes = np.array([person.box for person in seen]).reshape(-1, 4)
         tracks = [Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden) for person in seen]
         for person in self._persons:
@@ -361,22 +353,17 @@ class Tracker:
                     tracks.append(Track(person.id, box, person.score, person.unseen_s, cut))
         return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
 
-    def _likely(self, person: _Person) -> bool:
-        """Whether the scores are high enough; tracks of weak boxes fade."""
-        return max(person.score, person.usual_score) >= self.sure
-
     def _trusted(self, person: _Person, size: tuple[int, int] | None) -> bool:
-        if not 0 < person.unseen_s <= self.bridge_s or person.hits < _TRUSTED_HITS:
-            return False
-        # The score of a person who leaves falls first; a flicker is sudden.
-        if min(person.score, person.usual_score) < self.sure:
-            return False
         motion = person.motion
-        if motion.spread()[0] > _DRIFT * motion.value[3]:
+        if (
+            not 0 < person.unseen_s <= self.bridge_s
+            or person.hits < _TRUSTED_HITS
+            # The score of a person who leaves falls first; a flicker is sudden.
+            or min(person.score, person.usual_score) < self.sure
+            or motion.spread()[0] > _DRIFT * motion.value[3]
+        ):
             return False
-        if size is None:
-            return True
-        cut = cut_off(motion.box, *size)
+        cut = cut_off(motion.box, *size) if size else Cut()
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
 

@@ -38,12 +38,12 @@ def plan_for(facts: FactBase, desire: Desire) -> PddlPlan:
 
 
 def settled(facts: FactBase, rules: Path) -> list[str]:
-    """What follows from the rules, as text; beliefs are changed by it until nothing follows any more."""
+    """Apply the rules until no more effects follow; return the effects as text."""
     book, followed = RuleBook(facts), []
     for rule in load_rules(rules, facts.domain):
         book.add(rule)
-    while effects := book.react():
-        for effect in effects:
+    while reactions := book.react():
+        for effect in (reaction.effect for reaction in reactions):
             followed.append(str(effect))
             if effect.fact is not None:
                 (facts.add if effect.operation == "ADD" else facts.remove)(effect.fact)

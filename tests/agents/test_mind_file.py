@@ -26,7 +26,7 @@ def times(corridor: Corridor, what: str) -> list[float]:
 
 
 @pytest.mark.parametrize(("kept", "greetings"), [(True, 1), (False, 2)])
-def test_who_was_greeted_is_not_greeted_again_after_a_crash(kept: bool, greetings: int, tmp_path: Path) -> None:
+def test_greeted_person_is_not_greeted_again_after_a_crash(kept: bool, greetings: int, tmp_path: Path) -> None:
     corridor = Corridor(mind_file=str(tmp_path / "minds" / "waldo.json") if kept else "")
     corridor.see(ANNA, times=20)
     crash(corridor)
@@ -34,7 +34,7 @@ def test_who_was_greeted_is_not_greeted_again_after_a_crash(kept: bool, greeting
     assert len(times(corridor, "greeting")) == greetings
 
 
-def test_beliefs_keep_the_time_since_when_they_are_held(tmp_path: Path) -> None:
+def test_beliefs_keep_their_begin(tmp_path: Path) -> None:
     corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
     corridor.see(ANNA, times=20)
     before = {belief.text: belief.since for belief in corridor.minds[-1].beliefs}
@@ -43,7 +43,7 @@ def test_beliefs_keep_the_time_since_when_they_are_held(tmp_path: Path) -> None:
     assert before["greeted()"]
 
 
-def test_a_time_of_absence_goes_on_through_a_crash(tmp_path: Path) -> None:
+def test_absence_continues_over_a_crash(tmp_path: Path) -> None:
     def greeted_anew(crashed: bool) -> list[float]:
         corridor = Corridor(mind_file=str(tmp_path / f"{crashed}.json"), regreet_after_s=5.0)
         corridor.see(ANNA, times=20)
@@ -59,7 +59,7 @@ def test_a_time_of_absence_goes_on_through_a_crash(tmp_path: Path) -> None:
     assert greeted_anew(crashed=True) == whole
 
 
-def test_no_id_of_the_trace_is_given_twice(tmp_path: Path) -> None:
+def test_trace_ids_are_unique_over_a_crash(tmp_path: Path) -> None:
     corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
     corridor.see(ANNA, times=20)
     crash(corridor)
@@ -69,16 +69,14 @@ def test_no_id_of_the_trace_is_given_twice(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"schema": "socialbot/mind", "version": 1, "records": "many"}'])
-def test_a_damaged_mind_is_set_aside_and_the_agent_begins_anew(
-    text: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_damaged_mind_file_is_renamed_and_ignored(text: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "waldo.json").write_text(text)
     corridor = Corridor(mind_file=str(tmp_path / "waldo.json"))
     corridor.see(ANNA, times=20)
     assert len(times(corridor, "greeting")) == 1
     assert (tmp_path / "waldo.json.damaged").read_text() == text
     assert json.loads((tmp_path / "waldo.json").read_text())["name"] == "waldo"
-    assert "begins anew" in caplog.text
+    assert "starts without its mind file" in caplog.text
 
 
 class thing(Belief):  # noqa: N801 - written as agents write it
@@ -104,9 +102,7 @@ def saved(path: Path) -> list[object]:
     return [belief["args"][0] for belief in json.loads(path.read_text())["beliefs"]]
 
 
-def test_it_is_saved_at_once_and_then_at_most_five_times_a_second(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mind_is_saved_at_most_five_times_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "mind.json"
     runner, thinker = thinking(path)
     runner.advance(SECOND)
@@ -120,7 +116,7 @@ def test_it_is_saved_at_once_and_then_at_most_five_times_a_second(
     assert saved(path) == [1, 2]
 
 
-def test_at_a_good_end_the_last_is_saved(tmp_path: Path) -> None:
+def test_last_state_is_saved_at_stop(tmp_path: Path) -> None:
     path = tmp_path / "mind.json"
     runner, thinker = thinking(path)
     for number in range(3):
@@ -130,11 +126,9 @@ def test_at_a_good_end_the_last_is_saved(tmp_path: Path) -> None:
     assert saved(path) == [0, 1, 2]
 
 
-def test_an_agent_whose_mind_cannot_be_saved_says_so_and_goes_on(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unsavable_mind_is_logged_and_agent_continues(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     runner, thinker = thinking(tmp_path / "mind.json")
     thinker.engine.believe(thing(object()))
     runner.advance(SECOND)
-    assert "its mind is not kept" in caplog.text
+    assert "cannot write its mind file" in caplog.text
     assert runner.faults["thinker"].failures == 0

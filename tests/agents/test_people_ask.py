@@ -70,9 +70,9 @@ class Counter(AgentNode):
 class Asking:
     """One agent, and a person who asks it for something."""
 
-    def __init__(self, placement: NodeConfig, *topics: str) -> None:
-        graph = Graph("room", (placement,), inputs=frozenset(topics))
-        self.name = placement.name
+    def __init__(self, config: NodeConfig, *topics: str) -> None:
+        graph = Graph("room", (config,), inputs=frozenset(topics))
+        self.name = config.name
         self.runner = InlineRunner(graph)
         self.answers: list[AgentAnswer] = []
         self.trace: list[TraceRecord] = []
@@ -137,7 +137,7 @@ def did(asking: Asking) -> list[tuple[str, tuple[object, ...]]]:
     return node.did
 
 
-def test_a_belief_is_held_because_a_person_says_so():
+def test_belief_of_a_user_has_source_and_cause():
     asking = counter()
     assert asking.ask("believe", "news(1)").accepted
     assert did(asking) == [("heard", (1,))]
@@ -147,7 +147,7 @@ def test_a_belief_is_held_because_a_person_says_so():
     assert asking.cause(belief).cause == "person-1"
 
 
-def test_a_belief_is_forgotten():
+def test_belief_is_removed():
     asking = counter()
     asking.ask("believe", "news(1)")
     asking.ask("believe", "news(2)")
@@ -157,7 +157,7 @@ def test_a_belief_is_forgotten():
     assert asking.told("unbelief") == ["news(2)", "news(1)"]
 
 
-def test_a_goal_is_achieved_and_dropped():
+def test_goal_is_adopted_and_dropped():
     asking = counter()
     assert asking.ask("achieve", "go(2)").accepted
     assert did(asking) == [("step", (2,)), ("step", (1,))]
@@ -173,7 +173,7 @@ def test_a_goal_is_achieved_and_dropped():
     ("command", "text", "reason"),
     [
         ("believe", "news(", "expected a term, found the end of the text"),
-        ("believe", "news(X)", "news(X) has a variable, or something to compute: write values"),
+        ("believe", "news(X)", "news(X) has a variable or a computed value: write values"),
         ("forget", "news(7)", "it believes nothing like news(7)"),
         ("forget", "count(7)", "it does not believe count(7)"),
         ("achieve", "fly(1)", "it has no plan for fly(1); it has some for go/1"),
@@ -182,18 +182,18 @@ def test_a_goal_is_achieved_and_dropped():
         ("step", "", "it is not paused"),
     ],
 )
-def test_what_cannot_be_is_refused_with_the_reason(command, text, reason):
+def test_impossible_command_is_refused_with_reason(command, text, reason):
     assert counter().refused(command, text) == reason
 
 
-def test_who_is_not_meant_says_nothing():
+def test_command_for_another_agent_is_ignored():
     asking = counter()
     asking.ask("pause")
     asking.ask("believe", "news(1)", agent="somebody_else")
     assert [answer.id for answer in asking.answers] == ["person-1"]
 
 
-def test_an_agent_that_pauses_takes_in_what_comes_and_does_nothing():
+def test_paused_agent_accepts_messages_and_does_not_act():
     asking = counter()
     assert asking.ask("pause").accepted
     assert asking.refused("pause") == "it is paused already"
@@ -206,7 +206,7 @@ def test_an_agent_that_pauses_takes_in_what_comes_and_does_nothing():
     assert ("step", (3,)) in did(asking)
 
 
-def test_timers_wait_while_an_agent_pauses():
+def test_timers_wait_during_a_pause():
     asking = counter()
     asking.ask("achieve", "go(4)")
     asking.ask("pause")
@@ -216,7 +216,7 @@ def test_timers_wait_while_an_agent_pauses():
     assert ("later", (4,)) in did(asking)
 
 
-def test_a_pause_is_told_and_is_over_with_it():
+def test_pause_is_reported_as_health():
     asking = counter()
     asking.ask("pause")
     asking.wait(2)
@@ -232,7 +232,7 @@ def test_a_pause_is_told_and_is_over_with_it():
     goals=st.lists(st.integers(1, 4), min_size=1, max_size=3),
     steps=st.lists(st.integers(0, 6), min_size=1, max_size=5),
 )
-def test_with_pauses_and_steps_an_agent_does_what_it_does_without(goals, steps):
+def test_pauses_and_steps_do_not_change_the_actions(goals, steps):
     straight, halting = counter(), counter()
     for asking in (straight, halting):
         asking.ask("pause")
@@ -251,7 +251,7 @@ def test_with_pauses_and_steps_an_agent_does_what_it_does_without(goals, steps):
     assert halting.told("goal") == straight.told("goal")
 
 
-def test_waldo_is_asked_to_greet_and_is_paused():
+def test_waldo_greets_on_command_and_pauses():
     asking = waldo()
     assert asking.ask("achieve", "GreetPeople()").accepted
     assert [action.name for action in asking.actions] == ["speak"]
@@ -268,7 +268,7 @@ def test_waldo_is_asked_to_greet_and_is_paused():
     assert 'personDetected("Yes")' in asking.told("belief")
 
 
-def test_the_first_percepts_of_an_agent_compile_nothing(monkeypatch):
+def test_first_percepts_compile_nothing(monkeypatch):
     asking, compiled = waldo(), []
     monkeypatch.setattr(Unit, "build", lambda unit: compiled.append(unit.title))
     seen = (PersonDetection(x=0, y=0, w=9, h=30, score=1.0, distance_m=2.0),)
@@ -303,19 +303,19 @@ def worker(tmp_path: Path) -> Asking:
     return Asking(NodeConfig("worker", Worker, parameters), "/agents/requests", "/agents/replies")
 
 
-def test_one_that_deliberates_is_told_facts_and_desires(worker):
+def test_deliberating_agent_accepts_facts_and_desires(worker):
     assert worker.ask("believe", "b - job").accepted
     assert worker.ask("achieve", "(done b)").accepted
     worker.wait(10)
     assert worker.told("desire_fulfilled") == ["(done b)"]
     desire = next(record for record in worker.trace if record.kind == "desire")
     assert worker.cause(desire).what == "achieve (done b)"
-    assert worker.refused("achieve", "(done b)") == "that is so already"
+    assert worker.refused("achieve", "(done b)") == "its target holds already"
     assert worker.ask("forget", "(done b)").accepted
     assert "done(b)" in " ".join(worker.told("unbelief"))
 
 
-def test_a_desire_as_json_is_adopted_and_dropped_by_its_name(worker):
+def test_desire_as_json_is_adopted_and_dropped_by_name(worker):
     wanted = Desire(name="tidy", value=(Fact(name="done", pddl_type=PREDICATE, params=("a",)),), priority=0.9)
     assert worker.ask("achieve", msgspec.json.encode(wanted).decode()).accepted
     assert worker.ask("drop", "tidy").accepted
@@ -329,16 +329,16 @@ def test_a_desire_as_json_is_adopted_and_dropped_by_its_name(worker):
         ("believe", "(flies a)", "flies"),
         ("believe", "(done a) (done b)", "more than one fact"),
         ("forget", "(done a)", "it does not believe (done a)"),
-        ("achieve", '{"name": 1}', "that is no desire"),
+        ("achieve", '{"name": 1}', "invalid desire"),
         ("achieve", "(flies a)", "flies"),
         ("drop", "tidy", "it has no desire 'tidy'; it desires nothing"),
     ],
 )
-def test_one_that_deliberates_refuses_with_the_reason(worker, command, text, reason):
+def test_deliberating_agent_refuses_with_reason(worker, command, text, reason):
     assert reason in worker.refused(command, text)
 
 
-def test_one_that_deliberates_does_not_go_on_with_its_plan_while_it_pauses(worker):
+def test_paused_agent_does_not_continue_its_plan(worker):
     worker.ask("achieve", "(done a)")
     worker.wait(1)
     worker.ask("pause")
@@ -349,7 +349,7 @@ def test_one_that_deliberates_does_not_go_on_with_its_plan_while_it_pauses(worke
     assert worker.told("desire_fulfilled") == ["(done a)"]
 
 
-def test_a_robot_of_the_hospital_has_goals_and_beliefs_of_its_own():
+def test_hospital_robot_accepts_commands():
     asking = Asking(NodeConfig("spot1", Spot), TOPIC, RESULTS, STATE)
     assert asking.ask("believe", "start(m1)").accepted
     assert "start(m1)" in asking.told("belief")

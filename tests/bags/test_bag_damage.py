@@ -55,7 +55,7 @@ def test_json_that_does_not_fit_is_counted_and_skipped(tmp_path: Path) -> None:
         assert "socialbot/Mind/9" in bag.skipped[SAY].first
 
 
-def test_a_truncated_mcap_file_is_read_as_far_as_it_is_whole(tmp_path: Path) -> None:
+def test_truncated_mcap_file_is_read_as_far_as_it_is_whole(tmp_path: Path) -> None:
     data = (make(tmp_path / "bag", count=24, size=(360, 480)) / "bag.mcap").read_bytes()
     expected = [message.stamp for _, message in contents(tmp_path / "bag", RAW)]
     file = tmp_path / "cut.mcap"
@@ -72,7 +72,7 @@ def test_a_truncated_mcap_file_is_read_as_far_as_it_is_whole(tmp_path: Path) -> 
     assert lengths[0] > 0
 
 
-def test_a_cut_through_the_index_costs_no_picture(tmp_path: Path) -> None:
+def test_cut_through_the_index_costs_no_image(tmp_path: Path) -> None:
     data = (make(tmp_path / "bag", count=4, size=(600, 600)) / "bag.mcap").read_bytes()
     file = tmp_path / "cut.mcap"
     index = len(data) - data.rindex(b"\x0f\x04" + bytes(7))
@@ -92,7 +92,7 @@ def test_files_that_lack_a_topic(tmp_path: Path) -> None:
     assert [topic for topic, _ in contents(path, "/other")] == ["/other"]
 
 
-def test_a_recording_that_was_killed_is_read_without_metadata(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_recording_that_was_killed_is_read_without_metadata(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = make(tmp_path / "bag", count=24, size=(360, 480))
     file = path / "bag.mcap"
     file.write_bytes(file.read_bytes()[:-9000])
@@ -155,7 +155,7 @@ def test_truncated_files_without_rescue_name_their_repair(
     assert {".db3": "sqlite3", ".bag": "reindex"}[kind] in str(caught.value.remedy)
 
 
-def test_whole_messages_come_before_the_break(tmp_path: Path) -> None:
+def test_intact_messages_are_read_before_the_damage(tmp_path: Path) -> None:
     path = make(tmp_path / "bag", count=24, size=(360, 480))
     data = bytearray((path / "bag.mcap").read_bytes())
     middle = data.index(b"\x05", len(data) // 2 - len(data) // 2 % 7)
@@ -183,7 +183,7 @@ def test_whole_messages_come_before_the_break(tmp_path: Path) -> None:
         ("text.bag", b"hello world" * 100, "magic"),
     ],
 )
-def test_what_is_no_bag(tmp_path: Path, name: str, content: bytes | None, complaint: str) -> None:
+def test_refuses_other_files(tmp_path: Path, name: str, content: bytes | None, complaint: str) -> None:
     path = tmp_path / name
     if name.endswith("/"):
         path.mkdir()
@@ -196,7 +196,7 @@ def test_what_is_no_bag(tmp_path: Path, name: str, content: bytes | None, compla
 
 
 @pytest.mark.parametrize("text", ["", "a: [", "rosbag2_bagfile_information: {}", "- 1"])
-def test_a_folder_with_useless_metadata_is_read_by_its_files(tmp_path: Path, text: str) -> None:
+def test_folder_with_useless_metadata_is_read_by_its_files(tmp_path: Path, text: str) -> None:
     path = make(tmp_path / "bag")
     (path / "metadata.yaml").write_text(text)
     check_pictures(path)
@@ -206,7 +206,7 @@ def test_a_folder_with_useless_metadata_is_read_by_its_files(tmp_path: Path, tex
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_bag_without_messages(tmp_path: Path, storage: str) -> None:
+def test_bag_without_messages(tmp_path: Path, storage: str) -> None:
     with BagWriter(tmp_path / "bag", storage=storage):
         pass
     with pytest.raises(BagError, match="no messages"):

@@ -37,7 +37,7 @@ from tests.bags.making_bags import (
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_what_is_written_can_be_read(tmp_path: Path, storage: str) -> None:
+def test_written_bag_can_be_read(tmp_path: Path, storage: str) -> None:
     path = make(tmp_path / "bag", storage=storage)
     check_pictures(path)
     with open_bag(path) as bag:
@@ -58,7 +58,7 @@ def test_single_files_of_a_bag(tmp_path: Path, storage: str) -> None:
     check_pictures(file)
 
 
-def test_messages_come_in_the_order_of_the_bag_under_the_names_of_the_graph(tmp_path: Path) -> None:
+def test_messages_are_in_bag_order_with_graph_names(tmp_path: Path) -> None:
     path = make(tmp_path / "bag", count=6)
     with open_bag(path) as bag:
         found = [
@@ -68,7 +68,7 @@ def test_messages_come_in_the_order_of_the_bag_under_the_names_of_the_graph(tmp_
     assert found == [*first, *[("/eye", "Image")] * 4, *first]
 
 
-def test_the_schema_in_the_json_decides_what_a_string_becomes(tmp_path: Path) -> None:
+def test_schema_in_the_json_selects_the_type(tmp_path: Path) -> None:
     detections = PersonDetections(stamp=5, frame_id="c", width=8, height=6, persons=())
     path = make_with_rosbags(
         tmp_path / "bag", [("/a", START, detections), ("/b", START, Utterance(stamp=1, id="u", text="x"))]
@@ -132,7 +132,7 @@ def test_raw_messages_are_cdr(tmp_path: Path, builder: Callable[[Path], Path]) -
         assert data == TYPES.serialize(encode(picture(time - 5_000_000), TYPES)), name
 
 
-def test_a_bag_can_be_read_twice(tmp_path: Path) -> None:
+def test_bag_can_be_read_twice(tmp_path: Path) -> None:
     with open_bag(make(tmp_path / "bag")) as bag:
         assert len(list(bag.messages({RAW: RAW}))) == len(list(bag.messages({RAW: RAW}))) == 10
 
@@ -147,7 +147,7 @@ def test_types_without_definition_in_the_bag(tmp_path: Path) -> None:
 # Topics
 
 
-def test_the_only_image_topic_is_chosen(tmp_path: Path) -> None:
+def test_only_image_topic_is_chosen(tmp_path: Path) -> None:
     with open_bag(make(tmp_path / "bag")) as bag:
         assert bag.choose_image_topic().name == RAW
         assert bag.choose_image_topic(RAW).count == 10
@@ -169,14 +169,14 @@ def test_of_several_image_topics_one_must_be_named(tmp_path: Path) -> None:
         assert bag.choose_image_topic("/left/image/compressed").type == "sensor_msgs/msg/CompressedImage"
 
 
-def test_a_bag_without_pictures(tmp_path: Path) -> None:
+def test_bag_without_images(tmp_path: Path) -> None:
     path = make_with_rosbags(tmp_path / "bag", [(SAY, START, Utterance(stamp=1, id="u", text="x"))])
     with open_bag(path) as bag, pytest.raises(BagError, match="no images") as caught:
         bag.choose_image_topic()
     assert SAY in str(caught.value.remedy)
 
 
-def test_camera_info_stands_in_the_namespace_of_the_pictures(tmp_path: Path) -> None:
+def test_camera_info_is_in_the_namespace_of_the_images(tmp_path: Path) -> None:
     with open_bag(make(tmp_path / "bag")) as bag:
         for name in (RAW, f"{RAW}/compressed"):
             info = bag.camera_info_topic_for(name)
@@ -185,7 +185,7 @@ def test_camera_info_stands_in_the_namespace_of_the_pictures(tmp_path: Path) -> 
         assert bag.camera_info_topic_for("/other/image_raw") is None
 
 
-def test_topics_that_the_bag_lacks_or_nobody_understands(tmp_path: Path) -> None:
+def test_refuses_missing_and_unknown_topics(tmp_path: Path) -> None:
     path = tmp_path / "bag"
     with BagWriter(path) as writer:
         writer.write_raw("/imu", "sensor_msgs/msg/Imu", bytes(8), 1)
@@ -203,7 +203,7 @@ def test_topics_that_the_bag_lacks_or_nobody_understands(tmp_path: Path) -> None
 # Writing
 
 
-def test_an_existing_path_is_left_alone(tmp_path: Path) -> None:
+def test_existing_path_is_left_alone(tmp_path: Path) -> None:
     path = make(tmp_path / "bag")
     with pytest.raises(BagError, match="already exists") as caught:
         BagWriter(path)
@@ -211,13 +211,13 @@ def test_an_existing_path_is_left_alone(tmp_path: Path) -> None:
     check_pictures(path)
 
 
-def test_an_unknown_storage(tmp_path: Path) -> None:
+def test_unknown_storage(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="no storage 'mcaps'") as caught:
         BagWriter(tmp_path / "bag", storage="mcaps")
     assert "did you mean 'mcap'" in str(caught.value.remedy)
 
 
-def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BagError, match="cannot be written"), BagWriter(tmp_path / "file" / "bag"):
         pass
@@ -225,9 +225,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, ValueError, SystemExit])
-def test_the_bag_can_be_read_however_writing_ended(
-    tmp_path: Path, storage: str, interruption: type[BaseException]
-) -> None:
+def test_bag_can_be_read_however_writing_ended(tmp_path: Path, storage: str, interruption: type[BaseException]) -> None:
     path = tmp_path / "bag"
     bag = BagWriter(path, storage=storage)
     with pytest.raises(interruption):
@@ -249,7 +247,7 @@ def test_camera_info_is_offered_to_late_joiners(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("column", ["name", "type"])
-def test_a_topic_without_a_name_or_a_type_is_damage(tmp_path: Path, column: str) -> None:
+def test_topic_without_a_name_or_a_type_is_damage(tmp_path: Path, column: str) -> None:
     path = make(tmp_path / "bag", storage="sqlite3") / "bag.db3"
     with sqlite3.connect(path) as database:
         database.execute("CREATE TABLE others AS SELECT * FROM topics")
@@ -261,7 +259,7 @@ def test_a_topic_without_a_name_or_a_type_is_damage(tmp_path: Path, column: str)
 
 
 @pytest.mark.parametrize("time", ["NULL", "'noon'", "1.5", "x'00'"])
-def test_a_message_without_a_time_is_damage(tmp_path: Path, time: str) -> None:
+def test_message_without_a_time_is_damage(tmp_path: Path, time: str) -> None:
     path = make(tmp_path / "bag", storage="sqlite3") / "bag.db3"
     with sqlite3.connect(path) as database:
         database.execute("CREATE TABLE others AS SELECT * FROM messages")
@@ -298,7 +296,7 @@ def say(bag: BagWriter, topic: str, number: int) -> None:
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_what_was_flushed_is_there_although_the_bag_is_not_closed(tmp_path: Path, storage: str) -> None:
+def test_flushed_messages_survive_a_kill(tmp_path: Path, storage: str) -> None:
     with BagWriter(tmp_path / "bag", storage=storage) as bag:
         bag.flush()
         for number in (1, 2, 3):
@@ -315,3 +313,33 @@ def test_what_was_flushed_is_there_although_the_bag_is_not_closed(tmp_path: Path
     with open_bag(tmp_path / "bag") as whole:
         assert not whole.damage
         assert {topic.name: topic.count for topic in whole.topics} == {SAID: 4, ECHO: 1}
+
+
+def test_compressed_text_is_much_smaller(tmp_path):
+    sizes = {}
+    for compressed in (False, True):
+        path = tmp_path / f"bag{compressed}"
+        with BagWriter(path, compressed=compressed) as bag:
+            for number in range(500):
+                text = f"tea for number {number % 7}"
+                bag.write(SAY, Utterance(stamp=1, id="u", text=text), number * SECOND)
+        sizes[compressed] = sum(file.stat().st_size for file in path.glob("*.mcap"))
+        with open_bag(path) as opened:
+            assert len(list(opened.messages({SAY: SAY}))) == 500
+    assert sizes[True] < sizes[False] / 3
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_messages_of_one_time_keep_their_order(tmp_path, storage):
+    said = [
+        (topic, Utterance(stamp=1, id="u", text=f"{topic}{number}"))
+        for number in range(20)
+        for topic in ("/b", "/a", "/c")
+    ]
+    with BagWriter(tmp_path / "bag", storage=storage, compressed=True) as bag:
+        for topic, message in said:
+            bag.write(topic, message, message.stamp + int(message.text[2:]))
+    with open_bag(tmp_path / "bag") as opened:
+        messages = opened.messages({"/a": "/a", "/b": "/b", "/c": "/c"})
+        found = [message.text for _, message in messages if isinstance(message, Utterance)]
+    assert found == [message.text for _, message in said]

@@ -2,81 +2,37 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import inspect as structs
 
-from socialbot.agents.hospital import messages as hospital
-from socialbot.agents.hospital.ward import messages as ward
-from socialbot.agents.warehouse.messages import (
-    BoxPosition,
-    BoxPositions,
-    GripperPose,
-    GripperStatus,
-    MoveCommand,
-    MoveStatus,
-    Point,
-    UnloadCommand,
-)
 from socialbot.bags import codec
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bridge.transport import RclpyTypes, message_class
 from socialbot.core.errors import InstallationError, MessageError
 from socialbot.core.messages import (
-    ActionRequest,
-    AgentAnswer,
-    AgentCommand,
     BoxMarkers,
     CameraInfo,
-    Command,
     CompressedImage,
-    DownRequest,
-    HeadCommand,
-    Health,
     Image,
     JointTrajectory,
     Message,
     Mind,
-    MindBelief,
-    PersonDetection,
-    PersonDetections,
-    PictureAck,
-    SpeechStatus,
     Structured,
-    TraceRecord,
-    UpState,
-    UpStatus,
     Utterance,
 )
 from socialbot.core.registry import message_types
-from socialbot.deliberation.messages import (
-    ActionExecutionInfo,
-    AgentReply,
-    AgentRequest,
-    Belief,
-    BeliefSet,
-    CurrentIntentions,
-    Desire,
-    DesireItem,
-    DesireSet,
-    Dnf,
-    Fact,
-    FactCondition,
-    FactConjunction,
-    LifecycleStatus,
-    PlanExecutionInfo,
-)
 
 TYPES = RosbagsTypes()
 
 stamps = st.integers(1, 2**31 * 10**9 - 1)
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
 numbers = st.floats(allow_nan=False, allow_infinity=False)
-shares = st.floats(0.0, 1e9)
 sides = st.integers(0, 2**32 - 1)
 quarters = st.integers(-(10**6), 10**6).map(lambda n: n / 4)
 pixels = st.binary(max_size=64).map(lambda data: np.frombuffer(data, np.uint8))
@@ -91,66 +47,37 @@ def tuples(items: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
     return st.lists(items, max_size=4).map(tuple)
 
 
-person = st.builds(
-    PersonDetection, x=numbers, y=numbers, w=shares, h=shares, score=numbers, track_id=texts,
-    distance_m=st.none() | numbers, bearing_rad=st.none() | numbers, elevation_rad=st.none() | numbers,
-)  # fmt: skip
-belief = st.builds(MindBelief, text=texts, source=texts, since=stamps)
-shares = st.floats(0, 1)
-seconds = st.floats(0, 1e6)
-fact = st.builds(
-    Fact, name=texts, pddl_type=st.sampled_from([1, 2, 3]), type=texts, params=tuples(texts), value=numbers
-)
-condition = st.builds(
-    FactCondition, condition_to_check=fact, check=st.sampled_from(["EX", "T", "F", "EQ", "GR", "GREQ", "LE", "LEQ"])
-)
-dnf = st.builds(Dnf, clauses=tuples(st.builds(FactConjunction, literals=tuples(condition))))
-desire = st.builds(
-    Desire, name=texts, value=tuples(fact), conditions=tuples(condition), priority=shares, deadline=seconds,
-    precondition=dnf, context=dnf, rollback_belief_add=tuples(fact), rollback_belief_del=tuples(fact), parent=texts,
-)  # fmt: skip
-step = st.builds(
-    ActionExecutionInfo, index=sides, name=texts, args=tuples(texts), wait_action_indexes=tuples(sides),
-    planned_start=seconds, actual_start=st.none() | seconds, duration=seconds, exec_time=seconds, progress=shares,
-    status=st.sampled_from(["WAITING", "RUNNING", "SUCCESSFUL", "FAILED", "CANCELLED"]), message=texts,
-)  # fmt: skip
-said = st.one_of(
-    st.builds(hospital.Register, kind=texts, capabilities=tuples(texts)),
-    st.builds(hospital.Plan, label=texts, plans=tuples(texts)),
-    st.builds(hospital.Belief, literal=texts),
-    st.builds(hospital.Start, arguments=tuples(texts)),
-    st.builds(hospital.Stop, reason=texts),
-    st.just(hospital.End()),
-    st.builds(hospital.Ready, action=texts, args=tuples(texts)),
-    st.builds(hospital.Done, action=texts, args=tuples(texts)),
-    st.builds(
-        hospital.Report, outcome=st.sampled_from(["success", "failure"]), action=texts, args=tuples(texts),
-        reason=texts,
-    ),
-    st.builds(hospital.Problem, kind=texts, args=tuples(texts), action=texts),
-    st.just(hospital.Finished()),
-    st.builds(hospital.InitialTrigger, mission_kind=texts, args=tuples(texts)),
-    st.builds(hospital.Refusal, reason=texts),
-)  # fmt: skip
-planned = st.builds(
-    hospital.PlannedAction, action=texts, args=tuples(texts), agents=tuples(texts),
-    status=st.sampled_from(["planned", "done", "failed"]),
-)  # fmt: skip
-mission = st.builds(
-    hospital.MissionView, id=sides, kind=texts, room=texts, priority=st.integers(-9, 9),
-    status=st.sampled_from(["waiting", "running", "finished", "failed"]), team=tuples(texts), label=texts,
-    actions=tuples(planned), tree=texts, recoveries=sides, revisions=sides, problem=texts,
-)  # fmt: skip
-command = {"id": texts, "robot": texts, "action": texts, "args": tuples(texts)}
-room_state = st.builds(
-    ward.RoomState, name=texts, door_open=st.booleans(), cleaned=st.booleans(), disinfected=st.booleans(),
-    people=tuples(texts),
-)  # fmt: skip
-agent_state = st.builds(
-    ward.AgentState, name=texts, kind=texts, home=texts, place=texts, inside=st.booleans(), x=numbers, y=numbers,
-    battery=shares, busy=texts,
-)  # fmt: skip
-point = st.builds(Point, x=numbers, y=numbers, z=numbers)
+def values(kind: structs.Type) -> st.SearchStrategy[Any]:
+    """Values of any type in a structured message."""
+    match kind:
+        case structs.Metadata(type=inner):
+            return values(inner)
+        case structs.StrType():
+            return texts
+        case structs.BoolType():
+            return st.booleans()
+        case structs.IntType(ge=low, le=high):
+            return st.integers(-(2**63) if low is None else low, 2**63 - 1 if high is None else high)
+        case structs.FloatType(ge=low, le=high):
+            return st.floats(low, high, allow_nan=False, allow_infinity=False)
+        case structs.NoneType():
+            return st.none()
+        case structs.LiteralType(values=choices):
+            return st.sampled_from(choices)
+        case structs.UnionType(types=types):
+            return st.one_of(*map(values, types))
+        case structs.VarTupleType(item_type=item):
+            return tuples(values(item))
+        case structs.DictType(key_type=key, value_type=value):
+            return st.dictionaries(values(key), values(value), max_size=3)
+        case structs.StructType(cls=cls, fields=fields):
+            return st.builds(
+                cls, **{each.name: stamps if each.name == "stamp" else values(each.type) for each in fields}
+            )
+        case _:
+            return scalars | st.lists(scalars, max_size=3)
+
+
 messages: dict[type[Message], st.SearchStrategy[Any]] = {
     Image: st.builds(
         Image, stamp=stamps, frame_id=texts, height=sides, width=sides, encoding=texts, step=sides, data=pixels,
@@ -168,94 +95,7 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
     BoxMarkers: st.builds(
         BoxMarkers, stamp=stamps, frame_id=texts, boxes=tuples(st.tuples(quarters, quarters, quarters, quarters)),
     ),
-    PersonDetections: st.builds(
-        PersonDetections, stamp=stamps, frame_id=texts, width=sides, height=sides, persons=tuples(person),
-    ),
-    ActionRequest: st.builds(
-        ActionRequest, stamp=stamps, id=texts, agent=texts, name=texts, arguments=tuples(scalars),
-    ),
-    Utterance: st.builds(Utterance, stamp=stamps, id=texts, text=texts, key=texts, cause=texts),
-    SpeechStatus: st.builds(
-        SpeechStatus, stamp=stamps, utterance_id=texts, text=texts, detail=texts,
-        state=st.sampled_from(["waiting", "started", "finished", "replaced", "expired", "failed"]),
-    ),
-    HeadCommand: st.builds(
-        HeadCommand, stamp=stamps, mode=st.sampled_from(["track", "centre", "look"]), pan_rad=numbers,
-        tilt_rad=numbers, cause=texts,
-    ),
-    TraceRecord: st.builds(
-        TraceRecord, stamp=stamps, id=texts, source=texts, kind=texts, what=texts, cause=texts,
-        detail=st.dictionaries(texts, scalars | st.lists(scalars, max_size=3), max_size=3),
-    ),
-    Mind: st.builds(
-        Mind, stamp=stamps, agent=texts, beliefs=tuples(belief), desires=tuples(texts), intentions=tuples(texts),
-    ),
-    PictureAck: st.builds(PictureAck, stamp=stamps, arrived=stamps),
-    Health: st.builds(
-        Health, stamp=stamps, node=texts, state=st.sampled_from(["ok", "waiting", "degraded", "failed", "ended"]),
-        reason=texts, silent=tuples(texts), outputs=tuples(texts),
-    ),
-    Belief: st.builds(Belief, stamp=stamps, belief=fact),
-    BeliefSet: st.builds(BeliefSet, stamp=stamps, agent_id=texts, value=tuples(fact)),
-    DesireItem: st.builds(DesireItem, stamp=stamps, desire=desire),
-    DesireSet: st.builds(DesireSet, stamp=stamps, agent_id=texts, value=tuples(desire)),
-    PlanExecutionInfo: st.builds(
-        PlanExecutionInfo, stamp=stamps, agent_id=texts, plan=sides, target=st.none() | desire,
-        actions_exec_info=tuples(step), current_time=seconds, planned_deadline=seconds, estimated_deadline=seconds,
-        status=st.sampled_from(["WAITING", "RUNNING", "SUCCESSFUL", "ABORT"]), reason=texts,
-    ),
-    CurrentIntentions: st.builds(
-        CurrentIntentions, stamp=stamps, agent_id=texts, target_value=tuples(fact), actions=tuples(step),
-    ),
-    AgentRequest: st.builds(
-        AgentRequest, stamp=stamps, id=texts, sender=texts, group=texts, receiver=texts,
-        operation=st.sampled_from(["check", "add", "del"]), belief=st.none() | fact, desire=st.none() | desire,
-        monitor=st.booleans(),
-    ),
-    AgentReply: st.builds(
-        AgentReply, stamp=stamps, id=texts, sender=texts, receiver=texts, accepted=st.booleans(),
-        state=st.sampled_from(["done", "refused", "fulfilled", "dropped"]), found=st.booleans(),
-        priority=st.none() | shares, reason=texts,
-    ),
-    MoveStatus: st.builds(
-        MoveStatus, stamp=stamps, robot=texts, start_name=texts, current_name=texts, target_name=texts,
-        current_pos=point, target_pos=point, dist=numbers, progress=shares,
-    ),
-    MoveCommand: st.builds(MoveCommand, stamp=stamps, target=texts),
-    GripperPose: st.builds(GripperPose, stamp=stamps, pose=st.sampled_from(["high", "low"])),
-    GripperStatus: st.builds(GripperStatus, stamp=stamps, status=st.sampled_from(["open", "close"])),
-    UnloadCommand: st.builds(UnloadCommand, stamp=stamps),
-    BoxPositions: st.builds(
-        BoxPositions, stamp=stamps, boxes=tuples(st.builds(BoxPosition, name=texts, position=point, holder=texts)),
-    ),
-    LifecycleStatus: st.builds(
-        LifecycleStatus, stamp=stamps, agent_id=texts, reason=texts,
-        status=st.sampled_from(["BOOTING", "SCHEDULING", "PLANNING", "EXECUTING", "ABORTING", "PAUSED"]),
-    ),
-    UpStatus: st.builds(
-        UpStatus, stamp=stamps, run=texts, graph=texts, machine=texts, boot=texts, pid=sides, reason=texts,
-        state=st.sampled_from(get_args(UpState)),
-    ),
-    DownRequest: st.builds(DownRequest, stamp=stamps, run=texts),
-    AgentCommand: st.builds(
-        AgentCommand, stamp=stamps, id=texts, agent=texts, command=st.sampled_from(get_args(Command)), text=texts
-    ),
-    AgentAnswer: st.builds(
-        AgentAnswer, stamp=stamps, id=texts, agent=texts, accepted=st.booleans(), reason=texts
-    ),
-    hospital.AclMessage: st.builds(
-        hospital.AclMessage, stamp=stamps, id=texts, sender=texts, receiver=texts,
-        performative=st.sampled_from(["query", "request", "agree", "inform", "failure", "refuse", "subscribe"]),
-        content=said, in_reply_to=texts, mission=texts,
-    ),
-    hospital.Missions: st.builds(hospital.Missions, stamp=stamps, missions=tuples(mission)),
-    ward.ActionCommand: st.builds(ward.ActionCommand, stamp=stamps, **command),
-    ward.ActionCancel: st.builds(ward.ActionCancel, stamp=stamps, id=texts),
-    ward.ActionResult: st.builds(
-        ward.ActionResult, stamp=stamps, **command, outcome=st.sampled_from(["success", "failure"]), reason=texts,
-        duration_s=seconds,
-    ),
-    ward.WardState: st.builds(ward.WardState, stamp=stamps, rooms=tuples(room_state), agents=tuples(agent_state)),
+    **{kind: values(structs.type_info(kind)) for kind in message_types(built_in=True)},
 }  # fmt: skip
 anything = st.sampled_from(list(messages)).flatmap(messages.__getitem__)
 
@@ -295,7 +135,7 @@ def test_structured_messages_of_others_travel_as_json_too() -> None:
     assert codec.decode(Carried, ros) == message
 
 
-def test_a_bare_message_has_no_ros_type() -> None:
+def test_bare_message_has_no_ros_type() -> None:
     with pytest.raises(MessageError, match="no ROS type"):
         codec.encode(Message(stamp=1), TYPES)
 
@@ -310,7 +150,7 @@ def test_round_trip_through_cdr(message: Message) -> None:
 
 
 @given(anything)
-def test_structured_stands_for_the_schema_in_the_json(message: Message) -> None:
+def test_structured_decodes_the_schema_in_the_json(message: Message) -> None:
     ros = codec.encode(message, TYPES)
     assert plain(codec.decode(codec.decodable_types()[ros.__msgtype__], ros)) == plain(message)
 
@@ -344,7 +184,7 @@ def test_pixels_are_not_copied() -> None:
     assert image.data[3] == 9
 
 
-def test_a_zero_header_stamp_becomes_the_time_of_arrival() -> None:
+def test_zero_header_stamp_becomes_the_time_of_reception() -> None:
     ros = codec.encode(CompressedImage(stamp=0, frame_id="c", format="jpeg", data=np.zeros(2, np.uint8)), TYPES)
     assert codec.decode(CompressedImage, ros, stamp=123).stamp == 123
     assert codec.header_stamp(ros) == 0
@@ -386,7 +226,7 @@ def test_broken_json_is_refused(text: str, message_type: type[Structured]) -> No
         codec.decode(message_type, string(text))
 
 
-def test_an_unknown_schema_is_named() -> None:
+def test_unknown_schema_is_named() -> None:
     with pytest.raises(MessageError, match="somebody/Else/3") as caught:
         codec.decode(Structured, string('{"schema": "somebody/Else/3"}'))
     assert caught.value.remedy is not None
@@ -405,7 +245,7 @@ def test_other_messages_are_refused(message_type: type[Message], content: Any) -
         codec.decode(message_type, content)
 
 
-def test_a_trajectory_has_one_point() -> None:
+def test_trajectory_has_one_point() -> None:
     trajectory = JointTrajectory(stamp=1, joint_names=("pan",), positions=(0.5,), velocities=(), duration_s=1.5)
     ros = codec.encode(trajectory, TYPES)
     assert (ros.points[0].time_from_start.sec, ros.points[0].time_from_start.nanosec) == (1, 500_000_000)
@@ -450,6 +290,6 @@ def test_types_that_rosbags_does_not_know() -> None:
 
 
 @pytest.mark.parametrize("text", ["\ud800", "a\udcff"])
-def test_a_text_that_has_no_bytes_cannot_be_sent(text: str) -> None:
+def test_text_that_has_no_bytes_cannot_be_sent(text: str) -> None:
     with pytest.raises(MessageError, match="Utterance cannot be written as JSON"):
         codec.encode(Utterance(stamp=1, id="u", text=text), TYPES)

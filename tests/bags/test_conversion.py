@@ -64,7 +64,7 @@ def levels_of(path: Path) -> list[int]:
     return [round(float(pixels.mean())) for _, pixels in images_of(path)]
 
 
-def test_a_folder_in_natural_order(tmp_path: Path) -> None:
+def test_folder_in_natural_order(tmp_path: Path) -> None:
     made = import_bag(folder(tmp_path / "images"), tmp_path / "bag", rate_hz=4.0, start=7 * SECOND)
     assert (made.images, made.width, made.height, made.duration_s) == (12, 64, 48, 2.75)
     assert [stamp for stamp, _ in images_of(tmp_path / "bag")] == [
@@ -103,7 +103,7 @@ def test_quality_decides_on_the_size(tmp_path: Path) -> None:
     assert sizes[0] < 0.7 * sizes[1]
 
 
-def test_a_video_keeps_its_time_stamps(tmp_path: Path) -> None:
+def test_video_keeps_its_time_stamps(tmp_path: Path) -> None:
     made = import_bag(video(tmp_path / "film.avi"), tmp_path / "bag")
     stamps = [stamp for stamp, _ in images_of(tmp_path / "bag")]
     assert made.images == 30
@@ -111,7 +111,7 @@ def test_a_video_keeps_its_time_stamps(tmp_path: Path) -> None:
     assert levels_of(tmp_path / "bag") == pytest.approx([index * 8 for index in range(30)], abs=4)
 
 
-def test_a_limit_ends_the_import(tmp_path: Path) -> None:
+def test_limit_ends_the_import(tmp_path: Path) -> None:
     made = import_bag(video(tmp_path / "film.avi"), tmp_path / "bag", limit_s=0.5)
     assert made.images == 10
 
@@ -137,9 +137,7 @@ class Camera:
 
 
 @pytest.mark.parametrize(("limit_s", "stop_after", "expected"), [(1.0, 99, 10), (None, 5, 5), (None, 99, 20)])
-def test_a_camera_is_stamped_by_the_clock(
-    tmp_path: Path, limit_s: float | None, stop_after: int, expected: int
-) -> None:
+def test_camera_is_stamped_by_the_clock(tmp_path: Path, limit_s: float | None, stop_after: int, expected: int) -> None:
     clock = ManualClock(5 * SECOND)
     camera = Camera(clock, 20)
     made = import_bag(
@@ -156,7 +154,7 @@ def test_a_camera_is_stamped_by_the_clock(
     assert camera.closed
 
 
-def test_the_topic_can_be_chosen(tmp_path: Path) -> None:
+def test_topic_can_be_chosen(tmp_path: Path) -> None:
     import_bag(folder(tmp_path / "images", 2), tmp_path / "bag", topic="/left/image/compressed")
     with open_bag(tmp_path / "bag") as bag:
         assert [topic.name for topic in bag.topics] == ["/left/camera_info", "/left/image/compressed"]
@@ -205,7 +203,7 @@ def test_sources_that_cannot_be_read_leave_no_bag(
     assert not (tmp_path / "bag").exists()
 
 
-def test_an_existing_bag_is_left_alone(tmp_path: Path) -> None:
+def test_existing_bag_is_left_alone(tmp_path: Path) -> None:
     import_bag(folder(tmp_path / "images"), tmp_path / "bag")
     with pytest.raises(BagError, match="already exists"):
         import_bag(empty(tmp_path), tmp_path / "bag")
@@ -280,7 +278,7 @@ def test_there_and_back_every_byte_is_the_same(recorded: Path, tmp_path: Path) -
             assert bag.definition("somebody_msgs/msg/Own") == ("uint32 n\n", "RIHS01_7")
 
 
-def test_a_typed_bag_says_the_same(recorded: Path, tmp_path: Path) -> None:
+def test_typed_bag_has_equal_messages(recorded: Path, tmp_path: Path) -> None:
     convert_bag(recorded, tmp_path / "typed", "typed", storage="sqlite3")
     assert said_in(tmp_path / "typed") == said_in(recorded)
     types = {topic: name for topic, _, name, _ in contents(tmp_path / "typed")}
@@ -288,13 +286,13 @@ def test_a_typed_bag_says_the_same(recorded: Path, tmp_path: Path) -> None:
     assert types["/private"] == codec.STRING
 
 
-def test_what_has_the_form_already_stays_byte_for_byte(recorded: Path, tmp_path: Path) -> None:
+def test_messages_in_the_requested_form_are_copied(recorded: Path, tmp_path: Path) -> None:
     made = convert_bag(recorded, tmp_path / "again", "json")
     assert made.converted == 0
     assert contents(tmp_path / "again") == contents(recorded)
 
 
-def test_the_graph_of_a_bag_goes_along(recorded: Path, tmp_path: Path) -> None:
+def test_graph_of_a_bag_is_copied(recorded: Path, tmp_path: Path) -> None:
     (recorded / "graph.yaml").write_text("name: g\n")
     convert_bag(recorded, tmp_path / "typed", "typed")
     names = {file.name for file in (tmp_path / "typed").iterdir()}
@@ -307,7 +305,7 @@ def test_no_bag_is_written_over(recorded: Path) -> None:
         convert_bag(recorded, recorded, "typed")
 
 
-def test_the_command_tells_what_it_did(recorded: Path, tmp_path: Path) -> None:
+def test_command_reports_the_conversion(recorded: Path, tmp_path: Path) -> None:
     answer = CliRunner().invoke(commands, ["convert", str(recorded), str(tmp_path / "t"), "--wire", "typed"])
     assert answer.exit_code == 0, answer.output
     assert "as before: /speech/say: 1, first: plain text" in answer.output

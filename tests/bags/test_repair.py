@@ -16,7 +16,7 @@ from tests.bags.making_bags import RAW, START, contents, make_with_rosbags, pict
 CHUNK = 6
 
 
-def test_a_length_that_lies_takes_no_memory(tmp_path: Path) -> None:
+def test_wrong_length_allocates_no_memory(tmp_path: Path) -> None:
     times, size, checksum, name_length = bytes(16), bytes(8), bytes(4), b"\xff\xff\xff\xff"
     chunk = times + size + checksum + name_length + b"zstd" + bytes(8)
     file = tmp_path / "lies.mcap"
@@ -44,21 +44,21 @@ def test_zero_stamps_become_the_time_of_reception(tmp_path: Path, caplog: pytest
     assert len([record for record in caplog.records if "zero" in record.message]) == 1
 
 
-def test_stamps_that_go_back_go_on_with_the_time_of_reception(tmp_path: Path) -> None:
+def test_stamps_that_go_backwards_continue_with_the_time_of_reception(tmp_path: Path) -> None:
     tenth, begin = SECOND // 10, times(1)[0]
     found = stamps_of(tmp_path / "bag", [begin + 50, begin + 51, begin + 7, begin + 8, 0])
     assert [stamp - begin for stamp in found] == [50, 51, 51 + tenth, 51 + 2 * tenth, 51 + 3 * tenth]
 
 
 @pytest.mark.parametrize("apart", [-3600 * SECOND, 3600 * SECOND, 2 * SECOND])
-def test_a_sender_with_another_clock_is_set_right(tmp_path: Path, apart: int, caplog: pytest.LogCaptureFixture) -> None:
+def test_clock_offset_of_the_sender_is_corrected(tmp_path: Path, apart: int, caplog: pytest.LogCaptureFixture) -> None:
     received = times(3)
     with caplog.at_level(logging.WARNING):
         assert stamps_of(tmp_path / "bag", [stamp + apart for stamp in received]) == received
     assert len([record for record in caplog.records if "clock" in record.message]) == 1
 
 
-def test_a_delay_of_the_transport_is_no_other_clock(tmp_path: Path) -> None:
+def test_transport_delay_is_not_corrected(tmp_path: Path) -> None:
     stamps = [stamp - SECOND // 2 for stamp in times(3)]
     assert stamps_of(tmp_path / "bag", stamps) == stamps
 
@@ -66,7 +66,7 @@ def test_a_delay_of_the_transport_is_no_other_clock(tmp_path: Path) -> None:
 YEAR = 365 * 24 * 3600 * SECOND
 
 
-def test_stamps_that_leap_into_the_future_are_not_followed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_stamps_in_the_future_are_replaced(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     received = times(6)
     stamps = [stamp + (YEAR if index in (2, 4, 5) else 0) for index, stamp in enumerate(received)]
     with caplog.at_level(logging.WARNING):
@@ -75,7 +75,7 @@ def test_stamps_that_leap_into_the_future_are_not_followed(tmp_path: Path, caplo
 
 
 @pytest.mark.parametrize(("senders_too", "tenths"), [(True, [0, 1, 2, 2, 3, 4, 4, 5, 6]), (False, [*range(9)])])
-def test_time_goes_on_where_the_clock_of_a_bag_leaps(
+def test_leaps_of_the_recording_clock_are_removed(
     tmp_path: Path, senders_too: bool, tenths: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
     """As when a robot without a clock of its own begins in 1970 and then hears of NTP."""
@@ -90,13 +90,13 @@ def test_time_goes_on_where_the_clock_of_a_bag_leaps(
     assert len([record for record in caplog.records if "leaps ahead" in record.message]) == 2
 
 
-def test_an_hour_without_a_message_is_no_leap(tmp_path: Path) -> None:
+def test_hour_without_a_message_is_no_leap(tmp_path: Path) -> None:
     received = [START, START + 3599 * SECOND]
     bag = make_with_rosbags(tmp_path / "bag", [(RAW, time, picture(time)) for time in received])
     assert [message.stamp for _, message in contents(bag)] == received
 
 
-def test_a_single_stamp_that_goes_back_does_not_spoil_the_others(tmp_path: Path) -> None:
+def test_single_backward_stamp_does_not_affect_others(tmp_path: Path) -> None:
     tenth, begin = SECOND // 10, times(1)[0]
     stamps = [begin + stamp for stamp in (1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth)]
     found = [stamp - begin for stamp in stamps_of(tmp_path / "bag", stamps)]

@@ -37,7 +37,7 @@ built = pytest.mark.skipif(importlib.util.find_spec(PACKAGE) is None, reason="so
 structured = st.sampled_from([kind for kind in message_types() if kind in messages]).flatmap(messages.__getitem__)
 
 
-def test_the_package_holds_the_definitions_of_the_code() -> None:
+def test_package_holds_the_definitions_of_the_code() -> None:
     written = {file.name: file.read_text() for file in (FOLDER / "msg").iterdir()}
     assert written == definition_files(), "run python -m tools.interfaces"
 
@@ -48,7 +48,7 @@ def test_every_structured_message_has_a_type_that_bags_know() -> None:
         assert name in types_with(name).fielddefs
 
 
-def test_a_definition_says_what_its_struct_says() -> None:
+def test_definition_documents_the_struct() -> None:
     text = definitions()["socialbot_msgs/msg/SpeechStatus"].splitlines()
     assert text[0] == "# Progress or result of an utterance."
     assert 'string STATE_EXPIRED="expired"' in text
@@ -61,7 +61,7 @@ def test_a_definition_says_what_its_struct_says() -> None:
     ]
 
 
-def test_how_fields_are_told() -> None:
+def test_definitions_of_fields() -> None:
     def line(struct: type, name: str) -> str:
         return next(field.definition for field in fields_of(struct) if field.name == name)
 
@@ -96,7 +96,7 @@ def test_round_trip_through_rclpy(message: Structured) -> None:
 
 @built
 @pytest.mark.ros
-def test_the_types_of_bags_are_those_of_ros() -> None:
+def test_types_of_bags_are_those_of_ros() -> None:
     for name in definitions():
         types = types_with(name)
         assert message_class(name).get_fields_and_field_types().keys() == {
@@ -117,7 +117,7 @@ class Mouth(Node):
 
 @built
 @pytest.mark.ros
-def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
+def test_nodes_of_a_typed_graph_use_ros_types() -> None:
     pytest.importorskip("rclpy")
     from rclpy.executors import SingleThreadedExecutor
 
@@ -138,7 +138,7 @@ def test_nodes_of_a_typed_graph_hear_and_speak_types_of_ros() -> None:
         observe_graph({"/speech/say": Utterance}, observe, lambda *_: None, "typed") as watch,
         ros_context() as context,
     ):
-        host = NodeHost(graph, graph.placements[0], ros_context=context, sim_time=False)
+        host = NodeHost(graph, graph.nodes[0], ros_context=context, sim_time=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(host.ros_node)
         host.start()
@@ -165,7 +165,7 @@ def test_sealed_messages_are_text() -> None:
         open_transport({KEYS_VARIABLE: "keys"}, form="typed")
 
 
-def test_what_to_do_where_the_types_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_types_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     message_class.cache_clear()
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.msg", None)
     with pytest.raises(InstallationError, match=r"pip install \./interfaces/socialbot_msgs"):
@@ -173,7 +173,7 @@ def test_what_to_do_where_the_types_are_not_installed(monkeypatch: pytest.Monkey
     message_class.cache_clear()
 
 
-def test_a_graph_says_its_form_once() -> None:
+def test_graph_file_has_one_wire_form() -> None:
     text = "name: g\nwire: typed\nnodes: {}\n"
     graph = parse_graph(text, where="g.yaml")
     assert graph.wire == "typed"
@@ -183,7 +183,7 @@ def test_a_graph_says_its_form_once() -> None:
         parse_graph(text.replace("typed", "typd"), where="g.yaml")
 
 
-def test_what_is_in_no_standard_is_json_in_either_form() -> None:
+def test_nonstandard_values_are_json_in_both_forms() -> None:
     class Carried(Structured, frozen=True, kw_only=True):
         load: str
 
@@ -192,12 +192,12 @@ def test_what_is_in_no_standard_is_json_in_either_form() -> None:
     assert codec.decode(Carried, codec.encode(message, TYPES, "typed")) == message
 
 
-def test_a_plain_text_of_somebody_is_an_utterance() -> None:
+def test_plain_text_is_an_utterance() -> None:
     said = codec.encode(Utterance(stamp=0, id="", text="Good morning"), TYPES, "typed")
     assert codec.decode(Utterance, said, stamp=5) == Utterance(stamp=5, id="text-5", text="Good morning")
 
 
-def test_the_header_holds_stamp_and_frame() -> None:
+def test_header_holds_stamp_and_frame() -> None:
     found = PersonDetections(stamp=3 * 10**9 + 7, frame_id="camera", width=640, height=480, persons=())
     ros = codec.encode(found, TYPES, "typed")
     assert (ros.header.stamp.sec, ros.header.stamp.nanosec, ros.header.frame_id) == (3, 7, "camera")
@@ -214,24 +214,24 @@ def test_the_header_holds_stamp_and_frame() -> None:
         (TraceRecord(stamp=1, id="", source="", kind="", what="", detail={"a": object()}), "as JSON"),
     ],
 )
-def test_what_a_type_cannot_express_is_said(message: Structured, what: str) -> None:
+def test_refuses_values_that_a_type_cannot_express(message: Structured, what: str) -> None:
     with pytest.raises(MessageError, match=what):
         codec.encode(message, TYPES, "typed")
 
 
-def test_what_does_not_fit_the_schema_is_refused() -> None:
+def test_refuses_json_of_another_schema() -> None:
     ros = codec.encode(PlanExecutionInfo(stamp=1, agent_id="a"), TYPES, "typed")
     ros.status = "NEVER"
     with pytest.raises(MessageError, match=r"not a valid socialbot_msgs/msg/PlanExecutionInfo: .*NEVER"):
         codec.decode(PlanExecutionInfo, ros)
 
 
-def test_a_message_of_another_type_is_refused() -> None:
+def test_message_of_another_type_is_refused() -> None:
     with pytest.raises(MessageError, match="not a valid socialbot_msgs/msg/PlanExecutionInfo"):
         codec.decode(PlanExecutionInfo, codec.encode(Utterance(stamp=1, id="u", text=""), TYPES, "typed"))
 
 
-def test_a_damaged_json_field_is_refused() -> None:
+def test_damaged_json_field_is_refused() -> None:
     ros = codec.encode(TraceRecord(stamp=1, id="", source="", kind="", what=""), TYPES, "typed")
     ros.detail = "{"
     with pytest.raises(MessageError, match="TraceRecord"):

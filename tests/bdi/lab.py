@@ -96,7 +96,7 @@ class Lab:
         assert not self.engine.run_until_idle()
 
     def until(self, seconds: float) -> None:
-        """Lets time pass from wakeup to wakeup, as a host does."""
+        """Advance the time from wakeup to wakeup, as a host does."""
         end = round(seconds * SECOND)
         self.engine.run_until_idle()
         while (due := self.engine.next_wakeup()) is not None and due <= end:

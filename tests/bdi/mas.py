@@ -39,7 +39,7 @@ class Mas:
         return [text for _, text in self.said]
 
     def until(self, seconds: float) -> Mas:
-        """Lets time pass from wakeup to wakeup."""
+        """Advance the time from wakeup to wakeup."""
         end = round(seconds * SECOND)
         assert not self.society.run_until_idle()
         while (due := self.society.next_wakeup()) is not None and due <= end:

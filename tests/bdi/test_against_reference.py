@@ -82,7 +82,7 @@ def compare(both: Both, stimuli) -> None:
 
 @settings(deadline=None, max_examples=300, suppress_health_check=SLOW)
 @given(PROGRAMS, STIMULI)
-def test_the_engine_does_what_the_reference_does(program, stimuli):
+def test_engine_matches_reference(program, stimuli):
     compare(Both(program), stimuli)
     if can_be_spoken(program):
         compare(Both(program, Speaking(program)), stimuli)
@@ -110,7 +110,7 @@ def test_a_step_in_a_block_takes_one_turn_like_any_other(block):
 @pytest.mark.slow
 @settings(deadline=None, max_examples=5000, suppress_health_check=SLOW)
 @given(PROGRAMS, STIMULI)
-def test_the_engine_does_what_the_reference_does_in_many_more_cases(program, stimuli):
+def test_engine_matches_reference_in_many_cases(program, stimuli):
     compare(Both(program), stimuli)
     if can_be_spoken(program):
         compare(Both(program, Speaking(program)), stimuli)
@@ -129,7 +129,7 @@ def test_the_reference_handles_failures_as_a_person_would_tell_it():
     assert both.done == both.reference.done == [("a", 0), ("b", 0)]
 
 
-def test_a_goal_tells_the_reference_what_its_plan_found_out():
+def test_a_goal_binds_variables_as_in_the_reference():
     program = [go(X) >> [sub(X, Y), do(Y), Update("+", p(Y)), do("end")], sub(X, Y) / q(X, Y) >> [], +p(X) >> [do("p")]]
     both = Both(program)
     for belief in (q(0, 1), q(0, 2), q(1, 3)):

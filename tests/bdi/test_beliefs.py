@@ -72,7 +72,7 @@ def solutions(model: list[Belief], condition: Conjunction) -> list[dict]:
 
 @settings(deadline=None)
 @given(CHANGES, GROUND)
-def test_the_base_holds_what_was_added_and_not_removed(changes, belief):
+def test_belief_base_holds_added_and_not_removed_beliefs(changes, belief):
     engine, model = changed(changes)
     assert [held.belief for held in engine.beliefs if held.belief.key == belief.key] == [
         held for held in model if held.key == belief.key
@@ -176,7 +176,7 @@ def test_beliefs_may_change_while_they_are_looked_through():
     assert not list(engine.beliefs)
 
 
-def test_the_number_of_arguments_is_part_of_what_is_believed():
+def test_arity_is_part_of_a_belief():
     engine = agent(p(), p(1))
     assert p() in engine.beliefs
     assert p(1, 2) not in engine.beliefs

@@ -17,7 +17,7 @@ def test_a_singleton_that_takes_the_place_of_another_is_a_change():
     assert lab.done == [("calm", "merry"), ("merry", "sad")]
 
 
-def test_the_change_comes_before_the_new_belief_and_after_the_old_one_is_gone():
+def test_change_event_follows_the_removal_and_precedes_the_addition():
     lab = Lab(-mood(X) >> [do("gone", X)], mood(X).changed(Y) >> [do("now", X)], +mood(X) >> [do("new", X)])
     lab.tell(+mood(1))
     lab.tell(+mood(2))
@@ -54,6 +54,6 @@ def test_a_change_has_as_many_arguments_before_as_after(change):
         change()
 
 
-def test_what_is_only_an_event_never_changes():
+def test_reactor_never_changes():
     with pytest.raises(RuleError, match="never happens"):
         Lab(ping(X).changed(Y) >> [do("never")])

@@ -200,7 +200,7 @@ CHANGES = st.lists(
 
 @settings(deadline=None)
 @given(CHANGES)
-def test_plans_come_and_go_while_the_agent_runs(changes):
+def test_adds_and_removes_plans_at_run_time(changes):
     lab = Lab()
     trigger, plans = lab.engine.library.triggers["+!go/2"], []
     for number, (what, *how) in enumerate(changes):
@@ -240,7 +240,7 @@ def test_a_plan_removed_by_its_label_is_chosen_no_longer():
     assert lab.done == [1, 2]
 
 
-def test_the_highest_priority_comes_first_and_then_the_order_of_writing():
+def test_orders_plans_by_priority_then_by_addition():
     lab = Lab(
         go(X) >> [do("last")], priority(1, go(1) >> [do("one")], go(X) >> [do("any")]), priority(2, go(2) >> [do(2)])
     )
@@ -304,7 +304,7 @@ def test_a_goal_that_has_to_be_returned_to_may_go_as_deep_as_memory_allows(depth
     assert descend(depth, go(X) >> [go(X - 1), note(X)]) == ["bottom", *range(1, depth + 1)]
 
 
-def test_a_failure_comes_up_from_far_below():
+def test_failure_propagates_through_many_levels():
     assert descend(50_000, -go(50_000) >> [note("caught")], go(1) >> [crash()], go(X) >> [go(X - 1), note(X)]) == [
         "caught"
     ]

@@ -17,13 +17,13 @@ from tests.bdi.lab import Lab, X, Y, Z, _, crash, deep, do, go, mood, p, ping, q
 # Events
 
 
-def test_a_belief_that_comes_and_one_that_goes_are_events():
+def test_addition_and_removal_of_a_belief_are_events():
     lab = Lab(+p(X) >> [do("came", X)], -p(X) >> [do("went", X)])
     lab.tell(+p(1), -p(1))
     assert lab.done == [("came", 1), ("went", 1)]
 
 
-def test_believing_again_what_is_believed_is_no_event():
+def test_repeated_belief_raises_no_event():
     lab = Lab(+p(X) >> [do(X)])
     lab.tell(+p(1))
     lab.clock.advance(1)
@@ -33,27 +33,27 @@ def test_believing_again_what_is_believed_is_no_event():
     assert held.since == 0
 
 
-def test_forgetting_what_is_not_believed_is_no_event():
+def test_removing_a_missing_belief_raises_no_event():
     lab = Lab(-p(X) >> [do(X)])
     lab.tell(-p(1))
     assert lab.done == []
 
 
-def test_forgetting_a_pattern_forgets_all_that_match():
+def test_removing_a_pattern_removes_all_matches():
     lab = Lab(-p(X, Y) >> [do(X, Y)])
     lab.tell(+p(1, 1), +p(1, 2), +p(2, 2), -p(1, _))
     assert lab.done == [(1, 2), (1, 1)]
     assert lab.beliefs == ["p(2, 2)"]
 
 
-def test_a_singleton_takes_the_place_of_the_old_one():
+def test_singleton_replaces_the_previous_belief():
     lab = Lab(+mood(X) >> [do("+", X)], -mood(X) >> [do("-", X)])
     lab.tell(+mood("sad"), +mood("glad"), +mood("glad"))
     assert lab.beliefs == ['mood("glad")']
     assert lab.done == [("+", "sad"), ("-", "sad"), ("+", "glad")]
 
 
-def test_a_singleton_of_the_past_is_gone_when_the_rules_look():
+def test_removed_singleton_does_not_hold_in_conditions():
     lab = Lab(-mood(X) / mood(Y) >> [do(X, Y)])
     lab.tell(+mood("sad"), +mood("glad"))
     assert lab.done == [("sad", "glad")]
@@ -80,7 +80,7 @@ def test_a_plan_believes_and_forgets():
     assert lab.done == [("+", 1), ("+", 2), ("-", 1)]
 
 
-def test_the_number_of_arguments_tells_events_apart():
+def test_arity_distinguishes_events():
     lab = Lab(+p(X) >> [do("one")], +p(X, Y) >> [do("two")])
     lab.tell(+p(1, 2))
     assert lab.done == ["two"]
@@ -198,7 +198,7 @@ def test_the_budget_bounds_the_thinking():
     assert lab.done == list(range(len(lab.done)))
 
 
-def test_of_several_intentions_each_makes_one_step_in_a_turn():
+def test_each_intention_makes_one_step_in_a_turn():
     lab = Lab(go(X) >> [do(X), go(X)])
     lab.post(go("a"), go("b"))
     assert lab.engine.run_until_idle(budget=42)
@@ -232,7 +232,7 @@ def test_waiting_in_a_subgoal_holds_up_the_goal():
     assert lab.kinds("achieved") == ["sub()", "go()"]
 
 
-def test_those_that_wait_equally_long_go_on_in_their_order():
+def test_equal_waits_end_in_order():
     lab = Lab(go(X) >> [wait(1), do(X)])
     lab.tell(go("a"), go("b"), go("c"))
     lab.until(1)
@@ -241,7 +241,7 @@ def test_those_that_wait_equally_long_go_on_in_their_order():
 
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=4))
-def test_nobody_makes_a_second_step_before_everybody_made_a_first(lengths):
+def test_each_intention_makes_a_step_before_any_makes_a_second(lengths):
     lab = Lab(*(go(n) >> [wait(1), *[do(n)] * length] for n, length in enumerate(lengths)))
     lab.tell(*map(go, range(len(lengths))))
     lab.until(1)
@@ -249,7 +249,7 @@ def test_nobody_makes_a_second_step_before_everybody_made_a_first(lengths):
     assert lab.done == [n for served in rounds for n in served if n is not None]
 
 
-def test_the_mind_shows_what_is_believed_desired_and_intended():
+def test_mind_shows_beliefs_desires_and_intentions():
     lab = Lab(go() >> [sub(1), do("after")], sub(X) >> [wait(1), do(X)], +p(X) >> [go()])
     lab.tell(+p(1))
     mind = lab.engine.mind()
@@ -307,7 +307,7 @@ def test_a_sensor_may_return_beliefs_and_changes(sensed, beliefs):
 @pytest.mark.parametrize(
     "sensed", ["p", [3], go(), +p(X), p(1).held_for(1), +p(0).held_for(1), -go(), do("x")], ids=str
 )
-def test_what_else_a_sensor_returns_is_a_failure_on_the_trace(sensed):
+def test_other_result_of_a_sensor_is_a_failure_on_the_trace(sensed):
     class Odd(Sensor):
         def sense(self, percept):
             return sensed
@@ -330,13 +330,6 @@ class Thermometer(Sensor):
     def sense(self, percept):
         assert percept is None
         return mood(self.clock.now() / SECOND)
-
-
-def test_a_sensor_with_a_period_is_asked_that_often():
-    lab = Lab(+mood(X) >> [do(X)])
-    lab.engine.add_sensor(Thermometer(lab.clock))
-    lab.until(1.7)
-    assert lab.timeline == [(0, 0), (0.5, 0.5), (1, 1), (1.5, 1.5)]
 
 
 def test_a_sensor_that_was_late_is_asked_only_once():

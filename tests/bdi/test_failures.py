@@ -5,7 +5,7 @@ import math
 import pytest
 
 from socialbot.bdi import Action, Sensor, Sleep, atomic, fail, wait
-from socialbot.bdi.actions import PlanFailed
+from socialbot.bdi.steps import PlanFailed
 from tests.bdi.lab import Lab, X, Y, crash, deep, do, go, p, q, sub
 
 
@@ -65,7 +65,7 @@ def test_a_failure_without_failure_plan_fails_the_goal_above():
     assert lab.done == ["at the top"]
 
 
-def test_a_failure_that_nobody_handles_drops_the_intention():
+def test_unhandled_failure_drops_the_intention():
     lab = Lab(+p(X) >> [sub(), do("never")], sub() >> [crash()], +q(X) >> [do("alive")])
     lab.tell(+p(1), +q(1))
     assert lab.done == ["alive"]
@@ -97,7 +97,7 @@ def test_failure_plans_have_conditions():
     assert len(lab.kinds("dropped")) == 1
 
 
-def test_a_goal_whose_rules_do_not_apply_fails_with_their_names():
+def test_goal_without_applicable_plan_fails_with_the_names_of_plans():
     lab = Lab(go(1) >> [], go(X) / p(X) >> [], go(X) / (X > 5) >> [])
     lab.tell(go(2))
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
@@ -125,7 +125,7 @@ def test_an_action_may_fail_its_goal_by_itself():
     assert failure.detail == {"reason": "action_failed", "message": "no cup"}
 
 
-def test_an_action_without_execute_fails_and_says_how_to_mend_it():
+def test_action_without_execute_fails_with_a_remedy():
     class Nothing(Action): ...
 
     lab = Lab(go() >> [Nothing()])
@@ -158,7 +158,7 @@ def test_an_exception_in_a_condition_rejects_the_rule_and_is_on_the_trace():
     ]
 
 
-def test_a_comparison_of_what_cannot_be_compared_rejects_the_rule():
+def test_invalid_comparison_rejects_the_plan():
     lab = Lab(+p(X) / (X > 1) >> [do("never")], +p(X) >> [do("next")])
     lab.tell(+p("a"))
     assert lab.done == ["next"]
@@ -213,7 +213,7 @@ def test_a_polled_sensor_that_fails_is_asked_again():
 @pytest.mark.parametrize(
     "seconds", [broken, lambda: None, lambda: "", lambda: math.nan], ids=["raises", "None", "text", "nan"]
 )
-def test_a_duration_that_cannot_be_told_is_a_failure_on_the_trace(seconds):
+def test_invalid_duration_is_a_failure_on_the_trace(seconds):
     lab = Lab(+p(X).held_for(seconds) >> [do("never")], +p(X) >> [do("p")])
     lab.tell(+p(1))
     assert lab.done == ["p"]

@@ -1,3 +1,5 @@
+import pytest
+
 from socialbot.bdi import Sensor
 from socialbot.core.clock import SECOND
 from tests.bdi.lab import Lab, X, _, do, go, mood, p, q
@@ -24,40 +26,27 @@ def test_it_does_not_fire_a_nanosecond_early():
     assert lab.done == []
 
 
-def test_it_does_not_fire_for_what_was_gone_before():
-    lab = Lab(+p(X).held_for(2) >> [do(X)])
-    lab.tell(+p(1), +p(2))
-    lab.until(1.9)
-    lab.tell(-p(1))
-    lab.until(9)
-    assert lab.timeline == [(2, 2)]
-
-
-def test_it_begins_anew_when_the_belief_comes_back():
-    lab = Lab(+p(1).held_for(2) >> [do("held")])
-    lab.tell(+p(1))
-    lab.until(1)
-    lab.tell(-p(1), +p(1))
-    lab.until(9)
-    assert lab.timeline == [(3, "held")]
-
-
-def test_believing_again_does_not_begin_anew():
-    lab = Lab(+p(1).held_for(2) >> [do("held")])
-    lab.tell(+p(1))
-    lab.until(1)
-    lab.tell(+p(1))
-    lab.until(9)
-    assert lab.timeline == [(2, "held")]
-
-
-def test_it_fires_again_for_another_stay():
-    lab = Lab(+p(1).held_for(1) >> [do("held")])
-    lab.tell(+p(1))
-    lab.until(5)
-    lab.tell(-p(1), +p(1))
-    lab.until(9)
-    assert lab.timeline == [(1, "held"), (6, "held")]
+@pytest.mark.parametrize(
+    ("script", "timeline"),
+    [
+        pytest.param([(+p(1), +p(2)), 1.9, -p(1)], [(2, 2)], id="one belief is removed before"),
+        pytest.param([+p(1), 1, (-p(1), +p(1))], [(3, 1)], id="the belief is removed and added"),
+        pytest.param([+p(1), 1, +p(1)], [(2, 1)], id="the belief is added twice"),
+        pytest.param([+p(1), 5, (-p(1), +p(1))], [(2, 1), (7, 1)], id="the belief is held twice"),
+        pytest.param([+mood("sad"), 1, +mood("glad")], [(3, "glad")], id="the singleton changes"),
+        pytest.param([(+p(1, 5), +p(1, 6), +q(6))], [(2, 6)], id="the condition holds for one belief"),
+        pytest.param([(+p(0, 1), +q(1)), 1, -q(1)], [], id="the condition holds only before"),
+    ],
+)
+def test_event_occurs_when_the_belief_was_held_for_the_duration(script, timeline):
+    lab = Lab(+p(X).held_for(2) >> [do(X)], +mood(X).held_for(2) >> [do(X)], +p(_, X).held_for(2) / q(X) >> [do(X)])
+    for item in script:
+        if isinstance(item, (int, float)):
+            lab.until(item)
+        else:
+            lab.tell(*item if isinstance(item, tuple) else (item,))
+    lab.until(20)
+    assert lab.timeline == timeline
 
 
 def test_it_counts_from_the_time_that_the_percept_speaks_of():
@@ -107,24 +96,6 @@ def test_patterns_and_conditions_choose_what_is_waited_for():
     lab.tell(+p(2), +p(1, 5), +p(1, 6), +q(6))
     lab.until(9)
     assert lab.done == [6]
-
-
-def test_the_condition_counts_at_the_moment_it_fires():
-    lab = Lab(+p(1).held_for(2) / q(1) >> [do("held")])
-    lab.tell(+p(1), +q(1))
-    lab.until(1)
-    lab.tell(-q(1))
-    lab.until(9)
-    assert lab.done == []
-
-
-def test_a_singleton_that_changes_is_not_held():
-    lab = Lab(+mood(X).held_for(2) >> [do(X)])
-    lab.tell(+mood("sad"))
-    lab.until(1)
-    lab.tell(+mood("glad"))
-    lab.until(9)
-    assert lab.timeline == [(3, "glad")]
 
 
 def test_no_longer_held_at_the_very_moment_is_not_held():

@@ -11,6 +11,47 @@ from socialbot.bdi.agentspeak import AgentSpeakError
 from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, does, said
 
+PRINTED = {
+    "a plan stays until its last source is gone": ("""!g.
+    +!g <- .add_plan({@l +!h <- .print(h)}, bob); .add_plan({@l +!h <- .print(h)}, amy); !h;
+           .remove_plan(l); !h; .remove_plan(l, bob); !h; .remove_plan(l, amy); !h.
+    -!h[error(E)] <- .print(E).""", ["h", "h", "h", "no_relevant"]),
+    "relevant plans are those whose event fits": ("""!g.
+    +!g <- .relevant_plans({+!h(2)}, P, L); .print(L); .relevant_plans({+!h(_)}, _, M); .print(M);
+           .relevant_plans({+!none}, N); .print(N); .relevant_plans("+!h(1)", Q); .length(Q, K); .print(K).
+    @one +!h(1). @two +!h(2) : false. @any +!h(X).""", ["[two,any]", "[one,two,any]", "[]", "2"]),
+    "a plan without a label can be removed as it was found": (
+        "!g. +!g <- .relevant_plans({+!h}, P, L); .remove_plan(L); !h. +!h <- .print(h). -!h[error(E)] <- .print(E).",
+        ["no_relevant"],
+    ),
+    "the plan of a label": (
+        "!g. @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m). -!g <- .print(none).",
+        ["@l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m).","none"],
+    ),
+    "beliefs put first and last are found in that order": ("""b(1). !g. +b(X) <- .print(X).
+    @g[atomic] +!g <- .asserta(b(0)); .assertz(b(2)); .findall(X, b(X), L); .print(L).""", ["1", "[0,1,2]", "0", "2"]),
+    "the order holds in an index too":
+        ("!g. b(x, 1). +!g <- ?b(x, _); .assertz(b(x, 2)); .findall(X, b(x, X), L); .print(L).", ["[1,2]"]),
+    "what follows is not held":
+        ("a(1). b(X) :- a(X). !g. +!g <- if (.belief(a(X)) & not .belief(b(_))) { .print(X) }.", ["1"]),
+    "a stage is entered": (
+        "!g. +!g <- !h; .enter(night); !h. @a[stage(night)] +!h <- .print(sleep). +!h <- .print(work).",
+        ["work", "sleep"],
+    ),
+    "collectors take names without arguments": (
+        "b. !g. +!g <- .count(b, N); .count(c, M); .findall(x, b, L); .setof(x, b & not c, S); .print(N, M, L, S).",
+        ["10[x][x]"],
+    ),
+    "collectors are conditions too":
+        ("b(1). b(2). !g. +!g : .count(b(_), 2) & .findall(X, b(X), [Y|_]) <- .print(Y, .count(b(_)) + 1).", ["13"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_prints(name):
+    text, lines = PRINTED[name]
+    assert said(text) == lines
+
 
 def test_a_plan_that_is_added_is_carried_out():
     assert said("!g. +!g <- .add_plan({+!h(X) <- .print(hello, X)}); !h(1).") == ["hello1"]
@@ -30,16 +71,8 @@ def test_a_plan_is_removed_by_its_label_or_itself():
         assert said(text.replace("WHAT", what)) == ["a", "b"]
 
 
-def test_removing_what_is_not_there_is_no_failure():
+def test_removing_a_missing_plan_succeeds():
     assert does(".remove_plan(nothing); .remove_plan({+!x <- .print(1)}); .print(ok)") == ["ok"]
-
-
-def test_a_plan_stays_until_its_last_source_is_gone():
-    text = """!g.
-    +!g <- .add_plan({@l +!h <- .print(h)}, bob); .add_plan({@l +!h <- .print(h)}, amy); !h;
-           .remove_plan(l); !h; .remove_plan(l, bob); !h; .remove_plan(l, amy); !h.
-    -!h[error(E)] <- .print(E)."""
-    assert said(text) == ["h", "h", "h", "no_relevant"]
 
 
 @pytest.mark.parametrize(
@@ -49,27 +82,7 @@ def test_a_plan_with_a_mistake_is_not_added(plan):
     assert said(f"!g. @l +!g <- .add_plan({plan}). -!g[error(E)] <- .print(E).") == ["wrong_arguments"]
 
 
-def test_relevant_plans_are_those_whose_event_fits():
-    text = """!g.
-    +!g <- .relevant_plans({+!h(2)}, P, L); .print(L); .relevant_plans({+!h(_)}, _, M); .print(M);
-           .relevant_plans({+!none}, N); .print(N); .relevant_plans("+!h(1)", Q); .length(Q, K); .print(K).
-    @one +!h(1). @two +!h(2) : false. @any +!h(X)."""
-    assert said(text) == ["[two,any]", "[one,two,any]", "[]", "2"]
-
-
-def test_a_plan_without_a_label_can_be_removed_as_it_was_found():
-    text = "!g. +!g <- .relevant_plans({+!h}, P, L); .remove_plan(L); !h. +!h <- .print(h). -!h[error(E)] <- .print(E)."
-    assert said(text) == ["no_relevant"]
-
-
-def test_the_plan_of_a_label():
-    assert said("!g. @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m). -!g <- .print(none).") == [
-        "@l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m).",
-        "none",
-    ]
-
-
-def test_agents_that_share_plans_learn_alone():
+def test_a_plan_added_by_one_agent_is_not_shared():
     from socialbot.bdi.agentspeak import parse
     from socialbot.bdi.agentspeak.loading import begin, library_of
 
@@ -87,44 +100,12 @@ def test_agents_that_share_plans_learn_alone():
 # Beliefs
 
 
-def test_abolishing_removes_all_that_matches_whoever_said_it():
+def test_abolish_removes_matching_beliefs_of_any_source():
     mas = Mas(me="b(1). b(2)[source(bob)]. c(1). !g. +!g <- .abolish(b(_)); .abolish(none). -b(X) <- .print(X).").until(
         1
     )
     assert sorted(mas.lines) == ["1", "2"]
     assert mas.beliefs("me") == {"c(1)": ("self",)}
-
-
-def test_beliefs_put_first_and_last_are_found_in_that_order():
-    text = """b(1). !g. +b(X) <- .print(X).
-    @g[atomic] +!g <- .asserta(b(0)); .assertz(b(2)); .findall(X, b(X), L); .print(L)."""
-    assert said(text) == ["1", "[0,1,2]", "0", "2"]
-
-
-def test_the_order_holds_in_an_index_too():
-    text = "!g. b(x, 1). +!g <- ?b(x, _); .assertz(b(x, 2)); .findall(X, b(x, X), L); .print(L)."
-    assert said(text) == ["[1,2]"]
-
-
-def test_what_follows_is_not_held():
-    text = "a(1). b(X) :- a(X). !g. +!g <- if (.belief(a(X)) & not .belief(b(_))) { .print(X) }."
-    assert said(text) == ["1"]
-
-
-def test_a_stage_is_entered():
-    text = "!g. +!g <- !h; .enter(night); !h. @a[stage(night)] +!h <- .print(sleep). +!h <- .print(work)."
-    assert said(text) == ["work", "sleep"]
-
-
-def test_collectors_take_names_without_arguments():
-    text = "b. !g. +!g <- .count(b, N); .count(c, M); .findall(x, b, L); .setof(x, b & not c, S); .print(N, M, L, S)."
-    assert said(text) == ["10[x][x]"]
-
-
-def test_collectors_are_conditions_too():
-    assert said("b(1). b(2). !g. +!g : .count(b(_), 2) & .findall(X, b(X), [Y|_]) <- .print(Y, .count(b(_)) + 1).") == [
-        "13"
-    ]
 
 
 # Time
@@ -159,11 +140,11 @@ def test_waiting_for_something(what, lines):
 
 
 @pytest.mark.parametrize("what", ['"b("', "[]"])
-def test_what_cannot_be_waited_for_is_a_failure(what):
+def test_wait_fails_for_other_terms(what):
     assert does(f".wait({what})") == ["failed wrong_arguments"]
 
 
-def test_a_limit_of_which_nobody_hears_is_a_mistake():
+def test_wait_refuses_a_third_argument():
     with pytest.raises(AgentSpeakError, match=r"\.wait"):
         said("+!g <- .wait(b, 100, T).")
 
@@ -194,18 +175,18 @@ def test_an_event_at_a_time_is_not_believed():
 @pytest.mark.parametrize(
     "args", ['"tomorrow", {+!h}', '"now +1 parsec", {+!h}', '"now +1 s", h', '"now +1 s", {+!h(X)}']
 )
-def test_an_appointment_that_cannot_be_is_a_failure(args):
+def test_at_fails_for_wrong_arguments(args):
     assert does(f".at({args})")[0].startswith("failed")
 
 
-def test_the_time_is_that_of_the_agents_clock():
+def test_time_and_date_use_the_clock_of_the_agent():
     text = """!g. +!g <- .wait(90250); .time(_, _, S, Ms); .date(Y, M, D); .print(S, " ", Ms, " ", Y, "-", M, "-", D);
     .print(system.time)."""
     here = datetime.fromtimestamp(90.25).astimezone()
     assert said(text, 100) == [f"30 250 {here.year}-{here.month}-{here.day}", "90250"]
 
 
-def test_the_numbers_of_an_agent_are_those_of_its_seed():
+def test_random_numbers_depend_on_the_seed_of_the_agent():
     def numbers(seed):
         engine, lines = Engine("me", ManualClock(), seed=seed), []
         engine.out = lines.append

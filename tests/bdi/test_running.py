@@ -36,33 +36,33 @@ def test_the_running_engine_reacts_and_waits_by_the_clock():
         live.engine.achieve(go())
         assert live.arrived.wait(5)
     (began, _), (ended, _) = live.timeline
-    assert 0.045 <= ended - began < 2
+    assert ended - began >= 0.045
 
 
-def test_the_running_engine_uses_no_time_while_there_is_nothing_to_do():
+def test_an_idle_running_engine_sleeps_without_limit(waits):
     with Live(+p(X) >> [do("last")]) as live:
-        begun = time.process_time()
-        time.sleep(0.2)
-        assert time.process_time() - begun < 0.1
+        assert waits.get(timeout=5) is None
         live.engine.believe(p(1))
         assert live.arrived.wait(5)
+        assert waits.get(timeout=5) is None
+    assert waits.empty()
 
 
-def test_held_for_is_heard_of_while_running():
+def test_running_engine_raises_held_for_events():
     with Live(+p(X).held_for(0.05) >> [do("last")]) as live:
         live.engine.believe(p(1))
         assert live.arrived.wait(5)
 
 
-def test_stop_ends_an_engine_that_sleeps_and_one_that_is_busy():
+def test_stop_ends_a_sleeping_and_a_busy_engine(waits):
     with Live():
-        time.sleep(0.02)
-    with Live(go() >> [go()]) as live:
+        waits.get(timeout=5)
+    with Live(go() >> [do("last"), go()]) as live:
         live.engine.achieve(go())
-        time.sleep(0.02)
+        assert live.arrived.wait(5)
 
 
-def test_what_comes_just_before_falling_asleep_is_not_slept_over():
+def test_item_posted_just_before_sleep_wakes_the_engine():
     lab = Lab()
     engine = Engine("tired", WallClock(), robot=lab)
     engine.add_rules(+p(X) >> [do(X)])
@@ -91,7 +91,7 @@ def test_stop_before_run_ends_it_at_once():
     live.engine.run()
 
 
-def test_nothing_that_many_threads_post_is_lost():
+def test_no_post_of_many_threads_is_lost():
     lab = Lab(+ping(X, Y) >> [do(X, Y)])
 
     def post(thread):
@@ -134,16 +134,16 @@ def test_posting_wakes_the_host():
     assert len(woken) == 2
 
 
-def test_an_engine_with_a_wake_of_its_own_can_run_as_well():
+def test_running_engine_also_calls_its_own_wake(waits):
     woken = threading.Event()
     engine = Engine("hosted", WallClock(), robot=Lab(), wake=woken.set)
     engine.add_rules(+p(X) >> [do(X)])
     thread = threading.Thread(target=engine.run, daemon=True)
     thread.start()
-    time.sleep(0.02)
+    waits.get(timeout=5)
     engine.believe(p(1))
     engine.stop()
-    thread.join(2)
+    thread.join(5)
     assert not thread.is_alive()
     assert woken.is_set()
 

@@ -129,12 +129,12 @@ class TestLongActions:
             assert lab.done == ["failed"]
             assert ends(lab) == [("broken()", "failed")]
 
-    def test_one_without_start_says_how_to_mend_it(self):
+    def test_action_without_start_fails_with_a_remedy(self):
         lab = Workshop(go() >> [LongAction()])
         lab.tell(go())
         assert any("override start()" in str(record.detail.get("message")) for record in lab.trace)
 
-    def test_done_within_start_is_heard(self):
+    def test_done_within_start_ends_the_action(self):
         class quick(LongAction):
             def start(self):
                 self.progress(1)
@@ -144,7 +144,7 @@ class TestLongActions:
         lab.tell(go())
         assert lab.done == ["done"]
 
-    def test_what_is_said_when_it_is_over_is_harmless(self):
+    def test_reports_after_the_end_have_no_effect(self):
         lab = Workshop(go() >> [kept(), kept(), do("done")])
         lab.tell(go())
         first = lab.kept
@@ -155,7 +155,7 @@ class TestLongActions:
         assert (lab.done, ends(lab)) == ([], [("kept()", "finished")])
         assert lab.kinds("progress") == []
 
-    def test_one_that_says_it_was_cancelled_unasked_has_failed(self):
+    def test_unrequested_cancellation_is_a_failure(self):
         lab = Workshop(go() >> [kept()], -go()[error(E)] >> [do(E)])
         lab.tell(go())
         lab.kept.cancelled()
@@ -264,7 +264,7 @@ class TestGivingUp:
         lab.engine.run_until_idle()
         assert lab.done == [Atom("timeout")]
 
-    def test_a_cancel_that_raises_holds_nobody_up(self):
+    def test_failing_cancel_does_not_block_the_agent(self):
         class stubborn(LongAction):
             def start(self): ...
 
@@ -277,7 +277,7 @@ class TestGivingUp:
         assert lab.done == [Atom("timeout")]
         assert "stubborn()" in lab.kinds("failure")
 
-    def test_while_an_atomic_plan_rests_on_one_its_end_is_heard(self):
+    def test_end_of_an_action_resumes_an_atomic_plan(self):
         from socialbot.bdi import atomic
 
         lab = Workshop(*atomic(go() >> [drive(2), do("there")]), +p(X) >> [do("p")])

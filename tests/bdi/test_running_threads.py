@@ -119,7 +119,7 @@ class TestThreads:
         assert lab.done == []
         assert ends(lab) == [("block()", "cancelled")]
 
-    def test_the_threads_end_with_the_pool(self):
+    def test_closing_the_pool_ends_its_threads(self):
         lab = Threads(go() >> [block(), do("done")])
         lab.gate.set()
         lab.tell(go())
@@ -129,7 +129,7 @@ class TestThreads:
         pool.close()
         with pool._change:
             assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
-        with pytest.raises(PlanFailed, match="ended"):
+        with pytest.raises(PlanFailed, match="closed"):
             pool.submit(lambda: None)
 
     def test_a_running_engine_ends_its_threads(self):
@@ -166,7 +166,7 @@ class TestThreads:
         with pytest.raises(RuleError, match="0 threads"):
             Pool(0)
 
-    def test_an_async_execute_in_a_thread_fails_and_says_why(self):
+    def test_async_execute_in_a_thread_fails_with_a_reason(self):
         class odd(ThreadAction):
             async def execute(self):  # type: ignore[override]
                 pass

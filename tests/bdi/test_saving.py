@@ -77,7 +77,7 @@ def shape(term: object) -> object:
 
 @settings(deadline=None, max_examples=100)
 @given(st.lists(TERMS, min_size=1, max_size=4), st.booleans())
-def test_all_terms_come_back_as_they_were(terms, negated):
+def test_restores_all_terms(terms, negated):
     lab = Lab()
     belief = literal("b", tuple(terms), (source(Atom("bob")),), negated=negated)
     lab.engine.believe(belief, source="ann")
@@ -89,7 +89,7 @@ def test_all_terms_come_back_as_they_were(terms, negated):
 
 
 @pytest.mark.parametrize("value", [frozenset({1}), Path("x"), b"x", type, 1j], ids=repr)
-def test_what_cannot_be_saved_is_an_error_with_the_name_of_the_belief(value):
+def test_unsupported_value_is_an_error_with_the_belief(value):
     lab = Lab()
     lab.tell(+p((1, value)))
     with pytest.raises(MindError, match=r"belief p\(.*cannot be saved"):
@@ -106,7 +106,7 @@ def test_a_singleton_of_a_saved_mind_is_replaced_as_usual():
     assert twin.beliefs == ['mood("sad")']
 
 
-def test_what_the_program_begins_with_is_gone():
+def test_restoring_discards_initial_beliefs_and_goals():
     from socialbot.bdi.agentspeak.loading import load
 
     lab = Lab()
@@ -123,7 +123,7 @@ def test_what_the_program_begins_with_is_gone():
     assert twin.kinds("failure") == []
 
 
-def test_a_mind_that_is_restored_while_it_runs_takes_the_place_of_the_other():
+def test_restoring_replaces_a_running_mind():
     rules = [go() >> [wait(5), do("late")], +p(X).held_for(5) >> [do(X)]]
     lab = Lab(*rules)
     lab.tell(+q(1))
@@ -138,7 +138,7 @@ def test_a_mind_that_is_restored_while_it_runs_takes_the_place_of_the_other():
 # What is pursued
 
 
-def test_the_outermost_goal_is_adopted_anew():
+def test_adopts_the_outermost_goal_again():
     rules = [go() >> [do("a"), sub(), do("c")], sub() >> [do("b"), wait(2), do("bb")]]
     lab = Lab(*rules)
     lab.engine.achieve(go()[literal("note")], cause="caller")
@@ -149,7 +149,7 @@ def test_the_outermost_goal_is_adopted_anew():
     assert next(record.cause for record in twin.trace if record.kind == "goal") == "lab-1"
 
 
-def test_a_goal_that_went_on_as_another_goes_on_as_that():
+def test_adopts_the_last_continued_goal():
     rules = [go(X) >> [do(X), wait(1), go(X + 1)]]
     lab = Lab(*rules)
     lab.tell(go(0))
@@ -159,7 +159,7 @@ def test_a_goal_that_went_on_as_another_goes_on_as_that():
     assert twin.done == [0, 1, 2, 3, 3, 4]
 
 
-def test_the_event_that_an_intention_is_about_is_raised_anew():
+def test_raises_the_event_of_an_intention_again():
     rules = [+p(X) / q(X) >> [do(X), wait(2), do("end")], -p(X) >> [wait(1), do("gone")]]
     lab = Lab(*rules)
     lab.tell(+q(1), +p(1), +p(2), -p(2))
@@ -168,7 +168,7 @@ def test_the_event_that_an_intention_is_about_is_raised_anew():
     assert twin.done == [1, 1, "gone", "end"]
 
 
-def test_an_event_is_about_nothing_when_no_plan_is_left():
+def test_discards_an_event_without_plans():
     lab = Lab(+p(X) >> [wait(2)])
     lab.tell(+p(1))
     twin = again(lab)
@@ -177,7 +177,7 @@ def test_an_event_is_about_nothing_when_no_plan_is_left():
     assert twin.kinds("failure") == []
 
 
-def test_branches_begin_with_the_goal_they_belong_to():
+def test_branches_restart_with_their_goal():
     rules = [go() >> [first_of([wait(3), do("slow")], [wait(2), do("fast")]), do("end")]]
     lab = Lab(*rules)
     lab.tell(go())
@@ -187,7 +187,7 @@ def test_branches_begin_with_the_goal_they_belong_to():
     assert twin.done == ["fast", "end"]
 
 
-def test_a_goal_that_awaits_something_awaits_it_anew():
+def test_waiting_goal_waits_again():
     rules = [go() >> [wait_for(+ping(X)), do(X)], sub() >> [wait_for(q(X)), do(X)]]
     lab = Lab(*rules)
     lab.tell(go(), sub())
@@ -226,7 +226,7 @@ def test_a_suspended_intention_stays_suspended():
     assert twin.done == ["a", "a", "b"]
 
 
-def test_what_was_posted_and_not_looked_at_yet_is_not_lost():
+def test_saves_posted_items():
     rules = [+p(X) >> [do(X)], -q(X) >> [do("gone")], go(X) >> [do(X)], +ping(X) >> [do(X)]]
     lab = Lab(*rules)
     lab.tell(+q(1))
@@ -263,7 +263,7 @@ HELD = [+p(X).held_for(5) >> [do(X)], +p(X).held_for(8) >> [do("long")]]
         (9, 0, [(5, 1), (8, "long")]),
     ],
 )
-def test_what_is_held_is_heard_of_once_and_in_time(saved_at, later, expected):
+def test_held_for_event_occurs_once_and_in_time(saved_at, later, expected):
     lab = Lab(*HELD)
     lab.tell(+p(1))
     lab.until(saved_at)
@@ -272,7 +272,7 @@ def test_what_is_held_is_heard_of_once_and_in_time(saved_at, later, expected):
     assert twin.timeline == expected
 
 
-def test_what_is_due_and_not_looked_at_yet_is_heard_of():
+def test_due_timer_runs_before_saving():
     lab = Lab(*HELD)
     lab.tell(+p(1))
     lab.clock.advance(6)
@@ -281,7 +281,7 @@ def test_what_is_due_and_not_looked_at_yet_is_heard_of():
     assert twin.timeline == [(6, 1), (8, "long")]
 
 
-def test_a_belief_that_ended_is_not_heard_of():
+def test_removed_belief_raises_no_held_for_event():
     lab = Lab(*HELD)
     lab.tell(+p(1))
     twin = again(lab, *HELD)
@@ -290,7 +290,7 @@ def test_a_belief_that_ended_is_not_heard_of():
     assert twin.done == []
 
 
-def test_a_duration_is_asked_for_once():
+def test_duration_is_computed_once():
     seconds = iter([3.0])
     lab = Lab(+p(X).held_for(lambda: next(seconds)) >> [do(X)])
     lab.tell(+p(1))
@@ -299,7 +299,7 @@ def test_a_duration_is_asked_for_once():
     assert twin.timeline == [(3, 1)]
 
 
-def test_a_plan_that_is_new_hears_of_what_is_held_and_one_that_is_gone_does_not():
+def test_new_held_for_plan_starts_and_removed_plan_ends():
     lab = Lab(HELD[0])
     lab.tell(+p(1))
     lab.until(1)
@@ -308,7 +308,7 @@ def test_a_plan_that_is_new_hears_of_what_is_held_and_one_that_is_gone_does_not(
     assert twin.timeline == [(8, "long")]
 
 
-def test_an_intention_about_being_held_begins_anew():
+def test_restarts_an_intention_of_a_held_for_plan():
     rules = [+p(X).held_for(1) >> [do(X), wait(3), do("end")]]
     lab = Lab(*rules)
     lab.tell(+p(1))
@@ -376,7 +376,7 @@ def live(lab: Lab, items: list[Any]) -> None:
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(ITEMS, max_size=15), st.booleans(), st.lists(ITEMS, max_size=15))
-def test_a_restored_mind_is_the_same_and_goes_on_the_same(before, idle, after):
+def test_restored_mind_behaves_the_same(before, idle, after):
     lab = Lab(*RULES)
     live(lab, before)
     if idle:
@@ -404,7 +404,7 @@ def test_saving_twice_saves_the_same(items):
 
 
 @pytest.mark.parametrize("behind_s", [2, 3600])
-def test_a_clock_that_was_set_back_in_between_leaves_nothing_waiting_for_it(behind_s):
+def test_shifts_times_for_a_clock_that_was_set_back(behind_s):
     lab = Lab(+p(X).held_for(5) >> [do(X)])
     lab.clock.advance(7200)
     lab.engine.believe(p(1))

@@ -67,7 +67,7 @@ def saved(*changes: tuple[str, object]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("schema", "other"), "no saved mind"),
+        (("schema", "other"), "not a saved mind"),
         (("version", 99), "version 99"),
         (("beliefs", [{}]), "damaged"),
         (("beliefs", None), "damaged"),

@@ -101,7 +101,7 @@ class TestPeriods:
         assert (sensor.asked, sensor.running, timers(lab)) == (3, False, 0)
         assert lab.beliefs == ["p(3)"]
 
-    def test_after_its_end_it_can_begin_anew(self):
+    def test_restarts_after_stop(self):
         lab = Lab()
         sensor = Clockwork()
         lab.engine.add_sensor(sensor)
@@ -125,7 +125,7 @@ class TestPushing:
         assert lab.beliefs == ['p("one")']
         assert not ears.running
 
-    def test_what_is_pushed_to_a_suspended_one_is_lost(self):
+    def test_suspended_sensor_discards_percepts(self):
         lab = Lab()
         ears = Ears()
         lab.engine.add_sensor(ears)
@@ -138,7 +138,7 @@ class TestPushing:
         (held,) = lab.engine.beliefs
         assert (str(held.belief), held.source, held.since) == ('p("two")', "percept", -5)
 
-    def test_without_an_engine_it_says_what_to_do(self):
+    def test_push_without_an_engine_is_an_error(self):
         with pytest.raises(RuleError, match="add_sensor"):
             Ears().push("one")
 
@@ -215,7 +215,7 @@ class TestThreads:
                 return
             assert posted.wait(10)
 
-    def test_what_it_reads_is_sensed_in_the_thread_of_the_engine(self):
+    def test_senses_percepts_in_the_thread_of_the_engine(self):
         lab, line, posted = self.lab()
         for item in (1, None, 2, EOFError()):
             line.line.put(item)
@@ -229,7 +229,7 @@ class TestThreads:
         self.settle(lab, posted, lambda: lab.done == [2])
         assert lab.kinds("failure") == ["Line"]
 
-    def test_it_ends_with_stop_and_can_begin_anew(self):
+    def test_ends_with_stop_and_restarts(self):
         lab, line, posted = self.lab()
         line.stop()
         line.line.put(1)
@@ -239,7 +239,7 @@ class TestThreads:
         self.settle(lab, posted, lambda: lab.done == [2])
         line.line.put(EOFError())
 
-    def test_one_that_reads_nothing_ends(self):
+    def test_ends_without_an_override_of_read(self):
         lab, posted = Lab(), threading.Event()
         lab.engine.add_sensor(ThreadSensor())
         lab.engine.run_until_idle()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Atom, Engine, Variable
+from socialbot.bdi import Atom, Engine, Variable, source
 from socialbot.bdi.literals import literal
 from socialbot.bdi.terms import Comparison, Cons, conjunction, show, variables
 from socialbot.bdi.unification import Var, closed, cons, free, resolve, undo, unify
@@ -72,7 +72,7 @@ def _once(shape):
 
 @settings(deadline=None, max_examples=300)
 @given(SHAPES, SHAPES)
-def test_unification_does_not_ask_which_term_comes_first(left, right):
+def test_unification_is_symmetric(left, right):
     if not apart(left, right):
         return
     here, there = {}, {}
@@ -133,7 +133,7 @@ def test_a_list_is_its_items_before_its_tail(items, tail):
     rest = Var()
     assert unify(Cons(items, rest), items + tail, [])
     assert resolve(rest) == tail
-    with pytest.raises(TypeError, match="no list"):
+    with pytest.raises(TypeError, match="not a list"):
         cons(items, 3)
 
 
@@ -213,7 +213,7 @@ def test_a_comparison_has_no_truth_value_of_its_own():
 
 def test_variables_have_the_names_of_variables():
     assert [str(variable) for variable in variables("X Speed _")] == ["X", "Speed", "_"]
-    with pytest.raises(RuleError, match="no name for a variable"):
+    with pytest.raises(RuleError, match="is not a variable name"):
         Variable("3 D")
 
 
@@ -226,3 +226,15 @@ def test_terms_know_their_variables():
 def test_strings_are_shown_in_quotes():
     assert show('say "a\\b"') == r'"say \"a\\b\""'
     assert show(3) == "3"
+
+
+def test_resolved_term_has_no_bound_variables():
+    who, trail = Var("Who"), []
+    pattern = (source(who), (literal("at", (who, 1)),))
+    assert unify(who, Atom("bob"), trail)
+    assert resolve(pattern) == (source(Atom("bob")), (literal("at", (Atom("bob"), 1)),))
+
+
+def test_resolving_keeps_a_term_without_bound_variables():
+    term = (1, (source(Atom("bob")),), literal("at", (Var("X"),)))
+    assert resolve(term) is term

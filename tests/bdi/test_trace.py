@@ -55,7 +55,7 @@ def chain(lab: Lab, kind: str) -> list[str]:
     return [*steps, record.cause]
 
 
-def test_an_action_is_led_back_to_what_was_perceived():
+def test_cause_of_an_action_is_the_percept():
     lab = Lab(+p(X) / (X > 0) >> [go(X)], go(X) >> [sub()], sub() >> [do("x")])
     lab.engine.believe(p(1), cause="frame-9")
     lab.engine.run_until_idle()
@@ -89,7 +89,7 @@ def test_a_failure_plan_is_led_back_to_the_failure_and_the_goal():
     assert by_id[plan.cause].kind == "failure"
 
 
-def test_what_was_held_long_is_led_back_to_its_beginning():
+def test_cause_of_a_held_for_event_is_the_belief():
     lab = Lab(+mood(X).held_for(2) >> [do(X)])
     lab.engine.believe(mood("glad"), cause="frame-1")
     lab.engine.run_until_idle()

@@ -52,7 +52,7 @@ class TestTrace:
         with pytest.raises(RuleError, match="1 or more"):
             Trace(0)
 
-    def test_records_are_found_by_kind_and_by_what_they_speak_of(self):
+    def test_finds_records_by_kind_and_text(self):
         trace = Trace()
         for each in (record(1), record(2, "action", "do(1)"), record(3, what="p(2)")):
             trace(each)
@@ -63,14 +63,14 @@ class TestTrace:
         assert ids(trace.find()) == ["a-1", "a-2", "a-3"]
         assert trace.find("goal") == []
 
-    def test_an_explanation_ends_at_what_is_no_record(self):
+    def test_explanation_ends_at_an_external_cause(self):
         trace = Trace()
         trace(record(1, cause="frame-9"))
         trace(record(2, "goal", "go()", "a-1"))
         assert [each.id for each in trace.explain("a-2")] == ["a-2", "a-1"]
         assert trace.explain("a-2")[-1].cause == "frame-9"
 
-    def test_an_explanation_ends_at_what_is_forgotten_and_never_goes_in_circles(self):
+    def test_explanation_ends_at_dropped_records_and_at_cycles(self):
         trace = Trace(limit=2)
         for each in (record(1), record(2, cause="a-1"), record(3, cause="a-2")):
             trace(each)
@@ -79,7 +79,7 @@ class TestTrace:
         trace(record(5, cause="a-4"))
         assert [each.id for each in trace.explain("a-5")] == ["a-5", "a-4"]
 
-    def test_what_is_unknown_is_an_error(self):
+    def test_unknown_record_is_an_error(self):
         with pytest.raises(RuleError, match="no record a-7"):
             Trace().explain("a-7")
 
@@ -99,7 +99,7 @@ class TestEngine:
             "because it chose the plan for go(X) at +0.000 s,\n"
             "because it wanted go(1) at +0.000 s,\n"
             "because it chose the plan notice for +p(X) at +0.000 s,\n"
-            "because it believed p(1), told by percept at +0.000 s,\n"
+            "because it believed p(1), source: percept at +0.000 s,\n"
             "because of frame-9."
         )
 
@@ -111,12 +111,12 @@ class TestEngine:
         assert [each.cause for each in engine.trace.explain("a-1")] == ["frame-1"]
         assert len(lines) == 1
 
-    def test_without_a_trace_it_says_what_to_do(self):
+    def test_explanation_without_a_trace_is_an_error(self):
         for sink in (None, [].append, tee([].append)):
             with pytest.raises(RuleError, match="sink=Trace"):
                 Engine("a", ManualClock(), sink=sink).trace.explain("a-1")
 
-    def test_it_says_why_a_plan_would_not_be_chosen(self):
+    def test_why_not(self):
         engine, _, _ = traced(
             labelled("first", go(X) / (q(X) & (X > 1)) >> [do(1)]), labelled("second", go(X) / q(X) >> [do(2)])
         )
@@ -158,7 +158,7 @@ class TestMind:
         lab.until(6)
         assert lab.engine.mind().intentions == ()
 
-    def test_one_that_runs_is_about_to_make_its_next_step(self):
+    def test_running_intention_shows_its_next_step(self):
         lab = Lab(go() >> [wait(0), do(1), do(2), do(3)], sub() >> [wait(0), do(4), do(5)])
         lab.post(go(), sub())
         steps = []
@@ -172,7 +172,7 @@ class TestMind:
         assert not lab.engine.run_until_idle()
         assert {"do(2)", "do(3)", "do(5)"} <= set(steps)
 
-    def test_a_suspended_one_says_so(self):
+    def test_suspended_intention_has_its_state(self):
         lab = Lab(go() >> [wait(1)])
         lab.tell(go())
         (intention,) = lab.engine.intentions
@@ -207,12 +207,12 @@ class TestJsonLines:
         path.write_text(path.read_text("utf-8")[:-9], "utf-8")
         assert [each.id for each in read_trace(path)] == ["a-1"]
         path.write_text("what\n{}\n", "utf-8")
-        with pytest.raises(RuleError, match="no record"):
+        with pytest.raises(RuleError, match="not a trace record"):
             read_trace(path)
 
 
 class TestSinksThatFail:
-    def test_the_agent_goes_on_and_the_log_says_so_once(self, caplog):
+    def test_failing_sink_is_logged_once(self, caplog):
         def broken(record: Record) -> None:
             raise OSError("disk full")
 
@@ -226,7 +226,7 @@ class TestSinksThatFail:
         assert lab.done == [0, 1, 2]
         assert len([each for each in caplog.records if each.levelno == logging.ERROR]) == 1
 
-    def test_one_of_several_keeps_nothing_from_the_others(self):
+    def test_failing_sink_does_not_affect_other_sinks(self):
         def broken(record: Record) -> None:
             raise OSError("disk full")
 
@@ -244,13 +244,13 @@ def test_each_kind_has_a_sentence(kind):
     assert ("x(1)" in words) == (kind != "dropped")
 
 
-def test_nothing_is_explained_by_nothing():
+def test_text_of_an_empty_explanation_is_empty():
     assert as_text([]) == ""
 
 
 @pytest.mark.parametrize("line", [b"\xff\xfe", b"[" * 100_000, b'{"id": "\xed\xa0\x80"}'])
-def test_a_file_of_anything_else_is_no_trace(tmp_path, line):
+def test_refuses_other_files_as_traces(tmp_path, line):
     path = tmp_path / "trace.jsonl"
     path.write_bytes(line + b"\n")
-    with pytest.raises(RuleError, match="no record"):
+    with pytest.raises(RuleError, match="not a trace record"):
         read_trace(path)

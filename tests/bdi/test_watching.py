@@ -103,7 +103,7 @@ def test_the_cause_is_the_record_of_the_change(engine):
     assert causes == [record.id]
 
 
-def test_a_watcher_that_raises_stops_nobody(engine, seen):
+def test_failing_watcher_does_not_stop_others(engine, seen):
     def fail(args, held, cause):
         raise ValueError("no eyes")
 
@@ -116,14 +116,14 @@ def test_a_watcher_that_raises_stops_nobody(engine, seen):
     assert engine.trace.sink.find("goal", "go")
 
 
-def test_rules_hear_of_watched_beliefs_as_of_others(engine, seen):
+def test_watched_beliefs_raise_events(engine, seen):
     engine.add_rules(+at(X) >> [+mood(X)], +at("home").held_for(2) >> [+mood("bored")])
     engine.believe(at("home"))
     let_pass(engine, 3)
     assert sorted(str(held.belief) for held in engine.beliefs) == ['at("home")', 'mood("bored")']
 
 
-def test_an_attempt_tells_how_it_ended(engine):
+def test_attempt_reports_its_end(engine):
     ends = []
     engine.add_rules(go(X) >> [walk(X)])
     engine.call(lambda: engine.attempt(go("home"), ends.append, cause="me"))
@@ -141,7 +141,7 @@ def test_an_attempt_without_a_plan_fails(engine):
     assert ends[0].reason == "no_relevant"
 
 
-def test_an_attempt_that_is_dropped_tells_when_its_action_has_stopped(engine):
+def test_dropped_attempt_reports_when_its_action_has_stopped(engine):
     ends, begun = [], []
     engine.add_rules(go(X) >> [walk(X)])
     engine.call(lambda: begun.append(engine.attempt(go("home"), ends.append)))
@@ -155,7 +155,7 @@ def test_an_attempt_that_is_dropped_tells_when_its_action_has_stopped(engine):
     assert ends[0].reason == "cancelled"
 
 
-def test_who_watches_is_told_of_a_mind_that_is_restored(engine, seen):
+def test_watchers_are_called_for_a_restored_mind(engine, seen):
     engine.believe(at("home"))
     engine.run_until_idle()
     saved = save(engine)
@@ -169,7 +169,7 @@ def test_who_watches_is_told_of_a_mind_that_is_restored(engine, seen):
     assert [str(held.belief) for held in engine.beliefs] == ['at("home")']
 
 
-def test_facts_are_those_of_a_mind_that_is_restored():
+def test_facts_follow_a_restored_mind():
     clock = ManualClock()
     facts = FactBase(Engine("yard", clock), YARD)
     for fact in (i("box_a", "box"), p("in", "box_a", "base_1"), n("stacked", "base_1", value=1)):

@@ -17,7 +17,7 @@ def at_work(seconds):
         pass
 
 
-def test_who_sleeps_is_blocked():
+def test_sleep_is_blocked_time():
     watch = Stopwatch()
     time.sleep(0.05)
     whole, blocked = watch.seconds()
@@ -25,7 +25,7 @@ def test_who_sleeps_is_blocked():
     assert blocked == pytest.approx(0.05, abs=0.02)
 
 
-def test_who_works_is_not():
+def test_work_is_not_blocked_time():
     watch = Stopwatch()
     at_work(0.05)
     whole, blocked = watch.seconds()
@@ -33,7 +33,7 @@ def test_who_works_is_not():
     assert blocked < 0.02
 
 
-def test_who_waits_for_a_processor_is_not():
+def test_waiting_for_a_processor_is_not_blocked_time():
     here = os.sched_getaffinity(0)
     one = {min(here)}
     reader, writer = os.pipe()
@@ -59,7 +59,7 @@ def test_who_waits_for_a_processor_is_not():
     assert blocked < 0.02
 
 
-def test_each_thread_has_its_own():
+def test_each_thread_is_measured_alone():
     told = []
 
     def sleeper():

@@ -28,14 +28,14 @@ def prepared(variables: dict[str, str] | None = None, **options) -> dict[str, st
     return found
 
 
-def test_by_default_nodes_talk_to_this_machine_only() -> None:
+def test_default_discovery_is_limited_to_this_machine() -> None:
     found = prepared()
     assert found[PROFILE] == str(environment.PROFILE)
     assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert "ROS_STATIC_PEERS" not in found
 
 
-def test_what_is_set_stays_and_what_is_given_overrides(tmp_path: Path) -> None:
+def test_keeps_variables_and_applies_overrides(tmp_path: Path) -> None:
     found = prepared(
         {"ROS_DOMAIN_ID": "3", PROFILE: "my.xml", "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, domain=5, log_folder=tmp_path
     )
@@ -43,7 +43,7 @@ def test_what_is_set_stays_and_what_is_given_overrides(tmp_path: Path) -> None:
     assert (found[PROFILE], found["ROS_AUTOMATIC_DISCOVERY_RANGE"]) == ("my.xml", "OFF")
 
 
-def test_readers_of_some_topics_take_udp_only(tmp_path: Path) -> None:
+def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     found = prepared()
     environment.read_by_udp(["/speech/say", "/health", "/health"], tmp_path / "log" / "dds.xml", found)
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml")
@@ -56,7 +56,7 @@ def test_readers_of_some_topics_take_udp_only(tmp_path: Path) -> None:
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
 
 
-def test_a_profile_of_the_users_own_and_that_for_networks_are_left_alone(tmp_path: Path) -> None:
+def test_keeps_custom_and_network_profiles(tmp_path: Path) -> None:
     own = prepared({PROFILE: "my.xml"})
     open_ = prepared({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
     for found in (own, open_):
@@ -89,7 +89,7 @@ def test_across_machines_by_a_discovery_server() -> None:
         {"ROS_DISCOVERY_SERVER": "10.77.0.1:11811"},
     ],
 )
-def test_only_a_graph_that_the_user_opens_listens_to_others(opened: dict[str, str]) -> None:
+def test_only_an_opened_graph_uses_the_network_profile(opened: dict[str, str]) -> None:
     found = prepared(opened)
     assert found[PROFILE] == str(environment.WIFI_PROFILE)
     assert int(found[DATAGRAM]) > 16 * 2**20
@@ -100,13 +100,13 @@ def test_only_a_graph_that_the_user_opens_listens_to_others(opened: dict[str, st
     assert set(addresses) == {"127.0.0.1"}
 
 
-def test_raw_pictures_are_not_cut_up_on_their_own_machine() -> None:
+def test_raw_images_use_large_datagrams() -> None:
     found = prepared(across=Across(peers=("10.77.0.2",)), raw_pictures=True)
     assert int(found[DATAGRAM]) > 16 * 2**20
     assert prepared(found, across=Across(peers=("10.77.0.2",)))[DATAGRAM] == str(environment.PACKET_BYTES)
 
 
-def test_a_profile_of_the_users_own_is_left_alone() -> None:
+def test_keeps_a_custom_profile_across_machines() -> None:
     assert prepared({PROFILE: "my.xml"}, across=Across(peers=("a",)))[PROFILE] == "my.xml"
 
 
@@ -117,7 +117,7 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
 
 
 @pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5"])
-def test_domains_that_are_none(domain: str) -> None:
+def test_refuses_invalid_domains(domain: str) -> None:
     with pytest.raises(GraphError, match="not a ROS domain"):
         environment.check_domain({"ROS_DOMAIN_ID": domain})
 
@@ -140,7 +140,7 @@ OURS = ["--graph", "waldo", "head"]
         (["head", "--", "-p"], ["head", "--", "-p"], []),
     ],
 )
-def test_what_is_for_ros_goes_from_its_word_to_the_dashes_or_the_end(arguments, ours, ros):
+def test_splits_ros_arguments(arguments, ours, ros):
     assert split_ros_args(arguments) == (ours, ros)
 
 
@@ -151,7 +151,7 @@ def run_node(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 @pytest.mark.ros
-def test_a_value_from_ros_that_does_not_fit_is_one_message():
+def test_an_invalid_ros_parameter_is_one_error():
     done = run_node("head", "--ros-args", "-r", "__node:=head", "-p", "dead_band_rad:=ten")
     assert done.returncode == 4
     assert "head.dead_band_rad" in done.stderr
@@ -160,7 +160,7 @@ def test_a_value_from_ros_that_does_not_fit_is_one_message():
 
 @pytest.mark.slow
 @pytest.mark.ros
-def test_arguments_that_ros_cannot_use_are_one_message(tmp_path: Path):
+def test_invalid_ros_arguments_are_one_error(tmp_path: Path):
     done = run_node("head", "--ros-args", "--params-file", str(tmp_path / "none.yaml"))
     assert done.returncode == 4
     assert "error: --ros-args: ROS rejects the arguments" in done.stderr
@@ -179,7 +179,7 @@ def segment(folder: Path, name: str, age_s: float = YOUNG_S + 60) -> Path:
     return lock
 
 
-def test_what_the_dead_have_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+def test_removes_only_stale_segments(tmp_path: Path) -> None:
     segment(tmp_path, DEAD)
     segment(tmp_path, YOUNG, age_s=0.0)
     port = segment(tmp_path, "port7411")
@@ -196,19 +196,19 @@ def test_what_the_dead_have_left_is_removed_and_nothing_else(tmp_path: Path) -> 
     }
 
 
-def test_a_lock_without_its_segment_is_removed_as_well(tmp_path: Path) -> None:
+def test_removes_a_lock_without_a_segment(tmp_path: Path) -> None:
     segment(tmp_path, DEAD)
     (tmp_path / f"fastrtps_{DEAD}").unlink()
     assert remove_stale(tmp_path) == 1
     assert list(stale_locks(tmp_path)) == []
 
 
-def test_where_there_is_no_shared_memory_nothing_is_stale(tmp_path: Path) -> None:
+def test_nothing_is_stale_without_shared_memory(tmp_path: Path) -> None:
     assert remove_stale(tmp_path / "none") == 0
 
 
 @pytest.mark.parametrize("look", [remove_stale, lambda folder: list(stale_locks(folder))])
-def test_locks_that_somebody_may_be_about_to_take_are_left_alone(
+def test_does_not_test_young_locks_and_ports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, look: Callable[[Path], object]
 ) -> None:
     tried: list[str] = []

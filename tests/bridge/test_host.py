@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from socialbot.bridge.security import Freshness, Stream, new_key
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, Utterance
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
+from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -44,64 +43,33 @@ class Listener(Node):
 GRAPH = Graph("greeting", (NodeConfig("greeter", Greeter), NodeConfig("listener", Listener)))
 
 
-@contextmanager
-def hosting() -> Iterator[Any]:
-    """Hosts nodes of `GRAPH` by their names, in this process."""
-    from rclpy.executors import SingleThreadedExecutor
-
-    from socialbot.bridge._host import NodeHost
-    from socialbot.bridge.environment import ros_context
-
-    hosts: list[NodeHost] = []
-    with ros_context() as context:
-        executor = SingleThreadedExecutor(context=context)
-
-        def host(name: str) -> Any:
-            hosts.append(NodeHost(GRAPH, GRAPH.placement(name), ros_context=context, sim_time=False))
-            executor.add_node(hosts[-1].ros_node)
-            hosts[-1].start()
-            return hosts[-1].node
-
-        thread = threading.Thread(target=executor.spin, daemon=True)
-        thread.start()
-        try:
-            yield host
-        finally:
-            executor.shutdown()
-            thread.join(2.0)
-            for each in hosts:
-                each.stop()
-
-
-def test_a_node_starts_when_those_are_there_who_listen_to_it() -> None:
-    with hosting() as host:
+def test_a_node_starts_when_its_subscribers_are_connected() -> None:
+    with node_hosts(GRAPH) as host:
         host("greeter")
-        listener = host("listener")
+        listener = host("listener").node
         assert eventually(lambda: listener.heard == "hello")
 
 
-def test_a_node_starts_without_those_who_do_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_starts_without_missing_subscribers_after_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     started = threading.Event()
     monkeypatch.setattr("socialbot.bridge._node_thread.CONNECT_TIMEOUT_S", 0.1)
     monkeypatch.setattr(Greeter, "start", lambda self: started.set())
-    with hosting() as host:
+    with node_hosts(GRAPH) as host:
         host("greeter")
         assert started.wait(20.0)
 
 
-def test_a_node_that_waits_for_others_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_waiting_node_reports_missing_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socialbot.bridge._node_thread.QUIET_WAIT_S", 0.1)
     said: list[Health] = []
     monkeypatch.setattr("socialbot.bridge._host.NodeHost._publish_health", lambda self, health: said.append(health))
-    with hosting() as host:
+    with node_hosts(GRAPH) as host:
         host("greeter")
         assert eventually(lambda: len(said) > 2)
         waiting = said[:2]
         host("listener")
         assert eventually(lambda: said[-1].state == "ok")
-    assert {(one.node, one.state, one.reason) for one in waiting} == {
-        ("greeter", "waiting", "nobody at the other end of /said yet")
-    }
+    assert {(one.node, one.state, one.reason) for one in waiting} == {("greeter", "waiting", "unconnected: /said")}
 
 
 class Patient(Node):
@@ -136,23 +104,22 @@ class Talker(Node):
 
 
 @pytest.mark.parametrize("seconds", [-3600, -2, 3600])
-def test_nodes_do_not_notice_that_the_clock_is_set(
+def test_nodes_are_unaffected_by_changes_of_the_system_clock(
     seconds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nobody is taken to be silent, no timer is late or rings in a flood, and with keys nothing more is refused."""
+    """No input times out, no timer is late or fires repeatedly, and no message is refused."""
     real, ahead = time.time_ns, [0]
     monkeypatch.setattr(time, "time_ns", lambda: real() + ahead[0])
     for kind in (Freshness, Stream):
-        defaults = kind.__init__.__kwdefaults__
-        assert defaults is not None
-        monkeypatch.setitem(defaults, "wall", lambda: time.time_ns())
+        defaults = kind.__init__.__defaults__ or ()
+        changed = tuple(time.time_ns if default is real else default for default in defaults)
+        monkeypatch.setattr(kind.__init__, "__defaults__", changed)
     new_key("robot", tmp_path / "keys")
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
     graph = Graph("patience", (NodeConfig("talker", Talker), NodeConfig("patient", Patient)))
-    monkeypatch.setitem(globals(), "GRAPH", graph)
-    with hosting() as host:
+    with node_hosts(graph) as host:
         host("talker")
-        patient = host("patient")
+        patient = host("patient").node
         assert eventually(lambda: len(patient.rung) > 20)
         assert patient.silences == 0
         ahead[0] = seconds * SECOND
@@ -170,36 +137,7 @@ class Source(Node):
     said = Output(Utterance, "/said")
 
 
-@contextmanager
-def composed() -> Iterator[tuple[Any, Any, Any]]:
-    """A source and a listener in one process, and the list of messages that were published over DDS."""
-    from rclpy.executors import SingleThreadedExecutor
-
-    from socialbot.bridge._host import IntraProcess, NodeHost
-    from socialbot.bridge.environment import ros_context
-
-    graph = Graph("composed", (NodeConfig("source", Source), NodeConfig("listener", Listener)))
-    with ros_context() as context:
-        executor, intra_process = SingleThreadedExecutor(context=context), IntraProcess()
-        hosts = [
-            NodeHost(graph, one, ros_context=context, sim_time=False, intra_process=intra_process)
-            for one in graph.placements
-        ]
-        for host in hosts:
-            executor.add_node(host.ros_node)
-            host.start()
-        thread = threading.Thread(target=executor.spin, daemon=True)
-        thread.start()
-        try:
-            yield hosts[0], hosts[1], context
-        finally:
-            executor.shutdown()
-            thread.join(2.0)
-            for host in hosts:
-                host.stop()
-
-
-def test_composed_nodes_pass_messages_without_dds_until_another_process_subscribes(
+def test_composed_nodes_use_dds_only_for_subscribers_outside(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from socialbot.bridge import _host as host_module
@@ -216,8 +154,10 @@ def test_composed_nodes_pass_messages_without_dds_until_another_process_subscrib
         publish(self, message)
 
     monkeypatch.setattr(Sender, "publish", spy)
-    with composed() as (source, listener, _):
-        ((publisher, _),) = source._publications.values()
+    graph = Graph("composed", (NodeConfig("source", Source), NodeConfig("listener", Listener)))
+    with node_hosts(graph, intra_process=host_module.IntraProcess()) as host:
+        source, listener = host("source"), host("listener")
+        (publisher,) = (sender.publisher for sender in source._senders.values())
         assert eventually(lambda: publisher.get_subscription_count() == 1 and listener.active_thread is not None)
 
         def say(text: str) -> None:

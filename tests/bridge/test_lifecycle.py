@@ -1,8 +1,7 @@
-"""Nodes as ROS 2 lifecycle nodes, seen by a client that knows nothing of socialbot."""
+"""Nodes as ROS 2 lifecycle nodes, from a plain ROS client."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,15 +11,16 @@ import pytest
 
 from socialbot.core.messages import Utterance
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
+from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
 
 
 class Parrot(Node):
-    """Notes what it hears, and what becomes of it."""
+    """Notes its messages and lifecycle."""
 
-    lives: ClassVar[list[Parrot]] = []
+    instances: ClassVar[list[Parrot]] = []
 
     said = Input(Utterance, "/said")
     wisdom = Input(Utterance, "/wisdom", Delivery.LATCHED)
@@ -33,7 +33,7 @@ class Parrot(Node):
         if self.colour == "invisible":
             raise ValueError("no such parrot")
         self.did: list[str] = []
-        self.lives.append(self)
+        self.instances.append(self)
 
     def start(self) -> None:
         self.did.append("start")
@@ -54,7 +54,7 @@ class Parrot(Node):
 
 
 class Sage(Node):
-    """Says something wise, once; and whatever is asked for."""
+    """Publishes a latched message at the start, and others on request."""
 
     said = Output(Utterance, "/said")
     wisdom = Output(Utterance, "/wisdom", Delivery.LATCHED)
@@ -82,7 +82,7 @@ class Bird:
         return future.result()
 
     def change(self, label: str) -> bool:
-        """Asks for the transition called so."""
+        """Request the transition ``label``."""
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
@@ -101,40 +101,24 @@ class Bird:
 
 @contextmanager
 def birds(*settings: str) -> Iterator[Bird]:
-    """A parrot whose parameters are those ``settings``, and a sage who starts by himself."""
-    from rclpy.executors import SingleThreadedExecutor
+    """A parrot with the parameters ``settings``, and an active sage."""
+    from socialbot.bridge.environment import spinning_node
 
-    from socialbot.bridge._host import NodeHost
-    from socialbot.bridge.environment import ros_context, spinning_node
-
-    Parrot.lives.clear()
-    arguments = [part for setting in settings for part in ("-p", f"parrot:{setting}")]
-    with spinning_node("client") as client, ros_context(["--ros-args", *arguments] if settings else []) as context:
-        hosts = [NodeHost(GRAPH, one, ros_context=context, sim_time=False) for one in GRAPH.placements]
-        executor = SingleThreadedExecutor(context=context)
-        for host in hosts:
-            executor.add_node(host.ros_node)
-            host.start()
-        thread = threading.Thread(target=executor.spin, daemon=True)
-        thread.start()
-        try:
-            yield Bird(hosts[0], hosts[1].node, client)
-        finally:
-            executor.shutdown()
-            thread.join(2.0)
-            for host in hosts:
-                host.stop()
+    Parrot.instances.clear()
+    ros_args = [part for setting in settings for part in ("-p", f"parrot:{setting}")]
+    with spinning_node("client") as client, node_hosts(GRAPH, *ros_args) as host:
+        yield Bird(host("parrot"), host("sage").node, client)
 
 
-def test_a_node_that_nobody_manages_becomes_active_by_itself() -> None:
+def test_a_node_activates_itself() -> None:
     with birds() as bird:
         assert bird.state == "active"
-        assert eventually(lambda: Parrot.lives[0].did == ["start", "wise"])
+        assert eventually(lambda: Parrot.instances[0].did == ["start", "wise"])
         bird.says("hello")
-        assert eventually(lambda: Parrot.lives[0].did[-1] == "hello")
+        assert eventually(lambda: Parrot.instances[0].did[-1] == "hello")
 
 
-def test_a_managed_node_is_built_started_and_stopped_when_it_is_told_to() -> None:
+def test_transitions_build_start_and_stop_a_node() -> None:
     from lifecycle_msgs.msg import TransitionEvent
 
     events: list[str] = []
@@ -143,56 +127,56 @@ def test_a_managed_node_is_built_started_and_stopped_when_it_is_told_to() -> Non
             TransitionEvent, "/parrot/transition_event", lambda event: events.append(event.goal_state.label), 10
         )
         assert bird.state == "unconfigured"
-        assert not Parrot.lives
+        assert not Parrot.instances
         assert bird.change("configure")
         assert bird.state == "inactive"
-        assert Parrot.lives[0].did == []
+        assert Parrot.instances[0].did == []
         assert bird.change("activate")
-        assert eventually(lambda: Parrot.lives[0].did == ["start", "wise"])
+        assert eventually(lambda: Parrot.instances[0].did == ["start", "wise"])
         assert bird.change("deactivate")
-        assert Parrot.lives[0].did == ["start", "wise", "stop"]
+        assert Parrot.instances[0].did == ["start", "wise", "stop"]
         assert bird.change("cleanup")
         assert bird.state == "unconfigured"
         assert bird.change("configure")
         assert bird.change("activate")
-        assert eventually(lambda: len(Parrot.lives) == 2 and Parrot.lives[1].did == ["start", "wise"])
+        assert eventually(lambda: len(Parrot.instances) == 2 and Parrot.instances[1].did == ["start", "wise"])
         assert eventually(lambda: events[-1:] == ["active"])
         there = ["inactive", "active", "inactive", "unconfigured", "inactive", "active"]
         assert [label for label in events if label in ("inactive", "active", "unconfigured")][-6:] == there
 
 
-def test_who_is_activated_again_hears_what_is_latched_but_no_old_commands() -> None:
+def test_a_reactivated_node_receives_latched_messages_but_no_old_commands() -> None:
     with birds() as bird:
-        assert eventually(lambda: Parrot.lives[0].did == ["start", "wise"])
+        assert eventually(lambda: Parrot.instances[0].did == ["start", "wise"])
         assert bird.change("deactivate")
         bird.says("too early")
         assert bird.change("activate")
-        assert eventually(lambda: len(Parrot.lives) == 2 and Parrot.lives[1].did == ["start", "wise"])
+        assert eventually(lambda: len(Parrot.instances) == 2 and Parrot.instances[1].did == ["start", "wise"])
         bird.says("hello")
-        assert eventually(lambda: Parrot.lives[1].did == ["start", "wise", "hello"])
+        assert eventually(lambda: Parrot.instances[1].did == ["start", "wise", "hello"])
 
 
-def test_who_waits_to_be_started_hears_what_was_said_meanwhile() -> None:
+def test_an_inactive_node_keeps_messages_until_activation() -> None:
     with birds("autostart:=false") as bird:
         assert bird.change("configure")
         assert eventually(lambda: bird.host.statistics is not None and bird.sage is not None)
         bird.says("early")
         assert eventually(lambda: bool(bird.host._early))
         assert bird.change("activate")
-        assert eventually(lambda: "early" in Parrot.lives[0].did)
+        assert eventually(lambda: "early" in Parrot.instances[0].did)
 
 
-def test_a_transition_that_does_not_fit_the_state_is_refused_and_the_node_goes_on() -> None:
+def test_refuses_transitions_that_do_not_fit_the_state() -> None:
     with birds() as bird:
-        assert eventually(lambda: Parrot.lives[0].did == ["start", "wise"])
+        assert eventually(lambda: Parrot.instances[0].did == ["start", "wise"])
         assert not bird.change("configure")
         assert not bird.change("cleanup")
         assert bird.state == "active"
         bird.says("hello")
-        assert eventually(lambda: Parrot.lives[0].did[-1] == "hello")
+        assert eventually(lambda: Parrot.instances[0].did[-1] == "hello")
 
 
-def test_a_node_that_cannot_be_built_stays_unconfigured_until_it_can() -> None:
+def test_a_node_stays_unconfigured_until_it_can_be_built() -> None:
     from rcl_interfaces.msg import Parameter as RosParameter
     from rcl_interfaces.msg import ParameterValue
     from rcl_interfaces.srv import SetParameters
@@ -205,17 +189,17 @@ def test_a_node_that_cannot_be_built_stays_unconfigured_until_it_can() -> None:
         assert bird.change("configure")
         loud = RosParameter(name="volume", value=ParameterValue(type=3, double_value=1.0))
         assert bird.ask(SetParameters, "set_parameters", parameters=[loud]).results[0].successful
-        assert Parrot.lives[0].did == ["volume 1.0"]
+        assert Parrot.instances[0].did == ["volume 1.0"]
         assert bird.change("activate")
-        assert eventually(lambda: "start" in Parrot.lives[0].did)
+        assert eventually(lambda: "start" in Parrot.instances[0].did)
 
 
-def test_a_node_that_is_shut_down_has_ended() -> None:
+def test_shutdown_ends_a_node() -> None:
     with birds() as bird:
-        assert eventually(lambda: Parrot.lives[0].did == ["start", "wise"])
+        assert eventually(lambda: Parrot.instances[0].did == ["start", "wise"])
         assert not bird.host.ended
         assert bird.change("active_shutdown")
-        assert Parrot.lives[0].did == ["start", "wise", "stop"]
+        assert Parrot.instances[0].did == ["start", "wise", "stop"]
         assert bird.host.ended
         assert bird.host.failure is None
 

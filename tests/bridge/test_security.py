@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import stat
+from typing import get_args
 
 import msgspec
 import pytest
@@ -49,20 +50,20 @@ def complaint(folder, name="") -> str:
     return str(caught.value)
 
 
-def test_a_new_key_is_ones_own_and_is_believed(folder):
+def test_a_new_key_is_trusted(folder):
     keys = load_keys(folder)
     assert (keys.name, set(keys.trusted)) == ("robot", {"robot"})
     keys.trusted["robot"].verify(keys.private.sign(b"word"), b"word")
 
 
-def test_only_its_owner_can_read_the_private_file_and_git_leaves_it_out(folder):
+def test_a_private_key_is_hidden_from_users_and_git(folder):
     assert stat.S_IMODE((folder / "robot.key").stat().st_mode) == 0o600
     assert (folder / ".gitignore").read_text() == "*.key\n"
     assert "PrivateKey" not in repr(load_keys(folder))
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o644])
-def test_a_private_key_that_others_can_read_or_change_is_refused(folder, mode):
+def test_refuses_a_readable_private_key(folder, mode):
     (folder / "robot.key").chmod(mode)
     text = complaint(folder)
     assert "other users can read or change this private key" in text
@@ -70,24 +71,24 @@ def test_a_private_key_that_others_can_read_or_change_is_refused(folder, mode):
 
 
 @pytest.mark.parametrize("name", [".", "robot.pub"])
-def test_what_anybody_may_change_is_refused(folder, name):
+def test_refuses_writable_public_keys(folder, name):
     (folder / name).chmod(0o757 if name == "." else 0o646)
     assert "anybody can" in complaint(folder)
 
 
-def test_of_several_private_keys_one_has_to_be_named(folder):
+def test_several_private_keys_need_a_name(folder):
     new_key("workstation", folder)
     assert "several private keys: robot, workstation" in complaint(folder)
     assert load_keys(folder, "workstation").name == "workstation"
     assert private_names(folder) == ["robot", "workstation"]
 
 
-def test_a_folder_with_public_keys_only_cannot_speak(folder):
+def test_a_private_key_is_required(folder):
     (folder / "robot.key").unlink()
     assert "no private key" in complaint(folder)
 
 
-def test_a_private_key_of_another_pair_is_refused(folder, tmp_path):
+def test_refuses_a_mismatched_pair(folder, tmp_path):
     new_key("robot", tmp_path / "other")
     shutil.copy(tmp_path / "other" / "robot.pub", folder)
     assert "are not a pair" in complaint(folder)
@@ -95,7 +96,7 @@ def test_a_private_key_of_another_pair_is_refused(folder, tmp_path):
     assert "there is no robot.pub" in complaint(folder, "robot")
 
 
-def test_an_existing_key_is_never_overwritten(folder):
+def test_never_overwrites_a_key(folder):
     before = (folder / "robot.key").read_bytes()
     (folder / "robot.pub").unlink()
     with pytest.raises(SecurityError, match="cannot create the key 'robot'"):
@@ -104,7 +105,7 @@ def test_an_existing_key_is_never_overwritten(folder):
 
 
 @pytest.mark.parametrize("name", ["", "../robot", "a/b", ".robot", "-robot", "r" * 65, "robot\n", "róbot"])
-def test_names_cannot_lead_out_of_the_folder(folder, name):
+def test_refuses_names_outside_of_the_folder(folder, name):
     with pytest.raises(SecurityError, match="is not a valid key name"):
         new_key(name, folder)
 
@@ -120,7 +121,7 @@ def test_names_cannot_lead_out_of_the_folder(folder, name):
         b"-----END PRIVATE KEY-----\n",
     ],
 )
-def test_damaged_keys_are_refused(folder, text):
+def test_refuses_damaged_keys(folder, text):
     (folder / "robot.pub").write_bytes(text)
     assert "the file holds no usable key" in complaint(folder)
     (folder / "robot.key").write_bytes(text)
@@ -128,7 +129,7 @@ def test_damaged_keys_are_refused(folder, text):
         load_private_key(folder / "robot.key")
 
 
-def test_keys_of_another_kind_are_refused(folder):
+def test_refuses_keys_of_another_kind(folder):
     from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
     from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
@@ -137,7 +138,7 @@ def test_keys_of_another_kind_are_refused(folder):
     assert "not a public Ed25519 key" in complaint(folder)
 
 
-def test_a_missing_folder_is_told(tmp_path):
+def test_a_missing_folder_is_an_error(tmp_path):
     assert "no such folder" in complaint(tmp_path / "none", "robot")
 
 
@@ -147,27 +148,27 @@ class TestCommands:
         assert result.exit_code == 0
         return result.output
 
-    def test_new_list_and_check_tell_the_same_fingerprint(self, folder):
+    def test_new_list_and_check_print_the_same_fingerprint(self, folder):
         made = self.run("new", "workstation", "--folder", folder)
         shown = fingerprint(load_keys(folder, "robot").trusted["workstation"])
         assert shown in made
         assert shown in self.run("list", "--folder", folder)
-        assert "speaks as robot, believes workstation" in self.run("check", "robot", "--folder", folder)
+        assert "signs as robot, trusts workstation" in self.run("check", "robot", "--folder", folder)
 
-    def test_the_folder_is_that_of_the_variable(self, folder, monkeypatch):
+    def test_the_folder_comes_from_the_variable(self, folder, monkeypatch):
         monkeypatch.setenv("SOCIALBOT_KEYS", f"{folder}:robot")
         assert "robot" in self.run("list")
         monkeypatch.delenv("SOCIALBOT_KEYS")
         monkeypatch.chdir(folder.parent)
-        assert "speaks as robot" in self.run("check")
+        assert "signs as robot" in self.run("check")
 
-    def test_check_fails_where_the_keys_cannot_be_used(self, folder):
+    def test_check_fails_for_unusable_keys(self, folder):
         os.chmod(folder / "robot.key", 0o644)
         with pytest.raises(SecurityError):
             self.run("check", "--folder", folder)
 
 
-NEW, RENEWED, LATE, EARLY, REPLAYED = FreshnessVerdict
+NEW, RENEWED, LATE, EARLY, REPLAYED = get_args(FreshnessVerdict)
 
 
 class Clocks:
@@ -182,7 +183,7 @@ class Clocks:
         self.steady += round(seconds * SECOND)
 
     def receiver(self, *, joins_late: bool = False) -> Freshness:
-        return Freshness(2.0, joins_late=joins_late, wall=lambda: self.wall, steady=lambda: self.steady)
+        return Freshness(2.0, joins_late=joins_late, now=lambda: self.wall, steady=lambda: self.steady)
 
 
 @pytest.fixture
@@ -190,7 +191,7 @@ def clocks() -> Clocks:
     return Clocks()
 
 
-def test_a_stream_only_goes_on(clocks):
+def test_a_stream_must_advance(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
     times = [clocks.wall + step for step in (1, 3, 2, 3, 4)]
@@ -199,97 +200,97 @@ def test_a_stream_only_goes_on(clocks):
     ]  # fmt: skip
 
 
-def test_senders_and_streams_are_told_apart(clocks):
+def test_senders_and_streams_are_independent(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
     for sender, stream in (("a", "s"), ("a", "t"), ("b", "s")):
-        assert receiver.judge(sender, stream, 1, clocks.wall) is NEW
-        assert receiver.judge(sender, stream, 1, clocks.wall) is REPLAYED
+        assert receiver.judge(sender, stream, 1, clocks.wall) == NEW
+        assert receiver.judge(sender, stream, 1, clocks.wall) == REPLAYED
 
 
 @pytest.mark.parametrize(("age_s", "verdict"), [(-2.1, EARLY), (-1.9, NEW), (0.0, NEW), (1.9, NEW), (2.1, LATE)])
-def test_the_window_is_for_clocks_that_differ_and_for_the_way(clocks, age_s, verdict):
+def test_accepts_messages_within_the_window(clocks, age_s, verdict):
     receiver = clocks.receiver()
     clocks.go_on(5)
-    assert receiver.judge("a", "s", 1, clocks.wall - round(age_s * SECOND)) is verdict
+    assert receiver.judge("a", "s", 1, clocks.wall - round(age_s * SECOND)) == verdict
 
 
-def test_a_receiver_that_has_begun_anew_believes_nothing_older_than_itself(clocks):
+def test_a_new_receiver_refuses_older_messages(clocks):
     first = clocks.receiver()
     clocks.go_on(5)
     said = clocks.wall
-    assert first.judge("a", "s", 9, said) is NEW
+    assert first.judge("a", "s", 9, said) == NEW
     clocks.go_on(0.5)
     again = clocks.receiver()
     clocks.go_on(0.5)
-    assert again.judge("a", "s", 9, said) is LATE
-    assert again.judge("a", "s", 10, clocks.wall) is NEW
+    assert again.judge("a", "s", 9, said) == LATE
+    assert again.judge("a", "s", 10, clocks.wall) == NEW
 
 
-def test_who_joins_late_hears_the_last_state_but_none_from_before_the_window(clocks):
+def test_a_late_receiver_accepts_messages_within_the_window(clocks):
     said = clocks.wall
     clocks.go_on(1.5)
-    assert clocks.receiver(joins_late=True).judge("a", "s", 4, said) is NEW
+    assert clocks.receiver(joins_late=True).judge("a", "s", 4, said) == NEW
     clocks.go_on(1.0)
     receiver = clocks.receiver(joins_late=True)
-    assert receiver.judge("a", "s", 4, said) is LATE
-    assert receiver.judge("a", "s", 4, clocks.wall) is NEW
-    assert receiver.judge("a", "s", 4, clocks.wall + 1) is RENEWED
+    assert receiver.judge("a", "s", 4, said) == LATE
+    assert receiver.judge("a", "s", 4, clocks.wall) == NEW
+    assert receiver.judge("a", "s", 4, clocks.wall + 1) == RENEWED
 
 
-def test_an_old_state_fails_after_a_newer_one(clocks):
+def test_refuses_an_old_message_after_a_newer_one(clocks):
     receiver = clocks.receiver(joins_late=True)
     old = clocks.wall
-    assert receiver.judge("a", "s", 1, old) is NEW
-    assert receiver.judge("a", "s", 2, old + 5) is NEW
-    assert receiver.judge("a", "s", 1, old) is REPLAYED
-    assert receiver.judge("a", "s", 1, old + 6) is REPLAYED
+    assert receiver.judge("a", "s", 1, old) == NEW
+    assert receiver.judge("a", "s", 2, old + 5) == NEW
+    assert receiver.judge("a", "s", 1, old) == REPLAYED
+    assert receiver.judge("a", "s", 1, old + 6) == REPLAYED
 
 
-def test_a_refused_message_leaves_no_mark(clocks):
+def test_a_refused_message_is_not_remembered(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
-    assert receiver.judge("a", "s", 10**6, clocks.wall + 10 * SECOND) is EARLY
-    assert receiver.judge("a", "s", 1, clocks.wall) is NEW
+    assert receiver.judge("a", "s", 10**6, clocks.wall + 10 * SECOND) == EARLY
+    assert receiver.judge("a", "s", 1, clocks.wall) == NEW
 
 
-def test_a_wall_clock_that_is_set_right_does_no_harm(clocks):
+def test_a_changed_wall_clock_is_no_problem(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
     clocks.wall -= 3600 * SECOND
-    assert receiver.judge("a", "s", 1, clocks.wall - SECOND) is NEW
+    assert receiver.judge("a", "s", 1, clocks.wall - SECOND) == NEW
     clocks.wall += 7200 * SECOND
-    assert receiver.judge("a", "s", 2, clocks.wall - SECOND) is NEW
+    assert receiver.judge("a", "s", 2, clocks.wall - SECOND) == NEW
 
 
-def test_memory_is_bounded_and_what_is_forgotten_is_late(clocks):
+def test_memory_is_limited(clocks):
     receiver = clocks.receiver()
     clocks.go_on(5)
     first = clocks.wall
     for number in range(20 * MAX_STREAMS):
-        assert receiver.judge("a", f"s{number}", 1, clocks.wall) is NEW
+        assert receiver.judge("a", f"s{number}", 1, clocks.wall) == NEW
         clocks.go_on(0.05)
     assert receiver.stream_count <= MAX_STREAMS
-    assert receiver.judge("a", "s0", 1, first) is LATE
+    assert receiver.judge("a", "s0", 1, first) == LATE
 
 
 @pytest.mark.parametrize("seconds", [-3600, -1, 1, 3600])
-def test_a_computer_whose_clock_is_set_goes_on_to_believe_itself(clocks, seconds):
+def test_sender_and_receiver_survive_a_change_of_their_clock(clocks, seconds):
     """Sender and receiver are on it; what is latched is sealed anew all the while."""
     receiver = clocks.receiver()
     clocks.go_on(5)
-    assert receiver.judge("a", "s", 1, clocks.wall) is NEW
+    assert receiver.judge("a", "s", 1, clocks.wall) == NEW
     said = clocks.wall
     clocks.wall += seconds * SECOND
     for _ in range(5):
         clocks.go_on(0.4)
-        assert receiver.judge("a", "s", 1, clocks.wall) is RENEWED
-        assert receiver.judge("a", "s", 1, clocks.wall) is REPLAYED
+        assert receiver.judge("a", "s", 1, clocks.wall) == RENEWED
+        assert receiver.judge("a", "s", 1, clocks.wall) == REPLAYED
     for number in range(2, 7):
         clocks.go_on(0.4)
-        assert receiver.judge("a", "s", number, clocks.wall) is NEW
-        assert receiver.judge("a", "s", number, clocks.wall) is REPLAYED
-        assert receiver.judge("a", "s", 1, said) is REPLAYED
+        assert receiver.judge("a", "s", number, clocks.wall) == NEW
+        assert receiver.judge("a", "s", number, clocks.wall) == REPLAYED
+        assert receiver.judge("a", "s", 1, said) == REPLAYED
 
 
 PRIVATE = {name: Ed25519PrivateKey.generate() for name in ("robot", "workstation", "stranger")}
@@ -303,11 +304,11 @@ def keys(name: str, private: str = "") -> Keys:
 
 
 def stream(name: str = "robot", private: str = "", *, realm: str = REALM, topic: str = TOPIC, at: int = NOW) -> Stream:
-    return Stream(keys(name, private), realm, topic, wall=lambda: at)
+    return Stream(keys(name, private), realm, topic, now=lambda: at)
 
 
 def opener(topic: str = TOPIC) -> Opener:
-    return Opener(keys("workstation"), REALM, topic, Freshness(2.0, joins_late=True, wall=lambda: NOW, steady=int))
+    return Opener(keys("workstation"), REALM, topic, Freshness(2.0, joins_late=True, now=lambda: NOW, steady=int))
 
 
 def reason(text: str, by: Opener | None = None) -> str:
@@ -319,12 +320,12 @@ def reason(text: str, by: Opener | None = None) -> str:
 
 
 @given(st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=1, max_size=4))
-def test_what_was_sealed_is_opened_as_it_was(texts):
+def test_opening_returns_the_sealed_text(texts):
     sender, receiver = stream(), opener()
     assert [receiver.open(sender.seal(text)) for text in texts] == texts
 
 
-def test_every_change_of_a_sealed_message_is_noticed():
+def test_detects_every_change_of_a_field():
     sealed = msgspec.to_builtins(read(stream().seal('{"text":"left"}')))
     changes = {
         "sender": "workstation",
@@ -341,7 +342,7 @@ def test_every_change_of_a_sealed_message_is_noticed():
 
 
 @given(st.data())
-def test_no_text_with_a_changed_character_says_something_else(data):
+def test_detects_every_changed_character(data):
     text = stream().seal('{"text":"left"}')
     place = data.draw(st.integers(0, len(text) - 1))
     character = data.draw(st.characters(exclude_categories=["Cs"]).filter(lambda one: one != text[place]))
@@ -349,17 +350,17 @@ def test_no_text_with_a_changed_character_says_something_else(data):
         assert opener().open(text[:place] + character + text[place + 1 :]) == '{"text":"left"}'
 
 
-def test_a_seal_counts_for_its_topic_and_realm_only():
+def test_a_seal_is_valid_for_one_topic_and_realm():
     assert reason(stream(topic="/speech/other").seal("a")) == "moved"
     assert reason(stream(realm="ROS domain 7").seal("a")) == "forged"
 
 
-def test_a_stranger_with_a_key_of_their_own_is_not_believed():
+def test_refuses_unknown_keys():
     assert reason(stream("stranger").seal("a")) == "unknown sender"
     assert reason(stream("robot", "stranger").seal("a")) == "forged"
 
 
-def test_one_sender_cannot_pass_for_another():
+def test_refuses_the_key_of_another_sender():
     assert reason(stream("robot", "workstation").seal("a")) == "forged"
 
 
@@ -384,7 +385,7 @@ def test_plain_text_is_unsealed(text):
         ',"sender":"' + "r" * 300 + '","stream":"s","number":1,"time":1,"topic":"/t","payload":"","signature":""}',
     ],
 )
-def test_a_seal_that_is_none_is_unreadable(rest):
+def test_an_invalid_seal_is_unreadable(rest):
     assert reason(f'{{"schema":"{SCHEMA}"{rest}') == "unreadable"
 
 
@@ -393,7 +394,7 @@ def test_a_signature_of_wrong_length_is_forged():
     assert reason(f'{{"schema":"{SCHEMA}",{rest}}}') == "forged"
 
 
-def test_a_message_is_believed_once():
+def test_accepts_a_message_once():
     sender, receiver = stream(), opener()
     first, second = sender.seal("a"), sender.seal("b")
     assert receiver.open(first) == "a"
@@ -402,39 +403,39 @@ def test_a_message_is_believed_once():
     assert reason(first, receiver) == "replayed"
 
 
-def test_late_and_early_messages_are_refused_with_what_the_clocks_differ():
+def test_refuses_late_and_early_messages():
     assert reason(stream(at=NOW - 3 * SECOND).seal("a")) == "late"
     with pytest.raises(SealError, match=r"3.000 s ahead of our clock\n  remedy: set the clocks") as caught:
         opener().open(stream(at=NOW + 3 * SECOND).seal("a"))
     assert caught.value.reason == "early"
 
 
-def test_what_is_sealed_anew_is_heard_by_who_has_not_heard_it():
+def test_a_renewed_message_is_new_to_late_receivers():
     sender, receiver = stream(), opener()
     first = sender.seal("a")
-    again = sender.seal("a", anew=True)
+    again = sender.seal("a", renew=True)
     assert (receiver.open(first), receiver.open(again)) == ("a", None)
     assert opener().open(again) == "a"
     assert reason(again, receiver) == "replayed"
 
 
-def test_a_refusal_shows_little_of_what_a_stranger_says():
+def test_a_refusal_shows_little_of_the_message():
     for text in ("x" * 10**6, stream().seal("a").replace("robot", "r" * 200)):
         with pytest.raises(SealError) as caught:
             opener().open(text)
         assert len(str(caught.value)) < 200
 
 
-def test_messages_of_one_stream_are_sealed_in_order_when_the_clock_is_set_back():
+def test_a_stream_stays_ordered_when_the_clock_is_set_back():
     times = iter([NOW, NOW - SECOND, NOW - SECOND])
-    sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
+    sender = Stream(keys("robot"), REALM, TOPIC, now=lambda: next(times))
     receiver = opener()
     assert [receiver.open(sender.seal(text)) for text in "abc"] == ["a", "b", "c"]
 
 
-def test_who_starts_again_after_the_clock_was_set_back_believes_who_has_not():
+def test_a_restarted_receiver_accepts_an_older_sender():
     times = iter([NOW, NOW - 3600 * SECOND])
-    sender = Stream(keys("robot"), REALM, TOPIC, wall=lambda: next(times))
+    sender = Stream(keys("robot"), REALM, TOPIC, now=lambda: next(times))
     sender.seal("a")
-    fresh = Freshness(2.0, joins_late=True, wall=lambda: NOW - 3600 * SECOND, steady=int)
+    fresh = Freshness(2.0, joins_late=True, now=lambda: NOW - 3600 * SECOND, steady=int)
     assert Opener(keys("workstation"), REALM, TOPIC, fresh).open(sender.seal("b")) == "b"

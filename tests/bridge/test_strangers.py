@@ -1,8 +1,7 @@
-"""A stranger in the same ROS domain, who hears everything and can say anything, against a node with keys."""
+"""Attacks of an intruder in the same ROS domain on nodes with keys."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +19,7 @@ from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
 from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.core.messages import HeadCommand, Utterance
 from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
+from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -78,38 +78,11 @@ def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Keys:
 
 @contextmanager
 def hosted(*kinds: type[Node], whole: tuple[type[Node], ...] = ()) -> Iterator[list[Any]]:
-    """Hosts of nodes of these kinds, running, in a graph of these or of the ``whole``."""
-    from rclpy.executors import SingleThreadedExecutor
-
-    from socialbot.bridge._host import NodeHost
-    from socialbot.bridge.environment import ros_context
-
-    inputs = frozenset(topic for kind in kinds for topic in (port.topic for port in kind.inputs().values()))
+    """Hosts of nodes of these ``kinds``, in a graph of these or of the ``whole``."""
+    inputs = frozenset(port.topic for kind in kinds for port in kind.inputs().values())
     graph = Graph("g", tuple(NodeConfig(kind.__name__.lower(), kind) for kind in whole or kinds), inputs=inputs)
-    with ros_context() as context:
-        hosts = [
-            NodeHost(graph, graph.placement(k.__name__.lower()), ros_context=context, sim_time=False) for k in kinds
-        ]
-        executor = SingleThreadedExecutor(context=context)
-        for host in hosts:
-            executor.add_node(host.ros_node)
-            host.start()
-        ended = threading.Event()
-
-        def spin() -> None:
-            while not ended.is_set():
-                executor.spin_once(timeout_sec=0.05)
-
-        thread = threading.Thread(target=spin)
-        thread.start()
-        try:
-            yield hosts
-        finally:
-            ended.set()
-            thread.join()
-            executor.shutdown()
-            for host in hosts:
-                host.stop()
+    with node_hosts(graph) as host:
+        yield [host(kind.__name__.lower()) for kind in kinds]
 
 
 def utterance(text: str) -> str:
@@ -140,8 +113,8 @@ def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
     realm = f"ROS domain {int(wires.os.environ['ROS_DOMAIN_ID'])}"
     own = Keys("robot", Ed25519PrivateKey.generate(), {})
     nobody = Keys("nobody", own.private, {})
-    an_hour_ago = Stream(keys, realm, TOPIC, wall=lambda: time.time_ns() - 3600 * 10**9)
-    an_hour_ahead = Stream(keys, realm, TOPIC, wall=lambda: time.time_ns() + 3600 * 10**9)
+    an_hour_ago = Stream(keys, realm, TOPIC, now=lambda: time.time_ns() - 3600 * 10**9)
+    an_hour_ahead = Stream(keys, realm, TOPIC, now=lambda: time.time_ns() + 3600 * 10**9)
     elsewhere, other_realm = Stream(keys, realm, "/speech/other"), Stream(keys, "ROS domain 99", TOPIC)
     pretended, unknown = Stream(own, realm, TOPIC), Stream(nobody, realm, TOPIC)
     some = [msgspec.json.decode(text) for text in genuine]
@@ -171,7 +144,7 @@ def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys):
+def test_refuses_and_counts_all_messages_without_a_valid_seal(count, keys):
     with (
         hosted(Mouth) as (mouth,),
         observe_graph({}, lambda *_: None, lambda *_: None) as watch,
@@ -195,7 +168,7 @@ def test_of_what_a_stranger_says_nothing_is_done_and_all_is_counted(count, keys)
         assert refusals == Counter(dict.fromkeys(reasons, count // len(reasons)))
 
 
-def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
+def test_a_restarted_node_refuses_replayed_commands(keys):
     with observer_node() as sender, observe_graph({}, lambda *_: None, lambda *_: None) as watch:
         stranger = Stranger(watch.ros)
         with hosted(Mouth) as (mouth,):
@@ -208,14 +181,15 @@ def test_a_node_that_starts_again_does_not_do_again_what_it_was_told(keys):
             assert mouth.node.said == []
 
 
-def test_who_joins_late_hears_the_last_state_once_and_no_old_one(keys, monkeypatch):
+def test_a_late_subscriber_receives_the_last_latched_message_once(keys, monkeypatch):
     monkeypatch.setenv(wires.WINDOW_VARIABLE, "0.4")
     with hosted(Teller) as (teller,), observe_graph({}, lambda *_: None, lambda *_: None) as watch:
         stranger = Stranger(watch.ros, "/state", Delivery.LATCHED)
         assert eventually(lambda: len(stranger.heard) >= 1)
         old = stranger.heard[0]
         teller.node.context.call_soon(lambda: teller.node.tell(1.0))
-        time.sleep(1.0)  # Longer than the window: only what is sealed anew can be believed.
+        sent = len(stranger.heard)
+        assert eventually(lambda: len(stranger.heard) >= sent + 6)  # longer than the window: only renewals are valid
         with hosted(Follower, whole=(Teller, Follower)) as (follower,):
             assert eventually(lambda: follower.node.seen == [1.0])
             heard = len(stranger.heard)
@@ -225,7 +199,7 @@ def test_who_joins_late_hears_the_last_state_once_and_no_old_one(keys, monkeypat
             assert follower.node.seen == [1.0]
 
 
-def test_with_keys_nobody_can_set_parameters(keys):
+def test_keys_disable_parameter_services(keys):
     with hosted(Listener) as (host,):
         names = [name for name, _ in host.ros_node.get_service_names_and_types_by_node(host.name, "/")]
         assert [name for name in names if "parameter" in name] == []

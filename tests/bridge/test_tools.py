@@ -1,4 +1,4 @@
-"""The tools that look into a graph and speak there, with keys: bags hold what was said, not what was on the wire."""
+"""Observers, recorder and topic commands with keys."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
 from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.cli.topic import topic
-from socialbot.core.messages import Message, Utterance
+from socialbot.core.messages import Message, TraceRecord, Utterance
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -33,7 +33,7 @@ def word(text: str) -> Utterance:
     return Utterance(stamp=7, id="u1", text=text)
 
 
-def test_what_one_tool_says_the_observer_hears_and_no_stranger(caplog):
+def test_an_observer_receives_only_sealed_messages(caplog):
     from std_msgs.msg import String
 
     heard: list[Message] = []
@@ -51,7 +51,7 @@ def test_what_one_tool_says_the_observer_hears_and_no_stranger(caplog):
     assert sum("unsealed" in one.getMessage() for one in caplog.records) == 2  # of 12: the first and the tenth
 
 
-def test_a_bag_holds_what_was_said_and_nothing_of_a_stranger(tmp_path):
+def test_a_bag_holds_only_payloads_of_sealed_messages(tmp_path):
     from std_msgs.msg import String
 
     done = threading.Event()
@@ -61,12 +61,14 @@ def test_a_bag_holds_what_was_said_and_nothing_of_a_stranger(tmp_path):
         # A publisher from the start, so that the recorder finds the topic.
         stranger = ros.create_publisher(String, TOPIC, 10)
         thread.start()
-        assert eventually(lambda: stranger.get_subscription_count() == 1)
-        stranger.publish(String(data="I am a stranger"))
-        publish_once(ros, TOPIC, word("genuine"), timeout_s=5.0)
-        time.sleep(0.5)
-        done.set()
-        thread.join()
+        try:
+            assert eventually(lambda: stranger.get_subscription_count() == 1)
+            stranger.publish(String(data="I am a stranger"))
+            publish_once(ros, TOPIC, word("genuine"), timeout_s=5.0)
+            time.sleep(0.5)
+        finally:
+            done.set()
+            thread.join()
     (recording,) = made
     assert (recording.counts, recording.refused) == ({TOPIC: 1}, {TOPIC: "1 unsealed"})
     with open_bag(tmp_path / "bag") as bag:
@@ -74,7 +76,7 @@ def test_a_bag_holds_what_was_said_and_nothing_of_a_stranger(tmp_path):
     assert said == [word("genuine")]
 
 
-def test_echo_shows_what_was_said_and_tells_of_strangers():
+def test_echo_prints_payloads_and_reports_unsealed_messages():
     from std_msgs.msg import String
 
     from socialbot.bridge.environment import spinning_node
@@ -101,3 +103,32 @@ def test_echo_shows_what_was_said_and_tells_of_strangers():
     assert "signature" not in result.stdout
     assert "stranger" not in result.stdout
     assert "refused, unsealed" in result.stderr
+
+
+def test_a_slow_observer_loses_no_messages() -> None:
+    from rclpy.duration import Duration
+
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.transport import open_transport
+
+    received: list[str] = []
+    free = threading.Event()
+
+    def observe(topic: str, message: Message) -> None:
+        assert isinstance(message, TraceRecord)
+        received.append(message.id)
+        free.wait(60)
+
+    with (
+        observe_graph({"/agent/trace": TraceRecord}, observe, lambda name, values: None),
+        spinning_node("agent") as ros,
+    ):
+        sender = open_transport().advertise(ros, "/agent/trace", TraceRecord)
+        assert eventually(lambda: sender.publisher.get_subscription_count() == 1, 20)
+        for number in range(1500):
+            sender.publish(TraceRecord(stamp=number, id=f"agent-{number}", source="agent", kind="belief", what="b"))
+            if number % 50 == 0:  # the publisher keeps 100
+                assert sender.publisher.wait_for_all_acked(Duration(seconds=20))
+        free.set()
+        assert eventually(lambda: len(received) == 1500, 20)
+    assert received == [f"agent-{number}" for number in range(1500)]

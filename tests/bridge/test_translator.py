@@ -34,7 +34,7 @@ def turn(stamp: int, pan: float, tilt: float, duration_s: float) -> JointTraject
     )
 
 
-def test_it_hears_people_and_the_joints_of_the_head() -> None:
+def test_translates_people_and_head_joints() -> None:
     from socialbot.bridge.translator import translated_topics
 
     assert set(translated_topics(WALDO)) == {
@@ -43,7 +43,7 @@ def test_it_hears_people_and_the_joints_of_the_head() -> None:
     }
 
 
-def test_the_camera_sits_as_its_detector_takes_it_to_and_gives_pictures_in_its_frame() -> None:
+def test_the_mounting_follows_detector_and_camera() -> None:
     assert mounting_of(WALDO) == Mounting(1.62, 0.052, on_head=False, optical="camera_color_optical_frame")
     changes = {
         "camera": {"frame_id": "eye"},
@@ -54,7 +54,7 @@ def test_the_camera_sits_as_its_detector_takes_it_to_and_gives_pictures_in_its_f
     assert mounting_of(load_graph("warehouse")) == Mounting()
 
 
-def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
+def test_publishes_markers_and_joints() -> None:
     from sensor_msgs.msg import JointState
     from visualization_msgs.msg import MarkerArray
 
@@ -82,7 +82,7 @@ def test_what_is_seen_comes_as_markers_and_a_head_as_joints() -> None:
     assert heard.joints[-1].name == ["head_pan_joint", "head_tilt_joint"]
 
 
-def test_people_stand_where_they_are_seen_by_a_camera_that_turns_with_the_head() -> None:
+def test_positions_follow_a_camera_on_the_head() -> None:
     from visualization_msgs.msg import MarkerArray
 
     from socialbot.bridge.environment import spinning_node
@@ -105,7 +105,7 @@ def test_people_stand_where_they_are_seen_by_a_camera_that_turns_with_the_head()
     assert (body.x, body.y) == pytest.approx((2 * math.cos(math.pi / 2 + 0.1), 2 * math.sin(math.pi / 2 + 0.1)))
 
 
-def test_a_time_that_ros_does_not_know_is_passed_over() -> None:
+def test_skips_stamps_outside_ros_time() -> None:
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import Translator
 
@@ -115,7 +115,7 @@ def test_a_time_that_ros_does_not_know_is_passed_over() -> None:
             translator.take("/x", PersonDetections(stamp=stamp, frame_id="", width=1, height=1, persons=(ANN,)))
 
 
-def test_there_is_nothing_to_say_of_a_head_that_is_not_there() -> None:
+def test_refuses_a_graph_without_a_head() -> None:
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.translator import Translator
 
@@ -123,7 +123,7 @@ def test_there_is_nothing_to_say_of_a_head_that_is_not_there() -> None:
         Translator(ros, load_graph("warehouse"), head=True)
 
 
-def test_what_is_not_installed_is_left_out_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_skips_packages_that_are_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     from socialbot.bridge import translator
     from socialbot.bridge.environment import spinning_node
 

@@ -50,7 +50,7 @@ def sealed(keys) -> Transport:
     return Transport(Types(), Seal(load_keys(keys), realm="here"))
 
 
-def test_without_keys_messages_travel_as_they_are():
+def test_messages_are_plain_without_keys():
     bare, publisher = Transport(Types()), Publisher()
     sender = bare.sender(publisher, latched=True)
     sender.publish(WORD)
@@ -60,7 +60,7 @@ def test_without_keys_messages_travel_as_they_are():
     assert (bare.sealed, bare.renewal_s) == (False, math.inf)
 
 
-def test_with_keys_structured_messages_travel_sealed(sealed):
+def test_structured_messages_are_sealed_with_keys(sealed):
     publisher = Publisher()
     sealed.sender(publisher).publish(WORD)
     assert publisher.sent[0].data.startswith(f'{{"schema":"{SCHEMA}","sender":"robot"')
@@ -71,14 +71,14 @@ def test_with_keys_structured_messages_travel_sealed(sealed):
     assert refusal_reason(caught.value) == "replayed"
 
 
-def test_with_keys_pictures_travel_as_they_are(sealed):
+def test_images_are_never_sealed(sealed):
     picture = CompressedImage(stamp=7, frame_id="camera", format="jpeg", data=np.zeros(3, np.uint8))
     publisher = Publisher("/camera")
     sealed.sender(publisher).publish(picture)
     assert sealed.receiver("/camera").decode(CompressedImage, publisher.sent[0]).frame_id == "camera"
 
 
-def test_with_keys_nothing_else_is_heard(sealed):
+def test_refuses_unsealed_messages_with_keys(sealed):
     for text in (encode(WORD, Types()).data, "Hello"):
         with pytest.raises(SealError) as caught:
             sealed.receiver(TOPIC).decode(Utterance, SimpleNamespace(data=text))
@@ -88,7 +88,7 @@ def test_with_keys_nothing_else_is_heard(sealed):
     assert refusal_reason(none.value) == "unfit"
 
 
-def test_without_keys_what_is_sealed_is_told_as_that(sealed):
+def test_recognises_sealed_messages_without_keys(sealed):
     publisher = Publisher()
     sealed.sender(publisher).publish(WORD)
     with pytest.raises(SealError, match="set SOCIALBOT_KEYS") as caught:
@@ -96,14 +96,14 @@ def test_without_keys_what_is_sealed_is_told_as_that(sealed):
     assert refusal_reason(caught.value) == "sealed"
 
 
-def test_a_command_cannot_be_moved_to_another_topic(sealed):
+def test_a_seal_is_bound_to_its_topic(sealed):
     publisher = Publisher("/head/command")
     sealed.sender(publisher).publish(HeadCommand(stamp=1, mode="centre"))
     with pytest.raises(SealError, match="moved: from 'robot', sealed for /head/command"):
         sealed.receiver("/other/command", latched=True).decode(HeadCommand, publisher.sent[0])
 
 
-def test_a_right_seal_makes_no_wrong_content_right(sealed):
+def test_a_valid_seal_does_not_make_content_valid(sealed):
     publisher = Publisher()
     sealed.sender(publisher).publish(WORD)
     with pytest.raises(MessageError, match="does not fit socialbot/HeadCommand/1") as caught:
@@ -111,14 +111,14 @@ def test_a_right_seal_makes_no_wrong_content_right(sealed):
     assert refusal_reason(caught.value) == "unfit"
 
 
-def test_each_subscription_hears_each_message_once(sealed):
+def test_each_subscription_accepts_a_message(sealed):
     publisher = Publisher()
     sealed.sender(publisher).publish(WORD)
     for _ in range(2):
         assert sealed.receiver(TOPIC, latched=True).decode(Utterance, publisher.sent[0]) == WORD
 
 
-def test_only_what_is_latched_is_renewed_and_is_heard_once(sealed):
+def test_renews_only_latched_messages(sealed):
     latched, other = Publisher(), Publisher()
     sender = sealed.sender(latched, latched=True)
     sealed.renew()
@@ -131,7 +131,7 @@ def test_only_what_is_latched_is_renewed_and_is_heard_once(sealed):
     assert sealed.receiver(TOPIC, latched=True).decode(Utterance, latched.sent[1]) == WORD
 
 
-def test_a_string_from_a_bag_is_sealed_with_the_players_key(sealed):
+def test_seals_strings_from_a_bag(sealed):
     publisher = Publisher()
     for text in ('{"any": "json"}', "plain text"):
         sealed.sender(publisher).forward(Types().make(STRING, data=text))
@@ -139,23 +139,23 @@ def test_a_string_from_a_bag_is_sealed_with_the_players_key(sealed):
 
 
 class TestEnvironment:
-    def test_names_the_keys(self, keys):
+    def test_selects_the_keys(self, keys):
         assert not open_transport({}).sealed
         assert open_transport({KEYS_VARIABLE: str(keys)}).sealed
         assert open_transport({KEYS_VARIABLE: f"{keys}:robot", WINDOW_VARIABLE: "1.0"}).renewal_s == 0.5
 
-    def test_with_keys_that_cannot_be_used_nothing_starts(self, keys):
+    def test_refuses_unusable_keys(self, keys):
         for value in ("", f"{keys}:other", str(keys / "none")):
             assert has_keys({KEYS_VARIABLE: value})
             with pytest.raises(SecurityError):
                 open_transport({KEYS_VARIABLE: value})
 
     @pytest.mark.parametrize("window", ["0", "nan", "-1", "1e9", "two"])
-    def test_a_window_that_makes_no_sense_is_refused(self, keys, window):
+    def test_refuses_an_invalid_window(self, keys, window):
         with pytest.raises(ParameterError, match="valid window"):
             open_transport({KEYS_VARIABLE: str(keys), WINDOW_VARIABLE: window})
 
-    def test_messages_of_another_domain_are_not_believed(self, keys):
+    def test_refuses_messages_of_another_domain(self, keys):
         publisher = Publisher()
         sender, other, same = (
             open_transport({KEYS_VARIABLE: str(keys), "ROS_DOMAIN_ID": domain}) for domain in ("42", "43", "042")
@@ -174,7 +174,7 @@ class TestEnvironment:
             ("", ("", "")),
         ],
     )
-    def test_folder_and_name_are_told_apart(self, text, parts):
+    def test_splits_folder_and_name(self, text, parts):
         assert split_keys(text) == parts
 
     @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ class TestEnvironment:
             ({"ROS_DISCOVERY_SERVER": "10.0.0.2:11811"}, "ROS_DISCOVERY_SERVER"),
         ],
     )
-    def test_being_open_without_keys_is_warned_of(self, variables, way, keys, caplog):
+    def test_warns_of_an_open_graph_without_keys(self, variables, way, keys, caplog):
         caplog.set_level(logging.WARNING)
         assert reach(variables) == way
         warn_if_open(variables)
@@ -199,13 +199,13 @@ class TestEnvironment:
         assert not caplog.records
         assert ros_checks.strangers(variables | {KEYS_VARIABLE: str(keys)}).state == "ok"
 
-    def test_the_doctor_finds_keys_that_cannot_be_used(self, keys):
+    def test_doctor_finds_unusable_keys(self, keys):
         (keys / "robot.key").chmod(0o644)
         finding = ros_checks.strangers({KEYS_VARIABLE: str(keys)})
         assert (finding.state, "chmod 600" in finding.remedy) == ("error", True)
 
 
-def test_what_is_renewed_by_another_thread_keeps_its_place(sealed):
+def test_renewals_of_another_thread_keep_the_order(sealed):
     publisher = Publisher()
     sender = sealed.sender(publisher, latched=True)
     with ThreadPoolExecutor(2) as threads:

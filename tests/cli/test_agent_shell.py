@@ -34,7 +34,7 @@ class Session:
         return self.said[begin:]
 
 
-def test_beliefs_goals_and_questions():
+def test_beliefs_goals_and_queries():
     session = Session()
     assert session.type("+rain(1)", "+rain(2)[source(bob)]", "?rain(X)") == ["X = 2", "X = 1"]
     assert session.type("?rain(1)") == ["yes"]
@@ -46,7 +46,7 @@ def test_beliefs_goals_and_questions():
     assert session.type("+!find(X) <- X = 3.", "!find(Y)") == ["achieved find(Y): Y = 3"]
 
 
-def test_a_change_of_belief_is_an_event_for_plans():
+def test_belief_changes_trigger_plans():
     session = Session("+b(X) <- .print(got, X).", "-b(X) <- .print(lost, X).")
     assert session.type("+b(1)") == ["[ada] got1"]
     assert session.type("+b(1)") == []
@@ -54,7 +54,7 @@ def test_a_change_of_belief_is_an_event_for_plans():
     assert session.type("-b(_)") == ["[ada] lost2"]
 
 
-def test_a_plan_may_go_over_several_lines_and_ends_with_a_dot():
+def test_plan_over_several_lines_ends_with_a_dot():
     session = Session("@greet +!hi(X)", "   : true", "   <- .print(hi);")
     assert session.shell.prompt == "    ... "
     assert session.type("      .print(X).") == []
@@ -63,16 +63,16 @@ def test_a_plan_may_go_over_several_lines_and_ends_with_a_dot():
     assert session.type("plans greet") == ["@greet +!hi(X) : true <- .print(hi); .print(X)."] or session.said[-1]
 
 
-def test_an_empty_line_ends_a_plan_too():
+def test_empty_line_ends_a_plan():
     session = Session("+!a <- .print(x)", "")
     assert session.type("!a") == ["[ada] x", "achieved a"]
 
 
-def test_an_action_that_nobody_knows_is_printed():
-    assert Session("+!a <- wave(left, 2).").type("!a") == ["[ada] does wave(left, 2)", "achieved a"]
+def test_unknown_action_is_printed():
+    assert Session("+!a <- wave(left, 2).").type("!a") == ["[ada] does wave(left,2)", "achieved a"]
 
 
-def test_time_passes_when_it_is_told_to():
+def test_time_command_advances_the_clock():
     session = Session("+!a <- .wait(2000); .print(late).")
     assert session.type("!a", "time +1500 ms") == ["1.500 s"]
     assert session.type("time +1 s") == ["[ada] late", "achieved a", "2.500 s"]
@@ -100,7 +100,7 @@ def test_why_and_why_not():
     assert "no record ada-99" in session.type("why 99")[0]
 
 
-def test_failures_are_shown_and_the_trace_when_it_is_on():
+def test_failures_are_always_shown():
     session = Session()
     assert "failure nothing: no plan for nothing" in session.type("!nothing")[0]
     assert session.type("trace on") == ["trace on"]
@@ -108,18 +108,18 @@ def test_failures_are_shown_and_the_trace_when_it_is_on():
     assert session.type("trace off", "+b(2)") == []
 
 
-def test_it_can_be_held_and_stepped():
+def test_hold_and_step():
     session = Session("+!a <- .print(1); .wait(0); .print(2).", "hold", "!a")
     assert "[ada] 1" not in session.said
     shown = session.type("step 1")
     assert any("goal a" in line for line in shown)
     session.type("step 20")
-    assert session.said[-1] == "Nothing is left to do now."
+    assert session.said[-1] == "The agent is idle."
     assert "[ada] 2" in session.said
     assert session.type("run", "!a")[-1] == "achieved a"
 
 
-def test_an_agent_that_never_rests_does_not_hang_the_shell():
+def test_busy_agent_does_not_block_the_shell():
     session = Session("+!a <- .print(x); !a.")
     session.engine.out = lambda text: None
     assert "still busy" in session.type("!a")[-1]
@@ -129,9 +129,9 @@ def test_an_agent_that_never_rests_does_not_hang_the_shell():
 def test_files_are_loaded_saved_and_restored(tmp_path):
     (tmp_path / "cat.asl").write_text("hungry. +!eat : hungry <- .wait(1000); .print(yum).")
     session = Session(f"load {tmp_path}/cat.asl", "!eat", "time +0.5 s")
-    assert session.type(f"save {tmp_path}/cat.json") == ["saved 1 beliefs, 1 intentions"]
+    assert session.type(f"save {tmp_path}/cat.json") == ["saved beliefs: 1, intentions: 1"]
     other = Session(f"load {tmp_path}/cat.asl")
-    assert other.type(f"restore {tmp_path}/cat.json") == ["restored 1 beliefs, 1 goals and events"]
+    assert other.type(f"restore {tmp_path}/cat.json") == ["restored beliefs: 1, goals and events: 1"]
     assert other.type("time") == ["0.500 s"]
     assert other.type("time +1 s") == ["[ada] yum", "1.500 s"]
 
@@ -140,7 +140,7 @@ def test_files_are_loaded_saved_and_restored(tmp_path):
     ("line", "message"),
     [
         ("beleifs", "there is no command beleifs"),
-        ("rain(1)", r"+rain(1) believes it"),
+        ("rain(1)", "+rain(1) adds a belief"),
         ("!a b", "expected the end"),
         ("+!a <- ", "expected"),
         ("+p(X)", "variable"),
@@ -150,7 +150,7 @@ def test_files_are_loaded_saved_and_restored(tmp_path):
         ("run fast", "write run 5"),
         ("step back", "write step"),
         ("trace maybe", "trace on"),
-        ("load", "which file?"),
+        ("load", "write load FILE"),
         ("load nowhere.asl", "No such file"),
         ("restore nowhere.json", "No such file"),
         ("why", "nothing yet"),
@@ -158,7 +158,7 @@ def test_files_are_loaded_saved_and_restored(tmp_path):
         ("why-not nobody", "no plan nobody"),
     ],
 )
-def test_a_mistake_is_said_and_ends_nothing(line, message):
+def test_errors_do_not_end_the_shell(line, message):
     session = Session()
     session.type(line)
     session.type("")
@@ -172,20 +172,20 @@ def test_help_names_every_command():
         assert command in text
 
 
-def test_words_are_completed():
+def test_completes_words():
     session = Session("+rainy(1)", "+!goal1 <- a.")
     assert session.shell.completions("be") == ["beliefs"]
     assert "?rainy" in session.shell.completions("?ra")
     assert "!goal1" in session.shell.completions("!g")
 
 
-def test_quit_ends_it():
+def test_quit_ends_the_shell():
     shell = Session().shell
     assert not shell.handle("quit")
     assert not shell.handle("exit")
 
 
-def test_by_the_wall_clock_it_runs_by_itself():
+def test_agent_runs_by_itself_with_wall_clock():
     said: list[str] = []
     late = threading.Event()
 
@@ -221,18 +221,18 @@ def run(*arguments: str, typed: str = "") -> tuple[int, list[str]]:
     return result.exit_code, result.output.splitlines()
 
 
-def test_the_command_reads_what_is_piped_into_it(tmp_path: Path):
+def test_command_reads_a_pipe(tmp_path: Path):
     (tmp_path / "a.asl").write_text("b(1). +!a <- .print(hello).")
     code, said = run(str(tmp_path / "a.asl"), "--name", "bob", typed="?b(X)\n!a\nquit\n?b(X)\n")
     assert (code, said) == (0, ["X = 1", "[bob] hello", "achieved a"])
 
 
-def test_the_command_tries_out_an_agent_in_python():
+def test_command_loads_an_agent_in_python():
     code, said = run("--load", f"{__name__}:build", typed="plans p\n+p(3)\nbeliefs\n")
     assert (code, said) == (0, ["+p(X) >> []", "p(3)  self  0.000 s"])
 
 
 @pytest.mark.parametrize("load", ["nowhere", "nowhere:build", f"{__name__}:nothing", f"{__name__}:Session"])
-def test_an_agent_that_is_not_there_is_an_error(load):
+def test_refuses_a_missing_agent(load):
     with pytest.raises(ParameterError):
         run("--load", load)

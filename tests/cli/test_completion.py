@@ -33,21 +33,21 @@ def offered(line: str, folder: Path) -> list[str]:
     return done.stdout.split()
 
 
-def test_commands_graphs_and_nodes_are_offered(folder: Path):
+def test_completes_commands_graphs_and_nodes(folder: Path):
     assert offered("socialbot repl", folder) == ["replay"]
     assert offered("socialbot up ware", folder) == ["warehouse"]
     assert offered("socialbot node --graph hospital coord", folder) == ["coordinator"]
     assert "speech" not in offered("socialbot node speech ", folder)
 
 
-def test_graph_files_are_offered_beside_graphs(folder: Path):
+def test_completes_graph_files(folder: Path):
     (folder / "wave.yaml").touch()
     (folder / "wave.txt").touch()
     (folder / "walk").mkdir()
     assert graph_names("wa") == ["waldo", "warehouse", "walk/", "wave.yaml"]
 
 
-def test_runs_are_offered_the_newest_first(folder: Path):
+def test_completes_runs_newest_first(folder: Path):
     for age, name in ((30, "old"), (10, "new"), (20, "middle")):
         trace = folder / "runs" / name / "trace.jsonl"
         trace.parent.mkdir(parents=True)
@@ -59,7 +59,7 @@ def test_runs_are_offered_the_newest_first(folder: Path):
     assert run_folders("runs/o") == ["runs/old"]
 
 
-def test_paths_that_cannot_be_looked_at_are_no_error(folder: Path):
+def test_completes_unreadable_paths_without_error(folder: Path):
     assert list(paths("nowhere/x", ())) == []
     (folder / ".hidden").mkdir()
     assert list(paths("", ())) == []
@@ -67,5 +67,5 @@ def test_paths_that_cannot_be_looked_at_are_no_error(folder: Path):
     assert list(paths(f"{folder}/.h", ())) == [f"{folder}/.hidden/"]
 
 
-def test_a_graph_that_cannot_be_read_offers_no_nodes(folder: Path):
+def test_completes_no_nodes_of_an_unreadable_graph(folder: Path):
     assert offered("socialbot node --graph nothing.yaml x", folder) == []

@@ -23,7 +23,7 @@ def second_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     return done.stdout, folder
 
 
-def test_the_second_run_is_shown_with_its_failure_and_its_new_plan(second_run):
+def test_second_run_shows_failure_and_new_plan(second_run):
     lines = second_run[0].splitlines()
     told = [line[11:].strip() for line in lines if " s  " in line[:12]]
     assert any("gives up plan 1 for sort_boxes" in line for line in told)
@@ -53,7 +53,7 @@ def test_its_page_has_the_film_and_the_plans(second_run):
     assert len(data["film"]["boxes"]) == 6
 
 
-def test_its_bag_replayed_without_the_world_gives_the_same_decisions(second_run, tmp_path):
+def test_replayed_bag_gives_the_same_decisions(second_run, tmp_path):
     _, folder = second_run
     done = socialbot("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
@@ -65,7 +65,7 @@ def test_its_bag_replayed_without_the_world_gives_the_same_decisions(second_run,
     assert (tmp_path / "again" / "report.html").exists()
 
 
-def test_agents_that_are_set_otherwise_decide_otherwise(second_run, tmp_path):
+def test_other_parameters_give_other_decisions(second_run, tmp_path):
     _, folder = second_run
     patient = "carrier_c.init_reactive_rules_set=carrier_rules.yaml"
     done = socialbot("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "other", "--set", patient)
@@ -75,7 +75,7 @@ def test_agents_that_are_set_otherwise_decide_otherwise(second_run, tmp_path):
 
 
 @pytest.mark.parametrize("run", [1, 2])
-def test_the_committed_bags_give_the_decisions_that_they_hold(run, tmp_path):
+def test_committed_bags_give_their_recorded_decisions(run, tmp_path):
     done = socialbot("replay", BAGS / f"warehouse_run{run}", "--runner", "inline", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
     found = results(tmp_path / "run")["decisions"]
@@ -90,21 +90,21 @@ def test_the_committed_bags_are_small(run):
     assert {"graph.yaml", "metadata.yaml"} <= {file.name for file in files}
 
 
-def test_a_goal_that_is_not_reached_is_told_by_the_exit_code(tmp_path):
+def test_missed_goal_has_an_exit_code(tmp_path):
     done = socialbot_here("demo", "cleaner-sweeper", "--limit", "5", "--out", tmp_path / "run")
     assert done.returncode == NOT_REACHED
     assert "still wanted" in done.stdout
     assert (tmp_path / "run" / "report.html").exists()
 
 
-def test_a_parameter_that_is_wrong_is_an_error_in_words(tmp_path):
+def test_wrong_parameter_is_a_readable_error(tmp_path):
     done = socialbot_here("demo", "warehouse", "--faults", "30 explodes", "--out", tmp_path / "run")
     assert done.returncode == 4
     assert "30 explodes" in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_a_folder_that_holds_a_run_is_left_alone(tmp_path):
+def test_refuses_the_folder_of_another_run(tmp_path):
     (tmp_path / "trace.jsonl").write_text("mine", "utf-8")
     done = socialbot_here("demo", "cleaner", "--out", tmp_path)
     assert done.returncode == 4

@@ -13,7 +13,7 @@ from socialbot.core.errors import SocialbotError
 from socialbot.graph.node import Graph
 from socialbot.runtime import run as running
 from socialbot.runtime.deployment import is_deployment
-from socialbot.runtime.live_source import LiveSource
+from socialbot.runtime.machine import LiveSource
 from tests.runtime.deployments import PAGE
 
 
@@ -28,7 +28,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_file_that_names_machines_is_a_deployment(file: Path, tmp_path: Path):
+def test_file_with_machines_is_a_deployment(file: Path, tmp_path: Path):
     assert is_deployment(str(file))
     file.write_text("name: eyes\nnodes:\n  camera: {type: camera}\n")
     assert not any(map(is_deployment, (str(file), "waldo", str(tmp_path), str(tmp_path / "none"))))
@@ -40,7 +40,7 @@ def _environment_of_its_own() -> Iterator[None]:
         yield
 
 
-def test_up_runs_the_half_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_up_runs_the_nodes_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ran: list[tuple[Graph, LiveSource]] = []
     monkeypatch.setattr(running, "run", lambda graph, source, *_, **__: ran.append((graph, source)))
     done = run("up", file, "--machine", "robot", "--camera", "film.avi", "--out", tmp_path / "run", "--minds", "kept")
@@ -48,7 +48,7 @@ def test_up_runs_the_half_of_a_machine(file: Path, tmp_path: Path, monkeypatch: 
     assert "waldo on robot: camera, speech, head, camera_image_raw_to_workstation" in done.output
     [(graph, source)] = ran
     assert source.nodes == ["camera", "speech", "head", "camera_image_raw_to_workstation"]
-    assert graph.placement("camera").parameters["source"] == "film.avi"
+    assert graph.node("camera").parameters["source"] == "film.avi"
     assert source.state_folder == Path("kept")
 
 
@@ -61,7 +61,7 @@ def test_up_runs_the_half_of_a_machine(file: Path, tmp_path: Path, monkeypatch: 
         (["--machine", "robot", "--set", "camra.loop=true"], "did you mean 'camera'?"),
     ],
 )
-def test_up_explains_what_does_not_fit(file: Path, tmp_path: Path, arguments: list[str], words: str):
+def test_up_refuses_wrong_machines(file: Path, tmp_path: Path, arguments: list[str], words: str):
     done = run("up", file, "--out", tmp_path / "run", *arguments)
     assert isinstance(done.exception, SocialbotError)
     assert words in str(done.exception)
@@ -81,7 +81,7 @@ def test_systemd_prints_a_unit_or_writes_it(file: Path, tmp_path: Path):
     assert "systemctl enable --now socialbot-robot.service" in written.output
 
 
-def test_systemd_refuses_a_machine_or_folder_that_is_not_there(file: Path, tmp_path: Path):
+def test_systemd_refuses_unknown_machine_or_folder(file: Path, tmp_path: Path):
     assert "no machine 'desk'" in str(run("systemd", file, "--machine", "desk").exception)
     nowhere = run("systemd", file, "--machine", "robot", "--out", tmp_path / "none")
     assert "cannot be written" in str(nowhere.exception)

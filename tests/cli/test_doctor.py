@@ -12,8 +12,7 @@ from typer import Typer
 from typer.testing import CliRunner
 
 from socialbot.bridge import environment, ros_checks
-from socialbot.bridge._round_trip import Trial, cause
-from socialbot.bridge.ros_checks import Finding
+from socialbot.bridge.ros_checks import Finding, Trial, cause
 from socialbot.cli import doctor as doctor_command
 from socialbot.cli import doctor as doctor_module
 from socialbot.core.errors import NodeError
@@ -41,7 +40,7 @@ class TestCommand:
         monkeypatch.setattr(doctor_command, "examine", lambda quick: iter(findings))
         return CliRunner().invoke(app, arguments, env={"COLUMNS": "80"}, catch_exceptions=False)
 
-    def test_ends_with_5_where_there_is_an_error(self, monkeypatch):
+    def test_exit_code_is_5_after_an_error(self, monkeypatch):
         assert self.run(monkeypatch, FINDINGS).exit_code == 5
         assert self.run(monkeypatch, FINDINGS[:2]).exit_code == 0
 
@@ -60,7 +59,7 @@ class TestCommand:
 
 
 class TestExamine:
-    def test_a_check_that_breaks_is_a_finding(self, monkeypatch):
+    def test_failing_check_is_a_finding(self, monkeypatch):
         def broken_thing() -> Finding:
             raise RuntimeError("no such luck")
 
@@ -79,13 +78,13 @@ class TestExamine:
         assert "DDS round trip" not in found
 
     @pytest.mark.ros
-    def test_this_installation_is_well(self):
+    def test_this_installation_has_no_errors(self):
         found = list(doctor_module.examine(quick=True))
         assert [finding for finding in found if finding.state == "error"] == []
         assert all(finding.remedy for finding in found if finding.state != "ok")
 
     @pytest.mark.ros
-    def test_pictures_arrive_in_another_process(self):
+    def test_round_trip_reaches_another_process(self):
         finding = ros_checks.round_trip()
         assert finding is not None
         assert finding.state in ("ok", "warning")
@@ -93,7 +92,7 @@ class TestExamine:
 
 
 class TestRosChecks:
-    def test_the_versions_are_those_of_pyproject(self):
+    def test_versions_match_pyproject(self):
         asked = re.findall(r'"(ros-jazzy-[\w-]+)==([\d.]+)', (ROOT / "pyproject.toml").read_text())
         assert dict(asked) == dict(ros_checks.WHEELS)
 
@@ -108,20 +107,20 @@ class TestRosChecks:
             ({ros_checks.GUARD: "1", "LD_LIBRARY_PATH": "{prefix}/lib:/elsewhere/ros_rcl.libs"}, "warning"),
         ],
     )
-    def test_the_trap_of_the_start_up_file(self, tmp_path, variables, state):
+    def test_library_path_of_the_wheels(self, tmp_path, variables, state):
         filled = {name: value.format(prefix=tmp_path) for name, value in variables.items()}
         finding = ros_checks.library_path(filled, tmp_path)
         assert finding is not None
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
-    def test_it_names_the_packages_that_could_be_spoken(self, monkeypatch):
+    def test_names_missing_message_packages(self, monkeypatch):
         monkeypatch.setattr(ros_checks.importlib.util, "find_spec", lambda name: None if name == "hri_msgs" else name)
         finding = ros_checks.viewers()
         assert (finding.state, finding.remedy) == ("ok", "")
-        assert finding.text == "speaks visualization_msgs, tf2_msgs, vision_msgs; not installed: hri_msgs"
+        assert finding.text == "publishes visualization_msgs, tf2_msgs, vision_msgs; not installed: hri_msgs"
 
     @pytest.mark.usefixtures("wheels")
-    def test_a_second_ros_is_a_warning(self):
+    def test_second_ros_is_a_warning(self):
         finding = ros_checks.other_ros({"ROS_DISTRO": "humble", "AMENT_PREFIX_PATH": "/opt/ros/humble"})
         assert finding is not None
         assert finding.state == "warning"
@@ -157,21 +156,21 @@ class TestRosChecks:
             (None, "error"),
         ],
     )
-    def test_profiles_of_others(self, tmp_path, text, state):
+    def test_other_profiles(self, tmp_path, text, state):
         path = tmp_path / "profile.xml"
         if text is not None:
             path.write_text(text)
         finding = ros_checks.profile({environment.PROFILE_VARIABLE: str(path)})
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
-    def test_the_profile_of_socialbot_is_well(self):
+    def test_own_profile_is_ok(self):
         assert ros_checks.profile({}).state == "ok"
         assert ros_checks.profile({environment.PROFILE_VARIABLE: ""}).state == "ok"
         size = ros_checks.segment_size(environment.PROFILE)
         assert size is not None
         assert size >= ros_checks.SEGMENT_BYTES
 
-    def test_memory_of_the_dead_is_told_from_that_of_the_living(self, tmp_path):
+    def test_finds_shared_memory_of_ended_processes(self, tmp_path):
         for name in ("0123456789abcdef", "fedcba9876543210", "port7411"):
             (tmp_path / f"fastrtps_{name}").write_bytes(bytes(5000))
             (tmp_path / f"fastrtps_{name}_el").touch()
@@ -182,9 +181,9 @@ class TestRosChecks:
             finding = ros_checks.stale_memory(tmp_path)
         assert finding is not None
         assert finding.state == "warning"
-        assert finding.text.startswith("1 segment of dead")
+        assert finding.text.startswith("1 segment of ended")
 
-    def test_shared_memory_needs_to_be_there_with_room(self, tmp_path, monkeypatch):
+    def test_shared_memory_must_exist_and_be_large(self, tmp_path, monkeypatch):
         missing = ros_checks.shared_memory(tmp_path / "none")
         assert missing is not None
         assert missing.state == "warning"
@@ -193,7 +192,7 @@ class TestRosChecks:
         assert small is not None
         assert "--shm-size" in small.remedy
 
-    def test_a_small_receive_buffer_is_a_warning(self, tmp_path):
+    def test_small_receive_buffer_is_a_warning(self, tmp_path):
         path = tmp_path / "rmem_max"
         states = []
         for size in (212992, 4194304):
@@ -205,14 +204,14 @@ class TestRosChecks:
 
     @pytest.mark.ros
     @pytest.mark.parametrize(("received", "state"), [(30, "ok"), (29, "ok"), (12, "warning"), (0, "error")])
-    def test_lost_pictures(self, monkeypatch, received, state):
+    def test_lost_images(self, monkeypatch, received, state):
         monkeypatch.setattr(ros_checks, "try_round_trip", lambda: Trial(30, received))
         finding = ros_checks.round_trip()
         assert finding is not None
         assert (finding.state, bool(finding.remedy)) == (state, state != "ok")
 
     @pytest.mark.ros
-    def test_a_trial_that_fails(self, monkeypatch):
+    def test_failing_round_trip(self, monkeypatch):
         def fail() -> Trial:
             raise NodeError("cannot send: no luck")
 
@@ -234,19 +233,19 @@ class TestRosChecks:
             ("", -11, "signal 11"),
         ],
     )
-    def test_the_cause_of_a_failure(self, complaint, code, line):
+    def test_cause_of_a_failure(self, complaint, code, line):
         assert cause(complaint, code) == line
 
 
 class TestOtherChecks:
-    def test_a_folder_for_runs(self, tmp_path, monkeypatch):
+    def test_folder_of_runs(self, tmp_path, monkeypatch):
         assert doctor_module.runs_folder(tmp_path / "runs").state == "ok"
         (tmp_path / "file").touch()
         assert doctor_module.runs_folder(tmp_path / "file" / "runs").state == "error"
-        monkeypatch.setattr(doctor_module, "ROOM_BYTES", 10**18)
+        monkeypatch.setattr(doctor_module, "MIN_FREE_BYTES", 10**18)
         assert doctor_module.runs_folder(tmp_path / "runs").state == "warning"
 
-    def test_a_camera_that_cannot_be_opened(self, tmp_path, monkeypatch):
+    def test_camera_that_cannot_be_opened(self, tmp_path, monkeypatch):
         (tmp_path / "video0").touch()
         monkeypatch.setattr(doctor_module, "_picture_size", lambda device: None)
         finding = doctor_module.cameras(tmp_path)
@@ -256,16 +255,16 @@ class TestOtherChecks:
         finding = doctor_module.cameras(tmp_path)
         assert finding == Finding("cameras", "ok", "video0 (640x480)")
 
-    def test_another_python(self, monkeypatch):
+    def test_unsupported_python(self, monkeypatch):
         monkeypatch.setattr(doctor_module, "OLDEST", (3, 99))
         assert doctor_module.python().state == "error"
 
-    def test_an_opencv_without_hog(self, monkeypatch):
+    def test_opencv_without_hog(self, monkeypatch):
         cv2 = pytest.importorskip("cv2")
         monkeypatch.setattr(cv2, "__version__", "5.0.0")
         assert doctor_module.opencv().state == "error"
 
-    def test_a_network_that_is_not_the_one_that_belongs_here(self, monkeypatch):
+    def test_changed_network_file(self, monkeypatch):
         assert doctor_module.network().state == "ok"
         monkeypatch.setattr(nanodet_module, "SHA256", "0" * 64)
         finding = doctor_module.network()

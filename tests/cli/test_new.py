@@ -28,14 +28,14 @@ def project(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.
     return write_project(f"greeter{next(NUMBERS)}_{request.param}", request.param, tmp_path)
 
 
-def test_its_graphs_and_its_deployment_are_sound(project: Path) -> None:
-    assert [one.name for one in load_graph(str(project / "graph.yaml")).placements] == ["visitors", "mind", "speech"]
+def test_graphs_and_deployment_are_valid(project: Path) -> None:
+    assert [one.name for one in load_graph(str(project / "graph.yaml")).nodes] == ["visitors", "mind", "speech"]
     assert load_graph(str(project / "camera.yaml")).paced_by == "/humans/bodies/detections"
     deployment = load_deployment(project / "deployment.yaml")
     assert [one.name for one in deployment.half("workstation")] == ["mind"]
 
 
-def test_its_own_tests_pass(project: Path) -> None:
+def test_tests_of_the_project_pass(project: Path) -> None:
     spec = importlib.util.spec_from_file_location(f"tests_of_{project.name}", project / "tests" / "test_agent.py")
     assert spec is not None
     assert spec.loader is not None
@@ -48,7 +48,7 @@ def test_its_own_tests_pass(project: Path) -> None:
 
 
 @pytest.mark.slow
-def test_it_stands_on_its_own(project: Path) -> None:
+def test_project_is_independent(project: Path) -> None:
     scripts = Path(sys.executable).parent
     for command in (
         [sys.executable, "-m", "pytest", "-q"],
@@ -60,14 +60,14 @@ def test_it_stands_on_its_own(project: Path) -> None:
         assert done.returncode == 0, f"{done.args}\n{done.stdout}\n{done.stderr}"
 
 
-def test_nothing_of_the_template_s_name_is_left(project: Path) -> None:
+def test_template_name_is_replaced(project: Path) -> None:
     files = [path for path in project.rglob("*") if path.is_file()]
     assert {".gitignore", "README.md", "pyproject.toml", f"{project.name}.launch.py"} <= {path.name for path in files}
     assert not [path for path in files if "my_robot" in f"{path}{path.read_text('utf-8')}"]
 
 
 @pytest.mark.parametrize("agent", KINDS)
-def test_what_python_runs_compiles(agent: Literal["python", "asl"]) -> None:
+def test_files_compile(agent: Literal["python", "asl"]) -> None:
     files = project_files("my_robot", agent)
     assert {"graph.yaml", "my_robot/agent.py", "tests/test_agent.py", "launch/my_robot.launch.py"} <= set(files)
     for path, text in files.items():
@@ -75,7 +75,7 @@ def test_what_python_runs_compiles(agent: Literal["python", "asl"]) -> None:
             compile(text, path, "exec")
 
 
-def test_the_command_says_what_to_type_next(tmp_path: Path) -> None:
+def test_prints_next_commands(tmp_path: Path) -> None:
     done = socialbot("new", "my_robot", "--folder", tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"cd {tmp_path / 'my_robot'}" in done.stdout
@@ -86,24 +86,24 @@ def test_the_command_says_what_to_type_next(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("My-Robot", "no name for a Python package"),
-        ("1robot", "no name for a Python package"),
-        ("../robot", "no name for a Python package"),
-        ("class", "no name for a Python package"),
+        ("My-Robot", "not a name for a Python package"),
+        ("1robot", "not a name for a Python package"),
+        ("../robot", "not a name for a Python package"),
+        ("class", "not a name for a Python package"),
         ("", "exists already"),
-        ("json", "there is a Python module 'json' already"),
-        ("socialbot", "there is a Python module 'socialbot' already"),
-        ("numpy", "there is a Python module 'numpy' already"),
-        ("tests", "there is a Python module 'tests' already"),
+        ("json", "a Python module 'json' exists already"),
+        ("socialbot", "a Python module 'socialbot' exists already"),
+        ("numpy", "a Python module 'numpy' exists already"),
+        ("tests", "a Python module 'tests' exists already"),
     ],
 )
-def test_a_name_that_is_no_good_is_refused(name: str, words: str, tmp_path: Path) -> None:
+def test_refuses_invalid_names(name: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=words):
         write_project(name, "python", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_refuses_existing_folder(tmp_path: Path) -> None:
     mine = tmp_path / "my_robot" / "agent.py"
     mine.parent.mkdir()
     mine.write_text("mine", "utf-8")

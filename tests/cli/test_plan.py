@@ -4,13 +4,13 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
+from tests.cli.processes import children, is_running
 from tests.planning.moving import DOMAIN, HARD_DOMAIN, PLAN, PROBLEM
-from tests.system.running import socialbot_here
+from tests.system.running import eventually, socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
 
@@ -41,7 +41,7 @@ def written(folder: Path, *texts: str) -> tuple[Path, Path]:
     return domain, problem
 
 
-def test_into_a_pipe_a_plan_goes_as_planners_write_it_and_is_valid_when_read_again(files, tmp_path):
+def test_plan_in_a_pipe_has_the_format_of_planners(files, tmp_path):
     ended = socialbot(*files, "--timeout", 60)
     assert ended.returncode == 0
     summary, *steps = ended.stdout.splitlines()
@@ -53,7 +53,7 @@ def test_into_a_pipe_a_plan_goes_as_planners_write_it_and_is_valid_when_read_aga
     assert (checked.stdout, checked.returncode) == ("valid: 4 steps, makespan 14.000 s\n", 0)
 
 
-def test_on_a_terminal_a_plan_is_a_table(files, monkeypatch):
+def test_plan_on_a_terminal_is_a_table(files, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "dumb")
     ended = socialbot(*files, "--timeout", 60)
@@ -72,7 +72,7 @@ def test_as_json(files):
     }  # fmt: skip
 
 
-def test_that_there_is_no_plan_has_an_exit_code(tmp_path):
+def test_impossible_problem_has_an_exit_code(tmp_path):
     files = written(tmp_path, DOMAIN, PROBLEM.replace("(at rob hall)", ""))
     ended = socialbot(*files)
     assert (ended.returncode, ended.stdout) == (10, "")
@@ -80,12 +80,12 @@ def test_that_there_is_no_plan_has_an_exit_code(tmp_path):
     assert json.loads(socialbot(*files, "--json").stdout)["steps"] is None
 
 
-def test_that_none_was_found_within_the_limits_has_another(tmp_path):
+def test_exceeded_limit_has_an_exit_code(tmp_path):
     ended = socialbot(*written(tmp_path, HARD_DOMAIN, HARD_PROBLEM), "--timeout", 0.2)
     assert (ended.returncode, ended.stderr) == (11, "gave up: kairos found no plan in 0.2 s\n")
 
 
-def test_a_deadline_that_cannot_be_met(files):
+def test_deadline_too_early(files):
     ended = socialbot(*files, "--timeout", 1, "--deadline", 13)
     assert ended.returncode == 11
     assert "longer than the 13 s there are" in ended.stderr
@@ -105,24 +105,24 @@ def test_without_a_goal(tmp_path):
         ("(:goal (lies cup hall)))", "(:goal (lies cup hall))", "tea.pddl:"),
     ],
 )
-def test_malformed_files_are_one_message_with_file_and_line(tmp_path, old, new, place):
+def test_malformed_file_is_reported_with_line(tmp_path, old, new, place):
     ended = socialbot(*written(tmp_path, DOMAIN.replace(old, new), PROBLEM.replace(old, new)))
     assert ended.returncode == 4
     assert ended.stderr.startswith(f"error: {tmp_path / place}")
     assert "Traceback" not in ended.stderr
 
 
-def test_files_that_cannot_be_read(files, tmp_path):
+def test_unreadable_files(files, tmp_path):
     missing = socialbot(files[0], tmp_path / "none.pddl")
     assert (missing.returncode, missing.stderr) == (
         4,
-        f"error: {tmp_path / 'none.pddl'}: cannot be read: No such file or directory\n",
+        f"error: {tmp_path / 'none.pddl'}: cannot be read: No such file or directory\n  remedy: check the path\n",
     )
     files[0].write_bytes(b"\xff\xfe")
-    assert "is no UTF-8 text" in socialbot(*files).stderr
+    assert "is not UTF-8 text" in socialbot(*files).stderr
 
 
-def test_planners_that_are_unknown_or_not_installed(files):
+def test_unknown_or_missing_planners(files):
     assert socialbot(*files, "--planner", "lpg").returncode == 4
     absent = socialbot(*files, "--planner", "popf:/nowhere/popf")
     assert absent.returncode == 5
@@ -138,7 +138,7 @@ def test_planners_that_are_unknown_or_not_installed(files):
         ("(take rob cup kitchen)", "(take rob mug kitchen)", "mug"),
     ],
 )
-def test_what_is_wrong_with_a_plan_is_named(files, tmp_path, line, other, said):
+def test_faults_of_an_invalid_plan(files, tmp_path, line, other, said):
     plan = tmp_path / "plan"
     plan.write_text(PLAN.replace(line, other), "utf-8")
     ended = socialbot(*files, "--validate", plan)
@@ -148,7 +148,7 @@ def test_what_is_wrong_with_a_plan_is_named(files, tmp_path, line, other, said):
     assert json.loads(socialbot(*files, "--validate", plan, "--json").stdout)["valid"] is False
 
 
-def test_a_plan_that_is_checked_may_be_too_long(files, tmp_path):
+def test_valid_plan_may_exceed_the_deadline(files, tmp_path):
     plan = tmp_path / "plan"
     plan.write_text(PLAN, "utf-8")
     assert socialbot(*files, "--validate", plan, "--deadline", 14).returncode == 0
@@ -156,7 +156,7 @@ def test_a_plan_that_is_checked_may_be_too_long(files, tmp_path):
     assert (ended.returncode, ended.stderr) == (12, "not valid: the plan lasts 14.003 s, longer than 13 s\n")
 
 
-def test_a_plan_that_cannot_be_read(files, tmp_path):
+def test_unreadable_plan(files, tmp_path):
     plan = tmp_path / "plan"
     plan.write_text("0.0: (go rob hall kitchen) [5.0]\nthen take the cup\n", "utf-8")
     ended = socialbot(*files, "--validate", plan)
@@ -164,36 +164,13 @@ def test_a_plan_that_cannot_be_read(files, tmp_path):
     assert ended.stderr.startswith(f"error: {plan}:2: ")
 
 
-def test_a_signal_ends_it_well_and_the_planner_with_it(tmp_path):
+def test_signal_ends_command_and_planner(tmp_path):
     files = written(tmp_path, HARD_DOMAIN, HARD_PROBLEM)
     command = [sys.executable, "-m", "socialbot", "plan", *map(str, files), "--timeout", "1000"]
-    running = subprocess.Popen(command, stderr=subprocess.PIPE)
-    end = time.monotonic() + 60
-    while not (planners := children_of(running.pid)) and time.monotonic() < end:
-        time.sleep(0.01)
-    running.send_signal(signal.SIGINT)
-    _, errors = running.communicate(timeout=60)
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as running:
+        assert eventually(lambda: bool(children(running.pid)), 60)
+        planners = children(running.pid)
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, b"")
-    # The system ends a planner whose parent is gone, in its own time.
-    while any(map(lives, planners)) and time.monotonic() < end:
-        time.sleep(0.01)
-    assert not any(map(lives, planners))
-
-
-def lives(pid: int) -> bool:
-    """Whether a process is there, and not only its entry."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def children_of(pid: int) -> list[int]:
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            if int(stat.read_text().rpartition(")")[2].split()[1]) == pid:
-                found.append(int(stat.parent.name))
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-    return found
+    assert eventually(lambda: not any(map(is_running, planners)), 60)

@@ -1,4 +1,4 @@
-"""How far something has come: on a terminal only."""
+"""Progress bars, on a terminal only."""
 
 from __future__ import annotations
 
@@ -12,17 +12,15 @@ import pytest
 from socialbot.cli._progress import bar
 
 SHOWN = """
-from socialbot.cli._progress import bar, waiting
-with bar("writing", "pictures", 8) as advance:
+from socialbot.cli._progress import bar
+with bar("writing [b]", "images", 8) as advance:
     advance(3)
-with waiting("a [planner] looks"):
-    pass
 print("done")
 """
 
 
 def on_terminal(code: str) -> tuple[str, str]:
-    """What ``code`` prints, and what it shows on a terminal by stderr."""
+    """Return the output of ``code``, and its stderr on a terminal."""
     ours, theirs = pty.openpty()
     with os.fdopen(ours, "rb", buffering=0) as screen:
         done = subprocess.run(
@@ -39,20 +37,19 @@ def on_terminal(code: str) -> tuple[str, str]:
             while some := screen.read(65536):
                 shown += some
         except OSError:
-            pass  # what Linux says when nobody has the other end any more
+            pass  # Linux: the other end is closed
     return done.stdout, shown.decode()
 
 
-def test_a_bar_is_shown_on_a_terminal_and_gone_at_the_end():
+def test_bar_is_shown_on_a_terminal():
     printed, shown = on_terminal(SHOWN)
     assert printed == "done\n"
-    assert "writing" in shown
+    assert "writing [b]" in shown
     assert "3/8" in shown
-    assert "a [planner] looks" in shown
     assert shown.rstrip().endswith("\x1b[2K")
 
 
-def test_elsewhere_nothing_is_shown(capfd: pytest.CaptureFixture[str]):
-    with bar("writing", "pictures") as advance:
+def test_no_bar_without_terminal(capfd: pytest.CaptureFixture[str]):
+    with bar("writing", "images") as advance:
         advance(3)
     assert capfd.readouterr() == ("", "")

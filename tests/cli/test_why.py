@@ -36,7 +36,7 @@ def later(tmp_path_factory):
     return greeting(tmp_path_factory.mktemp("run") / "later", comes=8)
 
 
-def test_why_the_last_thing_was_done(run):
+def test_explains_the_last_action(run):
     code, told = ask("why", run)
     assert code == 0
     assert 'Waldo said "Hello! Nice to see you.",\n  because it did speak("greeting"),' in told
@@ -44,60 +44,60 @@ def test_why_the_last_thing_was_done(run):
     assert ask("why", run, "--action", 1) == ask("why", run, "--at", "1.9") == (0, told)
 
 
-def test_the_newest_run_is_asked_where_none_is_given(run, monkeypatch, tmp_path):
+def test_newest_run_is_the_default(run, monkeypatch, tmp_path):
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "one").symlink_to(run)
     monkeypatch.chdir(tmp_path)
     assert ask("why") == ask("why", run)
 
 
-def test_the_actions_are_listed_by_number(run):
+def test_lists_actions_by_number(run):
     code, told = ask("why", run, "--list")
     (line,) = told.splitlines()
     assert (code, line.split()[0], line.endswith('Waldo said "Hello! Nice to see you."')) == (0, "1", True)
 
 
-def test_why_a_plan_was_not_chosen(run):
+def test_explains_a_rejected_plan(run):
     code, told = ask("why", run, "--not", "several")
     assert code == 0
     assert told.splitlines()[1].endswith("for GreetPeople(): (N > 1) does not hold")
-    assert "  never turned down" in ask("why", run, "--not", '[speak("greeting"), +greeted()]')[1]
+    assert "  never rejected" in ask("why", run, "--not", '[speak("greeting"), +greeted()]')[1]
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--action", 7], "there is no action 7"),
-        (["--at", "0.01"], "nothing was decided until 0.01 s"),
+        (["--at", "0.01"], "there are no decisions until 0.01 s"),
         (["--not", "dance"], "no plan 'dance' was ever considered"),
     ],
 )
-def test_what_is_not_in_the_run_is_an_error(run, options, message):
+def test_refuses_unknown_actions_and_times(run, options, message):
     with pytest.raises(RunError, match=message) as caught:
         ask("why", run, *options)
     assert (caught.value.exit_code, bool(caught.value.remedy)) == (3, True)
 
 
-def test_only_one_thing_is_asked_at_a_time(run):
-    with pytest.raises(ParameterError, match="these ask for different things"):
+def test_refuses_several_questions(run):
+    with pytest.raises(ParameterError, match="only one of these options"):
         ask("why", run, "--action", 1, "--at", "3")
 
 
-def test_a_run_in_which_nothing_was_done(tmp_path):
+def test_run_without_actions(tmp_path):
     empty = greeting(tmp_path / "empty", comes=100)
-    assert ask("why", empty, "--list") == (0, "nothing was done in this run\n")
-    with pytest.raises(RunError, match="nothing was done in this run"):
+    assert ask("why", empty, "--list") == (0, "the run has no actions\n")
+    with pytest.raises(RunError, match="the run has no actions"):
         ask("why", empty)
 
 
 def test_times_are_seconds_or_minutes_and_seconds():
     assert (seconds_of("8.9"), seconds_of("1:23.4"), seconds_of("0:05")) == (8.9, 83.4, 5.0)
     for wrong in ("soon", "1:2:3", "", "1.5:2"):
-        with pytest.raises(ParameterError, match="is no time"):
+        with pytest.raises(ParameterError, match="is not a time"):
             seconds_of(wrong)
 
 
-def test_answers_for_programs(run, later):
+def test_answers_as_json(run, later):
     (explanation,) = json.loads(ask("why", run, "--json")[1])
     assert explanation["chain"][0]["sentence"] == 'Waldo said "Hello! Nice to see you."'
     assert json.loads(ask("why", run, "--not", "several", "--json")[1])[0]["chosen_s"] == []
@@ -105,7 +105,7 @@ def test_answers_for_programs(run, later):
     assert json.loads(ask("diff", run, later, "--json")[1])["same"] is False
 
 
-def test_the_exit_code_says_whether_two_runs_differ(run, later):
+def test_exit_code_of_different_runs(run, later):
     assert ask("diff", run, run) == (0, "Both runs decide the same, at the same times: 1 decisions.\n")
     code, told = ask("diff", run, later)
     assert code == 1
@@ -113,19 +113,19 @@ def test_the_exit_code_says_whether_two_runs_differ(run, later):
     assert "detections differ first:" in told
 
 
-def test_the_page_of_two_runs_is_written(run, later, tmp_path):
+def test_writes_page_of_two_runs(run, later, tmp_path):
     assert ask("diff", run, later, "--html", tmp_path / "both.html")[0] == 1
     assert "First different decision" in (tmp_path / "both.html").read_text("utf-8")
 
 
-def test_the_page_of_a_run_is_written_again(run):
+def test_writes_page_of_a_run_again(run):
     code, told = ask("report", run)
     assert (code, told.split()) == (0, [str(run / "report.html")])
     assert "Hello! Nice to see you." in (run / "report.html").read_text("utf-8")
 
 
-def test_of_a_run_whose_beginning_is_gone_the_rest_is_told(tmp_path):
-    folder = long_run(tmp_path / "long", visits=6, room=500_000)
+def test_explains_a_run_with_a_trimmed_beginning(tmp_path):
+    folder = long_run(tmp_path / "long", visits=6, max_bytes=500_000)
     code, told = ask("why", folder, "--list")
     assert code == 0
     actions = told.splitlines()

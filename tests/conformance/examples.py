@@ -150,7 +150,7 @@ class Stage:
             pass
 
     def pass_to(self, end: int) -> None:
-        """Lets time pass, from one moment to the next at which somebody has something to do."""
+        """Advance the time from wakeup to wakeup of the agents."""
         while (due := self.society.next_wakeup()) is not None and due <= end:
             self.clock.set(max(due, self.clock.now()))
             self.think()

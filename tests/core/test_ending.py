@@ -10,14 +10,14 @@ import pytest
 
 SLOW_TO_GO = """
 import time
-from socialbot.core.process import end_well_on_signals
+from socialbot.core.process import exit_on_signals
 
 class Slow:
     def __del__(self):
         print("going", flush=True)
         time.sleep(1)
 
-end_well_on_signals()
+exit_on_signals()
 slow = Slow()
 """
 

@@ -1,4 +1,4 @@
-"""The heap of a process through which pictures pass."""
+"""Memory of a process that handles images."""
 
 import subprocess
 import sys
@@ -25,23 +25,27 @@ class Info(ctypes.Structure):
         ("rest", ctypes.c_size_t * 3)]
 libc = ctypes.CDLL(None)
 libc.malloc.restype, libc.free.argtypes, libc.mallinfo2.restype = ctypes.c_void_p, [ctypes.c_void_p], Info
-for block in [libc.malloc(40) for _ in range(1000)]:
-    libc.free(block)
-print(libc.mallinfo2().fsmblks)
+blocks = [libc.malloc(40) for _ in range(1000)]
+free, info = libc.free, libc.mallinfo2
+info()  # A large allocation after the loop would merge the blocks.
+for block in blocks:
+    free(block)
+print(info().fsmblks)
 """
 
 
-def told(script, keep):
+def figure(script, keep):
     return int(subprocess.check_output([sys.executable, "-c", script.format(keep=keep)], text=True))
 
 
 def faults(keep):
-    return told(FAULTS, keep)
+    return figure(FAULTS, keep)
 
 
-def test_the_memory_of_one_picture_serves_the_next():
+def test_memory_of_an_image_is_reused_for_the_next():
     assert faults("assert keep_freed_memory()") < 1000 < faults("")
 
 
-def test_what_is_small_and_freed_does_not_lie_apart():
-    assert told(APART, "assert keep_freed_memory()") == 0 < 40_000 < told(APART, "")
+def test_small_freed_blocks_are_merged():
+    assert figure(APART, "assert keep_freed_memory()") == 0
+    assert figure(APART, "") > 40_000

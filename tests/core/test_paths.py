@@ -82,11 +82,9 @@ NODES = [
 @pytest.mark.parametrize("path", [ELSEWHERE, "../../../../../../../../../../etc/socialbot"])
 @pytest.mark.parametrize(("kind", "parameter", "others"), NODES)
 def test_no_node_reads_or_writes_elsewhere(kind, parameter, others, path):
-    placement = NodeConfig("node", node_type(kind), {**others, parameter: path})
+    config = NodeConfig("node", node_type(kind), {**others, parameter: path})
     with pytest.raises(ParameterError, match="is outside of") as caught:
-        InlineRunner(
-            Graph("test", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions))
-        ).start()
+        InlineRunner(Graph("test", (config,), inputs=frozenset(topic for topic, _ in config.subscriptions))).start()
     assert caught.value.where == f"node.{parameter}"
 
 

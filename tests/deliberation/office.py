@@ -6,9 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from socialbot.bdi import Atom, Engine, Trace, variables
-from socialbot.bdi.literals import Change, Event, literal
-from socialbot.core.clock import SECOND, ManualClock
+from socialbot.core.clock import ManualClock
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
@@ -16,7 +14,7 @@ from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, Pl
 from socialbot.planning.pddl.formulas import And, Predicate
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerLimits, PlannerVerdict
-from tests.deliberation.stage import Behaviour, Perform, facts
+from tests.deliberation.stage import Scene, facts
 
 JOBS = read_domain(
     """
@@ -80,7 +78,7 @@ class Clerk:
         return PlannerAnswer(PlannerVerdict.SOLVED, PddlPlan(tuple(steps)))
 
 
-class Office:
+class Office(Scene):
     """Where a deliberator is watched. With ``slow`` planning, answers come when `answer` is called."""
 
     def __init__(
@@ -94,19 +92,11 @@ class Office:
         clock: ManualClock | None = None,
         **options: Any,
     ) -> None:
-        self.clock = clock or ManualClock()
-        self.trace = Trace()
-        self.engine = Engine("clerk", self.clock, robot=self, sink=self.trace)
+        lasts_s = {"do": 6.0, "prepare": 2.0, "hush": 1.0, "light": 1.0, "report": 1.0}
+        super().__init__("clerk", domain, lasts_s, clock)
         self.clerk = Clerk()
         self.pending: list[Callable[[], None]] = []
-        self.behaviour: dict[str, Behaviour] = {}
-        self.lasts_s = {"do": 6.0, "prepare": 2.0, "hush": 1.0, "light": 1.0, "report": 1.0}
-        self.timeline: list[tuple[float, str, str]] = []
         self.ends: list[tuple[str, str, str]] = []
-        for name, action in domain.actions.items():
-            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
-            wanted = Event(Change.WANTED, literal(name, tuple(parameters)))
-            self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
         self.deliberator = Deliberator(
             self.engine,
             domain,
@@ -134,17 +124,6 @@ class Office:
         self.pending.pop(0)()
         self.engine.run_until_idle()
 
-    def log(self, what: str, call: str) -> None:
-        self.timeline.append((self.now, what, call))
-
-    @property
-    def now(self) -> float:
-        return self.clock.now() / SECOND
-
-    def run(self, call: Callable[[], object]) -> None:
-        self.engine.call(call)
-        self.engine.run_until_idle()
-
     def want(self, *desires: Desire, cause: str = "test") -> list[str]:
         """Adopts desires at once; returns why not."""
         replies: list[str] = []
@@ -162,15 +141,6 @@ class Office:
 
     def forget(self, *texts: str) -> None:
         self.run(lambda: [self.facts.remove(fact) for text in texts for fact in facts(text)])
-
-    def until(self, seconds: float) -> None:
-        """Lets time pass."""
-        end = round(seconds * SECOND)
-        self.engine.run_until_idle()
-        while (due := self.engine.next_wakeup()) is not None and due <= end:
-            self.clock.set(max(due, self.clock.now()))
-            self.engine.run_until_idle()
-        self.clock.set(max(end, self.clock.now()))
 
     @property
     def wants(self) -> list[str]:
@@ -220,3 +190,11 @@ def job(name: str, priority: float = 0.5, deadline: float = 60.0, **more: Any) -
     """The desire that a job is done."""
     more.setdefault("value", (Fact(name="done", params=(name,)),))
     return Desire(name=name, priority=priority, deadline=deadline, **more)
+
+
+def office_for(*desires: Desire, until: float = 0.0, **options: Any) -> Office:
+    """An office that has adopted desires at once, after some seconds."""
+    office = Office(**options)
+    office.want(*desires)
+    office.until(until)
+    return office

@@ -98,7 +98,7 @@ class Perform(LongAction):
     """Does what the stage says of it."""
 
     def start(self, *args: Any) -> None:
-        stage: Stage = self.engine.robot
+        stage: Scene = self.engine.robot
         self.stage, self.call = stage, f"({' '.join(map(str, args))})"
         self.behaviour = stage.behaviour.get(self.call, Behaviour())
         stage.log("begins", self.call)
@@ -127,8 +127,52 @@ class Perform(LongAction):
             self.engine.timers.after(self.behaviour.stop_s, self.cancelled)
 
 
-class Stage:
-    """Where a plan_executor is watched; ``timeline`` is what the actions did, with the seconds at which."""
+class Scene:
+    """An agent in simulated time; ``timeline`` is what its actions did, with the seconds at which."""
+
+    ends: Any
+
+    def __init__(
+        self, name: str, domain: PddlDomain, lasts_s: dict[str, float], clock: ManualClock | None = None
+    ) -> None:
+        self.clock = clock or ManualClock()
+        self.trace = Trace()
+        self.engine = Engine(name, self.clock, robot=self, sink=self.trace)
+        self.behaviour: dict[str, Behaviour] = {}
+        self.lasts_s = lasts_s
+        self.timeline: list[tuple[float, str, str]] = []
+        for action in domain.actions.values():
+            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
+            wanted = Event(Change.WANTED, literal(action.name, tuple(parameters)))
+            self.engine.add_rules(wanted >> [Perform(Atom(action.name), *parameters)])
+
+    def log(self, what: str, call: str) -> None:
+        self.timeline.append((self.now, what, call))
+
+    @property
+    def now(self) -> float:
+        return self.clock.now() / SECOND
+
+    def run(self, call: Any) -> None:
+        self.engine.call(call)
+        self.engine.run_until_idle()
+
+    def until(self, seconds: float) -> Any:
+        """Advance the time; return the ended actions."""
+        end = round(seconds * SECOND)
+        self.engine.run_until_idle()
+        while (due := self.engine.next_wakeup()) is not None and due <= end:
+            self.clock.set(max(due, self.clock.now()))
+            self.engine.run_until_idle()
+        self.clock.set(max(end, self.clock.now()))
+        return self.ends
+
+
+LASTS_S = {"move": 5.0, "pick": 3.0, "put": 3.0, "unlock": 2.0, "shine": 10.0, "spray": 4.0, "ring": 0.0}
+
+
+class Stage(Scene):
+    """A plan executor in simulated time."""
 
     def __init__(
         self,
@@ -138,48 +182,25 @@ class Stage:
         beliefs: str = FACTS,
         options: DeliberationOptions | None = None,
     ) -> None:
-        self.clock = ManualClock()
-        self.trace = Trace()
-        self.engine = Engine("stage", self.clock, robot=self, sink=self.trace)
+        super().__init__("stage", domain, dict(LASTS_S))
         self.facts = FactBase(self.engine, domain)
         self.domain = domain
-        self.behaviour: dict[str, Behaviour] = {}
-        self.lasts_s = {
-            "move": 5.0, "pick": 3.0, "put": 3.0, "unlock": 2.0, "shine": 10.0, "spray": 4.0, "ring": 0.0
-        }  # fmt: skip
-        self.timeline: list[tuple[float, str, str]] = []
         self.outcomes: list[PlanOutcome] = []
         self.infos: list[PlanExecutionInfo] = []
-        for name, action in domain.actions.items():
-            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
-            wanted = Event(Change.WANTED, literal(name, tuple(parameters)))
-            self.engine.add_rules(wanted >> [Perform(Atom(name), *parameters)])
         for known in facts(beliefs):
             self.facts.add(known)
         self.plan_executor = PlanExecutor(
             self.engine,
             self.facts,
-            domain,
             options,
             is_sensed=lambda name, objects: name in (watched or ()),
             ended=self.outcomes.append,
             changed=lambda: self.infos.append(self.plan_executor.info),
         )
 
-    def log(self, what: str, call: str) -> None:
-        self.timeline.append((self.now, what, call))
-
-    @property
-    def now(self) -> float:
-        return self.clock.now() / SECOND
-
     def execute(self, plan: str, **about: Any) -> None:
         """Has a plan executed; ``wanted`` are the facts of the desire, ``about`` what else there is to it."""
         self.run(lambda: self.plan_executor.execute(parse_plan(plan), desire(**about), "desire-1"))
-
-    def run(self, call: Any) -> None:
-        self.engine.call(call)
-        self.engine.run_until_idle()
 
     def believe(self, *texts: str) -> None:
         for text in texts:
@@ -193,15 +214,6 @@ class Stage:
         wanted = fact(text)
         return self.facts.current(wanted) == wanted
 
-    def until(self, seconds: float) -> None:
-        """Lets time pass."""
-        end = round(seconds * SECOND)
-        self.engine.run_until_idle()
-        while (due := self.engine.next_wakeup()) is not None and due <= end:
-            self.clock.set(max(due, self.clock.now()))
-            self.engine.run_until_idle()
-        self.clock.set(end)
-
     def begun(self) -> dict[str, float]:
         """When each action began."""
         return {call: time for time, what, call in self.timeline if what == "begins"}
@@ -212,9 +224,17 @@ class Stage:
         return {f"({' '.join((step.name, *step.args))})": step.status for step in info.actions_exec_info}
 
     @property
-    def ends(self) -> list[tuple[str, str]]:
+    def ends(self) -> list[tuple[str, str]]:  # type: ignore[override]
         return [(outcome.how, outcome.reason) for outcome in self.outcomes]
 
 
 def desire(wanted: str = "", **more: Any) -> Desire:
     return Desire(name="goal", value=tuple(facts(wanted)), **{"deadline": 1000.0, **more})
+
+
+def stage_with(plan: str, stage: Stage | None = None, *, until: float = 0.0, **about: Any) -> Stage:
+    """A stage that has executed a plan for some seconds."""
+    stage = stage or Stage()
+    stage.execute(plan, **about)
+    stage.until(until)
+    return stage

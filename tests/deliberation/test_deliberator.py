@@ -11,7 +11,7 @@ from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.planners.engines import Kairos
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, i, n, p
-from tests.deliberation.office import Office, Watcher, job
+from tests.deliberation.office import Office, Watcher, job, office_for
 from tests.deliberation.stage import Behaviour
 
 KINDS = (
@@ -32,16 +32,12 @@ def test_a_desire_is_planned_executed_and_fulfilled():
 
 
 def test_the_plan_of_one_action_that_takes_all_the_time_there_is_is_accepted():
-    office = Office(planner=Kairos())
-    office.want(job("a", deadline=6.0))
-    office.until(7)
+    office = office_for(job("a", deadline=6.0), until=7, planner=Kairos())
     assert office.ends == [("a", "fulfilled", "")]
 
 
 def test_desires_have_their_turns_by_priority_then_deadline_then_arrival():
-    office = Office()
-    office.want(job("a", 0.2), job("b", 0.9), job("c", 0.5, 50.0), job("d", 0.5, 40.0))
-    office.until(40)
+    office = office_for(job("a", 0.2), job("b", 0.9), job("c", 0.5, 50.0), job("d", 0.5, 40.0), until=40)
     assert [call for _, call in office.begun()] == ["(do b)", "(do d)", "(do c)", "(do a)"]
     assert [how for _, how, _ in office.ends] == ["fulfilled"] * 4
 
@@ -55,9 +51,7 @@ def test_a_desire_that_holds_already_needs_no_plan():
 
 
 def test_a_desire_fulfilled_externally_stops_its_plan():
-    office = Office()
-    office.want(job("a"), job("b"))
-    office.until(2)
+    office = office_for(job("a"), job("b"), until=2)
     office.believe("done b")
     assert office.ends == [("b", "fulfilled", "")], "though it had no turn yet"
     office.believe("done a")
@@ -67,13 +61,10 @@ def test_a_desire_fulfilled_externally_stops_its_plan():
 
 
 def test_a_plan_that_is_nearly_done_is_carried_out_to_its_end_though_its_desire_is_fulfilled():
-    office = Office()
-    office.want(job("a"))
-    office.until(5)
+    office = office_for(job("a"), until=5)
     office.believe("done a")
     assert office.wants == ["a"]
-    office.until(6)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(6) == [("a", "fulfilled", "")]
     assert (6.0, "ends", "(do a)") in office.timeline
 
 
@@ -83,8 +74,7 @@ def test_a_desire_that_is_fulfilled_while_its_nearly_done_plan_fails_is_fulfille
     office.want(job("a"))
     office.until(5)
     office.believe("done a")
-    office.until(6)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(6) == [("a", "fulfilled", "")]
     assert len(office.clerk.asked) == 1
 
 
@@ -103,9 +93,7 @@ def test_numbers_and_negations_can_be_desired():
 
 
 def test_dropping_a_desire_stops_its_plan_and_calls_listeners():
-    office = Office()
-    office.want(job("a"))
-    office.until(1)
+    office = office_for(job("a"), until=1)
     office.run(lambda: office.deliberator.drop("a", "no longer", cause="test"))
     assert office.ends == [("a", "dropped", "no longer")]
     assert office.pursued is None
@@ -115,12 +103,10 @@ def test_dropping_a_desire_stops_its_plan_and_calls_listeners():
 
 
 def test_a_name_is_taken_once_and_the_same_again_has_one_more_listener():
-    office = Office()
-    office.want(job("a"))
+    office = office_for(job("a"))
     assert office.want(job("a")) == [""]
-    assert office.want(job("a", value=(p("lit"),))) == ["there is another desire called a"]
-    office.until(7)
-    assert office.ends == [("a", "fulfilled", "")] * 2
+    assert office.want(job("a", value=(p("lit"),))) == ["another desire has the name a"]
+    assert office.until(7) == [("a", "fulfilled", "")] * 2
 
 
 @pytest.mark.parametrize(
@@ -153,29 +139,23 @@ def test_a_desire_that_does_not_fit_the_domain_is_refused(desire, reason):
 
 
 def test_an_object_that_is_not_known_counts_as_a_failed_try_until_it_is():
-    office = Office(comp_plan_tries=5)
-    office.want(job("z"))
-    office.until(2)
+    office = office_for(job("z"), until=2, comp_plan_tries=5)
     assert office.wants == ["z"]
     assert len(office.found("planning", "z")) == 3
     assert office.clerk.asked == []
     office.believe("instance z job")
-    office.until(10)
-    assert office.ends == [("z", "fulfilled", "")]
+    assert office.until(10) == [("z", "fulfilled", "")]
 
 
 def test_a_desire_about_an_object_that_stays_unknown_is_dropped_with_the_reason():
-    office = Office(comp_plan_tries=3)
-    office.want(job("z"))
-    office.until(5)
+    office = office_for(job("z"), until=5, comp_plan_tries=3)
     ((name, how, reason),) = office.ends
     assert (name, how) == ("z", "dropped")
     assert reason.startswith("no plan after 3 tries: (done z): there is no object 'z'")
 
 
 def test_a_precondition_is_waited_for():
-    office = Office()
-    office.want(job("a", precondition=dnf([("T", p("ready")), ("F", p("lit"))], [("T", p("quiet"))])))
+    office = office_for(job("a", precondition=dnf([("T", p("ready")), ("F", p("lit"))], [("T", p("quiet"))])))
     assert office.clerk.asked == []
     office.believe("ready")
     assert office.pursued == "a"
@@ -191,16 +171,14 @@ def test_a_precondition_is_waited_for():
     ],
 )
 def test_preconditions_with_patterns_and_variables_are_seen_to_hold(precondition, change):
-    office = Office()
-    office.want(job("a", precondition=precondition))
+    office = office_for(job("a", precondition=precondition))
     assert office.pursued is None
     office.believe(change)
     assert office.pursued == "a"
 
 
 def test_a_desire_is_not_taken_up_while_its_context_does_not_hold():
-    office = Office()
-    office.want(job("a", context=dnf([("T", p("quiet"))])))
+    office = office_for(job("a", context=dnf([("T", p("quiet"))])))
     assert office.pursued is None
     office.believe("quiet")
     assert office.pursued == "a"
@@ -229,8 +207,7 @@ def test_a_plan_is_aborted_and_rolled_back_when_the_context_ends():
     office.until(5)
     assert office.pursued is None, "it waits for its context"
     office.believe("quiet")
-    office.until(20)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(20) == [("a", "fulfilled", "")]
 
 
 # What goes wrong
@@ -272,14 +249,11 @@ def test_several_steps_that_fail_at_once_are_one_failed_execution():
 
 
 def test_a_completed_plan_that_misses_the_goal_has_failed():
-    office = Office(exec_plan_tries=2)
-    office.want(job("a", context=dnf([("F", p("told"))])))
-    office.until(5.9)
+    office = office_for(job("a", context=dnf([("F", p("told"))])), until=5.9, exec_plan_tries=2)
     # Somebody undoes each result in the same moment.
     office.run(lambda: office.facts.watch(lambda it, held, cause: undo(office, it, held)))
-    office.until(20)
-    assert office.ends == [
-        ("a", "dropped", "aborted 2 times: the plan is done, but not all that is wanted holds"),
+    assert office.until(20) == [
+        ("a", "dropped", "aborted 2 times: the plan has ended, but its goal does not hold"),
     ]
 
 
@@ -297,8 +271,7 @@ def test_rules_that_set_each_other_off_for_ever_are_stopped_and_stated():
     (record,) = office.found("failure", "rules")
     assert record.detail["reason"] == "circle"
     office.want(job("a"))
-    office.until(10)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(10) == [("a", "fulfilled", "")]
 
 
 def effect(operation, name: str) -> RuleEffect:
@@ -320,8 +293,7 @@ def test_rules_may_come_and_go_and_bring_desires():
 
 
 def test_a_rule_drops_a_desire():
-    office = Office()
-    office.want(job("a"))
+    office = office_for(job("a"))
     rule = ReactiveRule("stop", dnf([("T", p("told"))]), (RuleEffect(operation="DEL", desire=job("a")),))
     office.run(lambda: office.deliberator.add_rule(rule))
     office.believe("told")
@@ -329,8 +301,7 @@ def test_a_rule_drops_a_desire():
 
 
 def test_a_rule_drops_all_desires_of_a_name_like_that():
-    office = Office()
-    office.want(job("a"), job("b", 0.4), job("wait", value=(p("lit"),)))
+    office = office_for(job("a"), job("b", 0.4), job("wait", value=(p("lit"),)))
     rule = ReactiveRule("stop", dnf([("T", p("told"))]), (RuleEffect(operation="DEL", desire=job("?")),))
     office.run(lambda: office.deliberator.add_rule(rule))
     office.believe("told")
@@ -357,8 +328,7 @@ def test_a_pursued_desire_may_be_revised_with_its_preparations():
     office.want(job("a", deadline=7.0))
     office.until(10)
     office.want(job("a", deadline=12.0))
-    office.until(21)
-    assert office.ends == [("a", "fulfilled", ""), ("a", "fulfilled", "")], "14 s would have been too much before"
+    assert office.until(21) == [("a", "fulfilled", ""), ("a", "fulfilled", "")], "14 s would have been too much before"
     other = Office(autosub_prec=True, slow=True)
     other.want(job("b", 0.5, precondition=dnf([("T", p("ready"))])), job("b", 0.7, 30.0))
     (child,) = other.deliberator.desires.children("b")
@@ -372,8 +342,7 @@ def test_an_invalid_deadline_is_refused_without_side_effects(deadline):
     assert "is out of range" in reason
     office.want(job("b"))
     assert "is out of range" in office.want(job("b", deadline=deadline))[0]
-    office.until(10)
-    assert office.ends == [("b", "fulfilled", "")]
+    assert office.until(10) == [("b", "fulfilled", "")]
 
 
 # What nobody knows
@@ -397,9 +366,7 @@ def test_it_is_when_the_object_has_appeared():
 
 
 def test_a_plan_whose_desire_comes_true_early_is_stopped_without_its_rollback():
-    office = Office()
-    office.want(job("a", rollback_belief_add=(p("told"),), rollback_belief_del=(p("done", "*"),)))
-    office.until(2)
+    office = office_for(job("a", rollback_belief_add=(p("told"),), rollback_belief_del=(p("done", "*"),)), until=2)
     office.believe("done a")
     assert office.ends == [("a", "fulfilled", "")]
     assert office.plans() == [("a", "aborted")]
@@ -432,7 +399,7 @@ def test_the_chain_of_causes_is_described_in_sentences():
         "because it planned for do_a at +0.000 s,",
         "because it desired do_a at +0.000 s,",
         "because its rule busy fired: ADD desire do_a at +0.000 s,",
-        "because it believed level(a, 3), told by percept at +0.000 s.",
+        "because it believed level(a, 3), source: percept at +0.000 s.",
     ]
 
 
@@ -456,8 +423,7 @@ def test_exceptions_in_listeners_and_observers_do_not_stop_the_agent():
     office = Office(observer=Broken())
     office.run(lambda: office.deliberator.desire(job("a"), listener=lambda how, reason: 1 / 0))
     office.want(job("b"))
-    office.until(20)
-    assert office.ends == [("b", "fulfilled", "")]
+    assert office.until(20) == [("b", "fulfilled", "")]
     assert {record.detail["reason"] for record in office.found("failure")} == {"ValueError", "ZeroDivisionError"}
 
 

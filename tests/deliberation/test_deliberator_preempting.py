@@ -8,14 +8,12 @@ from hypothesis import strategies as st
 from socialbot.planning.pddl.formulas import Predicate
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, p
-from tests.deliberation.office import Office, job
+from tests.deliberation.office import Office, job, office_for
 from tests.deliberation.stage import Behaviour
 
 
 def test_without_preemption_the_plan_is_carried_out_to_its_end():
-    office = Office()
-    office.want(job("a", 0.1))
-    office.until(1)
+    office = office_for(job("a", 0.1), until=1)
     office.want(job("b", 0.9))
     office.until(20)
     assert office.begun() == [(0.0, "(do a)"), (6.0, "(do b)")]
@@ -23,9 +21,7 @@ def test_without_preemption_the_plan_is_carried_out_to_its_end():
 
 
 def test_a_higher_priority_interrupts_and_the_other_is_planned_anew_afterwards():
-    office = Office(reschedule_policy="PREEMPT")
-    office.want(job("a", 0.1))
-    office.until(1)
+    office = office_for(job("a", 0.1), until=1, reschedule_policy="PREEMPT")
     office.want(job("b", 0.9))
     office.until(20)
     assert office.begun() == [(0.0, "(do a)"), (1.0, "(do b)"), (7.0, "(do a)")]
@@ -35,8 +31,7 @@ def test_a_higher_priority_interrupts_and_the_other_is_planned_anew_afterwards()
 
 
 def test_to_be_interrupted_is_no_failure():
-    office = Office(reschedule_policy="PREEMPT", exec_plan_tries=1)
-    office.want(job("a", 0.1))
+    office = office_for(job("a", 0.1), reschedule_policy="PREEMPT", exec_plan_tries=1)
     for second, name in enumerate("bcd"):
         office.until(second + 1)
         office.want(job(name, 0.5 + second / 10))
@@ -45,9 +40,7 @@ def test_to_be_interrupted_is_no_failure():
 
 
 def test_equals_interrupt_only_with_a_strictly_shorter_deadline():
-    office = Office(reschedule_policy="PREEMPT")
-    office.want(job("a", deadline=50))
-    office.until(1)
+    office = office_for(job("a", deadline=50), until=1, reschedule_policy="PREEMPT")
     office.want(job("b", deadline=50), job("c", deadline=60))
     assert office.pursued == "a"
     office.want(job("d", deadline=49))
@@ -87,14 +80,11 @@ def test_the_preempting_plan_starts_after_all_actions_have_stopped():
 
 
 def test_it_is_planned_for_again_as_things_are_when_the_other_has_stopped():
-    office = Office(reschedule_policy="PREEMPT")
-    office.want(job("a", 0.1, rollback_belief_add=(p("ready"),)))
-    office.until(1)
+    office = office_for(job("a", 0.1, rollback_belief_add=(p("ready"),)), until=1, reschedule_policy="PREEMPT")
     office.want(job("b", 0.9, value=(p("ready"), p("lit"))))
     office.until(1.5)
     assert office.begun()[-1] == (1.0, "(light)"), "to prepare is not needed any more"
-    office.until(3)
-    assert office.ends == [("b", "fulfilled", "")]
+    assert office.until(3) == [("b", "fulfilled", "")]
 
 
 def only_after_the_other(problem):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, i, n, p
-from tests.deliberation.office import Office, job
+from tests.deliberation.office import Office, job, office_for
 
 READY_OR_QUIET = dnf([("T", p("ready"))], [("T", p("quiet")), ("T", p("lit"))])
 
@@ -19,14 +19,12 @@ def refuse(*names: str):
 
 
 def test_nothing_is_desired_by_itself_without_autosub():
-    office = Office()
-    office.want(job("a", precondition=READY_OR_QUIET))
+    office = office_for(job("a", precondition=READY_OR_QUIET))
     assert office.wants == ["a"]
 
 
 def test_preparations_have_a_slightly_higher_priority():
-    office = Office(autosub_prec=True, slow=True)
-    office.want(job("a", 0.5, 33.0, precondition=READY_OR_QUIET))
+    office = office_for(job("a", 0.5, 33.0, precondition=READY_OR_QUIET), autosub_prec=True, slow=True)
     first, second, parent = (state.desire for state in office.deliberator.desires)
     assert (first.name, second.name) == ("a_fulfill_precondition0", "a_fulfill_precondition1")
     assert (first.parent, first.priority, first.deadline) == ("a", 0.5 + 0.01, 33.0)
@@ -35,8 +33,7 @@ def test_preparations_have_a_slightly_higher_priority():
 
 
 def test_an_unachievable_preparation_is_recorded_once():
-    office = Office(autosub_prec=True)
-    office.want(job("a", precondition=dnf([("F", p("done", "*"))])), job("b", 0.1))
+    office = office_for(job("a", precondition=dnf([("F", p("done", "*"))])), job("b", 0.1), autosub_prec=True)
     office.believe("done c")
     office.forget("done c")
     assert office.found("desire_refused") == [], "it holds"
@@ -50,8 +47,7 @@ def test_an_unachievable_preparation_is_recorded_once():
 
 
 def test_when_one_is_fulfilled_the_others_go_and_the_desire_has_its_turn():
-    office = Office(autosub_prec=True)
-    office.want(job("a", precondition=READY_OR_QUIET))
+    office = office_for(job("a", precondition=READY_OR_QUIET), autosub_prec=True)
     assert office.pursued == "a_fulfill_precondition0"
     office.until(20)
     ended = [(record.what, record.kind, record.detail["reason"]) for record in office.trace if "desire_" in record.kind]
@@ -69,16 +65,14 @@ def test_the_others_go_without_their_desire_though_its_context_does_not_hold_yet
     office.until(10)
     assert office.wants == ["a"]
     office.believe("told")
-    office.until(20)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(20) == [("a", "fulfilled", "")]
 
 
 def test_when_one_cannot_be_the_other_is_tried():
     office = Office(autosub_prec=True, comp_plan_tries=2)
     office.clerk.script = refuse("ready")
     office.want(job("a", precondition=READY_OR_QUIET))
-    office.until(30)
-    assert office.ends == [("a", "fulfilled", "")]
+    assert office.until(30) == [("a", "fulfilled", "")]
     assert [call for _, call in office.begun()] == ["(hush)", "(light)", "(do a)"]
 
 
@@ -106,8 +100,7 @@ def test_when_the_desire_ends_so_do_those_that_prepare_it_and_their_own():
 
 
 def test_desires_that_are_their_own_parents_end_like_others():
-    office = Office()
-    office.want(job("a", parent="b", precondition=dnf([("T", p("ready"))])))
+    office = office_for(job("a", parent="b", precondition=dnf([("T", p("ready"))])))
     office.want(job("b", parent="a", precondition=dnf([("T", p("ready"))])), job("c", parent="c"))
     office.run(lambda: office.deliberator.drop("a"))
     office.run(lambda: office.deliberator.drop("c"))
@@ -144,11 +137,9 @@ def test_preparations_with_numbers_are_desired_as_they_are():
 
 
 def test_a_precondition_that_is_lost_again_is_prepared_again():
-    office = Office(autosub_prec=True)
-    office.want(job("b", 0.9), job("a", precondition=dnf([("T", p("ready"))])))
+    office = office_for(job("b", 0.9), job("a", precondition=dnf([("T", p("ready"))])), autosub_prec=True)
     office.believe("ready")
     assert office.wants == ["b", "a"]
     office.forget("ready")
     assert "a_fulfill_precondition0" in office.wants
-    office.until(30)
-    assert office.ends == [("b", "fulfilled", ""), ("a", "fulfilled", "")]
+    assert office.until(30) == [("b", "fulfilled", ""), ("a", "fulfilled", "")]

@@ -445,7 +445,7 @@ def test_derived_predicates_cannot_be_believed(engine):
     assert facts.remove(p("tidy")) == ()
     assert facts.holds(Predicate("tidy"))
     assert facts.facts() == ()
-    assert failures(engine) == ["it follows from other facts, and is not believed by itself"] * 2
+    assert failures(engine) == ["it is a derived predicate and cannot be believed by itself"] * 2
 
 
 THINGS = st.sampled_from(["a", "b", "start"])

@@ -93,7 +93,7 @@ def test_numbers_that_steps_have_changed_as_they_began_are_taken_back():
 def test_a_damaged_file_is_an_error_that_names_it(path, content):
     path.parent.mkdir()
     path.write_text(content)
-    with pytest.raises(PlanningError, match="no kept mind") as error:
+    with pytest.raises(PlanningError, match="invalid mind file") as error:
         restore_mind(Office().deliberator, path)
     assert error.value.where == str(path)
     assert "delete the file" in str(error.value.remedy)
@@ -152,5 +152,5 @@ def test_the_file_is_the_old_one_until_it_is_the_new_one(path, monkeypatch):
 def test_a_file_that_holds_no_mind_is_refused(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
-    with pytest.raises(PlanningError, match="no kept mind"):
+    with pytest.raises(PlanningError, match="invalid mind file"):
         restore_mind(Office(beliefs="").deliberator, path)

@@ -8,7 +8,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.messages import Dnf, FactCondition, FactConjunction
 from socialbot.planning.pddl.domain import parse_plan
-from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage, desire, fact, facts
+from tests.deliberation.stage import BOTH, FETCH, Behaviour, Stage, desire, fact, facts, stage_with
 
 
 def when(text: str) -> Dnf:
@@ -20,9 +20,7 @@ def when(text: str) -> Dnf:
 
 
 def test_the_projection_contains_the_effects_of_running_steps():
-    stage = Stage()
-    stage.execute(BOTH, wanted="holding r1 b3; holding r2 b1")
-    stage.until(1)
+    stage = stage_with(BOTH, until=1, wanted="holding r1 b3; holding r2 b1")
     before = stage.facts.problem()
     problem = stage.plan_executor.projected()
     added = {str(predicate) for predicate in problem.facts - before.facts}
@@ -62,9 +60,7 @@ def test_a_new_plan_takes_over_the_steps_that_run():
 
 
 def test_a_better_plan_may_take_the_place_of_one_that_runs():
-    stage = Stage()
-    stage.execute(BOTH, wanted="holding r2 b1")
-    stage.until(2)
+    stage = stage_with(BOTH, until=2, wanted="holding r2 b1")
     stage.execute("0: (pick r2 b1 home) [3]", wanted="holding r2 b1")
     stage.until(30)
     statuses = [(info.plan, info.status) for info in stage.infos if info.target is not None]
@@ -88,9 +84,7 @@ def test_a_new_plan_starts_after_failed_actions_have_stopped():
 
 
 def test_a_step_that_settles_is_waited_for():
-    stage = Stage(watched={"holding"})
-    stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
-    stage.until(3.5)
+    stage = stage_with("0: (pick r1 b1 home) [3]", Stage(watched={"holding"}), until=3.5, wanted="holding r1 b1")
     stage.execute("0: (put r1 b1 home) [3]", wanted="in b1 home")
     stage.until(4.5)
     assert "(put r1 b1 home)" not in stage.begun()
@@ -115,8 +109,7 @@ def test_whatever_goes_wrong_within_aborts_the_plan_with_the_reason():
 
     stage.plan_executor._actions.check = burst  # type: ignore[method-assign] - a mistake of ours
     stage.execute("0: (move r1 home shop) [5]", wanted="at r1 shop", rollback_belief_add=tuple(facts("open home")))
-    stage.until(1)
-    assert stage.ends == [("aborted", "OverflowError: what nobody thought of")]
+    assert stage.until(1) == [("aborted", "OverflowError: what nobody thought of")]
     assert stage.plan_executor.idle
     assert stage.status() == {"(move r1 home shop)": "CANCELLED"}
     assert stage.holds("open home")
@@ -184,17 +177,14 @@ def test_no_plan_is_executed_while_another_one_is_stopped():
 
 
 def test_an_abort_callback_may_execute_another_plan():
-    stage = Stage()
-    stage.execute("0: (pick r1 b1 home) [3]", wanted="holding r1 b1")
-    stage.until(1)
+    stage = stage_with("0: (pick r1 b1 home) [3]", until=1, wanted="holding r1 b1")
     go_on = desire("holding r1 b3")
     stage.run(
         lambda: stage.plan_executor.abort(
             "first", lambda: stage.plan_executor.execute(parse_plan(FETCH), go_on, "desire-2")
         )
     )
-    stage.until(20)
-    assert stage.ends == [("succeeded", "")]
+    assert stage.until(20) == [("succeeded", "")]
     assert stage.holds("holding r1 b3")
 
 
@@ -229,8 +219,7 @@ def test_a_context_that_no_longer_holds_aborts_the_plan():
 
 
 def test_a_plan_without_its_context_begins_nothing():
-    stage = Stage()
-    stage.execute(FETCH, wanted="holding r1 b3", context=when("open home"))
+    stage = stage_with(FETCH, wanted="holding r1 b3", context=when("open home"))
     assert stage.ends == [("aborted", "the context of the desire no longer holds")]
     assert stage.timeline == []
 
@@ -239,8 +228,7 @@ def test_a_plan_is_aborted_when_its_desire_was_pursued_for_too_long():
     stage = Stage()
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=25)
     stage.execute(FETCH, wanted="holding r1 b3", deadline=8.0)
-    stage.until(40)
-    assert stage.ends == [("aborted", "not achieved in 16 s, 2 times the deadline")]
+    assert stage.until(40) == [("aborted", "not achieved in 16 s, 2 times the deadline")]
     assert stage.timeline[-1] == (16, "is asked to stop", "(move r1 home shop)")
 
 
@@ -250,8 +238,7 @@ def test_a_new_plan_does_not_give_a_desire_more_time():
     stage.run(
         lambda: stage.plan_executor.execute(parse_plan(FETCH), desire("holding r1 b3", deadline=8.0), "", began=0)
     )
-    stage.until(40)
-    assert stage.ends == [("aborted", "not achieved in 16 s, 2 times the deadline")]
+    assert stage.until(40) == [("aborted", "not achieved in 16 s, 2 times the deadline")]
     assert stage.timeline[-1][0] == 16
 
 
@@ -259,9 +246,7 @@ def test_a_new_plan_does_not_give_a_desire_more_time():
 
 
 def test_during_a_hold_no_step_starts_and_running_ones_continue():
-    stage = Stage()
-    stage.execute(FETCH, wanted="holding r1 b3")
-    stage.until(2)
+    stage = stage_with(FETCH, until=2, wanted="holding r1 b3")
     stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(20)
     assert stage.holds("at r1 shop")
@@ -273,8 +258,7 @@ def test_during_a_hold_no_step_starts_and_running_ones_continue():
 
 
 def test_the_patience_of_a_step_does_not_end_while_it_is_held():
-    stage = Stage()
-    stage.execute(FETCH, wanted="holding r1 b3")
+    stage = stage_with(FETCH, wanted="holding r1 b3")
     stage.forget("in b3 shop")
     stage.until(6)
     stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
@@ -282,13 +266,11 @@ def test_the_patience_of_a_step_does_not_end_while_it_is_held():
     stage.run(stage.plan_executor.release)
     stage.until(21)
     stage.believe("in b3 shop")
-    stage.until(40)
-    assert stage.ends == [("succeeded", "")]
+    assert stage.until(40) == [("succeeded", "")]
 
 
 def test_unsensed_effects_are_waited_for_during_a_hold():
-    stage = Stage(watched={"at"})
-    stage.execute(FETCH, wanted="holding r1 b3")
+    stage = stage_with(FETCH, Stage(watched={"at"}), wanted="holding r1 b3")
     stage.forget("at r1 home")
     stage.until(4)
     stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
@@ -296,17 +278,14 @@ def test_unsensed_effects_are_waited_for_during_a_hold():
     stage.run(stage.plan_executor.release)
     stage.until(16)
     stage.believe("at r1 shop")
-    stage.until(30)
-    assert stage.ends == [("succeeded", "")]
+    assert stage.until(30) == [("succeeded", "")]
 
 
 def test_it_is_not_seen_for_ever():
-    stage = Stage(watched={"at"})
-    stage.execute(FETCH, wanted="holding r1 b3")
+    stage = stage_with(FETCH, Stage(watched={"at"}), wanted="holding r1 b3")
     stage.forget("at r1 home")
     stage.run(lambda: stage.plan_executor.hold("the camera is silent"))
     stage.until(15)
     stage.run(stage.plan_executor.release)
-    stage.until(30)
-    assert stage.ends == [("failed", "(move r1 home shop): effect not seen: (at r1 shop)")]
+    assert stage.until(30) == [("failed", "(move r1 home shop): effect not seen: (at r1 shop)")]
     assert stage.trace.find("step_end")[0].time == 17 * SECOND

@@ -15,7 +15,7 @@ from socialbot.bdi import Record
 from socialbot.deliberation._plan_executor import PlanOutcome
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlPlan, PddlProblem, PlanStep
-from socialbot.planning.pddl.semantics import SetValue, changes, ground, holds
+from socialbot.planning.pddl.semantics import changes, ground, holds
 from socialbot.planning.pddl.state import PddlState
 from tests.deliberation.stage import WORKSHOP, Behaviour, Stage, desire, fact
 
@@ -137,13 +137,10 @@ class World(Stage):
                 self.engine.timers.after(delay, lambda: self.see(effects))
 
     def see(self, effects) -> None:
-        for change in changes(effects, self.facts):
-            if isinstance(change, SetValue):
-                if change.fluent.function in self.watched:
-                    self.facts.add(fact(f"{str(change.fluent)[1:-1]} = {change.value}"), source="percept")
-            elif change.predicate.name in self.watched:
-                seen = fact(str(change.predicate)[1:-1])
-                if str(change).startswith("(not"):
+        for key, new in changes(effects, self.facts).items():
+            if key.name in self.watched:
+                seen = fact(str(key)[1:-1] if isinstance(new, bool) else f"{str(key)[1:-1]} = {new}")
+                if new is False:
                     self.facts.remove(seen)
                 else:
                     self.facts.add(seen, source="percept")

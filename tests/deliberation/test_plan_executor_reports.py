@@ -12,7 +12,7 @@ from socialbot.deliberation._execution import PlanExecution, PlanTask
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PlanStep
 from socialbot.planning.pddl.semantics import ground
-from tests.deliberation.stage import BOTH, FETCH, WORKSHOP, Behaviour, Stage, desire
+from tests.deliberation.stage import BOTH, FETCH, WORKSHOP, Behaviour, Stage, desire, stage_with
 
 
 def test_the_state_of_the_plan_is_reported():
@@ -32,9 +32,7 @@ def test_the_state_of_the_plan_is_reported():
 
 
 def test_reports_come_five_times_a_second_during_a_plan_only():
-    stage = Stage()
-    stage.execute("0: (move r1 home shop) [5]", wanted="at r1 shop")
-    stage.until(4.9)
+    stage = stage_with("0: (move r1 home shop) [5]", until=4.9, wanted="at r1 shop")
     times = [info.stamp / SECOND for info in stage.infos]
     assert times == [pytest.approx(0.2 * number) for number in range(25)]
     stage.until(5)
@@ -45,8 +43,7 @@ def test_reports_come_five_times_a_second_during_a_plan_only():
 
 
 def test_a_step_reports_its_predecessors():
-    stage = Stage()
-    stage.execute(FETCH, wanted="holding r1 b3")
+    stage = stage_with(FETCH, wanted="holding r1 b3")
     stage.forget("in b3 shop")
     stage.until(6)
     assert stage.plan_executor.info.actions_exec_info[1].message == "waits for (in b3 shop)"
@@ -66,9 +63,7 @@ def test_callbacks_that_raise_stop_nothing():
 
 
 def test_every_decision_can_be_followed_back_to_the_desire():
-    stage = Stage()
-    stage.execute(FETCH, wanted="holding r1 b3")
-    stage.until(20)
+    stage = stage_with(FETCH, until=20, wanted="holding r1 b3")
     action = stage.trace.find("action")[-1]
     assert [record.kind for record in stage.trace.explain(action.id)] == [
         "action",

@@ -218,7 +218,7 @@ def test_a_desire_that_holds_already_is_fulfilled_at_once(desk):
 def test_another_desire_of_the_same_name_is_refused(desk):
     desk.ask("add", job("a"))
     reply = desk.ask("add", job("a", value=(p("lit"),)))
-    assert (reply.accepted, reply.reason) == (False, "there is another desire called a")
+    assert (reply.accepted, reply.reason) == (False, "another desire has the name a")
 
 
 def test_an_unsent_answer_does_not_stop_the_agent():
@@ -275,7 +275,7 @@ def test_others_are_refused_with_the_reason(group, operation, desire, reason):
 
 
 def test_an_agent_without_policies_refuses_all_groups():
-    assert Policies().may(request("grippers", "add", desire=True)).reason.endswith("nobody may")
+    assert Policies().may(request("grippers", "add", desire=True)).reason.endswith("no group may")
 
 
 @pytest.mark.parametrize(("group", "most"), [("grippers", 0.6), ("bosses", 1.0), ("guests", 0.0)])

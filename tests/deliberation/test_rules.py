@@ -152,13 +152,13 @@ def test_variables_stand_everywhere_in_a_desire(facts, book):
     book.add(rule(dnf([("T", p("carrier_in_base", "{c}", "{b}"))]), RuleEffect(operation="ADD", desire=desire)))
     facts.add(p("carrier_in_base", "carrier_a", "base_b"))
     (reaction,) = book.react()
-    made = reaction.desire
+    made = reaction.effect.desire
     assert (made.name, made.parent, made.priority) == ("do_base_b_carrier_a", "visit_carrier_a", 0.8)
     assert made.value == (p("carrier_in_base", "carrier_a", "base_b"),)
     assert made.conditions[0].condition_to_check == p("in", "box_a", "base_b")
     assert made.precondition == dnf([("T", p("clear", "base_b"))])
     assert made.rollback_belief_add == (p("clear", "base_b"),)
-    assert (str(reaction), reaction.set, reaction.rule) == ("ADD desire do_base_b_carrier_a", "desire", "rule")
+    assert (str(reaction), reaction.effect.set, reaction.rule) == ("ADD desire do_base_b_carrier_a", "desire", "rule")
     assert reaction.match.binding == {"b": "base_b", "c": "carrier_a"}
 
 
@@ -204,7 +204,7 @@ def test_instances_are_asked_for_and_deleted_by_a_variable(facts, book):
     facts.add(p("in", "box_a", "base_a"))
     facts.add(p("in", "base_b", "base_a"))
     (reaction,) = book.react()
-    assert facts.remove(reaction.fact) == (i("box_a", "box"),)
+    assert facts.remove(reaction.effect.fact) == (i("box_a", "box"),)
     assert facts.facts()[-1] == p("in", "base_b", "base_a")
 
 
@@ -242,7 +242,7 @@ def test_an_effect_that_does_not_fit_is_on_the_trace_and_the_others_go_on(facts,
         (dnf([("T", n("load"))]), add(p("loaded")), "T checks a predicate, not a function"),
         (dnf([("T", p("loaded"))]), add(p("lowded")), "did you mean 'loaded'?"),
         (dnf([("T", p("clear", "{x}"))], []), RuleEffect(operation="DEL", desire=Desire(name="do_{x}")),
-         "nothing says what {x} stands for in DEL desire do_{x} (conjunction 2"),
+         "the variable {x} is not bound in DEL desire do_{x} (conjunction 2"),
         (Dnf(), RuleEffect(operation="ADD", desire=Desire(name="do", value=(p("clear", "carrier_a"),))), "not a thing"),
         (Dnf(), RuleEffect(operation="ADD", desire=Desire(name="do")), "the desire do wants nothing"),
         (Dnf(), RuleEffect(operation="ADD", desire=Desire(name="do", value=(p("in", "*", "{x}"),))), "names, not '*'"),

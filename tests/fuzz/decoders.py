@@ -199,11 +199,11 @@ def _keys() -> Keys:
 
 
 def _stream() -> Stream:
-    return Stream(_keys(), "ROS domain 42", "/speech/say", wall=lambda: STAMP)
+    return Stream(_keys(), "ROS domain 42", "/speech/say", now=lambda: STAMP)
 
 
 def _opener() -> Opener:
-    freshness = Freshness(2.0, joins_late=True, wall=lambda: STAMP, steady=int)
+    freshness = Freshness(2.0, joins_late=True, now=lambda: STAMP, steady=int)
     return Opener(_keys(), "ROS domain 42", "/speech/say", freshness)
 
 
@@ -346,8 +346,8 @@ def _recalled(path: Path) -> None:
 
 
 def _remembered(path: Path) -> None:
-    placement = NodeConfig("coordinator", HospitalCoordinator, {"memory_file": str(path)})
-    InlineRunner(Graph("fuzz", (placement,), inputs=frozenset(topic for topic, _ in placement.subscriptions)))
+    config = NodeConfig("coordinator", HospitalCoordinator, {"memory_file": str(path)})
+    InlineRunner(Graph("fuzz", (config,), inputs=frozenset(topic for topic, _ in config.subscriptions)))
 
 
 # Bags
@@ -474,14 +474,14 @@ def _lines(messages: Iterable[Message]) -> bytes:
     return b"\n".join(map(msgspec.json.encode, messages))
 
 
-def _fed(placements: tuple[NodeConfig, ...]) -> Callable[[bytes], object]:
+def _fed(configs: tuple[NodeConfig, ...]) -> Callable[[bytes], object]:
     """Feeds a message a line, each to the topics of its type; time goes on whatever the stamps say."""
     topics: Mapping[type[Message], str] = {
-        port.message_type: topic for placement in placements for topic, port in placement.subscriptions
+        port.message_type: topic for config in configs for topic, port in config.subscriptions
     }
 
     def decode(data: bytes) -> None:
-        runner = _Strict(Graph("fuzz", placements, inputs=frozenset(topics.values())), start=STAMP)
+        runner = _Strict(Graph("fuzz", configs, inputs=frozenset(topics.values())), start=STAMP)
         runner.start()
         for number, line in enumerate(data.split(b"\n")[:100]):
             with suppress(SocialbotError):

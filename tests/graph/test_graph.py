@@ -56,8 +56,8 @@ class Nodder(Node):
     heard = Input(HeadCommand, "/command")
 
 
-def graph(*placements: NodeConfig, **more) -> Graph:
-    return Graph("test", placements, **more)
+def graph(*configs: NodeConfig, **more) -> Graph:
+    return Graph("test", configs, **more)
 
 
 def echo(**parameters) -> Echo:
@@ -185,7 +185,7 @@ def test_a_node_logs_under_its_name():
 
 
 @pytest.mark.parametrize(
-    ("placements", "more", "words"),
+    ("configs", "more", "words"),
     [
         ([NodeConfig("a", Source), NodeConfig("a", Source)], {}, ["two nodes are called 'a'"]),
         ([NodeConfig("a", Source, {}, {"sayd": "/x"})], {}, ["no input or output 'sayd'", "did you mean 'said'?"]),
@@ -203,9 +203,9 @@ def test_a_node_logs_under_its_name():
         ([NodeConfig("b", Echo)], {"inputs": frozenset({"/said"}), "paced_by": "/said"}, ["which no node publishes"]),
     ],
 )  # fmt: skip
-def test_a_graph_that_does_not_fit_together_is_refused(placements, more, words):
+def test_a_graph_that_does_not_fit_together_is_refused(configs, more, words):
     with pytest.raises((GraphError, ParameterError)) as caught:
-        graph(*placements, **more)
+        graph(*configs, **more)
     assert all(word in str(caught.value) for word in words), str(caught.value)
     assert (caught.value.where or "").startswith("test")
     assert caught.value.remedy
@@ -218,15 +218,15 @@ def test_a_graph_knows_its_topics_and_their_types():
 
 def test_a_node_is_found_by_name():
     whole = graph(NodeConfig("source", Source))
-    assert whole.placement("source").type is Source
+    assert whole.node("source").type is Source
     with pytest.raises(GraphError, match="did you mean 'source'"):
-        whole.placement("sauce")
+        whole.node("sauce")
 
 
 def test_without_sources_the_world_takes_their_place():
     whole = graph(NodeConfig("a", Source), NodeConfig("b", Echo), inputs=frozenset({"/more"}), paced_by="/echo")
     rest = whole.without_sources()
-    assert [placement.name for placement in rest.placements] == ["b"]
+    assert [config.name for config in rest.nodes] == ["b"]
     assert rest.inputs == {"/more", "/said"}
     assert rest.paced_by == "/echo"
     assert rest.without_sources() == rest
@@ -242,16 +242,16 @@ def test_without_sources_what_stands_for_the_world_goes_too():
         NodeConfig("b", Echo, {}, {"heard": "/echo", "say": "/again"}),
     )
     rest = whole.without_sources()
-    assert [placement.name for placement in rest.placements] == ["b"]
+    assert [config.name for config in rest.nodes] == ["b"]
     assert rest.inputs == {"/said", "/echo", "/status"}
 
 
 def test_with_parameters_changes_those_given_and_no_others():
     whole = graph(NodeConfig("a", Source), NodeConfig("b", Echo, {"times": 2, "volume": 0.1}))
     changed = whole.with_parameters({"b": {"volume": 0.2}})
-    assert dict(changed.placement("b").parameters) == {"times": 2, "volume": 0.2}
-    assert dict(whole.placement("b").parameters) == {"times": 2, "volume": 0.1}
-    assert changed.placement("a") == whole.placement("a")
+    assert dict(changed.node("b").parameters) == {"times": 2, "volume": 0.2}
+    assert dict(whole.node("b").parameters) == {"times": 2, "volume": 0.1}
+    assert changed.node("a") == whole.node("a")
 
 
 @pytest.mark.parametrize(

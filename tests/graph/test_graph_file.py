@@ -50,7 +50,7 @@ def test_a_node_of_ones_own_may_stand_beside_the_file(tmp_path, monkeypatch):
     (tmp_path / "own_node_beside.py").write_text("from tests.graph.test_graph import Source\nclass Own(Source): ...\n")
     path = tmp_path / "g.yaml"
     path.write_text("name: own\nnodes:\n  own: {type: own_node_beside:Own}\n")
-    assert load_graph(str(path)).placement("own").type.__name__ == "Own"
+    assert load_graph(str(path)).node("own").type.__name__ == "Own"
 
 
 def test_a_node_of_ones_own_may_stand_in_the_working_directory(tmp_path, monkeypatch):
@@ -108,7 +108,7 @@ def test_each_parameter_says_what_it_means_and_accepts_its_own_default(name):
 
 def test_waldo_listens_to_the_camera_and_has_its_seven_nodes():
     waldo = load_graph("waldo")
-    assert len(waldo.placements) == 7
+    assert len(waldo.nodes) == 7
     assert waldo.paced_by == "/humans/bodies/detections"
     assert {"/waldo/actions", "/speech/say", "/head/command"} <= waldo.topics().keys()
     assert {"/camera/image_raw", "/camera/camera_info"} <= waldo.without_sources().inputs
@@ -181,7 +181,7 @@ def test_a_page_that_is_no_graph_is_refused(text, words):
 )  # fmt: skip
 def test_a_value_may_be_written_in_any_way_that_yaml_knows(name, written, value):
     text = GOOD.replace("volume: 0.4", f"{name}: {written}").replace("      times: 3\n", "")
-    found = parse_graph(text, where="g.yaml").placement("echo").parameters
+    found = parse_graph(text, where="g.yaml").node("echo").parameters
     assert dict(found) == {name: value}
     assert type(found[name]) is type(value)
 

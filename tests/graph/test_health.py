@@ -6,7 +6,7 @@ import pytest
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Health, Message, Utterance
-from socialbot.graph.health import BEAT_S, FIRST_S, HEALTH_TOPIC, LINK, SILENT_S, Healths, ended
+from socialbot.graph.health import BEAT_S, FIRST_S, HEALTH_TOPIC, LINK, SILENT_S, HealthReports, ended
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output, Parameter
 
@@ -102,7 +102,7 @@ def test_an_input_that_never_had_a_message_is_silent_since_ever():
     stage = Stage()
     stage.until(5.0)
     assert stage.gaps == [(FIRST_S, "seen silent since ever")]
-    assert stage.states[-1] == (FIRST_S, "waiting", "nothing on /seen yet")
+    assert stage.states[-1] == (FIRST_S, "waiting", "no message on /seen yet")
 
 
 def test_a_slow_stream_is_not_silent_between_its_messages_and_its_end_is_noticed_in_proportion():
@@ -158,7 +158,7 @@ def test_a_node_says_how_it_is_at_each_change_and_again_and_again():
     stage = Stage()
     stage.stream(0.0, 3.0)
     stage.until(10.0)
-    assert stage.states == [(0.0, "ok", ""), (3.25, "degraded", "nothing on /seen since 00:00:02.9")]
+    assert stage.states == [(0.0, "ok", ""), (3.25, "degraded", "no message on /seen since 00:00:02.9")]
     stamps = [one.stamp for one in stage.said]
     assert max(after - before for before, after in itertools.pairwise(stamps)) <= nanoseconds(BEAT_S)
     assert {one.outputs for one in stage.said} == {("/out",)}
@@ -167,10 +167,13 @@ def test_a_node_says_how_it_is_at_each_change_and_again_and_again():
 def test_what_a_node_says_of_itself_goes_with_its_silent_inputs_and_the_worse_holds():
     stage = Stage()
     stage.stream(0.0, 3.0)
-    stage.node.say_health("failed", "no glasses")
+    stage.node.report_health("failed", "no glasses")
     stage.until(5.0)
-    assert (stage.said[-1].state, stage.said[-1].reason) == ("failed", "no glasses; nothing on /seen since 00:00:02.9")
-    stage.node.say_health("ok")
+    assert (stage.said[-1].state, stage.said[-1].reason) == (
+        "failed",
+        "no glasses; no message on /seen since 00:00:02.9",
+    )
+    stage.node.report_health("ok")
     stage.until(5.0)
     assert stage.said[-1].state == "degraded"
 
@@ -212,7 +215,7 @@ class Chain:
     """The healths of camera, converter and detector; what each has heard of the one before."""
 
     def __init__(self) -> None:
-        self.healths = Healths()
+        self.healths = HealthReports()
         self.say(0.0, camera=(), converter=(), detector=())
 
     def say(self, at: float, **silent: tuple[str, ...]) -> None:
@@ -253,11 +256,11 @@ def test_nodes_that_vanish_together_were_beyond_a_link():
 
 
 def test_of_a_topic_that_nobody_publishes_the_topic_is_to_blame():
-    assert Healths().blame("/seen", 0, source="me")[:2] == ("/seen", "me")
+    assert HealthReports().blame("/seen", 0, source="me")[:2] == ("/seen", "me")
 
 
 def test_a_recording_is_over_until_pictures_come_again_for_a_while():
-    healths = Healths()
+    healths = HealthReports()
     healths.note(ended("bag", ("/seen",), 0), 0)
     healths.goes_on(SECOND)
     assert healths.over

@@ -74,8 +74,8 @@ class Moody(Relay):
 class Stage:
     """A graph in the inline runner, with all that went over /in and /out and the seconds at which."""
 
-    def __init__(self, *placements: NodeConfig, start: float = 0.0) -> None:
-        graph = Graph("test", placements, inputs=frozenset({"/in"}))
+    def __init__(self, *configs: NodeConfig, start: float = 0.0) -> None:
+        graph = Graph("test", configs, inputs=frozenset({"/in"}))
         self.runner = InlineRunner(graph, start=nanoseconds(start))
         self.seen: list[tuple[float, str, str]] = []
         for topic in ("/in", "/out"):
@@ -406,8 +406,8 @@ class Hall(Clockwork):
     is_simulator = True
 
 
-def ticks(*placements: NodeConfig) -> list[str]:
-    runner = InlineRunner(Graph("clocks", placements))
+def ticks(*configs: NodeConfig) -> list[str]:
+    runner = InlineRunner(Graph("clocks", configs))
     heard: list[str] = []
     runner.tap("/ticks", lambda _, message: heard.append(text_of(message)))
     runner.start()

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from socialbot.cli.status import Screen, as_text, in_short, in_the_middle, page
 from socialbot.core.messages import Health, State
-from socialbot.graph.status import RollCall, Spread, all_well, printable
+from socialbot.graph.status import NodeStatuses, Spread, all_well, printable
 
 TOLD = {
     "machine": "robot", "state": "active", "restarts": "0", "last_error": "", "calls": "30", "failures": "0",
@@ -26,7 +26,7 @@ def health(node, state: State = "ok", reason="", silent=()):
 
 @pytest.fixture
 def roll():
-    roll = RollCall({"camera": "robot", "detector": "workstation"})
+    roll = NodeStatuses({"camera": "robot", "detector": "workstation"})
     roll.note("camera", TOLD, 10.0)
     roll.note_health(health("camera"), 10.0)
     roll.note("detector", TOLD | {"machine": "workstation", "pid": "78"}, 10.0)
@@ -53,16 +53,16 @@ def test_what_a_node_tells_is_its_status(roll):
 
 
 def test_who_says_nothing_is_not_heard():
-    roll = RollCall({"camera": "robot"})
+    roll = NodeStatuses({"camera": "robot"})
     assert not roll.complete
-    assert conditions(roll, 5.0) == ["not heard"]
+    assert conditions(roll, 5.0) == ["no messages"]
     assert roll.statuses(5.0)[0].machine == "robot"
 
 
 def test_who_has_fallen_silent_is_not_heard_for_that_long(roll):
     roll.note("camera", TOLD, 20.0)
     roll.note_health(health("camera"), 20.0)
-    assert conditions(roll, 22.0) == ["active", "not heard for 12 s"]
+    assert conditions(roll, 22.0) == ["active", "no messages for 12 s"]
     assert not all_well(roll.statuses(22.0))
 
 
@@ -76,11 +76,11 @@ def test_who_is_active_but_gives_no_sign_of_life_hangs(roll):
         roll.note("camera", TOLD, float(second))
         roll.note_health(health("camera"), float(second))
         roll.note("detector", TOLD, float(second))
-    assert conditions(roll, 15.5) == ["active", "no sign of life"]
+    assert conditions(roll, 15.5) == ["active", "no heartbeat"]
 
 
 def test_where_no_health_can_be_heard_no_sign_of_life_is_expected():
-    roll = RollCall({"camera": "robot"})
+    roll = NodeStatuses({"camera": "robot"})
     for second in range(6):
         roll.note("camera", TOLD, float(second))
     assert conditions(roll, 5.5) == ["active"]
@@ -99,9 +99,9 @@ def test_states_other_than_active_are_not_well(roll, state):
     [("ok", "active"), ("ended", "active"), ("failed", "failed"), ("degraded", "input silent"), ("paused", "paused")],
 )
 def test_what_a_node_says_of_its_health_counts(roll, state, condition):
-    roll.note_health(health("detector", state, "nothing on /image", ("/image",)), 11.0)
+    roll.note_health(health("detector", state, "no message on /image", ("/image",)), 11.0)
     detector = roll.statuses(11.0)[1]
-    assert (detector.condition, detector.reason, detector.silent) == (condition, "nothing on /image", ("/image",))
+    assert (detector.condition, detector.reason, detector.silent) == (condition, "no message on /image", ("/image",))
 
 
 def test_who_is_paused_is_shown_as_that_and_is_well(roll):
@@ -112,12 +112,12 @@ def test_who_is_paused_is_shown_as_that_and_is_well(roll):
     assert "paused" in text.splitlines()[2].split()
     assert "detector: paused by a person" in text
     assert "all 2 nodes are well" in text
-    roll.note_health(health("detector", "degraded", "paused by a person; nothing on /image", ("/image",)), 10.6)
+    roll.note_health(health("detector", "degraded", "paused by a person; no message on /image", ("/image",)), 10.6)
     assert not all_well(roll.statuses(10.6))
 
 
 def test_it_is_complete_when_everybody_was_heard_with_health():
-    roll = RollCall({"camera": "robot"})
+    roll = NodeStatuses({"camera": "robot"})
     roll.note("camera", TOLD, 1.0)
     assert not roll.complete
     roll.note_health(health("camera"), 1.1)
@@ -125,23 +125,23 @@ def test_it_is_complete_when_everybody_was_heard_with_health():
 
 
 def test_without_expectations_all_nodes_are_shown_by_machine_but_no_drivers():
-    roll = RollCall()
+    roll = NodeStatuses()
     roll.note("speech", TOLD | {"machine": "b"}, 1.0)
     roll.note("head", TOLD | {"machine": "b"}, 1.0)
     roll.note("mind", TOLD | {"machine": "a"}, 1.0)
     roll.note("battery", {"voltage": "11.9"}, 1.0)
     roll.note_health(health("player"), 1.0)
     assert [one.name for one in roll.statuses(1.0)] == ["mind", "head", "speech"]
-    assert not all_well(RollCall().statuses(1.0))
+    assert not all_well(NodeStatuses().statuses(1.0))
 
 
 def test_two_nodes_of_one_name_are_told(roll):
     for tenth in range(101, 106):
         roll.note("camera", TOLD | {"pid": "99" if tenth % 2 else "77"}, tenth / 10)
     camera = roll.statuses(10.6)[0]
-    assert camera.condition == "runs twice"
+    assert camera.condition == "duplicate name"
     assert not camera.is_well
-    assert "camera: another node of this name is process 77 on robot" in shown(roll.statuses(10.6))
+    assert "camera: another node has this name: process 77 on robot" in shown(roll.statuses(10.6))
     for second in range(11, 15):
         roll.note("camera", TOLD, float(second))
         roll.note_health(health("camera"), float(second))
@@ -179,15 +179,15 @@ def test_the_table_shows_each_node_and_what_is_wrong_below(roll):
     headings = "node machine state in Hz out Hz call ms age ms CPU % MB restarts refused"
     assert " ".join(lines[0].split()) == headings
     assert " ".join(lines[1].split()) == "camera robot failed 10 30 1.5/3.2 20/45 12 102 2 3"
-    assert " ".join(lines[2].split()) == "detector workstation not heard for 10 s"
-    assert "camera: its process hung; started again 2 times" in lines
+    assert " ".join(lines[2].split()) == "detector workstation no messages for 10 s"
+    assert "camera: its process hung; restarted 2 times" in lines
     assert "camera: no device" in lines
     assert "camera: refused 3 forged" in lines
     assert lines[-1] == "0 of 2 nodes are well"
 
 
 def test_nodes_of_one_process_show_its_costs_once():
-    roll = RollCall()
+    roll = NodeStatuses()
     for name in ("ear", "mouth"):
         roll.note(name, TOLD, 1.0)
         roll.note_health(health(name), 1.0)
@@ -200,14 +200,14 @@ def test_nodes_of_one_process_show_its_costs_once():
 
 
 def test_a_domain_without_nodes_is_said():
-    assert "no node is heard in ROS domain" in shown([])
+    assert "no node found in ROS domain" in shown([])
 
 
 def test_scripts_get_the_same_as_json(roll):
     report = json.loads(as_text(roll.statuses(20.0)))
     assert (report["schema"], report["version"], report["well"]) == ("socialbot/status", 1, False)
     camera = report["nodes"][0]
-    assert (camera["condition"], camera["well"], camera["call"]) == ("not heard for 10 s", False, None)
+    assert (camera["condition"], camera["well"], camera["call"]) == ("no messages for 10 s", False, None)
     report = json.loads(as_text(roll.statuses(10.5)))
     assert report["well"]
     assert report["nodes"][0]["call"] == {"mean_ms": 1.5, "p99_ms": 3.25}
@@ -229,12 +229,12 @@ def test_the_screen_says_for_how_long_nodes_are_as_they_are(roll):
     assert lines[0].startswith("1 of 2 nodes are well ")
     assert lines[2].split()[:4] == ["node", "machine", "state", "for"]
     assert lines[3].split()[:5] == ["camera", "robot", "active", "3", "min"]
-    assert lines[4].split() == ["detector", "workstation", "not", "heard", "3", "min"]
+    assert lines[4].split() == ["detector", "workstation", "no", "messages", "3", "min"]
     roll.note("detector", TOLD | {"machine": "workstation"}, 201.0)
-    roll.note_health(health("detector", "degraded", "nothing on /image"), 201.0)
+    roll.note_health(health("detector", "degraded", "no message on /image"), 201.0)
     lines = screen_lines(screen, 201.0, roll.statuses(201.0))
     assert lines[4].split()[1:6] == ["workstation", "input", "silent", "0", "s"]
-    assert lines[-1] == "detector: nothing on /image"
+    assert lines[-1] == "detector: no message on /image"
 
 
 def test_the_columns_of_the_screen_stay_where_they_are(roll):
@@ -252,13 +252,13 @@ def test_the_columns_of_the_screen_stay_where_they_are(roll):
 
 def test_the_screen_has_a_line_for_each_node_however_long_its_name():
     names = {"camera_image_raw_to_workstation": "workstation", "camera_image_raw_at_workstation": "workstation"}
-    roll = RollCall(names)
+    roll = NodeStatuses(names)
     for name in names:
         roll.note(name, TOLD | {"call_mean_ms": "2094", "call_p99_ms": "6920", "machine": "workstation"}, 10.0)
         roll.note_health(health(name), 10.0)
     lines = screen_lines(Screen(0.0), 13.0, roll.statuses(13.0))
-    assert [line.split()[:5] for line in lines[3:5]] == [
-        ["camera_ima…orkstation", "workstation", "no", "sign", "of"],
+    assert [line.split()[:4] for line in lines[3:5]] == [
+        ["camera_ima…orkstation", "workstation", "no", "heartbeat"],
     ] * 2
     assert max(map(len, lines)) <= 100
     assert "2094/6920" in lines[3]
@@ -267,7 +267,7 @@ def test_the_screen_has_a_line_for_each_node_however_long_its_name():
 def test_the_screen_waits_before_it_misses_anybody():
     screen = Screen(12.0)
     assert screen_lines(screen, 11.0, []) == ["listening ..."]
-    assert screen_lines(screen, 12.5, [])[0].startswith("no node is heard in ROS domain")
+    assert screen_lines(screen, 12.5, [])[0].startswith("no node found in ROS domain")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def number(expression: Any, world: World, env: dict[str, str], duration: float) 
         case "Duration":
             return duration
         case "Fluent":
-            return world[1][(expression.function, *(named(term, env) for term in expression.terms))]
+            return world[1][(expression.name, *(named(term, env) for term in expression.terms))]
         case _:
             values = [number(part, world, env, duration) for part in expression.parts]
             return {"+": sum, "-": lambda v: v[0] - v[1], "*": lambda v: v[0] * v[1]}[expression.operator](values)
@@ -88,7 +88,7 @@ def apply(effects: list[Any], world: World, env: dict[str, str], domain: PddlDom
             if type(effect).__name__ != kind:
                 continue
             if kind == "NumericEffect":
-                key = (effect.fluent.function, *(named(term, inner) for term in effect.fluent.terms))
+                key = (effect.fluent.name, *(named(term, inner) for term in effect.fluent.terms))
                 amount = number(effect.amount, world, inner, duration)
                 old = values[key]
                 values[key] = {"assign": amount, "increase": old + amount, "decrease": old - amount}[effect.operator]
@@ -102,7 +102,7 @@ def is_valid(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, running: 
     """Whether ``plan`` is valid; no two things in it may happen at the same moment."""
     world: World = (
         {(fact.name, *fact.terms) for fact in problem.facts},
-        {(fluent.function, *fluent.terms): value for fluent, value in problem.values.items()},
+        {(fluent.name, *fluent.terms): value for fluent, value in problem.values.items()},
         [*domain.constants, *problem.objects],
     )
     events = []

@@ -85,7 +85,7 @@ def test_a_plan_that_does_not_do_it_is_invalid(tmp_path):
 def test_that_it_calls_a_problem_unsolvable_proves_nothing(tmp_path):
     answer = popf(tmp_path, "echo ';; Problem unsolvable!'").solve(domain(), problem(), LONG)
     assert answer.verdict is PlannerVerdict.GAVE_UP
-    assert answer.message == "popf says that there is no plan, which is no proof"
+    assert answer.message == "popf reports that there is no plan, which is no proof"
 
 
 @pytest.mark.parametrize(

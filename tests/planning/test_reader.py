@@ -179,7 +179,7 @@ def test_times_of_conditions_and_effects():
         ("start", "(at ?y)"),
         ("start", "(forall (?z - lid) (and (p ?z)))"),
         ("end", "(forall (?z - lid) (and (not (p ?z))))"),
-        ("end", "(when (and (p ?x)) (and (increase (n) ?duration)))"),
+        ("end", "(when (p ?x) (and (increase (n) ?duration)))"),
     ]
 
 
@@ -216,11 +216,11 @@ def test_a_problem_has_its_initial_state():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "domain: there is nothing in it"),
-        ("; only a comment", "domain: there is nothing in it"),
+        ("", "domain: the file is empty"),
+        ("; only a comment", "domain: the file is empty"),
         ("hello", "domain:1: expected a parenthesis, found 'hello'"),
         ("\n(define (domain d)", "domain:2: this parenthesis is never closed"),
-        ("(define (domain d)\n(:types a)))", "domain:2: there is more after the end: ')'"),
+        ("(define (domain d)\n(:types a)))", "domain:2: unexpected text after the end: ')'"),
         ("(" * 200, "domain:1: more than 100 parentheses"),
         ("(domain d)", "domain:1: expected (define (domain ...) ...), found (domain ...)"),
         ("(define)", "domain:1: expected (define (domain ...) ...)"),
@@ -243,7 +243,7 @@ def test_a_problem_has_its_initial_state():
         ("(define (domain d) (:process p))", "not supported by socialbot: continuous change (:process)"),
         ("(define (domain d) (:action a) (:action a))", "the action a is there twice"),
         ("(define (domain d) (:action a :effects ()))", "remedy: did you mean ':effect'?"),
-        ("(define (domain d) (:action a :effect))", "nothing stands after :effect in the action a"),
+        ("(define (domain d) (:action a :effect))", "no value after :effect in the action a"),
         ("(define (domain d) (:action a :effect () :effect ()))", ":effect is there twice in the action a"),
         ("(define (domain d) (:action a effect))", "expected one of :parameters, :precondition, :effect in the action"),
         ("(define (domain d) (:action))", "the name of the action is missing"),
@@ -343,7 +343,7 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
         ("(:init (= (n) 1e999))", "problem:2: 1e999 is too large a number"),
         ("(:init (= c1 c1))", "problem:2: expected a number, found c1"),
         ("(:init (at 5 (p c1)))", "problem:2: not supported by socialbot: timed initial literals: (at 5 (p c1))"),
-        ("(:init (p c1) (not (p c1)))", "problem:2: (p c1) is said to be true and not to be true"),
+        ("(:init (p c1) (not (p c1)))", "problem:2: (p c1) is both true and false"),
         ("(:goal (p c1) (p c1))", "problem:2: :goal takes one condition, not 2"),
         ("(:goal (p b))", "problem:2: unknown object 'b'"),
         ("(:goal (sometime (p c1)))", "problem:2: not supported by socialbot: preferences and constraints (sometime)"),
@@ -362,7 +362,7 @@ def test_mistakes_in_problems(rest, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("(define (problem p))", "problem:1: the problem does not say for which domain it is"),
+        ("(define (problem p))", "problem:1: the section :domain is missing"),
         ("(define (problem p) (:domain other))", "problem:1: the problem is for the domain other, not small"),
         ("(define (domain small))", "problem:1: this is no problem but a domain: (define (domain small) ...)"),
     ],

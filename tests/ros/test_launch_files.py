@@ -35,41 +35,41 @@ def names(nodes: list[Node]) -> set[str]:
 
 
 @pytest.mark.parametrize("name", graph_names())
-def test_a_graph_is_launched_with_the_nodes_and_parameters_that_it_comes_up_with(name, launch):
+def test_launches_all_nodes_with_their_parameters(name, launch):
     nodes = launch("graph", graph=name)
     graph, launched_graph = load_graph(name), graph_of(nodes)
-    assert names(nodes) == {placement.name for placement in graph.placements}
-    for placement in graph.placements:
-        there = launched_graph.placement(placement.name)
-        assert there.type is placement.type
-        assert there.subscriptions == placement.subscriptions
-        assert {k: v for k, v in there.parameters.items() if "_file" not in k or k in placement.parameters} == dict(
-            placement.parameters
+    assert names(nodes) == {config.name for config in graph.nodes}
+    for config in graph.nodes:
+        there = launched_graph.node(config.name)
+        assert there.type is config.type
+        assert there.subscriptions == config.subscriptions
+        assert {k: v for k, v in there.parameters.items() if "_file" not in k or k in config.parameters} == dict(
+            config.parameters
         )
 
 
-def test_a_node_is_a_process_that_knows_its_name_and_whose_child_it_is(launch):
+def test_a_node_process_has_its_name_and_parent(launch):
     (head,) = [node for node in launch("waldo") if node.name == "head"]
     assert (head.package, head.executable, head.respawn) == ("socialbot", "node", True)
     assert head.command[2:] == ["head", "--parent", str(os.getpid()), "--ros-args", "-r", "__node:=head"]
 
 
-def test_waldo_sees_by_the_camera_and_the_detector_that_are_named(launch):
+def test_sets_the_camera_and_the_detector(launch):
     nodes = launch("waldo", camera="my film.mp4", detector="hog", set="speech.volume=0.5")
     graph = graph_of(nodes)
-    assert graph.placement("camera").parameters["source"] == "my film.mp4"
-    assert graph.placement("person_detector").parameters["detector"] == "hog"
-    assert graph.placement("speech").parameters["volume"] == 0.5
+    assert graph.node("camera").parameters["source"] == "my film.mp4"
+    assert graph.node("person_detector").parameters["detector"] == "hog"
+    assert graph.node("speech").parameters["volume"] == 0.5
 
 
-def test_what_holds_for_all_nodes_reaches_them_through_the_launch_file_of_waldo(launch):
+def test_passes_common_options_to_all_nodes(launch):
     nodes = launch("waldo", params_file="mine.yaml", respawn="false", sim_time="true")
     assert all(node.command[-2:] == ["--params-file", "mine.yaml"] for node in nodes)
     assert not any(node.respawn for node in nodes)
     assert all("--sim-time" in node.arguments for node in nodes)
 
 
-def test_what_says_all_again_for_viewers_is_started_where_it_is_asked_for(launch, tmp_path):
+def test_starts_the_translator_on_request(launch, tmp_path):
     assert "translator" not in names(launch("waldo"))
     *_, translator = launch("waldo", translate="true", set="head.camera_on_head=true", sim_time="true")
     assert (translator.name, translator.executable) == ("translator", "socialbot")
@@ -83,22 +83,22 @@ def test_what_says_all_again_for_viewers_is_started_where_it_is_asked_for(launch
     assert translator.command[:5] == ["translate", str(file), "--machine", "workstation", "--head"]
 
 
-def test_a_parameter_that_is_none_is_refused(launch):
+def test_refuses_an_unknown_parameter(launch):
     with pytest.raises(ParameterError, match="no parameter 'sauce'"):
         launch("graph", set="camera.sauce=0")
 
 
-def test_each_half_of_a_deployment_has_its_nodes_and_what_carries_its_pictures(launch, tmp_path):
+def test_each_machine_has_its_nodes_and_image_links(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
     file.write_text(PAGE)
     robot = launch("robot", deployment=str(file))
     assert names(robot) == {"camera", "speech", "head", "camera_image_raw_to_workstation"}
     workstation = launch("workstation", deployment=str(file))
-    assert names(robot) | names(workstation) == {placement.name for placement in graph_of(workstation).placements}
+    assert names(robot) | names(workstation) == {config.name for config in graph_of(workstation).nodes}
     assert not names(robot) & names(workstation)
 
 
-def test_each_half_knows_the_domain_the_other_machine_and_its_keys(launch, tmp_path):
+def test_each_machine_has_its_domain_peers_and_keys(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
     file.write_text(PAGE)
     # What is right as it is they inherit.
@@ -110,7 +110,7 @@ def test_each_half_knows_the_domain_the_other_machine_and_its_keys(launch, tmp_p
     assert nodes["speech"][DATAGRAM_VARIABLE] == str(PACKET_BYTES)
 
 
-def test_a_machine_that_is_none_is_refused(launch, tmp_path):
+def test_refuses_an_unknown_machine(launch, tmp_path):
     file = tmp_path / "waldo.yaml"
     file.write_text(PAGE)
     with pytest.raises(GraphError, match="no machine 'kitchen'"):

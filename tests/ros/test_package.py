@@ -34,7 +34,7 @@ def test_it_is_the_package_that_pip_installs():
     assert (PACKAGE / "socialbot").resolve() == Path(socialbot.__file__).parent
 
 
-def test_everything_names_the_same_makers_and_version():
+def test_all_manifests_have_the_same_authors_and_version():
     for folder in (PACKAGE, INTERFACES):
         manifest = ElementTree.parse(folder / "package.xml").getroot()
         assert [maintainer.text for maintainer in manifest.iter("maintainer")] == [PROJECT["authors"][0]["name"]]
@@ -44,13 +44,13 @@ def test_everything_names_the_same_makers_and_version():
     assert (citation["version"], citation["license"]) == (socialbot.__version__, PROJECT["license"])
 
 
-def test_it_needs_the_same_packages_but_for_the_wheels_of_ros():
+def test_requires_the_same_packages_except_the_ros_wheels():
     lines = (PACKAGE / "requirements.txt").read_text("utf-8").splitlines()
     listed = [line for line in lines if not line.startswith("#")]
     assert listed == [line for line in PROJECT["dependencies"] if not line.startswith("ros-jazzy-")]
 
 
-def test_it_names_the_ros_packages_that_are_imported():
+def test_lists_the_imported_ros_packages():
     needed = {element.text for element in MANIFEST.iter("exec_depend")}
     imported = {name.partition(".")[0] for path in modules("bridge") for name in imports(path)}
     assert imported & {"rclpy", *MESSAGES} <= needed
@@ -87,7 +87,7 @@ def test_colcon_builds_and_installs_it(colcon: Path, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_colcon_knows_both_packages_and_how_to_build_them(colcon: Path, tmp_path: Path):
+def test_colcon_finds_both_packages(colcon: Path, tmp_path: Path):
     listed = run(colcon, "-m", "colcon", "list", "--base-paths", PACKAGE, INTERFACES, cwd=tmp_path).splitlines()
     assert {line.split("\t")[0]: line.split("\t")[-1] for line in listed} == {
         "socialbot": "(ros.ament_python)",
@@ -108,7 +108,7 @@ print(json.dumps(warnings))
 
 
 @pytest.mark.slow
-def test_the_reader_of_manifests_has_nothing_to_say_against_them(colcon: Path, tmp_path: Path):
+def test_the_manifests_are_valid(colcon: Path, tmp_path: Path):
     assert json.loads(run(colcon, "-c", PARSING, PACKAGE, INTERFACES, cwd=tmp_path)) == []
 
 

@@ -54,12 +54,12 @@ def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
     return folder
 
 
-def long_run(folder: Path, *, visits: int, room: int) -> Path:
-    """A run of Waldo that has room for the newest part only: each minute somebody comes and stays for 20 s."""
+def long_run(folder: Path, *, visits: int, max_bytes: int) -> Path:
+    """A run of Waldo that keeps the newest part only: each minute somebody comes and stays for 20 s."""
     graph = parse_graph(DETECTED, where="runs.py")
     runner = InlineRunner(graph, start=START)
     told = {"machine": "desk", "state": "active", "call_hz": "30.0"}
-    with RunTrace(folder, room=room) as record:
+    with RunTrace(folder, max_bytes=max_bytes) as record:
         record.describe(graph)
         for topic in observed_topics(graph):
             runner.tap(topic, record.observe)
@@ -89,7 +89,7 @@ def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunn
         graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
         runner = InlineRunner(graph, start=START)
         record = RunTrace(folder)
-        record.tell(live)
+        record.add_listener(live)
         for topic in observed_topics(graph):
             runner.tap(topic, record.observe)
         runner.start()

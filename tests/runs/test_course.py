@@ -29,7 +29,7 @@ def told_by(source: str, belief: TraceRecord) -> TraceRecord:
     return msgspec.structs.replace(belief, detail={"source": source})
 
 
-def test_what_is_believed_and_since_when():
+def test_beliefs_have_sources_and_times():
     records = [
         told_by("percept", record(1.0, "ann", "belief", "here(bob)", id="b1")),
         told_by("carl", record(2.0, "ann", "belief", "here(bob)")),
@@ -43,7 +43,7 @@ def test_what_is_believed_and_since_when():
     assert agent(records, 3.0).beliefs == ()
 
 
-def test_a_belief_that_somebody_else_still_tells_is_kept():
+def test_belief_of_another_source_is_kept():
     records = [
         told_by("percept", record(1.0, "ann", "belief", "here(bob)")),
         told_by("carl", record(2.0, "ann", "belief", "here(bob)")),
@@ -52,7 +52,7 @@ def test_a_belief_that_somebody_else_still_tells_is_kept():
     assert [(b.text, b.source, b.since_s) for b in agent(records, 3.0).beliefs] == [("here(bob)", "carl", 1.0)]
 
 
-def test_a_desire_its_plan_and_the_step_that_goes_on():
+def test_desire_with_its_plan_and_current_step():
     records = [
         desire(0.0, "ann", "be_home"),
         plan(1.0, "ann", "be_home", 1, "0.000: (go ann hall yard) [2.000]", "2.000: (go ann yard home) [2.000]"),
@@ -75,7 +75,7 @@ def test_a_desire_its_plan_and_the_step_that_goes_on():
     ]
 
 
-def test_goals_of_the_engine_with_their_plan_and_step_until_they_are_achieved():
+def test_goals_have_plan_and_step_until_achieved():
     records = [
         record(1.0, "ann", "goal", "serve()", id="g1"),
         record(1.0, "ann", "plan", "serve()", "g1", id="p1", label="politely"),
@@ -94,7 +94,7 @@ def test_goals_of_the_engine_with_their_plan_and_step_until_they_are_achieved():
     assert [g.text for g in agent(records, 3.0).goals] == ["serve()"]
 
 
-def test_goals_end_with_the_intention_that_was_dropped():
+def test_goals_end_with_a_dropped_intention():
     records = [
         record(1.0, "ann", "goal", "serve()", id="g1"),
         record(1.0, "ann", "plan", "serve()", "g1", id="p1"),
@@ -106,9 +106,9 @@ def test_goals_end_with_the_intention_that_was_dropped():
     assert [(e.text, e.outcome) for e in agent(records, 2.0).ended] == [("serve()", "no plan"), ("fetch()", "no plan")]
 
 
-def test_who_is_seen_and_what_is_said_in_a_run_of_waldo(tmp_path):
+def test_persons_and_speech_of_a_run(tmp_path):
     run = open_run(greeting(tmp_path / "run"))
-    nobody, greeted = (run.course.at(run.history.stamp(second)) for second in (0.4, 1.9))
+    nobody, greeted = (run.states.at(run.history.stamp(second)) for second in (0.4, 1.9))
     assert nobody.sight is not None
     assert (nobody.sight.persons, nobody.speech) == ((), ())
     assert greeted.sight is not None
@@ -122,22 +122,12 @@ def test_who_is_seen_and_what_is_said_in_a_run_of_waldo(tmp_path):
 
 
 TEXTS = st.sampled_from(("a", "b", "c"))
+KINDS = (
+    *("belief", "unbelief", "goal", "plan", "action", "achieved", "desire", "desire_dropped", "detection", "utterance"),
+)
 HAPPENINGS = st.tuples(
     st.sampled_from(("ann", "bob")),
-    st.sampled_from(
-        (
-            "belief",
-            "unbelief",
-            "goal",
-            "plan",
-            "action",
-            "achieved",
-            "desire",
-            "desire_dropped",
-            "detection",
-            "utterance",
-        )
-    ),
+    st.sampled_from(KINDS),
     TEXTS,
     st.integers(0, 40),
 )
@@ -160,7 +150,7 @@ def near(monkeypatch):
 class TestCheckpoints:
     @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(HAPPENINGS, max_size=20), st.lists(st.integers(0, 45), max_size=8))
-    def test_moments_are_those_found_from_the_start(self, happenings, tenths):
+    def test_states_equal_those_built_from_the_start(self, happenings, tenths):
         history = History(happened(happenings), start=100 * SECOND)
         course = StateIndex(history)
         for tenth in tenths:
@@ -169,7 +159,7 @@ class TestCheckpoints:
 
     @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(HAPPENINGS, max_size=20), st.randoms(use_true_random=False))
-    def test_they_stay_right_while_the_history_grows_in_any_order(self, happenings, random):
+    def test_states_are_right_while_the_history_grows_in_any_order(self, happenings, random):
         records = happened(happenings)
         late = sorted(records, key=lambda each: each.stamp + random.randrange(SECOND))
         history = History(start=100 * SECOND)
@@ -181,7 +171,7 @@ class TestCheckpoints:
 
     @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.lists(HAPPENINGS, max_size=20), st.lists(HAPPENINGS, max_size=8), st.integers(0, 40), st.integers(0, 25))
-    def test_they_stay_right_when_what_was_long_ago_is_forgotten(self, before, after, count, seen):
+    def test_states_are_right_after_trimming(self, before, after, count, seen):
         records = happened([*before, *after])
         whole, history = (History(records[: len(before)], start=100 * SECOND) for _ in range(2))
         course, told = StateIndex(history), StateIndex(whole)
@@ -194,7 +184,7 @@ class TestCheckpoints:
         for stamp in {each.stamp for each in history}:
             assert course.at(stamp) == told.at(stamp)
 
-    def test_of_what_still_goes_on_it_remains_known_what_led_to_it_and_what_it_has_come_to(self):
+    def test_current_items_keep_causes_and_effects(self):
         early = [
             record(0.0, "ann", "belief", "hungry", id="b1"),
             record(0.1, "ann", "goal", "eat()", "b1", id="g1"),
@@ -208,15 +198,12 @@ class TestCheckpoints:
         cook = history.find("a1")
         assert cook is not None
         assert [each.id for each in history.chain(cook)] == ["a1", "p1", "g1", "b1"]
-        for each in (
-            record(9.0, "ann", "failure", "cook()", "a1", id="f1"),
-            record(9.0, "ann", "dropped", "eat()", "f1", reason="burnt"),
-        ):
-            history.append(each)
+        history.append(record(9.0, "ann", "failure", "cook()", "a1", id="f1"))
+        history.append(record(9.0, "ann", "dropped", "eat()", "f1", reason="burnt"))
         (ann,) = course.at(history.end).agents
         assert (ann.goals, [(ended.text, ended.outcome) for ended in ann.ended]) == ((), [("eat()", "burnt")])
 
-    def test_what_went_on_then_and_has_ended_since_is_right_at_every_moment(self):
+    def test_ended_items_are_right_at_every_time(self):
         records = [
             record(0.0, "ann", "goal", "eat()", id="g1"),
             record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
@@ -234,7 +221,7 @@ class TestCheckpoints:
             assert course.at(each.stamp) == StateIndex(whole).at(each.stamp)
         assert history.find("g1") is not None, "a page that shows it is asked why"
 
-    def test_actions_that_go_on_side_by_side_end_their_goal_when_any_of_them_fails(self):
+    def test_parallel_actions_end_their_goal_on_failure(self):
         records = [
             record(0.0, "ann", "goal", "eat()", id="g1"),
             record(0.0, "ann", "plan", "eat()", "g1", id="p1"),
@@ -250,7 +237,7 @@ class TestCheckpoints:
         (ann,) = course.at(history.end).agents
         assert ann.goals == ()
 
-    def test_what_is_over_is_not_kept_for_ever(self):
+    def test_ended_items_are_dropped(self):
         history = History(start=100 * SECOND)
         course = StateIndex(history)
         for n in range(0, 400, 4):

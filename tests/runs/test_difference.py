@@ -21,13 +21,13 @@ def late(tmp_path_factory) -> RecordedRun:
     return open_run(greeting(tmp_path_factory.mktemp("run") / "late", comes=8))
 
 
-def test_a_run_is_the_same_as_itself(early):
+def test_equal_runs_have_no_difference(early):
     found = difference(early, early)
     assert (found.same, found.decisions, found.settings) == (True, (1, 1), ())
     assert list(found.text()) == ["Both runs decide the same, at the same times: 1 decisions."]
 
 
-def test_the_first_decision_that_differs_is_told_with_where_the_runs_part(early, late):
+def test_first_different_decision(early, late):
     found = difference(early, late)
     assert (found.same, found.number, found.agent, found.only_time) == (False, 1, "Waldo", True)
     text = "\n".join(found.text())
@@ -40,7 +40,7 @@ def test_the_first_decision_that_differs_is_told_with_where_the_runs_part(early,
     assert beliefs.what == "beliefs of Waldo"
 
 
-def test_a_run_that_decides_less(early, tmp_path):
+def test_missing_decision_of_a_run(early, tmp_path):
     nobody = open_run(greeting(tmp_path / "empty", comes=100))
     found = difference(early, nobody)
     assert found.sides is not None
@@ -48,7 +48,7 @@ def test_a_run_that_decides_less(early, tmp_path):
     assert "  nothing more is decided." in list(found.text())
 
 
-def test_what_was_set_differently_is_named(early, tmp_path):
+def test_different_settings_are_listed(early, tmp_path):
     changed = open_run(greeting(tmp_path / "early"))
     changed.results = {**changed.results, "parameters": {"bdi_engine": {"range_m": 5.0}}}
     found = difference(early, changed)
@@ -59,26 +59,26 @@ def test_what_was_set_differently_is_named(early, tmp_path):
 # Decisions
 
 
-def test_a_run_decides_as_itself():
+def test_comparison_of_equal_decisions():
     found = compare(DETOUR, DETOUR)
     assert found.exact
     assert found.same
-    assert "21 decisions" in found.told
+    assert "21 decisions" in found.text
 
 
-def test_records_that_are_no_decisions_do_not_count():
+def test_comparison_ignores_other_records():
     assert compare(DETOUR, (*DETOUR, record(9, "ann", "belief", "p"))).exact
 
 
-def test_other_times_are_the_same_in_order_only():
+def test_comparison_with_other_times():
     late = [msgspec.structs.replace(each, stamp=each.stamp + 1, id="other") for each in DETOUR]
     found = compare(DETOUR, late)
     assert found.same
     assert not found.exact
-    assert "in the same order" in found.told
+    assert "in the same order" in found.text
 
 
-def test_what_agents_do_side_by_side_may_come_in_another_order():
+def test_comparison_ignores_the_order_of_agents():
     others = sorted(DETOUR, key=lambda each: each.source)
     assert compare(DETOUR, others).same
 
@@ -87,15 +87,15 @@ def test_what_agents_do_side_by_side_may_come_in_another_order():
     ("kind", "told"),
     [("step", HALL), ("plan_start", "be_home"), ("plan_end", "be_home"), ("desire_fulfilled", "be_home")],
 )
-def test_a_decision_that_is_missing_is_named(kind, told):
+def test_comparison_names_a_missing_decision(kind, told):
     missing = next(each for each in DETOUR if (each.kind, each.source, each.what) == (kind, "ann", told))
     found = compare(DETOUR, [each for each in DETOUR if each is not missing])
     assert not found.same
     assert found.difference.startswith("ann")
-    assert found.told.startswith("Decisions differ")
+    assert found.text.startswith("Decisions differ")
 
 
-def test_another_plan_is_a_difference():
+def test_comparison_names_another_plan():
     changed = [
         msgspec.structs.replace(each, detail={**each.detail, "steps": ["0.000: (fly ann) [1.000]"]})
         if each.kind == "plan_start"
@@ -105,6 +105,6 @@ def test_another_plan_is_a_difference():
     assert "fly" in compare(DETOUR, changed).difference
 
 
-def test_decisions_that_are_new_are_named():
+def test_comparison_names_a_new_decision():
     found = compare(DETOUR[:-1], DETOUR)
     assert "only there now" in found.difference

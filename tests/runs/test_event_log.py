@@ -8,7 +8,7 @@ from socialbot.runs.record import event_log_topics, with_event_log
 COMMAND = ActionCommand(stamp=1, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",))
 
 
-def test_what_messages_tell_comes_after_them_as_records():
+def test_derived_records_follow_their_messages():
     seen: list[Message] = []
     tell = with_event_log(load_graph("hospital"), lambda topic, message: seen.append(message))
     tell("/hospital/commands", COMMAND)
@@ -18,13 +18,13 @@ def test_what_messages_tell_comes_after_them_as_records():
     ]
 
 
-def test_agents_that_leave_a_trace_of_all_are_let_alone():
+def test_agents_with_a_trace_have_no_event_log():
     def observe(topic: str, message: Message) -> None: ...
 
     assert with_event_log(load_graph("warehouse"), observe) is observe
 
 
-def test_the_topics_that_tell_are_those_of_the_hospital():
+def test_event_log_topics_of_the_hospital():
     assert set(event_log_topics(load_graph("hospital"))) == {
         "/hospital/messages", "/hospital/missions", "/hospital/commands", "/hospital/results",
     }  # fmt: skip

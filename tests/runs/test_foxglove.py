@@ -72,7 +72,7 @@ def run(tmp_path: Path) -> RecordedRun:
     return open_run(folder)
 
 
-def test_streams_tell_what_the_record_tells(run: RecordedRun) -> None:
+def test_streams_of_a_run(run: RecordedRun) -> None:
     (found,) = detections_of(run)
     assert (found.width, found.persons[0].track_id) == (64, "t1")
     assert list(poses_of(run)) == [(2 * SECOND, 0.5, -0.25, 0.5)]
@@ -85,7 +85,7 @@ def test_streams_tell_what_the_record_tells(run: RecordedRun) -> None:
     assert any("GreetPeople" in desire for desire in first.desires)
 
 
-def test_where_the_clock_leaps_there_is_nothing_to_tell_of(run: RecordedRun) -> None:
+def test_beats_skip_clock_jumps(run: RecordedRun) -> None:
     assert list(beats(run, SECOND)) == [SECOND, 2 * SECOND, 3 * SECOND]
     late = msgspec.structs.replace(RECORDS[-1], stamp=5 * SECOND + LEAP, id="w-4")
     with (run.folder / "trace.jsonl").open("ab") as trace:
@@ -93,7 +93,7 @@ def test_where_the_clock_leaps_there_is_nothing_to_tell_of(run: RecordedRun) -> 
     assert list(beats(open_run(run.folder), SECOND)) == [SECOND, 2 * SECOND, 3 * SECOND, 5 * SECOND + LEAP]
 
 
-def test_the_file_for_foxglove_is_read_by_another_reader(run: RecordedRun, tmp_path: Path) -> None:
+def test_foxglove_file_is_valid_mcap(run: RecordedRun, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     out = tmp_path / "run.mcap"
     with open_bag(tmp_path / "bag") as bag:
@@ -113,7 +113,7 @@ def test_the_file_for_foxglove_is_read_by_another_reader(run: RecordedRun, tmp_p
     assert all(schema.encoding == "ros2msg" and schema.data for schema in schemas.values())
 
 
-def test_the_file_for_foxglove_can_be_read_from_end_to_end_and_by_its_index(run: RecordedRun, tmp_path: Path) -> None:
+def test_foxglove_file_has_a_complete_index(run: RecordedRun, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     out = tmp_path / "run.mcap"
     with open_bag(tmp_path / "bag") as bag:
@@ -137,7 +137,7 @@ def test_the_file_for_foxglove_can_be_read_from_end_to_end_and_by_its_index(run:
 
 
 @pytest.mark.parametrize("name", ["ImageAnnotations", "PointsAnnotation", "TextAnnotation", "CircleAnnotation"])
-def test_annotations_have_the_fields_that_foxglove_gives_them(name: str) -> None:
+def test_annotations_have_the_official_fields(name: str) -> None:
     official = pytest.importorskip("foxglove.messages")
     definition = DEFINITIONS[f"foxglove_msgs/msg/{name}"]
     fields = [words[1] for line in definition.splitlines() if len(words := line.split()) == 2 and "=" not in line]
@@ -163,7 +163,7 @@ def headers_of(message: Any) -> Iterator[Any]:
             yield from headers_of(part)
 
 
-def test_frames_hang_together_and_boxes_belong_to_pictures_in_a_replay(corridor: Path, tmp_path: Path) -> None:
+def test_frames_form_one_tree_and_boxes_match_images(corridor: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "run", tmp_path / "run.mcap"
     bag = cut(corridor, tmp_path / "visit", 7.0, 9.0)
     done = socialbot_here("replay", bag, "--runner", "inline", "--no-video", "--out", folder)
@@ -195,7 +195,7 @@ def time_of(stamp: Any) -> int:
     return stamp.sec * SECOND + stamp.nanosec
 
 
-def test_boxes_frames_and_turns_are_where_they_should_be(run: RecordedRun, tmp_path: Path) -> None:
+def test_boxes_frames_and_head_turns(run: RecordedRun, tmp_path: Path) -> None:
     from socialbot.bags.types import RosbagsTypes
 
     out, types = tmp_path / "run.mcap", RosbagsTypes()
@@ -227,7 +227,7 @@ def test_boxes_frames_and_turns_are_where_they_should_be(run: RecordedRun, tmp_p
     assert levels == [20, 20, 30]
 
 
-def test_the_recording_for_rerun_is_whole(run: RecordedRun, tmp_path: Path) -> None:
+def test_rerun_recording_is_complete(run: RecordedRun, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     out = tmp_path / "run.rrd"
     with warnings.catch_warnings():
@@ -248,7 +248,7 @@ def test_the_recording_for_rerun_is_whole(run: RecordedRun, tmp_path: Path) -> N
         assert f"/{part}: " in told.stdout
 
 
-def test_the_command_tells_what_it_wrote(run: RecordedRun, tmp_path: Path) -> None:
+def test_export_command_prints_a_summary(run: RecordedRun, tmp_path: Path) -> None:
     app = typer.Typer()
     app.command()(export)
     answer = CliRunner().invoke(app, [str(run.folder), str(tmp_path / "run.mcap")])
@@ -257,9 +257,9 @@ def test_the_command_tells_what_it_wrote(run: RecordedRun, tmp_path: Path) -> No
     assert "without pictures" not in answer.output
 
 
-def test_nothing_is_written_over_or_guessed(run: RecordedRun, tmp_path: Path) -> None:
+def test_export_refuses_existing_files_and_unknown_suffixes(run: RecordedRun, tmp_path: Path) -> None:
     (tmp_path / "old.mcap").touch()
     with pytest.raises(BagError, match="already exists"):
         export(run.folder, tmp_path / "old.mcap")
-    with pytest.raises(ParameterError, match="does not say for which tool"):
+    with pytest.raises(ParameterError, match="the suffix is neither"):
         export(run.folder, tmp_path / "run.bin")

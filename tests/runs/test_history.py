@@ -30,7 +30,7 @@ RECORDS = st.lists(
 )
 
 
-def test_records_are_in_the_order_of_time_whenever_they_come():
+def test_late_records_are_sorted_by_time():
     one, two, three = (record(second, "ann", "belief", f"b{second}") for second in (1.0, 2.0, 3.0))
     history = History([one, three, two])
     assert list(history) == [one, two, three]
@@ -40,13 +40,13 @@ def test_records_are_in_the_order_of_time_whenever_they_come():
     assert (history.duration_s, history.stamp(1.0), history.seconds(two.stamp)) == (2.0, two.stamp, 1.0)
 
 
-def test_time_may_begin_before_the_first_record():
+def test_start_before_the_first_record():
     history = History([record(1.0, "ann", "belief", "b")], start=100 * SECOND)
     assert history.seconds(history.end) == 1.0
     assert History().duration_s == 0.0
 
 
-def test_a_record_leads_to_those_that_name_it():
+def test_causes_and_effects():
     belief = record(1.0, "ann", "belief", "here", cause="frame-7", id="b")
     goal = record(1.0, "ann", "goal", "greet()", cause="b", id="g")
     done = record(2.0, "ann", "achieved", "greet()", cause="g", id="a")
@@ -55,27 +55,27 @@ def test_a_record_leads_to_those_that_name_it():
     assert (history.cause(belief), history.effects(belief), history.effects(goal)) == (None, [goal], [done])
 
 
-def test_of_several_records_with_an_id_the_last_one_before_is_the_cause():
+def test_cause_is_the_last_earlier_record_with_the_id():
     first = record(1.0, "ann", "belief", "first", id="ann-1")
     effect = record(2.0, "ann", "goal", "go()", cause="ann-1", id="ann-2")
     again = record(3.0, "ann", "belief", "after a restart", id="ann-1")
     assert History([first, effect, again]).cause(effect) is first
 
 
-def test_a_request_is_known_by_two_names():
+def test_request_has_two_ids():
     asked = request(1.0, "bob", "bob asks ann to add desire be_home", "bob-77")
     wanted = record(1.1, "ann", "desire", "be_home", cause="bob-77")
     assert History([asked, wanted]).chain(wanted) == [wanted, asked]
 
 
-def test_a_command_follows_from_the_action_of_the_same_call():
+def test_step_without_cause_follows_its_action():
     action = record(1.0, "robot", "action", "go(robot, room1)", id="r-1")
     other = record(1.0, "robot", "action", "go(robot, room2)", id="r-2")
     step = record(1.0, "robot", "step", "(go robot room1)")
     assert History([action, other, step]).cause(step) is action
 
 
-def test_what_is_said_for_a_mission_follows_from_its_plan_and_that_from_the_problem_before():
+def test_message_of_a_mission_follows_its_plan_and_problem():
     def said(seconds: float, who: str, to: str, weight: str) -> TraceRecord:
         return record(seconds, who, "said", "a word", mission="m1", receiver=to, weight=weight)
 
@@ -98,7 +98,7 @@ def test_causes_never_loop(records):
 
 @settings(max_examples=40)
 @given(RECORDS)
-def test_effects_are_those_that_have_the_record_as_their_cause(records):
+def test_effects_have_the_record_as_cause(records):
     history = History(records)
     for each in history:
         assert all(history.cause(effect) is each for effect in history.effects(each))

@@ -27,44 +27,44 @@ def told(
 def joints(*turns: JointTrajectory) -> Joints:
     made = Joints(BOTH)
     for turn in turns:
-        made.tell(turn)
+        made.take(turn)
     return made
 
 
-def test_a_turn_takes_its_time_and_the_next_begins_where_it_is_by_then() -> None:
+def test_turn_begins_at_the_current_position() -> None:
     first = joints(told(SECOND, 1.0, 0.2, 2.0))
     assert [first.at(name, 2 * SECOND) for name in first.names] == pytest.approx([0.5, 0.1])
     assert [first.at(name, 9 * SECOND) for name in first.names] == [1.0, 0.2]
-    first.tell(told(2 * SECOND, 0.0, 0.0, 1.0))
+    first.take(told(2 * SECOND, 0.0, 0.0, 1.0))
     assert first.at(PAN, 2 * SECOND + SECOND // 2) == pytest.approx(0.25)
 
 
-def test_it_is_known_where_they_were_when_an_older_picture_was_taken() -> None:
+def test_earlier_joint_positions() -> None:
     head = joints(told(SECOND, 1.0, 0.0, 1.0), told(3 * SECOND, 0.0, 0.0, 1.0))
     assert head.at(PAN, SECOND // 2) == 0.0
     assert head.at(PAN, SECOND + SECOND // 2) == pytest.approx(0.5)
     assert head.at(PAN, 2 * SECOND) == 1.0
 
 
-def test_joints_are_known_by_their_names_and_others_do_not_count() -> None:
+def test_unknown_joints_are_ignored() -> None:
     head = joints(told(SECOND, 0.1, 0.7, 0.0, (TILT, PAN)), told(SECOND, 0.9, 0.9, 0.0, ("elbow", "wrist")))
     assert (head.at(PAN, 2 * SECOND), head.at(TILT, 2 * SECOND)) == (0.7, 0.1)
 
 
-def test_what_makes_no_sense_does_not_move_them() -> None:
+def test_invalid_targets_are_ignored() -> None:
     head = joints(told(SECOND, math.nan, 0.2, 0.0))
-    head.tell(JointTrajectory(stamp=SECOND, joint_names=(PAN, TILT), positions=(), velocities=(), duration_s=1.0))
+    head.take(JointTrajectory(stamp=SECOND, joint_names=(PAN, TILT), positions=(), velocities=(), duration_s=1.0))
     assert (head.at(PAN, 2 * SECOND), head.at(TILT, 2 * SECOND)) == (0.0, 0.2)
 
 
-def test_the_neck_of_a_graph_is_what_its_head_says() -> None:
+def test_neck_of_a_graph() -> None:
     waldo = load_graph("waldo")
     assert neck_of(waldo) == Neck(PAN, TILT)
     assert neck_of(waldo.with_parameters({"head": {"pan_joint": "neck_1"}})) == Neck("neck_1", TILT)
     assert neck_of(load_graph("warehouse")) is None
 
 
-def test_the_course_of_a_head_is_known_at_any_time_from_what_it_was_told() -> None:
+def test_head_pose_at_any_time() -> None:
     course = HeadCourse(
         [
             HeadTarget(SECOND, 1.0, 0.2, 2.0),

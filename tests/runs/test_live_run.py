@@ -38,7 +38,7 @@ def long() -> tuple[LiveRun, LiveRun]:
     return short, whole
 
 
-def test_it_looks_back_for_some_time(long):
+def test_old_records_are_dropped(long):
     short, whole = long
     kept_s = (short.end - short.history.since) / SECOND
     assert 300.0 <= kept_s < 300.0 + 60.0 + 30.0 + 10.0
@@ -46,10 +46,10 @@ def test_it_looks_back_for_some_time(long):
     assert short.history.find(whole.history[10].id) is None
 
 
-def test_what_it_still_shows_is_right(long):
+def test_remaining_states_are_right(long):
     short, whole = long
     for stamp in range(short.history.since, short.end, 7 * SECOND):
-        assert short.course.at(stamp) == whole.course.at(stamp)
+        assert short.states.at(stamp) == whole.states.at(stamp)
         assert short.nodes(stamp) == whole.nodes(stamp)
     since = short.history.seconds(short.end) - 300.0
     bars = {bar.id: bar for lane in short.timeline.lanes() for bar in lane.bars}
@@ -59,9 +59,9 @@ def test_what_it_still_shows_is_right(long):
             assert bars.get(bar.id) == bar or (bar.to_s is not None and bar.to_s < since)
 
 
-def test_what_has_been_believed_all_the_time_can_still_be_explained(long):
+def test_old_belief_is_still_explained(long):
     short, whole = long
-    (waldo,) = short.course.at(short.end).agents
+    (waldo,) = short.states.at(short.end).agents
     oldest = min(waldo.beliefs, key=lambda held: held.since_s)
     assert short.history.stamp(oldest.since_s) < short.history.since
     record = short.history.find(oldest.id)
@@ -69,7 +69,7 @@ def test_what_has_been_believed_all_the_time_can_still_be_explained(long):
     assert explain(short.history, short.wording, record) == explain(whole.history, whole.wording, record)
 
 
-def test_of_many_records_the_older_half_is_forgotten(monkeypatch):
+def test_older_half_of_too_many_records_is_dropped(monkeypatch):
     monkeypatch.setattr(live_run, "MOST_RECORDS", 1000)
     live = LiveRun(load_graph("waldo").without_sources())
     runner = waldo_heard_by(live)
@@ -83,16 +83,16 @@ def test_of_many_records_the_older_half_is_forgotten(monkeypatch):
     assert all(500 <= after < 500 + 256 + 10 for _, after in drops)
 
 
-def test_a_graph_in_which_nothing_happens_forgets_how_its_nodes_were():
+def test_old_node_reports_are_dropped():
     graph = load_graph("waldo")
     live = LiveRun(graph)
     live.observe("/humans/bodies/detections", frame(0))
     for second in range(10_000):
         live.note_node(START + second * SECOND, "speech", {**WELL, "call_hz": str(second)})
         assert live.end
-    (told,) = live._nodes.told.values()
+    (told,) = live.node_history.reports.values()
     assert 3600 <= len(told) <= 3600 + 300 + 2
-    assert [node.name for node in live.nodes(live.end)] == [node.name for node in live.graph().nodes]
+    assert [node.name for node in live.nodes(live.end)] == [node.name for node in live.graph_view().nodes]
 
 
 def at_work(live: LiveRun, seconds: range, each_s: int) -> None:
@@ -109,7 +109,7 @@ def at_work(live: LiveRun, seconds: range, each_s: int) -> None:
             assert live.end
 
 
-def test_of_a_graph_in_which_little_happens_no_more_is_told_than_is_known():
+def test_trimmed_run_hides_incomplete_times():
     """Records are forgotten many at once, all else one by one."""
     short, whole = LiveRun(load_graph("waldo")), LiveRun(load_graph("waldo"))
     at_work(short, range(3 * 3600), 60)
@@ -120,24 +120,24 @@ def test_of_a_graph_in_which_little_happens_no_more_is_told_than_is_known():
         assert 3600.0 <= short.history.seconds(short.end) - since <= 3600.0 + 300.0 + 100.0
         for second in (since, since + 50.0, since + 1000.0):
             stamp = short.history.stamp(second)
-            assert short.course.at(stamp) == whole.course.at(stamp)
+            assert short.states.at(stamp) == whole.states.at(stamp)
             assert short.nodes(stamp) == whole.nodes(stamp)
         assert {bar for lane in short.timeline.lanes() for bar in lane.bars} == {
             bar for lane in whole.timeline.lanes() for bar in lane.bars if bar.to_s is None or bar.to_s >= since
         }
 
 
-def test_when_nothing_happens_any_more_it_still_ends_now():
+def test_end_advances_without_records():
     live = LiveRun(load_graph("waldo"))
     at_work(live, range(256), 2)  # as many records as are forgotten at once
     assert len(live.history) == 256
     for second in range(256, 10_000, 100):
         live.note_node(START + second * SECOND, "speech", WELL)
         assert live.end == START + second * SECOND
-    assert live.course.at(live.end).agents
+    assert live.states.at(live.end).agents
 
 
-def test_what_comes_very_late_does_not_change_since_when_all_is_known():
+def test_late_record_does_not_change_the_complete_range():
     live = LiveRun(load_graph("waldo"))
     at_work(live, range(3 * 3600), 10)
     since = live.history.since
@@ -147,7 +147,7 @@ def test_what_comes_very_late_does_not_change_since_when_all_is_known():
     assert live.history.since == since
 
 
-def test_a_stamp_of_the_future_makes_nothing_forgotten():
+def test_future_stamp_drops_nothing():
     graph = load_graph("waldo")
     live = LiveRun(graph)
     for second in range(500):

@@ -52,7 +52,7 @@ def faults(visit: Visit) -> list[str]:
     return [f"{each['id']}: {each['nodes'][0]['html']}" for each in found if each["impact"] in ("serious", "critical")]
 
 
-def test_the_page_shows_a_run_soon_without_complaints_and_for_all(visit):
+def test_page_loads_without_errors(visit):
     assert visit.page.title().startswith("Waldo")
     assert visit.number("document.querySelector('#picture').naturalWidth") == 640
     shown = visit.number(
@@ -73,7 +73,7 @@ def test_the_page_opens_at_the_first_greeting(visit):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["t=0", "t=3.24"])
-def test_the_page_opens_at_the_moment_that_its_address_names(browser, waldo, where):
+def test_page_opens_at_the_time_of_its_url(browser, waldo, where):
     visit = Visit(browser, waldo, where)
     visit.wait(float(where.removeprefix("t=")))
     visit.page.evaluate("location.hash = 't=0.5'")
@@ -84,7 +84,7 @@ def test_the_page_opens_at_the_moment_that_its_address_names(browser, waldo, whe
 
 
 @pytest.mark.slow
-def test_everything_moves_in_step_with_the_scrubber(visit):
+def test_scrubber_changes_all_parts(visit):
     visit.seek(COMES_S - 0.5)
     assert visit.texts("#boxes .box") == []
     assert visit.texts("#seen") == ["Sees nobody"]
@@ -105,7 +105,7 @@ def test_everything_moves_in_step_with_the_scrubber(visit):
 
 
 @pytest.mark.slow
-def test_a_step_of_the_scrubber_takes_no_time(visit):
+def test_scrubber_step_is_fast(visit):
     steps = """async () => {
         const slider = document.querySelector('#scrubber'), taken = [];
         for (const t of [0.31, 2.9, 1.17, 3.33, 0.73, 2.22, 3.71, 1.91]) {
@@ -121,7 +121,7 @@ def test_a_step_of_the_scrubber_takes_no_time(visit):
 
 
 @pytest.mark.slow
-def test_a_click_on_what_was_done_tells_why_down_to_the_frame(visit):
+def test_click_on_an_action_explains_it(visit):
     visit.seek(3.5)
     visit.page.locator("#timeline .bar.speech").first.click()
     chain = visit.page.locator("#pane-why .chain button")
@@ -138,13 +138,13 @@ def test_a_click_on_what_was_done_tells_why_down_to_the_frame(visit):
 
 
 @pytest.mark.slow
-def test_a_click_on_the_words_beside_a_bar_is_one_on_the_bar(visit):
+def test_click_on_the_label_of_a_bar(visit):
     visit.page.locator("#timeline .bar.action text.beside").first.click()
     expect(visit.page.locator("#pane-why .chain button").first).to_contain_text("did")
 
 
 @pytest.mark.slow
-def test_a_click_on_a_plan_tells_when_it_was_not_chosen_and_why(visit):
+def test_click_on_a_plan_shows_its_rejections(visit):
     visit.page.click("#tab-plans")
     plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
     plan.click()
@@ -155,7 +155,7 @@ def test_a_click_on_a_plan_tells_when_it_was_not_chosen_and_why(visit):
 
 
 @pytest.mark.slow
-def test_all_of_it_works_by_keys(visit):
+def test_page_works_with_the_keyboard(visit):
     press = visit.page.keyboard.press
     press("Home")
     visit.wait(0)
@@ -190,7 +190,7 @@ def test_all_of_it_works_by_keys(visit):
 
 
 @pytest.mark.slow
-def test_zoom_shows_less_time_and_keeps_what_is_shown_in_sight(visit):
+def test_zoom_keeps_the_current_time_visible(visit):
     visit.seek(2.0)
     ticks = visit.texts("#timeline .axis text")
     for _ in range(3):
@@ -205,7 +205,7 @@ def test_zoom_shows_less_time_and_keeps_what_is_shown_in_sight(visit):
 @pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1000], ids=["phone", "tablet"])
-def test_the_page_can_be_read_on_a_small_screen_and_in_the_dark(browser, waldo, width, dark):
+def test_page_on_a_small_screen_and_in_dark_mode(browser, waldo, width, dark):
     visit = Visit(browser, waldo, "t=2.5", width=width, height=844, dark=dark)
     assert visit.number("document.documentElement.scrollWidth") <= width
     if width == 390:
@@ -215,7 +215,7 @@ def test_the_page_can_be_read_on_a_small_screen_and_in_the_dark(browser, waldo, 
 
 
 @pytest.mark.slow
-def test_nothing_can_be_asked_of_a_recorded_run_and_the_page_says_why(visit):
+def test_recorded_page_accepts_no_commands(visit):
     visit.page.click("#tab-ask")
     expect(visit.page.locator("#pane-ask")).to_contain_text("Nothing can be asked")
     assert visit.page.locator("#pane-ask button:enabled").count() == 0
@@ -223,7 +223,7 @@ def test_nothing_can_be_asked_of_a_recorded_run_and_the_page_says_why(visit):
 
 
 @pytest.mark.slow
-def test_the_whole_graph_is_in_sight(browser, waldo):
+def test_whole_graph_is_visible(browser, waldo):
     visit = Visit(browser, waldo, "t=2.5", width=1100)
     graph = visit.place("#graph")
     for node in visit.page.locator("#graph .node rect").all():

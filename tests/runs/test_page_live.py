@@ -44,7 +44,7 @@ def same(url: str) -> Address:
     return Address(port=urlsplit(url).port or 0)
 
 
-def test_a_live_page_that_loses_its_server_says_so_keeps_what_it_shows_and_comes_back(browser, tmp_path):
+def test_live_page_reconnects_to_its_server(browser, tmp_path):
     live = LiveRun(load_graph("waldo"))
     runner = waldo_at_work(tmp_path / "run", live, range(10))
     with serving(live, ANY) as served:
@@ -68,7 +68,7 @@ def test_a_live_page_that_loses_its_server_says_so_keeps_what_it_shows_and_comes
     runner.close()
 
 
-def test_the_plans_of_a_live_run_are_those_of_now(browser, tmp_path):
+def test_live_plans_are_current(browser, tmp_path):
     live = LiveRun(load_graph("waldo"))
     with serving(live, ANY) as served:
         visit = Visit(browser, served.url)
@@ -84,7 +84,7 @@ def test_the_plans_of_a_live_run_are_those_of_now(browser, tmp_path):
         visit.close()
 
 
-def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path):
+def test_page_shows_a_restarted_run(browser, tmp_path):
     first, second = (LiveRun(load_graph("waldo")) for _ in range(2))
     waldo_at_work(tmp_path / "first", first, range(20)).close()
     waldo_at_work(tmp_path / "second", second, range(4)).close()
@@ -100,7 +100,7 @@ def test_a_page_that_comes_back_to_a_run_begun_anew_shows_that(browser, tmp_path
         visit.close(lost=True)
 
 
-def test_of_a_long_log_the_beginning_is_fetched_when_somebody_goes_back_to_it(browser):
+def test_beginning_of_a_long_log_is_loaded_on_demand(browser):
     live = LiveRun(load_graph("waldo"))
     for number in range(6000):
         stamp, id = START + number * SECOND // 100, f"b{number}"
@@ -131,7 +131,7 @@ class Jam:
         return None
 
 
-def test_a_server_of_which_nothing_is_heard_is_lost_too(browser, tmp_path):
+def test_silent_server_counts_as_lost(browser, tmp_path):
     live, jam = LiveRun(load_graph("waldo")), Jam()
     jam.free.set()
     runner = waldo_at_work(tmp_path / "run", live, range(10))
@@ -150,7 +150,7 @@ def test_a_server_of_which_nothing_is_heard_is_lost_too(browser, tmp_path):
     runner.close()
 
 
-def test_a_page_of_a_record_comes_back_to_where_somebody_went_meanwhile(browser, tmp_path: Path):
+def test_recorded_page_reconnects_at_the_chosen_time(browser, tmp_path: Path):
     run = open_run(greeting(tmp_path / "run"))
     with serving(run, ANY) as served:
         visit = Visit(browser, served.url)
@@ -164,7 +164,7 @@ def test_a_page_of_a_record_comes_back_to_where_somebody_went_meanwhile(browser,
         visit.close(lost=True)
 
 
-def test_a_page_that_is_open_for_long_forgets_what_the_server_does(browser, tmp_path, monkeypatch):
+def test_long_open_page_drops_old_data(browser, tmp_path, monkeypatch):
     monkeypatch.setattr(live_run, "MOST_RECORDS", 600)
     live = LiveRun(load_graph("waldo"))
     runner = waldo_at_work(tmp_path / "run", live, range(20))
@@ -196,7 +196,7 @@ def test_a_page_that_is_open_for_long_forgets_what_the_server_does(browser, tmp_
         visit.close()
 
 
-def test_a_page_that_was_there_before_the_run_began_says_the_time_of_day(browser, tmp_path):
+def test_page_opened_before_the_run_shows_the_time_of_day(browser, tmp_path):
     live = LiveRun(load_graph("waldo"))
     with serving(live, ANY) as served:
         visit = Visit(browser, served.url)

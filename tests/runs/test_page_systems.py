@@ -40,7 +40,7 @@ def socialbot(*arguments: str | Path) -> list[str]:
 @pytest.mark.parametrize(
     ("system", "agent", "world"), [("warehouse", "gripper_a", "floor"), ("hospital", "coordinator", "ward")]
 )
-def test_a_run_of_agents_shows_their_world_and_their_plans(browser, tmp_path, system, agent, world):
+def test_page_shows_world_and_plans(browser, tmp_path, system, agent, world):
     folder = tmp_path / system
     subprocess.run(socialbot("run", system, "--runner", "inline", "--out", folder), check=True, capture_output=True)
     with served(folder) as url:
@@ -78,7 +78,7 @@ def running(*arguments: str | Path, key: str = "") -> Iterator[str]:
 
 
 @pytest.mark.ros
-def test_the_page_follows_a_run_and_takes_what_people_ask(browser, tmp_path):
+def test_page_follows_a_run_and_sends_commands(browser, tmp_path):
     with running(
         "replay", BAG, "--inspect", "--port", "0", "--no-pace", "--no-video", "--out", tmp_path / "run"
     ) as url:
@@ -120,7 +120,7 @@ nodes:
 
 
 @pytest.mark.ros
-def test_the_page_asks_a_graph_with_keys_with_a_key_and_without_one_says_why_not(browser, tmp_path):
+def test_commands_need_the_key_of_the_graph(browser, tmp_path):
     graph, keys = tmp_path / "waldo.yaml", tmp_path / "keys"
     graph.write_text(KEYED)
     new_key("robot", keys)

@@ -53,7 +53,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
-def test_pages_can_be_read(browser, pages, width, scheme):
+def test_pages_are_readable(browser, pages, width, scheme):
     for path in pages:
         _look(browser, path, width, scheme)
 

@@ -48,7 +48,7 @@ def texts(tree, what) -> list[str]:
     return [branch.text for branch in tree if what(branch)]
 
 
-def test_each_line_is_a_branch_with_what_became_of_it():
+def test_branches_have_depth_method_and_mark():
     tree = branches(MENDED)
     assert [branch.depth for branch in tree] == [0, 1, 2, 1, 1, 1]
     assert [branch.method for branch in tree] == ["usual", "at_once", "", "", "", ""]
@@ -56,27 +56,27 @@ def test_each_line_is_a_branch_with_what_became_of_it():
     assert texts(tree, lambda branch: branch.former) == ["a_wipe(room1)"]
 
 
-def test_a_drawing_that_is_none_has_no_branches():
+def test_other_text_has_no_branches():
     assert branches("") == branches("nothing\n") == []
 
 
-def test_in_a_tree_that_was_mended_what_has_a_new_number_is_new():
+def test_new_branches_of_a_repaired_tree_have_new_ids():
     tree = with_news(branches(MENDED), branches(PLANNED))
     assert [branch.id for branch in tree if branch.is_new] == [5, 6]
 
 
-def test_in_one_that_was_made_anew_what_was_not_there_is_new():
+def test_new_branches_of_a_new_tree_have_new_texts():
     tree = with_news(branches(ANEW), branches(PLANNED))
     assert texts(tree, lambda branch: branch.is_new) == ["a_fetch(mop)"]
 
 
-def test_the_next_such_action_is_the_one_that_failed():
+def test_next_open_action_is_marked_as_failed():
     tree = with_failure(branches(PLANNED), "a_wipe(room1)")
     assert texts(tree, lambda branch: branch.mark == "failed") == ["a_wipe(room1)"]
     assert with_failure(branches(PLANNED), "a_sing()") == branches(PLANNED)
 
 
-def test_signs_tell_all_in_a_terminal():
+def test_terminal_signs():
     out = io.StringIO()
     tree = with_news(branches(MENDED), branches(PLANNED))
     Console(file=out, width=80, color_system=None).print(as_text(tree, "  "))
@@ -117,19 +117,19 @@ TWICE = after(
 )
 
 
-def test_of_equal_steps_the_one_is_marked_that_runs():
+def test_running_step_of_equal_steps_is_marked():
     assert marks(TWICE, 0.5) == ["running", "", ""]
     assert marks(TWICE, 1.5) == ["done", "running", ""]
     assert marks(TWICE, 2.5) == ["done", "done", "running"]
 
 
-def test_a_step_that_is_tried_again_is_the_same_line():
+def test_repeated_step_keeps_its_line():
     assert marks(TWICE, 3.2) == ["done", "done", "failed"]
     assert marks(TWICE, 3.7) == ["done", "done", "running"]
     assert marks(TWICE, 4.0) == ["done", "done", "done"]
 
 
-def test_a_plan_of_a_number_that_was_there_before_begins_anew():
+def test_plan_with_a_reused_number_has_no_old_marks():
     again = after(plan(5.0, "ann", "clean", 1, f"0: {LOOK} [1]"), step(6.0, "ann", LOOK))
     assert marks([*TWICE, *again], 5.5) == [""]
     assert marks([*TWICE, *again], 6.5) == ["running"]
@@ -149,7 +149,7 @@ def drawn(seconds: float, kind: str, tree: str, outcome: str = "") -> TraceRecor
     return record(seconds, "ann", kind, "clean", plan=2, steps=[], tree=tree, outcome=outcome)
 
 
-def test_in_a_tree_that_was_mended_what_was_done_before_counts_for_itself():
+def test_steps_done_before_a_repair_are_counted_separately():
     records = after(
         drawn(0.0, "plan_start", REPAIRED),
         step(1.0, "ann", LOOK),
@@ -163,7 +163,7 @@ def test_in_a_tree_that_was_mended_what_was_done_before_counts_for_itself():
     assert marks(records, 4.5) == ["", "done", "failed", "done", "running", ""]
 
 
-def test_a_plan_that_has_ended_says_how():
+def test_ended_plan_has_its_outcome():
     records = after(plan(0.0, "ann", "clean", 1, f"0: {LOOK} [1]"), plan_end(1.0, "ann", "clean", 1, "failed"))
     (tree,) = trees_at(History(records), nanoseconds(101.0), Wording())
     assert (tree.agent, tree.title, tree.outcome) == ("ann", "plan 1 for clean", "failed")

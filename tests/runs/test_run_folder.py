@@ -8,20 +8,20 @@ import pytest
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Health
 from socialbot.graph.files import load_graph
-from socialbot.runs.folder import newest_run, open_run, wording_of
+from socialbot.runs.folder import newest_run, open_run
 from socialbot.runs.record import RunRecord, RunTrace
-from socialbot.runs.run import Picture
+from socialbot.runs.run import Picture, wording_of
 from tests.runs.deliberating_runs import record
 from tests.runs.runs import START, greeting, long_run
 
 BELIEF = record(1.0, "ann", "belief", "b")
 
 
-def test_a_folder_of_a_run_is_opened(tmp_path):
+def test_run_is_opened(tmp_path):
     run = open_run(greeting(tmp_path / "evening"))
     assert (run.title, run.live, run.damage, run.wording.name("bdi_engine")) == ("Waldo: evening", False, [], "Waldo")
     assert run.history.start == START
-    view = run.graph()
+    view = run.graph_view()
     assert {node.name for node in view.nodes} >= {"person_detector", "bdi_engine", "speech"}
     assert view.topics["/speech/say"] == "Utterance"
     assert (run.world(START), run.trees(START), run.picture(START)) == (None, (), None)
@@ -46,13 +46,13 @@ nodes:
     [(NODES, {"mind": "mind"}), (WALDOS, {"left": "left", "right": "right"})],
     ids=["called nothing else", "called the same"],
 )
-def test_an_agent_bears_the_name_that_it_has_in_the_graph(tmp_path, graph, names):
+def test_agent_without_unique_display_name_keeps_its_node_name(tmp_path, graph, names):
     (tmp_path / "graph.yaml").write_text(graph)
     wording = wording_of(load_graph(str(tmp_path / "graph.yaml")))
     assert {name: wording.name(name) for name in names} == names
 
 
-def test_pictures_are_those_that_were_handed_in(tmp_path):
+def test_pictures_come_from_the_given_source(tmp_path):
     class Pictures:
         def at(self, stamp: int) -> Picture | None:
             return Picture(stamp, b"jpeg")
@@ -61,12 +61,12 @@ def test_pictures_are_those_that_were_handed_in(tmp_path):
 
 
 @pytest.mark.parametrize("folder", ["", "nowhere"])
-def test_a_folder_without_a_run_is_an_error(tmp_path, folder):
+def test_folder_without_a_run_is_an_error(tmp_path, folder):
     with pytest.raises(RunError, match="there is no run"):
         open_run(tmp_path / folder)
 
 
-def test_what_is_damaged_is_left_out_and_named(tmp_path):
+def test_damaged_lines_are_skipped_and_listed(tmp_path):
     line = msgspec.json.encode(BELIEF)
     (tmp_path / "trace.jsonl").write_bytes(b"\n".join((line, b"{]", b'{"stamp": 1}', line, line[:20])))
     (tmp_path / "results.json").write_text("[1]")
@@ -80,15 +80,15 @@ def test_what_is_damaged_is_left_out_and_named(tmp_path):
     assert run.damage[1].startswith("trace.jsonl:2: ")
 
 
-def test_a_run_that_was_broken_off_says_so(tmp_path):
+def test_unfinished_run_lists_its_damage(tmp_path):
     (tmp_path / "trace.jsonl").write_bytes(msgspec.json.encode(BELIEF)[:-5])
     run = open_run(tmp_path)
     assert (len(run.history), run.results) == (0, {})
     assert run.damage == ["results.json is missing: the run has not ended, or was broken off"]
-    assert run.course.at(0).agents == ()
+    assert run.states.at(0).agents == ()
 
 
-def test_how_nodes_were_at_a_time(tmp_path):
+def test_node_status_at_a_time(tmp_path):
     told = {"machine": "desk", "state": "active", "call_hz": "30.0"}
     graph = load_graph("waldo")
     with RunRecord(tmp_path) as kept:
@@ -100,19 +100,19 @@ def test_how_nodes_were_at_a_time(tmp_path):
         kept.observe("/health", msgspec.structs.replace(silent, stamp=START + 3 * 10**9))
     run = open_run(tmp_path)
     assert len((tmp_path / "seen.jsonl").read_bytes().splitlines()) == 2
-    assert {node.name: node.machine for node in run.graph().nodes}["speech"] == "desk"
+    assert {node.name: node.machine for node in run.graph_view().nodes}["speech"] == "desk"
 
     def speech(second: int) -> tuple[str, str, float | None]:
         found = next(node for node in run.nodes(START + second * 10**9) if node.name == "speech")
         return found.condition, found.reason, found.handled_hz
 
-    assert speech(0) == ("not heard", "", None)
+    assert speech(0) == ("no messages", "", None)
     assert speech(1) == ("active", "", 30.0)
     assert speech(3) == ("input silent", "no sound", 30.0)
 
 
-def test_of_a_long_run_the_newest_is_kept_and_read(tmp_path):
-    run = open_run(long_run(tmp_path / "run", visits=6, room=500_000))
+def test_newest_part_of_a_long_run_is_kept(tmp_path):
+    run = open_run(long_run(tmp_path / "run", visits=6, max_bytes=500_000))
     assert sum(part.stat().st_size for part in (tmp_path / "run").glob("trace.jsonl*")) < 510_000
     assert sum(part.stat().st_size for part in (tmp_path / "run").glob("seen.jsonl*")) < 510_000
     assert "trace.jsonl: the beginning is gone" in run.damage[-1]
@@ -121,11 +121,11 @@ def test_of_a_long_run_the_newest_is_kept_and_read(tmp_path):
     assert {node.name: node.condition for node in run.nodes(run.end)}["speech"] == "active"
     speech = next(node for node in run.nodes(run.end) if node.name == "speech")
     assert speech.handled_hz == 30.0
-    assert [said.text for said in run.course.at(run.end).speech][-1] == "Can I help you with anything?"
+    assert [said.text for said in run.states.at(run.end).speech][-1] == "Can I help you with anything?"
 
 
-def test_how_nodes_are_is_known_though_they_said_so_before_what_is_kept(tmp_path):
-    with RunTrace(tmp_path, room=40_000) as kept:
+def test_trimmed_log_repeats_the_latest_node_status(tmp_path):
+    with RunTrace(tmp_path, max_bytes=40_000) as kept:
         kept.describe(load_graph("waldo"))
         kept.observe("/waldo/trace", msgspec.structs.replace(BELIEF, stamp=START))
         kept.observe("/health", Health(stamp=START, node="speech", state="degraded", reason="no sound"))
@@ -135,7 +135,7 @@ def test_how_nodes_are_is_known_though_they_said_so_before_what_is_kept(tmp_path
     assert (found.condition, found.reason) == ("input silent", "no sound")
 
 
-def test_the_newest_run_is_the_one_written_to_last(tmp_path):
+def test_newest_run_is_the_last_written(tmp_path):
     with pytest.raises(RunError, match="there is no run yet"):
         newest_run(tmp_path)
     for age, name in ((0, "new"), (100, "old")):

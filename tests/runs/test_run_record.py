@@ -38,11 +38,11 @@ def lines(folder) -> list[dict]:
     return [json.loads(line) for line in (folder / "trace.jsonl").read_text("utf-8").splitlines()]
 
 
-def test_a_run_is_kept_as_one_chain_of_records(tmp_path):
-    with RunRecord(tmp_path / "run") as record:
+def test_run_is_recorded_as_a_chain(tmp_path):
+    with RunRecord(tmp_path / "above" / "run") as record:
         for message in RUN:
             record.observe("/topic", message)
-    kept = lines(tmp_path / "run")
+    kept = lines(tmp_path / "above" / "run")
     assert [(line["kind"], line["id"], line.get("cause", "")) for line in kept] == [
         ("detection", f"detection-{SECOND}", f"frame-{SECOND}"),
         ("belief", "waldo-1", f"detection-{SECOND}"),
@@ -52,31 +52,17 @@ def test_a_run_is_kept_as_one_chain_of_records(tmp_path):
         ("speech", "say-waldo-2-started", "say-waldo-2"),
     ]
     assert {line["schema"] for line in kept} == {"socialbot/TraceRecord/1"}
-
-
-def test_each_line_is_a_record_that_can_be_read_back(tmp_path):
-    with RunRecord(tmp_path) as record:
-        for message in RUN:
-            record.observe("/topic", message)
-    read = [
-        msgspec.json.decode(line, type=TraceRecord) for line in (tmp_path / "trace.jsonl").read_bytes().splitlines()
-    ]
     made = [trace_record("/topic", message) for message in RUN]
-    assert msgspec.json.encode(read) == msgspec.json.encode([record for record in made if record is not None])
+    read = [msgspec.convert(line, TraceRecord) for line in kept]
+    assert msgspec.json.encode(read) == msgspec.json.encode([each for each in made if each is not None])
+    assert (record.detections, record.actions, record.utterances) == ([DETECTIONS], [ACTION], [UTTERANCE])
 
 
-def test_each_line_is_on_disk_before_the_next_message(tmp_path):
+def test_lines_are_written_at_once(tmp_path):
     record = RunRecord(tmp_path)
     for count, message in enumerate((BELIEF, UTTERANCE, HEAD), start=1):
         record.observe("/topic", message)
         assert len(lines(tmp_path)) == count
-
-
-def test_detections_actions_and_utterances_are_at_hand(tmp_path):
-    with RunRecord(tmp_path) as record:
-        for message in RUN:
-            record.observe("/topic", message)
-    assert (record.detections, record.actions, record.utterances) == ([DETECTIONS], [ACTION], [UTTERANCE])
 
 
 @pytest.mark.parametrize(
@@ -92,7 +78,7 @@ def test_detections_actions_and_utterances_are_at_hand(tmp_path):
         (MOTION, "pan 0.500 rad, tilt -0.250 rad", {"duration_s": 0.5}),
     ],
 )
-def test_a_record_says_what_happened(message, what, detail):
+def test_record_of_each_message(message, what, detail):
     record = trace_record("/topic", message)
     assert record is not None
     assert (record.stamp, record.source, record.what) == (message.stamp, "/topic", what)
@@ -100,11 +86,11 @@ def test_a_record_says_what_happened(message, what, detail):
         assert record.detail == detail
 
 
-def test_a_record_of_the_agent_is_kept_as_it_is():
+def test_trace_record_is_kept():
     assert trace_record("/waldo/trace", BELIEF) is BELIEF
 
 
-def test_a_head_command_without_a_cause_is_told_apart_by_its_stamp():
+def test_head_command_without_cause_has_its_stamp_as_id():
     record = trace_record("/head", HeadCommand(stamp=7, mode="centre"))
     assert record is not None
     assert record.id == "head-7"
@@ -118,25 +104,15 @@ def test_a_head_command_without_a_cause_is_told_apart_by_its_stamp():
         Mind(stamp=1, agent="waldo", beliefs=(), desires=(), intentions=()),
     ],
 )
-def test_what_the_trace_tells_already_or_is_no_step_is_left_out(message):
+def test_other_messages_have_no_record(message):
     assert trace_record("/topic", message) is None
 
 
-def test_everything_recorded_but_the_actions_has_a_record():
+def test_all_recorded_types_are_tested():
     assert {type(message) for message in RUN} == set(RECORDED)
 
 
-def test_what_is_recorded_has_ids_of_its_own():
-    ids = [record.id for message in RUN if (record := trace_record("/topic", message)) is not None]
-    assert len(set(ids)) == len(ids)
-
-
-def test_a_folder_is_made_with_those_above_it(tmp_path):
-    with RunRecord(tmp_path / "a" / "b") as record:
-        assert record.folder.is_dir()
-
-
-def test_a_folder_that_holds_a_run_is_not_touched(tmp_path):
+def test_folder_with_a_run_is_not_changed(tmp_path):
     with RunRecord(tmp_path) as record:
         record.observe("/topic", BELIEF)
     before = (tmp_path / "trace.jsonl").read_bytes()
@@ -147,7 +123,7 @@ def test_a_folder_that_holds_a_run_is_not_touched(tmp_path):
     assert (tmp_path / "trace.jsonl").read_bytes() == before
 
 
-def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
+def test_unusable_folder_is_an_error(tmp_path):
     (tmp_path / "file").write_text("x")
     for folder in (tmp_path / "file", tmp_path / "file" / "run"):
         with pytest.raises(SocialbotError, match="the folder of the run") as caught:
@@ -155,7 +131,7 @@ def test_a_folder_that_cannot_be_made_is_explained(tmp_path):
         assert caught.value.where == str(folder)
 
 
-def test_results_are_written_to_be_read(tmp_path):
+def test_results_are_indented_json(tmp_path):
     with RunRecord(tmp_path) as record:
         path = record.write_results({"actions": [{"t_s": 1.5}], "graph": "waldo", "text": "è"})
     assert path == tmp_path / "results.json"
@@ -163,7 +139,7 @@ def test_results_are_written_to_be_read(tmp_path):
     assert "\n  " in path.read_text("utf-8")
 
 
-def test_a_trace_alone_keeps_nothing_in_memory(tmp_path):
+def test_trace_keeps_nothing_in_memory(tmp_path):
     with RunRecord(tmp_path / "record") as record, RunTrace(tmp_path / "trace") as trace:
         for taker in (record, trace):
             taker.observe("/humans/bodies/detections", DETECTIONS)

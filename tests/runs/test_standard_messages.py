@@ -51,7 +51,7 @@ def turned(q, vector):
     )
 
 
-def test_where_somebody_stands():
+def test_position_of_a_person():
     assert place_of(ANN) == pytest.approx((4 * math.cos(math.pi / 6), 2.0, 0.0))
     assert place_of(ANN, HeadPose(math.pi / 3, 0.0)) == pytest.approx((0.0, 4.0, 0.0)), (
         "seen by a camera that is turned to the left"
@@ -59,7 +59,7 @@ def test_where_somebody_stands():
     assert place_of(SOMEBODY) is None
 
 
-def test_there_is_a_frame_for_each_body_of_whom_it_is_known_where_they_stand():
+def test_each_located_person_has_a_frame():
     (body,) = there_and_back(SAY.bodies(FOUND)).transforms
     assert (body.header.frame_id, body.child_frame_id) == ("base_link", "body_t1")
     assert (body.header.stamp.sec, body.header.stamp.nanosec) == (3, 5)
@@ -81,11 +81,11 @@ def test_there_is_a_frame_for_each_body_of_whom_it_is_known_where_they_stand():
         ("x" * 999, "x" * 64),
     ],
 )
-def test_an_id_may_stand_in_the_name_of_a_topic(track, expected):
+def test_body_id_is_valid_in_topic_names(track, expected):
     assert body_id(PersonDetection(x=0.0, y=0.0, w=1.0, h=1.0, score=1.0, track_id=track)) == expected
 
 
-def test_a_head_that_looks_left_and_up_looks_left_and_up():
+def test_head_frames_turn_left_and_up():
     pan, tilt = there_and_back(SAY.head(0, HeadPose(0.5, 0.3))).transforms
     assert (pan.header.frame_id, pan.child_frame_id) == ("base_link", "head_pan_link")
     assert (tilt.header.frame_id, tilt.child_frame_id) == ("head_pan_link", "head_tilt_link")
@@ -94,7 +94,7 @@ def test_a_head_that_looks_left_and_up_looks_left_and_up():
 
 
 @pytest.mark.parametrize(("on_head", "holder"), [(True, "head_tilt_link"), (False, "base_link")])
-def test_the_camera_sits_on_the_head_or_on_the_base_and_its_optical_frame_looks_along_z(on_head, holder):
+def test_camera_frames_on_head_or_base(on_head, holder):
     camera, optical = there_and_back(SAY.camera(0, Mounting(1.5, on_head=on_head, optical="eye"))).transforms
     assert (camera.header.frame_id, camera.child_frame_id) == (holder, "camera_link")
     assert camera.transform.translation.z == (0.0 if on_head else 1.5)
@@ -105,13 +105,13 @@ def test_the_camera_sits_on_the_head_or_on_the_base_and_its_optical_frame_looks_
     assert turned(turn, (1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0)), "its x is to the right"
 
 
-def test_no_frame_hangs_from_itself_when_pictures_are_in_the_frame_of_the_camera():
+def test_no_optical_frame_for_images_in_the_camera_frame():
     (camera,) = there_and_back(SAY.camera(0, Mounting(optical=CAMERA))).transforms
     assert (camera.header.frame_id, camera.child_frame_id) == ("base_link", CAMERA)
 
 
 @pytest.mark.parametrize("pose", [HeadPose(0.0, 0.0), HeadPose(0.4, 0.3), HeadPose(-0.7, -0.4)])
-def test_a_body_stands_where_a_ray_through_the_frames_of_camera_and_head_goes(pose):
+def test_body_lies_on_the_ray_through_the_frames(pose):
     seeing = CameraModel(525.0, 525.0, 320.0, 240.0, 640, 480, pitch_rad=0.1)
     u, v = 500.0, 120.0
     bearing, elevation = seeing.direction(u, v)
@@ -142,7 +142,7 @@ def test_boxes_have_centres_and_sizes_in_pixels():
     assert (first.results[0].hypothesis.class_id, first.results[0].hypothesis.score) == ("person", 0.9)
 
 
-def test_the_region_of_a_body_is_a_share_of_the_picture_and_ends_at_its_edges():
+def test_region_is_a_fraction_of_the_image():
     region = there_and_back(SAY.region(FOUND, ANN))
     assert (region.xmin, region.xmax) == pytest.approx((100 / 640, 180 / 640))
     assert (region.ymin, region.ymax) == pytest.approx((40 / 480, 0.5))
@@ -151,11 +151,11 @@ def test_the_region_of_a_body_is_a_share_of_the_picture_and_ends_at_its_edges():
     assert (beyond.xmin, beyond.ymax) == (0.0, 1.0)
 
 
-def test_who_is_followed_has_an_id():
+def test_tracked_persons_have_ids():
     assert there_and_back(SAY.ids(FOUND)).ids == ["t1"]
 
 
-def test_joints_are_named():
+def test_joint_state_has_names():
     state = there_and_back(SAY.joints(0, ("head_pan_joint", "head_tilt_joint"), (0.5, -0.1)))
     assert state.name == ["head_pan_joint", "head_tilt_joint"]
     assert list(state.position) == [0.5, -0.1]

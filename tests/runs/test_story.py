@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.runs.story import story_of
-from tests.runs.deliberating_runs import DETOUR, HALL, PHRASES, desire, plan, plan_end, record, step
+from tests.runs.deliberating_runs import DETOUR, PHRASES, desire, plan, plan_end, record
 
 
 def test_plans_have_their_ends_and_reasons():
@@ -16,7 +16,7 @@ def test_plans_have_their_ends_and_reasons():
     assert "locked" in plans[0].reason
 
 
-def test_steps_have_their_times_beside_those_of_the_plan():
+def test_steps_have_times_and_results():
     story = story_of(DETOUR, PHRASES)
     first, failed, *_ = story.steps
     assert (first.text, first.began, first.ended) == (
@@ -24,77 +24,65 @@ def test_steps_have_their_times_beside_those_of_the_plan():
         story.start,
         story.start + 2_500_000_000,
     )
-    assert first.planned is not None
-    assert (first.planned.start_s, first.planned.duration_s) == (0.0, 2.0)
     assert failed.began is None
     assert (failed.outcome, failed.message) == ("failed", "the door is locked")
-    assert failed.planned is not None
-    assert failed.planned.start_s == 2.001
-
-
-def test_a_step_that_the_plan_has_twice_is_found_by_its_start():
-    steps = (f"0.000: {HALL} [2.000]", f"5.000: {HALL} [3.000]")
-    story = story_of((plan(0, "ann", "x", 1, *steps), step(5, "ann", HALL, planned=5.0)))
-    assert story.steps[0].planned is not None
-    assert story.steps[0].planned.duration_s == 3.0
 
 
 def test_requests_have_their_last_answer():
     (request,) = story_of(DETOUR, PHRASES).requests
     assert (request.sender, request.receiver, request.about_desire, request.state) == ("ann", "bob", True, "fulfilled")
-    assert request.answered == request.asked
     assert request.ended == request.asked + 3_500_000_000
 
 
-def test_desires_tell_whose_they_are_and_how_they_ended():
+def test_desires_have_origin_and_result():
     home, door = story_of(DETOUR, PHRASES).desires
     assert (home.origin, home.how, home.why) == ("own", "fulfilled", "desires.yaml")
     assert (door.origin, door.how, door.why) == ("request", "fulfilled", "ann asks for it")
 
 
-def test_what_was_planned_and_what_it_took_stand_side_by_side():
+def test_planned_and_actual_duration():
     story = story_of(DETOUR, PHRASES)
     assert story.first is not None
     assert story.makespans_s(story.first) == (5.0, 7.0)
     assert story.duration_s == 7.0
 
 
-def test_what_never_ended_stays_open():
+def test_unfinished_items_stay_open():
     story = story_of(DETOUR[:3])
     assert story.first is not None
     assert (story.first.how, story.plans[0].outcome, story.steps[0].outcome) == ("", "", "")
     assert story.makespans_s(story.first) == (5.0, None)
 
 
-def test_an_agent_that_was_restarted_has_lost_its_plan():
+def test_restarted_agent_loses_its_plan():
     lost = story_of((*DETOUR[:3], plan(4.0, "ann", "be_home", 1)))
     assert [p.outcome for p in lost.plans] == ["lost", ""]
     assert lost.steps[0].outcome == "lost"
 
 
-def test_a_refused_desire_is_over_at_once():
+def test_refused_desire_has_ended():
     (refused,) = story_of([record(0, "a", "desire_refused", "x", reason="no box")]).desires
     assert (refused.how, refused.reason, refused.priority) == ("refused", "no box", None)
 
 
-def test_a_run_of_nothing_is_no_story():
+def test_story_of_an_empty_run():
     story = story_of([])
     assert (story.first, story.duration_s, story.agents) == (None, 0.0, [])
 
 
 @pytest.mark.parametrize("until", range(len(DETOUR)))
-def test_a_story_can_be_told_at_any_moment(until):
+def test_story_of_an_unfinished_run(until):
     story = story_of(DETOUR[:until], PHRASES)
     assert len(story.desires) == sum(each.kind == "desire" for each in DETOUR[:until])
 
 
-def test_desires_of_one_name_one_after_the_other_are_told_apart():
+def test_desires_with_the_same_name_are_separate():
     first, second = desire(0, "a", "x"), desire(5, "a", "x")
     end = record(3, "a", "desire_dropped", "x", reason="deleted")
     assert [each.how for each in story_of((first, end, second)).desires] == ["dropped", ""]
 
 
-def test_what_rules_want_is_what_a_run_was_about_where_nobody_wants_anything_else():
+def test_desires_of_rules_are_the_aims_without_other_desires():
     rule = record(0, "a", "rule", "dry", id="a-1", effect="ADD desire water")
     by_rule, own = desire(0, "a", "water", "a-1"), desire(0, "a", "rest")
     asked = record(0, "a", "asked", "b asks a to add desire help", "b-1")
@@ -103,7 +91,7 @@ def test_what_rules_want_is_what_a_run_was_about_where_nobody_wants_anything_els
     assert [each.name for each in story_of((rule, by_rule, own)).aims] == ["rest"]
 
 
-def test_what_is_needed_no_more_is_not_said_to_be_dropped():
+def test_needless_desire_is_not_dropped():
     whole = desire(0, "a", "x")
     end = record(1, "a", "desire_fulfilled", "x", whole.id, reason="")
     gone = record(1, "a", "desire_dropped", "y", end.id, reason="x has ended")

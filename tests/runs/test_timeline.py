@@ -29,7 +29,7 @@ def bars(timeline: Timeline) -> dict[str, list[tuple[str, float, float | None, s
     }
 
 
-def test_desires_plans_and_steps_are_bars_and_what_carries_out_a_step_is_not_told_again():
+def test_desires_plans_and_steps_are_bars():
     assert bars(timeline_of(History(ERRAND, start=100 * SECOND))) == {
         "ann.desires": [("be_home", 0.0, 3.0, "fulfilled")],
         "ann.plans": [("plan 1 for be_home", 1.0, 3.0, "succeeded")],
@@ -37,7 +37,7 @@ def test_desires_plans_and_steps_are_bars_and_what_carries_out_a_step_is_not_tol
     }
 
 
-def test_what_goes_on_has_no_end_and_what_changes_is_told_once():
+def test_open_bars_and_changes():
     history = History(start=100 * SECOND)
     timeline = Timeline(history)
     for each in ERRAND[:3]:
@@ -54,13 +54,13 @@ def test_what_goes_on_has_no_end_and_what_changes_is_told_once():
     assert [(changed.lane, changed.bar.to_s) for changed in timeline.changed()] == [("steps", 3.0)]
 
 
-def test_a_bar_travels_as_from_and_to():
+def test_bar_is_encoded_with_from_and_to():
     (lane, *_) = timeline_of(History(ERRAND, start=100 * SECOND)).lanes()
     bar = msgspec.json.decode(msgspec.json.encode(lane))["bars"][0]
     assert (bar["from"], bar["to"], bar["kind"]) == (0.0, 3.0, "desire")
 
 
-def test_who_is_away_for_more_than_a_moment_has_another_bar():
+def test_returning_person_has_a_new_bar():
     def seen(second: float, *tracks: str):
         return record(second, "/d", "detection", "", persons=[{"track_id": track} for track in tracks])
 
@@ -70,7 +70,7 @@ def test_who_is_away_for_more_than_a_moment_has_another_bar():
     }
 
 
-def test_a_run_of_waldo_has_people_goals_actions_and_speech(tmp_path):
+def test_lanes_of_a_run(tmp_path):
     run = open_run(greeting(tmp_path / "run"))
     lanes = bars(run.timeline)
     assert [text for text, *_ in lanes[".people"]] == ["t1"]
@@ -79,7 +79,7 @@ def test_a_run_of_waldo_has_people_goals_actions_and_speech(tmp_path):
     assert lanes[".speech"][0][0] == "Hello! Nice to see you."
 
 
-def test_what_had_ended_long_ago_is_forgotten_and_what_goes_on_is_not():
+def test_old_bars_are_dropped():
     lasts = (*ERRAND[:7], desire(0.0, "ann", "be_glad"))
     history = History(sorted(lasts, key=lambda each: each.stamp), start=100 * SECOND)
     timeline = timeline_of(history)
@@ -92,7 +92,7 @@ def test_what_had_ended_long_ago_is_forgotten_and_what_goes_on_is_not():
     assert bars(timeline)["ann.plans"] == [("plan 1 for be_home", 1.0, 5.0, "succeeded")]
 
 
-def test_who_was_there_long_ago_comes_anew(tmp_path):
+def test_person_has_a_new_bar_after_trimming(tmp_path):
     history = open_run(greeting(tmp_path / "run")).history
     timeline = timeline_of(history)
     timeline.forget(history.end + SECOND)

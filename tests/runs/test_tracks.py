@@ -6,7 +6,7 @@ from socialbot.runs.tracks import forget, latest
 
 
 @pytest.mark.parametrize(("stamp", "kept"), [(5, "abc"), (10, "abc"), (19, "abc"), (20, "bc"), (25, "bc"), (99, "c")])
-def test_what_was_so_by_then_is_not_forgotten(stamp, kept):
+def test_forget_keeps_the_current_value(stamp, kept):
     track = [(10, "a"), (20, "b"), (30, "c")]
     before = latest(track, stamp)
     forget(track, stamp)

@@ -39,7 +39,7 @@ def over(check: DesiresDone, seconds: float) -> bool:
     return check.are_over(nanoseconds(seconds))
 
 
-def test_a_run_is_over_when_nobody_has_wanted_anything_for_a_while():
+def test_a_run_ends_after_a_time_without_desires():
     check = DesiresDone()
     check.observe(desires(0.0, "a"))
     assert not over(check, 100.0), "nobody has begun yet"
@@ -52,7 +52,7 @@ def test_a_run_is_over_when_nobody_has_wanted_anything_for_a_while():
     assert over(check, 4.0 + QUIET_S)
 
 
-def test_a_new_wish_lets_it_go_on():
+def test_a_new_desire_continues_the_run():
     check = DesiresDone()
     for seconds, names in ((0.0, ("tea",)), (1.0, ()), (2.0, ("more",)), (3.0, ())):
         check.observe(desires(seconds, "a", *names))
@@ -64,7 +64,7 @@ def health(seconds: float, node: str, state: State) -> Health:
     return Health(stamp=nanoseconds(seconds), node=node, state=state)
 
 
-def test_a_run_without_check_is_over_a_while_after_all_worlds_have_ended():
+def test_a_run_ends_after_all_simulators():
     check = SimulatorsDone(frozenset({"room", "visitors"}))
     for told in (health(1.0, "room", "ok"), health(2.0, "room", "ended"), health(3.0, "mind", "ended")):
         check.observe(told)
@@ -75,7 +75,7 @@ def test_a_run_without_check_is_over_a_while_after_all_worlds_have_ended():
     assert check.are_over(nanoseconds(4.0 + QUIET_S))
 
 
-def test_agents_without_desires_are_run_until_their_world_has_nothing_more_to_show(tmp_path, monkeypatch):
+def test_agents_without_desires_run_until_their_simulator_ends(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     project = write_project("robot_of_the_demo", "python", tmp_path)
     graph, seen = load_graph(str(project / "graph.yaml")), []
@@ -105,27 +105,27 @@ def cleaned(tmp_path_factory: pytest.TempPathFactory):
 
     with RunRecord(folder) as record:
         source = SimulatedSource(bag=folder / "bag")
-        ran = run(graph, source, record, observe, summarize=lambda: report.summary().results())
+        ran = run(graph, source, record, observe, summarize=lambda: report.story().results())
     return graph, ran, report, seen, folder
 
 
-def test_agents_run_until_they_have_what_they_want(cleaned):
+def test_agents_run_until_their_desires_are_fulfilled(cleaned):
     _, ran, report, _, _ = cleaned
-    summary = report.summary()
-    assert summary.reached
-    assert summary.requests_for_desires == 2
+    story = report.story()
+    assert story.reached
+    assert story.results()["requests_for_desires"] == 2
     assert ran.ended == "nobody wants anything more"
-    assert ran.seconds == pytest.approx(summary.story.duration_s + QUIET_S, abs=0.2)
+    assert ran.seconds == pytest.approx(story.duration_s + QUIET_S, abs=0.2)
     assert all(fate.failures == 0 for fate in ran.nodes.values())
 
 
-def test_what_is_watched_is_seen(cleaned):
+def test_observes_the_topics_of_a_simulation(cleaned):
     graph, _, _, seen, _ = cleaned
     assert {topic for topic, _ in seen} <= set(simulation_topics(graph))
     assert any(isinstance(message, TraceRecord) for _, message in seen)
 
 
-def test_a_bag_has_traces_and_requests_and_says_which_graph_ran(cleaned):
+def test_a_bag_has_traces_requests_and_the_graph(cleaned):
     graph, _, _, seen, folder = cleaned
     expected = sum(topic in replay_topics(graph) for topic, _ in seen)
     with open_bag(folder / "bag") as bag:
@@ -145,7 +145,7 @@ def test_a_run_ends_when_its_time_is_up(tmp_path: Path):
     report = RunReport(graph := load_graph("cleaner-sweeper"))
     ran = simulated(graph, tmp_path, report.observe, limit_s=7.0)
     assert (ran.ended, ran.seconds) == ("the time was up", 7.0)
-    assert not report.summary().reached
+    assert not report.story().reached
 
 
 def test_a_run_can_be_paced(tmp_path: Path):
@@ -153,7 +153,7 @@ def test_a_run_can_be_paced(tmp_path: Path):
     assert ran.wall_s >= 0.35
 
 
-def test_results_tell_how_it_was_run(cleaned):
+def test_results_describe_the_run(cleaned):
     results = cleaned[1].results
     assert results["graph"] == "cleaner-sweeper"
     assert results["reached"] is True
@@ -166,20 +166,20 @@ def test_results_tell_how_it_was_run(cleaned):
 def test_the_warehouse_has_a_graph_for_each_size(boxes):
     graph = warehouse(boxes, run=2, seed=7, faults="30 slips")
     cast = scenario_with(boxes)
-    names = [placement.name for placement in graph.placements]
+    names = [config.name for config in graph.nodes]
     assert names == ["world", *cast.carriers, "gripper_a"]
-    assert graph.placement("world").parameters == {"seed": 7, "faults": "30 slips"}
-    hasty = [name for name in names if "init_reactive_rules_set" in graph.placement(name).parameters]
+    assert graph.node("world").parameters == {"seed": 7, "faults": "30 slips"}
+    hasty = [name for name in names if "init_reactive_rules_set" in graph.node(name).parameters]
     assert hasty == [cast.carriers[-1]]
 
 
-def test_six_boxes_are_the_graph_that_comes_with_socialbot():
+def test_six_boxes_are_the_built_in_graph():
     ours, theirs = warehouse(), load_graph("warehouse")
-    assert [(p.name, p.type) for p in ours.placements] == [(p.name, p.type) for p in theirs.placements]
-    assert ours.placement("gripper_a").parameters == theirs.placement("gripper_a").parameters
+    assert [(p.name, p.type) for p in ours.nodes] == [(p.name, p.type) for p in theirs.nodes]
+    assert ours.node("gripper_a").parameters == theirs.node("gripper_a").parameters
 
 
-def test_the_world_is_recorded_with_what_it_is_told():
+def test_records_the_simulator_and_its_commands():
     topics = replay_topics(load_graph("warehouse"))
     assert {"/warehouse/boxes", "/carrier_a/cmd_target", "/gripper_a/trace", "/agents/replies"} <= set(topics)
     assert "/gripper_a/belief_set" not in topics

@@ -10,23 +10,25 @@ from hypothesis import strategies as st
 from socialbot.bridge.environment import Across
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.graph.files import load_graph
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime._processes import RestartPolicy
-from socialbot.runtime.deployment import Server, load_deployment, parse_deployment
+from socialbot.runtime.deployment import Deployment, Server, is_address, is_own, load_deployment, parse_deployment
+from socialbot.vision.camera import Camera
 from tests.runtime.deployments import PAGE, deployment
 
 
-def test_a_file_says_what_runs_where():
+def test_a_file_assigns_nodes_to_machines():
     read = deployment()
     assert read.machines == {"robot": "10.77.0.1", "workstation": "10.77.0.2"}
     assert read.places["head"] == "robot"
     assert read.domain == 42
     assert read.restart == RestartPolicy(times=3, within_s=30.0, first_s=0.5, longest_s=4.0)
     assert read.keys == Path("/here/keys")
-    assert read.graph.placement("bdi_engine").parameters["greeting"] == "Hallo"
+    assert read.graph.node("bdi_engine").parameters["greeting"] == "Hallo"
     assert read.across("robot") == Across(peers=("10.77.0.2",))
 
 
-def test_most_of_it_may_be_left_out():
+def test_most_keys_are_optional():
     page = PAGE.replace("domain: 42\ndiscovery: peers\n", "").partition("pictures:")[0]
     read = parse_deployment(page, where="d.yaml", folder=Path("/here"))
     assert (read.domain, read.keys, read.restart) == (0, None, RestartPolicy())
@@ -39,12 +41,12 @@ def test_a_discovery_server_runs_on_a_machine(written: str, port: int):
     assert read.across("workstation") == Across(server=f"10.77.0.1:{port}")
 
 
-def test_minds_are_kept_beside_the_file():
+def test_state_files_are_beside_the_file():
     assert deployment(("parameters:", "minds: kept\nparameters:")).minds == Path("/here/kept")
     assert deployment().minds is None
 
 
-def test_a_graph_may_stand_beside_the_file(tmp_path: Path):
+def test_a_graph_may_be_beside_the_file(tmp_path: Path):
     (tmp_path / "g.yaml").write_text("name: eyes\nnodes:\n  camera: {type: camera}\n")
     file = tmp_path / "d.yaml"
     file.write_text("graph: g.yaml\nmachines: {laptop: {address: 127.0.0.1}}\nnodes: {camera: laptop}\n")
@@ -59,24 +61,24 @@ def test_a_graph_may_stand_beside_the_file(tmp_path: Path):
         ("graph: waldo", "graph: 3", 1, ["'graph' must be a text, got 3"]),
         ("domain: 42", "domain: 233", 2, ["a whole number from 0 to 232, got 233"]),
         ("domain: 42", "domain: true", 2, ["a whole number", "got True"]),
-        ("discovery: peers", "discovery: multicast", 3, ["no kind of discovery: 'multicast'", "{server: MACHINE}"]),
-        ("discovery: peers", "discovery: {server: 'robot:70000'}", 3, ["no port: '70000'"]),
+        ("discovery: peers", "discovery: multicast", 3, ["kind of discovery: 'multicast'", "{server: MACHINE}"]),
+        ("discovery: peers", "discovery: {server: 'robot:70000'}", 3, ["'70000' is not a port"]),
         ("discovery: peers", "discovery: {server: rowboat}", 3, ["no machine 'rowboat'", "did you mean 'robot'?"]),
         ("discovery: peers", "discovery: 7", 3, ["expected names with values, got 7"]),
         ("  robot: {address: 10.77.0.1}", "  robot: {adress: 10.77.0.1}", 5, ["did you mean 'address'?"]),
         ("  robot: {address: 10.77.0.1}", "  robot: {}", 5, ["'address' must be a text"]),
         ("  robot: {address: 10.77.0.1}", "  robot: 10.77.0.1", 5, ["expected names with values"]),
-        ("10.77.0.1", "10.77.0.256", 5, ["no address: '10.77.0.256'", "IPv4"]),
-        ("10.77.0.1", "'::1'", 5, ["no address: '::1'"]),
+        ("10.77.0.1", "10.77.0.256", 5, ["'10.77.0.256' is not a valid address", "IPv4"]),
+        ("10.77.0.1", "'::1'", 5, ["'::1' is not a valid address"]),
         ("10.77.0.1", "10.77.0.2", 5, ["two machines have the address 10.77.0.2"]),
-        ("  robot: {address", "  ro-bot: {address", 5, ["no name for a machine: 'ro-bot'"]),
+        ("  robot: {address", "  ro-bot: {address", 5, ["'ro-bot' is not a valid machine name"]),
         ("  camera: robot", "  camera: robo", 8, ["no machine 'robo'", "did you mean 'robot'?"]),
         ("  camera: robot", "  camra: robot", 8, ["waldo has no node 'camra'", "did you mean 'camera'?"]),
         ("  camera: robot", "  camera: [robot]", 8, ["'camera' must be a text"]),
-        ("  camera: robot\n", "", 7, ["nothing says where these run: camera", "add camera: robot"]),
+        ("  camera: robot\n", "", 7, ["nodes without a machine: camera", "add camera: robot"]),
         ("  camera: robot", "  camera: robot\n  camera: robot", 9, ["no valid YAML", "duplicate"]),
-        ("  /camera/image_raw:", "  /camera/image_ray:", 16, ["no topic of pictures", "'/camera/image_raw'?"]),
-        ("    transport: jpeg", "    transport: png", 17, ["no transport: 'png'", "jpeg, raw"]),
+        ("  /camera/image_raw:", "  /camera/image_ray:", 16, ["is not an image topic", "'/camera/image_raw'?"]),
+        ("    transport: jpeg", "    transport: png", 17, ["unknown transport 'png'", "jpeg, raw"]),
         ("    quality: 70", "    quality: 700", 18, ["700 is out of range", "1 to 100"]),
         ("    quality: 70", "    quality: high", 18, ["'high' is not of type int"]),
         ("    rate_hz: 15", "    rate: 15", 19, ["unknown key 'rate'", "did you mean 'rate_hz'?"]),
@@ -90,7 +92,7 @@ def test_a_graph_may_stand_beside_the_file(tmp_path: Path):
         ("security: {keys: keys}", "security: {keys: keys", 22, ["no valid YAML"]),
     ],
 )  # fmt: skip
-def test_a_mistake_is_one_message_with_file_line_and_remedy(old: str, new: str, line: int, words: list[str]):
+def test_an_error_has_file_line_and_remedy(old: str, new: str, line: int, words: list[str]):
     with pytest.raises((GraphError, ParameterError)) as caught:
         deployment((old, new))
     assert all(word in str(caught.value) for word in words), str(caught.value)
@@ -101,13 +103,13 @@ def test_a_mistake_is_one_message_with_file_line_and_remedy(old: str, new: str, 
 
 
 @pytest.mark.parametrize("key", ["machines", "nodes"])
-def test_what_must_be_there_is_asked_for(key: str):
+def test_requires_machines_and_nodes(key: str):
     page = "\n".join(part for part in re.split(r"\n(?=\w)", PAGE) if not part.startswith(key))
     with pytest.raises(GraphError, match=f"'{key}' is missing"):
         parse_deployment(page, where="d.yaml", folder=Path("/here"))
 
 
-def test_a_mistake_in_the_graph_is_told_of_its_own_file(tmp_path: Path):
+def test_an_error_in_the_graph_names_the_graph_file(tmp_path: Path):
     (tmp_path / "g.yaml").write_text("name: eyes\nnodes:\n  camera: {typ: camera}\n")
     file = tmp_path / "d.yaml"
     file.write_text("graph: g.yaml\nmachines: {laptop: {address: 127.0.0.1}}\nnodes: {camera: laptop}\n")
@@ -115,14 +117,14 @@ def test_a_mistake_in_the_graph_is_told_of_its_own_file(tmp_path: Path):
         load_deployment(file)
 
 
-def test_a_file_that_cannot_be_read_is_explained(tmp_path: Path):
+def test_an_unreadable_file_is_an_error(tmp_path: Path):
     with pytest.raises(GraphError, match="cannot read the deployment"):
         load_deployment(tmp_path / "none.yaml")
 
 
 @settings(max_examples=150)
 @given(st.text(st.sampled_from("abn:- \n{}[]'\"#&*!|>%@,0\t"), max_size=40))
-def test_whatever_the_text_is_errors_are_for_people(text: str):
+def test_invalid_text_raises_only_socialbot_errors(text: str):
     with pytest.raises(SocialbotError):
         parse_deployment(text, where="d.yaml", folder=Path("/here"))
 
@@ -143,19 +145,58 @@ VALUES = st.recursive(
 
 @settings(max_examples=150)
 @given(st.sampled_from([line for line in PAGE.splitlines() if not line.endswith(":")]), VALUES)
-def test_a_wrong_value_anywhere_names_the_file_or_is_right_after_all(line: str, value: str):
+def test_errors_of_wrong_values_name_the_file(line: str, value: str):
     try:
         read = deployment((line, f"{line.partition(':')[0]}: {value}"))
     except SocialbotError as error:
         where = error.where or ""
     else:
-        where = "dir/d.yaml" if {one.name for one in read.written.placements} == read.places.keys() else ""
+        where = "dir/d.yaml" if {one.name for one in read.written.nodes} == read.places.keys() else ""
     assert where.startswith("dir/d.yaml")
 
 
-def test_the_files_in_the_documentation_are_right():
+def test_the_examples_in_the_documentation_are_valid():
     text = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text("utf-8")
     laptop, two, pictures = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     for page in (laptop, two, two + pictures):
         read = parse_deployment(page, where="deploy.md", folder=Path("/here"))
-        assert all(f"`{one.name}`" in text or one.name in page for one in read.graph.placements)
+        assert all(f"`{one.name}`" in text or one.name in page for one in read.graph.nodes)
+
+
+EYES = Graph("eyes", (NodeConfig("camera", Camera),))
+
+
+def test_a_single_machine_has_no_discovery_settings():
+    assert Deployment(EYES, {"laptop": "127.0.0.1"}, {"camera": "laptop"}).across("laptop") is None
+
+
+def test_finds_this_machine_by_its_address():
+    here = Deployment(EYES, {"laptop": "127.0.0.1", "robot": "192.0.2.7"}, {"camera": "robot"})
+    assert here.this_machine() == "laptop"
+
+
+@pytest.mark.parametrize(
+    ("machines", "words"),
+    [
+        ({"robot": "192.0.2.7", "desk": "192.0.2.8"}, "none of the addresses: robot .192.0.2.7., desk"),
+        ({"robot": "127.0.0.1", "desk": "127.0.0.2"}, "this could be robot or desk"),
+    ],
+)
+def test_lists_the_machines_if_none_or_several_match(machines: dict[str, str], words: str):
+    with pytest.raises(GraphError, match=words) as caught:
+        Deployment(EYES, machines, {"camera": "robot"}).this_machine()
+    assert "--machine" in str(caught.value)
+
+
+def test_suggests_the_name_of_an_unknown_machine():
+    with pytest.raises(GraphError, match="did you mean 'robot'"):
+        deployment().half("robto")
+
+
+def test_checks_addresses():
+    assert all(map(is_address, ("10.0.0.1", "robot", "robot.local", "a-b.example.org")))
+    assert not any(
+        map(is_address, ("", "10.0.0", "1.2.3.4.5", "::1", "a b", "-a", "a..b", "a;b", "x" * 64, "10.0.0.1\n"))
+    )
+    assert is_own("127.0.0.1")
+    assert not is_own("192.0.2.7")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.runtime._discovery_server import DiscoveryServer, listening
+from socialbot.runtime._network import DiscoveryServer, listening
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Server
 from socialbot.runtime.machine import discovery
@@ -22,7 +22,7 @@ HASTY = RestartPolicy(times=1, first_s=0.01)
 PARENT = """
 import sys, time
 from pathlib import Path
-from socialbot.runtime._discovery_server import DiscoveryServer
+from socialbot.runtime._network import DiscoveryServer
 from socialbot.runtime._processes import RestartPolicy
 Path(sys.argv[2]).touch()
 with DiscoveryServer("127.0.0.1", int(sys.argv[1]), Path(sys.argv[2]), RestartPolicy()) as server:
@@ -46,7 +46,7 @@ def lives(pid: int) -> bool:
     return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
-def test_it_is_started_again_and_ends_with_the_block(port: int, tmp_path: Path) -> None:
+def test_restarts_the_server_and_ends_it(port: int, tmp_path: Path) -> None:
     output = tmp_path / "log" / "server.log"
     with DiscoveryServer("127.0.0.1", port, output, HASTY) as server:
         assert eventually(lambda: output.exists() and "Server is running" in output.read_text())
@@ -59,7 +59,7 @@ def test_it_is_started_again_and_ends_with_the_block(port: int, tmp_path: Path) 
     assert not lives(second)
 
 
-def test_one_whose_port_is_taken_is_given_up(port: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_gives_up_if_the_port_is_taken(port: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", port))
         with DiscoveryServer("127.0.0.1", port, tmp_path / "server.log", HASTY) as server:
@@ -68,7 +68,7 @@ def test_one_whose_port_is_taken_is_given_up(port: int, tmp_path: Path, caplog: 
     assert str(tmp_path / "server.log") in caplog.text
 
 
-def test_it_dies_with_the_process_that_has_started_it(port: int, tmp_path: Path) -> None:
+def test_the_server_ends_with_its_parent(port: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", PARENT, str(port), str(tmp_path / "server.log")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
@@ -78,12 +78,12 @@ def test_it_dies_with_the_process_that_has_started_it(port: int, tmp_path: Path)
     assert eventually(lambda: not lives(pid))
 
 
-def test_it_listens_where_others_look_for_it() -> None:
+def test_listens_on_the_configured_address() -> None:
     assert listening("10.77.0.1") == "10.77.0.1"
     assert listening("robot.local") == "0.0.0.0"
 
 
-def test_it_runs_on_its_own_machine_only(tmp_path: Path) -> None:
+def test_runs_only_on_its_own_machine(tmp_path: Path) -> None:
     here = deployment(("10.77.0.1", "127.0.0.1"), ("discovery: peers", "discovery: {server: robot}"))
     elsewhere = deployment(("discovery: peers", "discovery: {server: robot}"))
     assert here.server == Server("robot")

@@ -14,14 +14,14 @@ from socialbot.graph.files import load_graph
 from socialbot.runtime.bag_source import replay
 from socialbot.runtime.run import RunResult
 from socialbot.runtime.simulated_source import replay_topics
-from tests.agents.hospital.runs import Told, carried_out, paper_run
+from tests.agents.hospital.runs import HospitalRun, carried_out, paper_run
 from tests.runs.pages import read, unfrozen
 from tests.system.running import results, socialbot
 
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
-def page_of(run: Told) -> str:
+def page_of(run: HospitalRun) -> str:
     return run.report.write(run.folder, "The hospital").read_text("utf-8")
 
 
@@ -35,14 +35,14 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     return done.stdout, folder
 
 
-def test_it_shows_the_ward_the_tasks_who_does_what_what_fails_and_the_new_plan(shown):
+def test_prints_ward_tasks_actions_failures_and_the_new_plan(shown):
     text = re.sub(r" +", " ", shown[0])
     in_order = [
         "room1 closed dirty ✓ nurse1",
         "plans disinfect room1: 9 steps",
         "· m_patrol_and_disinfect(spotrobot1, uvdrobot1, nurse_disinfected1) infected",
         "spotrobot1 · goes to room1",
-        "✗ patrols room1: failed, dirty room",
+        "✗ patrols room1: failed: dirty room",
         "gives up plan 1 for disinfect room1",
         "✗ a_patrol_room(spotrobot1, room1)",
         "makes a new plan for disinfect room1: 8 steps",
@@ -55,7 +55,7 @@ def test_it_shows_the_ward_the_tasks_who_does_what_what_fails_and_the_new_plan(s
     assert -1 not in places
 
 
-def test_its_folder_has_trace_results_page_and_ward(shown):
+def test_writes_trace_results_page_and_ward(shown):
     folder = shown[1]
     assert {path.name for path in folder.iterdir()} == {
         *("trace.jsonl", "seen.jsonl", "graph.yaml", "results.json", "report.html", "ward.svg"),
@@ -67,7 +67,7 @@ def test_its_folder_has_trace_results_page_and_ward(shown):
     assert found["infected"] == []
 
 
-def test_its_page_contains_the_whole_run():
+def test_the_page_contains_the_whole_run():
     page = page_of(paper_run(100.0))
     words = read(page)
     assert "1 of 1" in words
@@ -80,7 +80,7 @@ def test_its_page_contains_the_whole_run():
     assert [bar["outcome"] for bar in bars if bar["kind"] == "desire"] == ["fulfilled"]
 
 
-def test_its_film_shows_rooms_and_robots():
+def test_the_film_shows_rooms_and_robots():
     film = unfrozen(page_of(paper_run(100.0)))["film"]
     assert set(film["robots"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
     looks = [film["drawings"][int(face)] for _, face in film["faces"]["room1"]]
@@ -89,18 +89,18 @@ def test_its_film_shows_rooms_and_robots():
     assert "door open, tidy, disinfected" in looks[-1]
 
 
-def test_a_mission_that_is_given_up_is_not_reached():
+def test_an_abandoned_mission_is_not_reached():
     run = paper_run(100.0, "none")
-    summary = run.report.summary()
-    assert not summary.reached
-    assert summary.results()["infected"] == ["room1"]
-    assert [mission["problems"] for mission in summary.results()["missions"]] == [["dirty room"]]
+    story = run.report.story()
+    assert not story.reached
+    assert story.results()["infected"] == ["room1"]
+    assert [mission["problems"] for mission in story.results()["missions"]] == [["dirty room"]]
     assert run.ran.ended == "nobody wants anything more"
 
 
 def test_the_graph_file_runs_with_the_page_too():
     run = carried_out(load_graph("hospital"))
-    assert run.report.summary().reached
+    assert run.report.story().reached
     assert unfrozen(page_of(run))["trees"]
 
 
@@ -109,7 +109,7 @@ def replayed(bag: Path, folder: Path, **changes: object) -> RunResult:
     return replay(bag, graph, folder)
 
 
-def test_a_bag_replayed_without_the_world_gives_the_same_decisions_at_the_same_times(tmp_path):
+def test_a_replay_without_the_simulator_gives_the_same_decisions(tmp_path):
     graph = paper_run(100.0).graph
     run = carried_out(graph, bag=tmp_path / "bag")
     outcome = replayed(tmp_path / "bag", tmp_path / "run")
@@ -120,20 +120,20 @@ def test_a_bag_replayed_without_the_world_gives_the_same_decisions_at_the_same_t
     assert len(told) == len(run.records)
 
 
-def test_a_bag_has_what_is_said_and_done(tmp_path):
+def test_a_bag_has_states_commands_and_messages(tmp_path):
     topics = replay_topics(paper_run(0.0).graph)
     assert {f"/hospital/{name}" for name in ("state", "results", "commands", "messages", "missions")} <= set(topics)
     assert "/spotrobot1/mind" not in topics
 
 
-def test_a_coordinator_that_is_set_otherwise_decides_otherwise(tmp_path):
+def test_other_parameters_give_other_decisions(tmp_path):
     outcome = replayed(BAGS / "hospital_replanned", tmp_path / "run", policy="none")
     assert outcome.decisions is not None
     assert outcome.decisions.difference.startswith("coordinator")
 
 
 @pytest.mark.parametrize("mission", ["plain", "replanned"])
-def test_the_committed_bags_give_the_decisions_that_they_hold(mission, tmp_path):
+def test_the_committed_bags_give_their_recorded_decisions(mission, tmp_path):
     outcome = replayed(BAGS / f"hospital_{mission}", tmp_path / "run")
     assert outcome.decisions is not None
     assert outcome.decisions.difference == ""

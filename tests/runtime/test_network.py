@@ -1,4 +1,4 @@
-"""A machine whose network comes late, goes, and comes again."""
+"""A machine whose network starts late or has outages."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from socialbot.runtime import machine as networks
-from socialbot.runtime.machine import Network, addresses_of, own_addresses
+from socialbot.runtime import _network as networks
+from socialbot.runtime._network import Network, addresses_of, own_addresses
 from tests.system.running import eventually
 
 ADDRESS = "10.77.0.1"
 
 
 class Cable:
-    """What the machine finds out about its addresses."""
+    """Addresses of the machine, as the monitor finds them."""
 
     def __init__(self) -> None:
         self.addresses: frozenset[str] = frozenset()
@@ -30,7 +30,7 @@ class Cable:
         return self.addresses
 
     def plug(self, *addresses: str) -> None:
-        """Changes them, and waits until that was seen."""
+        """Change the addresses, and wait until the monitor has read them."""
         self.addresses, looks = frozenset(addresses), self.looks
         assert eventually(lambda: self.looks > looks + 1, 10)
 
@@ -51,13 +51,13 @@ def network(cable) -> Iterator[Network]:
 
 
 def missed(network: Network) -> tuple[float, float]:
-    """The times between which somebody who started has missed it."""
+    """Interval of the starts that missed the network."""
     found = network.missed()
     assert found is not None
     return found
 
 
-def test_who_started_before_it_came_has_missed_it_and_that_is_told_once(cable, network, caplog):
+def test_processes_started_before_the_network_missed_it(cable, network, caplog):
     begun = monotonic()
     cable.plug("127.0.0.1")
     assert network.missed() is None
@@ -71,7 +71,7 @@ def test_who_started_before_it_came_has_missed_it_and_that_is_told_once(cable, n
     ]
 
 
-def test_who_started_while_it_was_away_has_missed_it_but_not_who_started_long_before(cable, monkeypatch, caplog):
+def test_processes_started_during_an_outage_missed_the_network(cable, monkeypatch, caplog):
     monkeypatch.setattr(networks, "UNCERTAIN_S", 0.0)
     cable.addresses = frozenset({ADDRESS})
     with Network(ADDRESS) as network, caplog.at_level(logging.WARNING):
@@ -87,7 +87,7 @@ def test_who_started_while_it_was_away_has_missed_it_but_not_who_started_long_be
     assert "is down" not in caplog.text
 
 
-def test_who_started_just_before_it_went_may_have_missed_it(cable, network):
+def test_processes_started_just_before_an_outage_may_have_missed_the_network(cable, network):
     cable.plug(ADDRESS)
     assert network.missed() is not None
     before = monotonic()
@@ -97,7 +97,7 @@ def test_who_started_just_before_it_went_may_have_missed_it(cable, network):
     assert before - networks.UNCERTAIN_S - 1.0 < begin < before
 
 
-def test_a_name_is_looked_up_until_it_is_known(cable, monkeypatch):
+def test_resolves_a_name_until_it_is_known(cable, monkeypatch):
     known: list[frozenset[str]] = [frozenset()]
     monkeypatch.setattr(networks, "addresses_of", lambda _: known[0])
     with Network("robot") as network:
@@ -107,7 +107,7 @@ def test_a_name_is_looked_up_until_it_is_known(cable, monkeypatch):
         assert eventually(lambda: network.missed() is not None, 10)
 
 
-def test_that_the_machine_does_not_know_its_addresses_for_a_moment_changes_nothing(cable, network, monkeypatch):
+def test_an_error_of_the_addresses_changes_nothing(cable, network, monkeypatch):
     def refuse() -> frozenset[str]:
         looks.append(1)
         raise OSError(24, "Too many open files")
@@ -121,7 +121,7 @@ def test_that_the_machine_does_not_know_its_addresses_for_a_moment_changes_nothi
     assert network.missed() is not None
 
 
-def test_who_asks_seldom_misses_none_of_the_times(cable, network, monkeypatch):
+def test_joins_unread_outages(cable, network, monkeypatch):
     monkeypatch.setattr(networks, "UNCERTAIN_S", 0.0)
     begun = monotonic()
     cable.plug(ADDRESS)
@@ -132,8 +132,8 @@ def test_who_asks_seldom_misses_none_of_the_times(cable, network, monkeypatch):
     assert begin < begun < between < end
 
 
-def test_a_name_that_stands_for_the_machine_itself_is_up_with_any_network_that_reaches_others(cable, monkeypatch):
-    """As Debian writes its own name into /etc/hosts."""
+def test_the_own_host_name_is_up_with_any_network(cable, monkeypatch):
+    """Debian writes such a name into /etc/hosts."""
     monkeypatch.setattr(networks, "addresses_of", lambda _: frozenset({"127.0.1.1"}))
     cable.addresses = frozenset({"127.0.0.1"})
     with Network("robot") as network:
@@ -143,7 +143,7 @@ def test_a_name_that_stands_for_the_machine_itself_is_up_with_any_network_that_r
         assert network.missed() is not None
 
 
-def test_an_address_with_a_label_belongs_to_its_network(monkeypatch):
+def test_a_labelled_address_belongs_to_its_interface(monkeypatch):
     def address(text: str) -> SimpleNamespace:
         return SimpleNamespace(family=socket.AF_INET, address=text)
 
@@ -158,7 +158,7 @@ def test_an_address_with_a_label_belongs_to_its_network(monkeypatch):
     assert own_addresses() == {"192.0.2.7", ADDRESS}
 
 
-def test_the_addresses_of_this_machine_are_found():
+def test_finds_the_addresses_of_this_machine():
     assert "127.0.0.1" in own_addresses()
     assert addresses_of("127.0.0.1") == addresses_of("localhost") == {"127.0.0.1"}
     assert addresses_of("no-such-host.invalid") == frozenset()

@@ -17,7 +17,7 @@ from tests.vision.metrics.scenes import drawn_bag
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
 
-def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_path):
+def test_finds_the_truth_beside_a_bag(tmp_path):
     drawn_bag(tmp_path, "run", frames=3)
     with open_bag(drawn_bag(tmp_path, "run.1", frames=2)) as bag:
         truth = find_truth(bag)
@@ -25,7 +25,7 @@ def test_the_truth_of_a_folder_lies_beside_it_under_the_folders_whole_name(tmp_p
     assert len(truth.frames) == 2
 
 
-def test_a_bag_says_of_which_graph_it_is_else_it_is_waldo_s(tmp_path):
+def test_finds_the_graph_in_a_bag(tmp_path):
     assert graph_of(tmp_path).name == "waldo"
     (tmp_path / "graph.yaml").write_text("name: mute\nnodes:\n  head: {type: head, remap: {detections: ~/seen}}\n")
     with pytest.raises(GraphError, match=r"graph\.yaml:3: head.*nobody publishes"):
@@ -34,7 +34,7 @@ def test_a_bag_says_of_which_graph_it_is_else_it_is_waldo_s(tmp_path):
     assert graph_of(tmp_path).name == "mute"
 
 
-def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
+def test_does_not_import_code_beside_a_bag(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "lies_beside.py").write_text("raise SystemExit('this was run')")
     (tmp_path / "graph.yaml").write_text("name: odd\nnodes:\n  odd: {type: lies_beside:Node}\n")
@@ -45,7 +45,7 @@ def test_code_that_lies_beside_a_bag_is_not_run(tmp_path, monkeypatch):
 @pytest.mark.slow
 @busy.in_turn
 @busy.can_be_made
-def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp_path):
+def test_a_busy_machine_does_not_change_the_trace(tmp_path):
     bag = BAGS / "warehouse_run2"
     graph = graph_of(bag).with_parameters({"gripper_a": {"planning_timeout_s": 0.5}})
     traces = []
@@ -53,12 +53,12 @@ def test_the_same_bag_gives_the_same_trace_twice_however_busy_the_machine_is(tmp
         with machine:
             outcome = replay(bag, graph, tmp_path / name)
         assert outcome.decisions is not None
-        assert outcome.decisions.exact, outcome.decisions.told
+        assert outcome.decisions.exact, outcome.decisions.text
         traces.append((tmp_path / name / "trace.jsonl").read_bytes())
     assert traces[0] == traces[1]
 
 
-def test_the_pictures_of_a_run_are_found_from_any_folder(tmp_path, monkeypatch):
+def test_finds_the_images_of_a_run_from_any_folder(tmp_path, monkeypatch):
     drawn_bag(tmp_path, "visit", frames=3)
     monkeypatch.chdir(tmp_path)
     done = socialbot_here("replay", "visit", "--runner", "inline", "--no-video", "--out", "run")

@@ -1,4 +1,4 @@
-"""What dies or hangs is started again. Here small scripts stand for processes of nodes: they start in no time."""
+"""Restarts of crashed and hung processes. Small scripts stand in for processes of nodes, which start slowly."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
+from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.runtime import _supervisor as supervisor_module
+from socialbot.runtime import _processes
 from socialbot.runtime._processes import RestartPolicy
-from socialbot.runtime._supervisor import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 from socialbot.runtime.fork_server import ForkServer
-from socialbot.runtime.supervisor_channel import CHANNEL_VARIABLE
+from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, Supervisor
 
 pytestmark = pytest.mark.ros
 
@@ -47,18 +47,18 @@ GRAPH = Graph("idlers", (NodeConfig("one", Idle), NodeConfig("two", Idle)))
 
 @pytest.fixture
 def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """What the processes do, by the names of their nodes; `WELL` if nothing is said."""
+    """Scripts of the processes by node name; the default is `WELL`."""
     bodies: dict[str, str] = {}
 
-    def start(_: ForkServer, arguments: list[str], log: Path, *, variables: dict[str, str], lifeline: int) -> Any:
+    def start(_: ForkServer, arguments: list[str], log: Path, *, variables: dict[str, str], channel: int) -> Any:
         name = arguments[-1]
         with log.open("ab") as output:
             return subprocess.Popen(
                 [sys.executable, "-S", "-c", SPEAKING + bodies.get(name, WELL), name],
-                env={**os.environ, **variables, CHANNEL_VARIABLE: str(lifeline)},
+                env={**os.environ, **variables, CHANNEL_VARIABLE: str(channel)},
                 stdout=output,
                 stderr=output,
-                pass_fds=(lifeline,),
+                pass_fds=(channel,),
             )
 
     monkeypatch.setattr(ForkServer, "start", start)
@@ -74,7 +74,7 @@ def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float
     return True
 
 
-def test_one_that_is_killed_is_started_again_and_the_others_go_on(
+def test_restarts_a_killed_process_alone(
     scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
@@ -94,10 +94,8 @@ def test_one_that_is_killed_is_started_again_and_the_others_go_on(
     assert one.state == two.state == "ended"
 
 
-def test_those_that_were_started_between_two_times_are_started_again_and_the_others_go_on(
-    scripts: dict[str, str], tmp_path: Path
-) -> None:
-    """That is no death: it is not counted as one, and may come as often as it likes."""
+def test_renews_processes_started_between_two_times(scripts: dict[str, str], tmp_path: Path) -> None:
+    """Renewals are not counted as crashes."""
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
         one, two = supervisor.members.values()
         assert attended(supervisor, lambda: one.state == two.state == "active")
@@ -112,10 +110,8 @@ def test_those_that_were_started_between_two_times_are_started_again_and_the_oth
         assert (one.last_error, one.is_given_up, two.restarts) == ("", False, 0)
 
 
-def test_one_that_has_been_well_before_all_was_started_again_may_fail_as_at_any_time(
-    scripts: dict[str, str], tmp_path: Path
-) -> None:
-    """As a camera does that was unplugged meanwhile."""
+def test_a_documented_error_ends_only_a_first_start(scripts: dict[str, str], tmp_path: Path) -> None:
+    """Such as a camera that was unplugged meanwhile."""
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
         assert attended(supervisor, lambda: supervisor.well == {"one", "two"})
     scripts["one"] = f"""
@@ -130,11 +126,11 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
 
 
 @pytest.mark.parametrize("cares", [True, False])
-def test_one_that_does_not_hear_that_it_is_to_be_started_again_is_asked_again_and_then_killed(
+def test_repeats_the_signal_and_then_kills(
     scripts: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cares: bool
 ) -> None:
-    monkeypatch.setattr(supervisor_module, "ASKED_AGAIN_S", 0.05)
-    monkeypatch.setattr(supervisor_module, "GRACE_S", 60.0 if cares else 0.1)
+    monkeypatch.setattr(_processes, "ASKED_AGAIN_S", 0.05)
+    monkeypatch.setattr(_processes, "GRACE_S", 60.0 if cares else 0.1)
     again = "signal.signal(signal.SIGINT, signal.SIG_DFL)" if cares else "None"
     scripts["one"] = f"import signal\nsignal.signal(signal.SIGINT, lambda *_: {again})" + WELL
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
@@ -147,7 +143,7 @@ def test_one_that_does_not_hear_that_it_is_to_be_started_again_is_asked_again_an
         assert (one.last_error, one.is_given_up) == ("", False)
 
 
-def test_one_that_hangs_is_killed_and_started_again(scripts: dict[str, str], tmp_path: Path) -> None:
+def test_restarts_a_hung_process(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] == "0":
     say("active")
@@ -156,13 +152,13 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
         one, two = supervisor.members.values()
         assert attended(supervisor, lambda: one.restarts == 1)
-        assert one.last_error == "hung (one said nothing)"
+        assert one.last_error == "hung (one sent no report)"
         assert attended(supervisor, lambda: one.state == "active")
         assert two.restarts == 0
 
 
-def test_what_the_machine_sleeps_through_is_no_silence(scripts: dict[str, str], tmp_path: Path) -> None:
-    """As when a laptop is closed, or a virtual machine is halted: supervisor and nodes stand still together."""
+def test_a_system_suspend_is_no_hang(scripts: dict[str, str], tmp_path: Path) -> None:
+    """A closed laptop or a halted virtual machine suspends supervisor and nodes together."""
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
         one, two = supervisor.members.values()
         assert attended(supervisor, lambda: one.state == two.state == "active")
@@ -178,12 +174,12 @@ def test_what_the_machine_sleeps_through_is_no_silence(scripts: dict[str, str], 
         assert supervisor.pids == before
 
 
-def test_a_machine_without_nodes_goes_on(tmp_path: Path) -> None:
+def test_a_machine_may_have_no_nodes(tmp_path: Path) -> None:
     with Supervisor(GRAPH, tmp_path, nodes=()) as supervisor:
         supervisor.attend(0.0)
 
 
-def test_one_that_dies_again_and_again_is_given_up_and_the_others_go_on(
+def test_gives_up_a_process_that_crashes_too_often(
     scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     scripts["one"] = "raise SystemExit(9)"
@@ -194,23 +190,21 @@ def test_one_that_dies_again_and_again_is_given_up_and_the_others_go_on(
         assert one.restarts == 2
     (message,) = [record.getMessage() for record in caplog.records if record.levelno == logging.ERROR]
     assert message == (
-        "one is given up: it has died more than 2 times in 60 s; at last it ended with exit code 9; "
+        "one is given up: it has crashed more than 2 times in 60 s; at last it ended with exit code 9; "
         f"its log: {tmp_path / 'one.log'}"
     )
 
 
-def test_when_all_are_given_up_that_is_the_end(scripts: dict[str, str], tmp_path: Path) -> None:
+def test_an_error_if_all_processes_are_given_up(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = scripts["two"] = "raise SystemExit(9)"
     with (
-        pytest.raises(NodeError, match="all processes have died too often"),
+        pytest.raises(NodeError, match="all processes have crashed too often"),
         Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
     ):
         attended(supervisor, lambda: False)
 
 
-def test_one_that_says_at_its_first_start_that_it_cannot_be_ends_them_all(
-    scripts: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_documented_error_of_a_first_start_ends_all(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = "print('no such camera'); raise SystemExit(7)"
     with (
         pytest.raises(SocialbotError, match="no such camera") as caught,
@@ -221,7 +215,7 @@ def test_one_that_says_at_its_first_start_that_it_cannot_be_ends_them_all(
     assert supervisor.pids == {}
 
 
-def test_one_whose_device_has_vanished_is_tried_again(scripts: dict[str, str], tmp_path: Path) -> None:
+def test_retries_a_lost_device(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] < "2":
     say("active")
@@ -233,7 +227,7 @@ if os.environ["{RESTARTS_VARIABLE}"] < "2":
         assert attended(supervisor, lambda: one.state == "active")
 
 
-def test_one_that_ends_well_was_ended_by_somebody_and_stays_so(scripts: dict[str, str], tmp_path: Path) -> None:
+def test_does_not_restart_a_process_that_ends_with_0(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = "say('active')"
     with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
         one, two = supervisor.members.values()

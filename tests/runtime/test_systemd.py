@@ -13,7 +13,7 @@ from socialbot.cli.systemd import quoted, unit
 from socialbot.core.errors import ParameterError
 
 
-def test_a_unit_starts_the_half_of_its_machine_beside_the_file(tmp_path: Path):
+def test_a_unit_starts_the_nodes_of_its_machine(tmp_path: Path):
     read = configparser.RawConfigParser()
     read.read_string(unit(tmp_path / "waldo.yaml", "robot", user="pi"))
     assert read["Service"]["WorkingDirectory"] == str(tmp_path)
@@ -21,7 +21,7 @@ def test_a_unit_starts_the_half_of_its_machine_beside_the_file(tmp_path: Path):
     assert read["Service"]["ExecStart"].endswith(f" -m socialbot up {tmp_path}/waldo.yaml --machine robot")
 
 
-def test_a_name_with_a_line_break_cannot_add_to_a_unit(tmp_path: Path):
+def test_refuses_a_name_with_a_line_break(tmp_path: Path):
     with pytest.raises(ParameterError, match="cannot hold this path"):
         unit(tmp_path / "a\nExecStartPre=evil.yaml", "robot")
 
@@ -40,12 +40,12 @@ def unquoted(text: str) -> str:
 
 @settings(max_examples=200)
 @given(st.text(st.sampled_from("ab/ \\\"'%$;#{}~*é"), max_size=12))
-def test_whatever_an_argument_holds_systemd_takes_it_as_it_is(argument: str):
+def test_quotes_every_argument(argument: str):
     assert unquoted(quoted(argument)) == argument
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_systemd_finds_no_fault(tmp_path: Path):
+def test_systemd_accepts_the_unit(tmp_path: Path):
     folder = tmp_path / "50% of $HOME"
     folder.mkdir()
     path = tmp_path / "socialbot-robot.service"

@@ -9,9 +9,10 @@ import pytest
 from socialbot.speech import playback
 from socialbot.speech.playback import DevicePlayer, find_player
 from socialbot.speech.synthesis import Sound
+from tests.system.running import eventually
 
 NULL = miniaudio.Backend.NULL
-"""miniaudio's own device without hardware, which takes sound at the real pace and drops it."""
+"""miniaudio's own device without hardware, which takes sound in real time and drops it."""
 
 
 def tone(seconds: float) -> Sound:
@@ -19,7 +20,7 @@ def tone(seconds: float) -> Sound:
 
 
 class End:
-    """Waits for the end of a sound and notes how and where it was reported."""
+    """Callback that records its calls and thread."""
 
     def __init__(self) -> None:
         self.calls: list[str | None] = []
@@ -31,7 +32,7 @@ class End:
         self.thread = threading.current_thread()
         self._event.set()
 
-    def wait(self, timeout: float = 5.0) -> list[str | None]:
+    def wait(self, timeout: float = 30.0) -> list[str | None]:
         assert self._event.wait(timeout)
         return self.calls
 
@@ -44,28 +45,26 @@ def player():
     found.stop()
 
 
-def test_the_end_is_reported_once_from_another_thread_when_the_sound_is_over(player):
+def test_reports_the_end_once_from_another_thread(player):
     end = End()
     began = time.monotonic()
     player.play(tone(0.4), end)
-    assert time.monotonic() - began < 0.2
+    assert end.calls == []
     assert end.wait() == [None]
-    assert 0.4 <= time.monotonic() - began < 1.5
+    assert time.monotonic() - began >= 0.4
     assert end.thread is not threading.main_thread()
 
 
-def test_a_stopped_sound_ends_at_once_and_silently(player):
+def test_stopped_sound_reports_no_end(player):
     end = End()
-    player.play(tone(10.0), end)
-    began = time.monotonic()
+    player.play(tone(60.0), end)
     player.stop()
     player.stop()
-    assert time.monotonic() - began < 0.5
     assert end.calls == []
     assert not any(thread.name == "socialbot-playback" for thread in threading.enumerate())
 
 
-def test_a_newer_sound_cuts_off_the_present_one(player):
+def test_new_sound_stops_the_present_one(player):
     first, second = End(), End()
     player.play(tone(10.0), first)
     player.play(tone(0.1), second)
@@ -73,14 +72,14 @@ def test_a_newer_sound_cuts_off_the_present_one(player):
     assert first.calls == []
 
 
-def test_a_player_plays_many_sounds_one_after_the_other(player):
+def test_plays_several_sounds(player):
     for _ in range(3):
         end = End()
         player.play(tone(0.05), end)
         assert end.wait() == [None]
 
 
-def test_a_device_that_cannot_be_opened_is_reported_at_the_end():
+def test_reports_a_device_that_cannot_be_opened():
     end = End()
     DevicePlayer(miniaudio.Backend.COREAUDIO).play(tone(0.1), end)
     (error,) = end.wait()
@@ -88,7 +87,7 @@ def test_a_device_that_cannot_be_opened_is_reported_at_the_end():
     assert error.startswith("MiniaudioError")
 
 
-def test_a_device_that_vanishes_while_playing_is_reported(player, monkeypatch):
+def test_reports_a_device_that_stops_while_playing(player, monkeypatch):
     monkeypatch.setattr(playback, "_PATIENCE_S", 0.2)
     devices: list[miniaudio.PlaybackDevice] = []
     opening = playback.open_device
@@ -100,14 +99,12 @@ def test_a_device_that_vanishes_while_playing_is_reported(player, monkeypatch):
     monkeypatch.setattr(playback, "open_device", remember)
     end = End()
     player.play(tone(10.0), end)
-    deadline = time.monotonic() + 5.0
-    while not (devices and devices[0].running) and time.monotonic() < deadline:
-        time.sleep(0.01)
+    assert eventually(lambda: bool(devices) and devices[0].running)
     miniaudio.lib.ma_device_stop(devices[0]._device)
     assert end.wait() == ["the sound device takes no more sound"]
 
 
-def test_a_device_that_takes_no_sound_is_given_up(player, monkeypatch):
+def test_reports_a_device_that_takes_no_sound(player, monkeypatch):
     monkeypatch.setattr(playback, "_PATIENCE_S", 0.1)
     monkeypatch.setattr(miniaudio.PlaybackDevice, "start", lambda *_: None)
     end = End()
@@ -142,7 +139,7 @@ def test_without_the_library_there_is_no_player(monkeypatch):
     assert find_player() is None
 
 
-def test_the_null_device_is_never_taken_for_a_loudspeaker():
+def test_null_device_is_not_a_usual_backend():
     assert NULL not in playback._usual_backends()
 
 

@@ -22,8 +22,8 @@ class Stage:
 
     def __init__(self, kind: type[Speaker] = Speaker, start: bool = True, **parameters: object) -> None:
         parameters.setdefault("playback", "off")
-        placement = NodeConfig("speech", kind, parameters)
-        self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({"/speech/say"})))
+        config = NodeConfig("speech", kind, parameters)
+        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({"/speech/say"})))
         self.statuses: list[SpeechStatus] = []
         self.runner.tap("/speech/status", self._note)
         if start:
@@ -61,7 +61,7 @@ def stage() -> Iterator[Stage]:
     assert stage.no_faults()
 
 
-def test_an_utterance_starts_at_once_and_finishes_after_its_sound(stage):
+def test_utterance_starts_at_once_and_finishes_after_its_sound(stage):
     stage.say("hello", "Hello, nice to see you.", at=1.0)
     stage.until(60.0)
     assert stage.story == ["hello started", "hello finished"]
@@ -72,7 +72,7 @@ def test_an_utterance_starts_at_once_and_finishes_after_its_sound(stage):
     assert started.text == "Hello, nice to see you."
 
 
-def test_one_speaks_while_the_others_wait_in_order(stage):
+def test_utterances_wait_in_order(stage):
     for name in ("a", "b", "c"):
         stage.say(name, "Hi.")
     assert stage.story == ["a started", "b waiting", "c waiting"]
@@ -83,7 +83,7 @@ def test_one_speaks_while_the_others_wait_in_order(stage):
     assert ends[1] == ends[2]
 
 
-def test_a_newer_one_takes_the_place_of_the_waiting_one_with_its_key(stage):
+def test_new_utterance_replaces_waiting_one_with_the_same_key(stage):
     stage.say("a", key="greet")
     stage.say("b", key="greet")
     stage.say("c")
@@ -103,7 +103,7 @@ def test_utterances_without_a_key_replace_nothing(stage):
     assert stage.story.count("b finished") == stage.story.count("c finished") == 1
 
 
-def test_who_waits_too_long_expires_at_that_moment():
+def test_utterance_expires_after_waiting_time():
     stage = Stage(max_waiting_s=1.5)
     stage.say("long", "A very long story that goes on and on and on, and then on for a while, until it ends.")
     stage.say("late", at=0.5)
@@ -115,7 +115,7 @@ def test_who_waits_too_long_expires_at_that_moment():
     assert stage.no_faults()
 
 
-def test_a_replacement_waits_for_a_time_of_its_own():
+def test_replacement_has_its_own_waiting_time():
     stage = Stage(max_waiting_s=1.5)
     stage.say("long", "A very long story that goes on and on and on, and then on for a while, until it ends.")
     stage.say("old", at=0.5, key="k")
@@ -126,7 +126,7 @@ def test_a_replacement_waits_for_a_time_of_its_own():
     assert stage.no_faults()
 
 
-def test_beyond_the_room_for_waiting_the_oldest_gives_way():
+def test_full_queue_drops_the_oldest_utterance():
     stage = Stage(max_waiting=2)
     for name in ("a", "b", "c", "d"):
         stage.say(name, "Hi.")
@@ -136,7 +136,7 @@ def test_beyond_the_room_for_waiting_the_oldest_gives_way():
     assert [line for line in stage.story if "finished" in line] == ["a finished", "c finished", "d finished"]
 
 
-def test_an_utterance_without_text_fails_and_the_queue_goes_on(stage):
+def test_utterance_without_text_fails(stage):
     stage.say("a")
     stage.say("empty", " ")
     stage.say("blank", "\n")
@@ -173,7 +173,7 @@ def test_only_the_last_sounds_are_kept(tmp_path, monkeypatch):
     assert stage.no_faults()
 
 
-def test_a_file_that_cannot_be_written_does_not_silence_the_robot(tmp_path, caplog):
+def test_speaks_if_a_file_cannot_be_written(tmp_path, caplog):
     stage = Stage(folder=str(tmp_path / "gone"))
     (tmp_path / "gone").rmdir()
     stage.say("a")
@@ -183,9 +183,9 @@ def test_a_file_that_cannot_be_written_does_not_silence_the_robot(tmp_path, capl
     assert "001-this-is-a.wav is not written" in caplog.text
 
 
-def test_a_folder_that_cannot_be_made_is_a_configuration_error(tmp_path):
+def test_refuses_unusable_folder(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ParameterError, match="no folder"):
+    with pytest.raises(ParameterError, match="cannot make the folder"):
         Stage(folder=str(tmp_path / "file" / "below"))
 
 
@@ -195,7 +195,7 @@ def test_file_names_are_short_and_plain():
     assert not slug("word " * 50).endswith("-")
 
 
-def test_the_voice_may_change_while_running(stage):
+def test_voice_changes_at_run_time(stage):
     stage.say("a", "Hello there.")
     stage.until(10.0)
     stage.node.set_parameter("rate_wpm", 320)
@@ -205,7 +205,7 @@ def test_the_voice_may_change_while_running(stage):
     assert times[3] - times[2] < 0.7 * (times[1] - times[0])
 
 
-def test_an_unknown_voice_is_refused_and_the_present_one_stays(stage):
+def test_refuses_unknown_voice_and_keeps_the_present_one(stage):
     with pytest.raises(ParameterError, match="unknown voice"):
         stage.node.set_parameter("voice", "quack")
     assert stage.node.voice == "en"
@@ -215,7 +215,7 @@ def test_an_unknown_voice_is_refused_and_the_present_one_stays(stage):
         Stage(voice="quack")
 
 
-def test_without_the_speech_extra_every_utterance_fails_with_the_remedy(monkeypatch, caplog):
+def test_utterances_fail_without_speech_library(monkeypatch, caplog):
     monkeypatch.setitem(sys.modules, "espeakng_loader", None)
     stage = Stage()
     stage.say("a")
@@ -227,7 +227,7 @@ def test_without_the_speech_extra_every_utterance_fails_with_the_remedy(monkeypa
 
 
 class Deck:
-    """A player whose sounds end when the test says so, in a thread as a device's would."""
+    """Player whose sounds the test ends, in a thread."""
 
     def __init__(self) -> None:
         self.playing: list[tuple[Sound, OnEnd]] = []
@@ -253,7 +253,7 @@ def with_player(player: AudioPlayer | None) -> type[Speaker]:
     return Equipped
 
 
-def test_a_played_utterance_finishes_when_the_player_says_so():
+def test_utterance_finishes_at_the_end_of_playback():
     deck = Deck()
     stage = Stage(with_player(deck), playback="auto", volume=0.25, max_waiting_s=1000.0)
     stage.say("a", "Hello.")
@@ -269,7 +269,7 @@ def test_a_played_utterance_finishes_when_the_player_says_so():
     assert stage.story[-1] == "b started"
 
 
-def test_a_device_that_fails_while_playing_fails_the_utterance_and_the_next_is_tried():
+def test_device_error_fails_only_the_present_utterance():
     deck = Deck()
     stage = Stage(with_player(deck), playback="required")
     stage.say("a")
@@ -281,7 +281,7 @@ def test_a_device_that_fails_while_playing_fails_the_utterance_and_the_next_is_t
     assert stage.no_faults()
 
 
-def test_stop_stops_the_player_and_nothing_is_said_afterwards():
+def test_stop_ends_playback_and_queue():
     deck = Deck()
     stage = Stage(with_player(deck), playback="auto")
     stage.say("a")
@@ -294,7 +294,7 @@ def test_stop_stops_the_player_and_nothing_is_said_afterwards():
     assert stage.no_faults()
 
 
-def test_without_a_device_auto_keeps_time_by_the_clock_and_required_refuses_to_start():
+def test_missing_device_with_auto_and_required():
     stage = Stage(with_player(None), playback="auto")
     stage.say("a")
     stage.until(60.0)
@@ -303,7 +303,7 @@ def test_without_a_device_auto_keeps_time_by_the_clock_and_required_refuses_to_s
         Stage(with_player(None), playback="required")
 
 
-def test_with_playback_off_no_device_is_looked_for():
+def test_playback_off_opens_no_device():
     class Proud(Speaker):
         def find_player(self) -> AudioPlayer | None:
             raise AssertionError("looked for a device")
@@ -321,7 +321,7 @@ def test_miniaudio_plays_through_its_null_device():
     assert stage.story == ["a started", "a finished"]
 
 
-def test_two_runs_report_the_same():
+def test_runs_are_deterministic():
     def run() -> list[SpeechStatus]:
         stage = Stage()
         for index in range(12):

@@ -22,7 +22,7 @@ def english() -> Synthesizer:
     return Synthesizer()
 
 
-def test_a_sentence_sounds_for_as_long_as_people_need_to_say_it(english):
+def test_duration_of_a_sentence_is_plausible(english):
     sound = english.say(SENTENCE)
     assert sound.samples.dtype == np.int16
     assert sound.samples.ndim == 1
@@ -31,14 +31,14 @@ def test_a_sentence_sounds_for_as_long_as_people_need_to_say_it(english):
     assert np.abs(sound.samples).max() > 3000
 
 
-def test_the_same_text_gives_the_same_bytes_whatever_was_said_before(english):
+def test_same_text_gives_same_samples(english):
     first = digest(english.say(SENTENCE))
     assert digest(Synthesizer().say(SENTENCE)) == first
     Synthesizer("de", rate_wpm=300, pitch=90).say("Guten Tag, schön Sie zu sehen!")
     assert digest(Synthesizer().say(SENTENCE)) == first
 
 
-def test_a_fresh_process_gives_the_same_bytes(english):
+def test_new_process_gives_same_samples(english):
     english.say("Something else first.")
     code = (
         "import hashlib; from socialbot.speech.synthesis import Synthesizer;"
@@ -48,14 +48,14 @@ def test_a_fresh_process_gives_the_same_bytes(english):
     assert fresh.stdout.strip() == digest(english.say(SENTENCE))
 
 
-def test_voices_do_not_disturb_each_other(english):
+def test_voices_are_independent(english):
     german = Synthesizer("de")
     alone = digest(english.say("Hello")), digest(german.say("Hello"))
     assert alone[0] != alone[1]
     assert (digest(Synthesizer().say("Hello")), digest(Synthesizer("de").say("Hello"))) == alone
 
 
-def test_what_was_said_before_is_not_made_again(monkeypatch):
+def test_repeated_text_is_cached(monkeypatch):
     voice = Synthesizer()
     first = voice.say(SENTENCE)
     monkeypatch.setattr("socialbot.speech.synthesis._espeak", lambda: pytest.fail("it is made again"))
@@ -90,23 +90,23 @@ def crossings(sound: Sound) -> float:
     return np.count_nonzero(positive[1:] != positive[:-1]) / sound.duration_s
 
 
-def test_a_long_text_is_said_to_its_end(english):
+def test_long_text_is_complete(english):
     once, often = english.say(SENTENCE).duration_s, english.say(" ".join([SENTENCE] * 20)).duration_s
     assert 15 * once < often < 25 * once
 
 
 @pytest.mark.parametrize("text", ["", "   ", "\n\t", "\0"])
-def test_nothing_to_say_is_an_error(english, text):
+def test_refuses_text_without_speech(english, text):
     with pytest.raises(MessageError, match="without text"):
         english.say(text)
 
 
-def test_control_characters_give_no_commands(english):
+def test_control_characters_are_ignored(english):
     assert digest(english.say("Hello\x01 40P there")) == digest(english.say("Hello  40P there"))
     assert english.say("Hello\0 there").duration_s == english.say("Hello  there").duration_s
 
 
-def test_an_unknown_voice_names_some_that_are_known():
+def test_error_for_unknown_voice_suggests_others():
     with pytest.raises(ParameterError) as raised:
         Synthesizer("en_US")
     assert raised.value.what == "unknown voice 'en_US'"
@@ -118,19 +118,19 @@ def test_an_unknown_voice_names_some_that_are_known():
 
 
 @pytest.mark.parametrize("wrong", [{"rate_wpm": 20}, {"rate_wpm": 1000}, {"pitch": 101}, {"pitch": -1}])
-def test_numbers_out_of_range_are_refused(wrong):
+def test_refuses_numbers_out_of_range(wrong):
     with pytest.raises(ParameterError, match="out of range"):
         Synthesizer(**wrong)
 
 
-def test_without_the_wheel_the_remedy_is_named(monkeypatch):
+def test_missing_library_has_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "espeakng_loader", None)
     with pytest.raises(InstallationError) as raised:
         Synthesizer()
     assert raised.value.remedy == "pip install socialbot[speech]"
 
 
-def test_data_that_cannot_be_read_is_an_installation_error(monkeypatch, tmp_path):
+def test_unreadable_data_is_an_installation_error(monkeypatch, tmp_path):
     import espeakng_loader
 
     with monkeypatch.context() as patch:
@@ -140,7 +140,7 @@ def test_data_that_cannot_be_read_is_an_installation_error(monkeypatch, tmp_path
     assert Synthesizer().say("Hello").duration_s > 0
 
 
-def test_a_wav_file_holds_the_sound(english, tmp_path):
+def test_wav_file_has_the_samples(english, tmp_path):
     sound = english.say("Hello")
     sound.write_wav(tmp_path / "hello.wav")
     with wave.open(str(tmp_path / "hello.wav")) as file:
@@ -149,7 +149,7 @@ def test_a_wav_file_holds_the_sound(english, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["hello.wav"]
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_half_one(english, tmp_path, monkeypatch):
+def test_failed_write_keeps_the_old_file(english, tmp_path, monkeypatch):
     target = tmp_path / "hello.wav"
     target.write_bytes(b"old")
 

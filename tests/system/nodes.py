@@ -1,4 +1,4 @@
-"""Nodes that misbehave."""
+"""Faulty and slow nodes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from socialbot.core.messages import Image, PersonDetections
 from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
 
 
-class RaisingDetector(Node):
-    """Raises at every second picture."""
+class Detector(Node):
+    """Publishes empty detections for each image, and counts the images."""
 
     image = Input(Image, "/camera/image_color", Delivery.NEWEST)
     detections = Output(PersonDetections, "/humans/bodies/detections")
@@ -22,71 +22,57 @@ class RaisingDetector(Node):
     @image
     def on_image(self, image: Image) -> None:
         self.count += 1
-        if self.count % 2:
-            raise RuntimeError("no idea")
+        self.look(image)
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=()
             )
         )
 
+    def look(self, image: Image) -> None: ...
 
-class DyingDetector(Node):
-    """Takes its process with it at the third picture."""
 
-    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
-    detections = Output(PersonDetections, "/humans/bodies/detections")
-    count = 0
+class RaisingDetector(Detector):
+    """Raises for every second image."""
 
-    @image
-    def on_image(self, image: Image) -> None:
-        self.count += 1
+    def look(self, image: Image) -> None:
+        if self.count % 2:
+            raise RuntimeError("no idea")
+
+
+class DyingDetector(Detector):
+    """Ends its process at the third image."""
+
+    def look(self, image: Image) -> None:
         if self.count == 3:
             os._exit(9)
-        self.detections.publish(
-            PersonDetections(stamp=image.stamp, frame_id="", width=image.width, height=image.height, persons=())
-        )
 
 
-class StillbornDetector(Node):
-    """Raises before it has begun."""
-
-    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
-    detections = Output(PersonDetections, "/humans/bodies/detections")
+class StillbornDetector(Detector):
+    """Raises at its start."""
 
     def start(self) -> None:
         raise RuntimeError("not today")
 
-    @image
-    def on_image(self, image: Image) -> None: ...
 
+class SlowDetector(Detector):
+    """Needs ``look_s`` for each image, and records the images and their ages (s)."""
 
-class SlowDetector(Node):
-    """Takes ``look_s`` for each picture, and writes down which it looked at and how old they were by then (s)."""
+    look_s = Parameter(0.35, "time for an image, s")
+    record = Parameter("", "output file, a line for each image")
 
-    image = Input(Image, "/camera/image_color", Delivery.NEWEST)
-    detections = Output(PersonDetections, "/humans/bodies/detections")
-    look_s = Parameter(0.35, "how long a picture takes, s")
-    record = Parameter("", "file to write to, a line a picture")
-
-    @image
-    def on_image(self, image: Image) -> None:
+    def look(self, image: Image) -> None:
         age_s = (self.clock.now() - image.stamp) / SECOND
         with Path(self.record).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"stamp": image.stamp, "age_s": age_s}) + "\n")
         time.sleep(self.look_s)
-        self.detections.publish(
-            PersonDetections(
-                stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=()
-            )
-        )
 
 
 class Watch(Node):
-    """Writes down the stamp of each picture, and when it came (ns)."""
+    """Records the stamp and the arrival (ns) of each image."""
 
     image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
-    record = Parameter("", "file to write to, a line a picture")
+    record = Parameter("", "output file, a line for each image")
 
     @image
     def on_image(self, image: Image) -> None:

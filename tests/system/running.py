@@ -1,4 +1,4 @@
-"""Runs the command line as a user does, and waits for what should come of it."""
+"""Run the command line as a user does, and wait for its effects."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.cli.main import main
 
 PATIENCE_S = 15.0
-"""So long a command may take to end that is told to."""
+"""Time for a command to end after a signal."""
 
 
 def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
-    """Runs ``socialbot`` to its end."""
+    """Run ``socialbot`` to its end."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL)
 
 
 @contextmanager
 def logging_of_its_own() -> Iterator[None]:
-    """Commands settle how their process logs: each begins anew, and what others here have settled stays."""
+    """Reset the logging configuration for one command, and restore it afterwards."""
     loggers = [logging.getLogger(name) for name in ("socialbot", "socialbot.bdi")]
     before = [(logger, logger.level, logger.handlers[:]) for logger in loggers]
     for logger in loggers:
@@ -46,7 +46,7 @@ def logging_of_its_own() -> Iterator[None]:
 
 
 def socialbot_here(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The same without a process of its own, whose start takes longer than most commands and all mistakes."""
+    """Run ``socialbot`` in this process, which is faster."""
     command, output, errors, code = ["socialbot", *map(str, arguments)], StringIO(), StringIO(), 0
     given = patch.multiple(sys, argv=command, stdin=StringIO())
     with given, redirect_stdout(output), redirect_stderr(errors), logging_of_its_own():
@@ -59,7 +59,7 @@ def socialbot_here(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """``socialbot`` in the background; SIGINT ends it if the test has not."""
+    """``socialbot`` in the background, ended by SIGINT."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, stdin=subprocess.DEVNULL
@@ -77,7 +77,7 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def eventually(holds: Callable[[], bool], timeout_s: float = 20.0) -> bool:
-    """Waits until ``holds`` does, but not for ever; says whether it came true."""
+    """Wait until ``holds`` returns true, or for ``timeout_s``; return whether it did."""
     deadline = monotonic() + timeout_s
     while not holds():
         if monotonic() > deadline:
@@ -87,7 +87,7 @@ def eventually(holds: Callable[[], bool], timeout_s: float = 20.0) -> bool:
 
 
 def cut(bag: Path, out: Path, begin_s: float, end_s: float) -> Path:
-    """The pictures of a part of ``bag`` as a bag of its own."""
+    """Copy the images of a part of ``bag`` to a new bag."""
     with open_bag(bag) as source, BagWriter(out) as target:
         topics = {topic.name: topic.name for topic in source.topics}
         for topic, message in source.messages(topics):
@@ -103,5 +103,5 @@ def results(folder: Path) -> dict[str, Any]:
 
 
 def actions(folder: Path) -> list[tuple[float, str, tuple[str, ...]]]:
-    """What was done in a run: seconds, name, arguments."""
+    """Actions of a run: seconds, name, arguments."""
     return [(one["t_s"], one["name"], tuple(one["arguments"])) for one in results(folder)["actions"]]

@@ -52,24 +52,24 @@ def replay_inline(bag: Path, tmp_path: Path, *more: object) -> tuple[object, ...
     return ("replay", bag, "--runner", "inline", "--out", tmp_path / "run", "--no-video", *more)
 
 
-def test_no_such_bag(tmp_path: Path) -> None:
+def test_a_missing_bag_is_an_error(tmp_path: Path) -> None:
     text = refuse(*replay_inline(tmp_path / "nothing", tmp_path), code=3, by=socialbot)
     assert "nothing" in text
     assert "remedy" in text
 
 
-def test_a_file_that_is_no_bag(tmp_path: Path) -> None:
+def test_a_file_without_a_bag_is_an_error(tmp_path: Path) -> None:
     file = tmp_path / "notes.mcap"
     file.write_text("not a bag")
     assert "notes.mcap" in refuse(*replay_inline(file, tmp_path), code=3)
 
 
-def test_a_bag_without_images_names_what_it_has(tmp_path: Path) -> None:
+def test_an_error_lists_the_topics_of_a_bag_without_images(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "talk", {"/speech/say": [lambda stamp: Utterance(stamp=stamp, id="1", text="hello")]})
     assert "/speech/say" in refuse(*replay_inline(bag, tmp_path), code=3)
 
 
-def test_several_image_topics_want_a_choice(tmp_path: Path) -> None:
+def test_several_image_topics_need_an_option(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "two", {"/left/image_raw": [raw] * 3, "/right/image_raw": [raw] * 3})
     text = refuse(*replay_inline(bag, tmp_path), code=3)
     assert "/left/image_raw" in text
@@ -79,13 +79,13 @@ def test_several_image_topics_want_a_choice(tmp_path: Path) -> None:
     assert results(tmp_path / "run")["frames"] == 3
 
 
-def test_a_misspelt_image_topic_is_corrected(tmp_path: Path) -> None:
+def test_suggests_the_name_of_an_image_topic(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "one", {"/camera/image_raw": [raw] * 3})
     text = refuse(*replay_inline(bag, tmp_path, "--image-topic", "/camera/image_row"), code=3)
     assert "did you mean '/camera/image_raw'" in text
 
 
-def test_a_truncated_bag_is_replayed_as_far_as_it_goes(corridor: Path, tmp_path: Path) -> None:
+def test_replays_the_readable_part_of_a_truncated_bag(corridor: Path, tmp_path: Path) -> None:
     bag = tmp_path / "cut.mcap"
     source = next(corridor.glob("*.mcap"))
     bag.write_bytes(source.read_bytes()[: source.stat().st_size // 8])
@@ -115,9 +115,7 @@ def damaged(stamp: int) -> CompressedImage:
     ],
     ids=["zero length", "damaged jpeg", "unknown encoding", "wrong size"],
 )
-def test_a_bad_picture_is_counted_and_the_stream_goes_on(
-    tmp_path: Path, topic: str, bad: Callable[[int], Message], words: str
-) -> None:
+def test_counts_and_skips_invalid_images(tmp_path: Path, topic: str, bad: Callable[[int], Message], words: str) -> None:
     good: Callable[[int], Message] = jpeg if topic.endswith("compressed") else raw
     bag = bag_of(tmp_path / "bag", {topic: [good, bad, good, bad, good]})
     done = socialbot_here(*replay_inline(bag, tmp_path))
@@ -130,7 +128,7 @@ def test_a_bad_picture_is_counted_and_the_stream_goes_on(
     assert "image_converter: failed 2 of 5 times" in done.stdout
 
 
-def test_nothing_but_bad_pictures_is_an_error(tmp_path: Path) -> None:
+def test_only_invalid_images_are_an_error(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "bag", {"/camera/image_raw": [lambda stamp: raw(stamp, encoding="yuv999")] * 3})
     text = refuse(*replay_inline(bag, tmp_path), code=6, by=socialbot)
     assert "yuv999" in text
@@ -173,7 +171,7 @@ def test_bad_parameters_on_the_command_line(corridor: Path, tmp_path: Path) -> N
     assert "NODE.PARAMETER=VALUE" in attempt("help_after_s")
 
 
-def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
+def test_never_overwrites_a_run(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "bag", {"/camera/image_raw": [raw] * 3})
     assert socialbot(*replay_inline(bag, tmp_path)).returncode == 0
     before = (tmp_path / "run" / "trace.jsonl").read_bytes()
@@ -181,7 +179,7 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "trace.jsonl").read_bytes() == before
 
 
-def test_a_truth_that_does_not_fit_is_named(corridor: Path, tmp_path: Path) -> None:
+def test_an_invalid_truth_is_an_error(corridor: Path, tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     truth.write_text('{"schema": "socialbot/truth", "version": 7, "image_topic": "/camera/image_raw", "frames": []}')
     text = refuse(*replay_inline(corridor, tmp_path, "--truth", truth), code=3)
@@ -190,6 +188,6 @@ def test_a_truth_that_does_not_fit_is_named(corridor: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.ros
-def test_a_camera_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_camera_is_an_error(tmp_path: Path) -> None:
     text = refuse("up", "--camera", tmp_path / "no-such-video.mp4", "--out", tmp_path / "run", code=7, by=socialbot)
     assert "no-such-video.mp4" in text

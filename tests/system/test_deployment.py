@@ -101,7 +101,7 @@ def check_run(folder: Path, sent: tuple[int, int]) -> None:
     assert workstation < robot < 640 * 480 * len(frames)
 
 
-def test_two_halves_are_one_graph(folder: Path) -> None:
+def test_two_machines_run_one_graph(folder: Path) -> None:
     """The workstation comes first, and finds out by itself which machine it is."""
     for name in ("robot", "workstation"):
         new_key(name, folder / "keys")
@@ -113,7 +113,7 @@ def test_two_halves_are_one_graph(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_workstation_may_come_late(folder: Path) -> None:
+def test_the_workstation_may_start_later(folder: Path) -> None:
     with two_hosts() as hosts, half(hosts.robot, folder) as robot:
         sleep(20.0)
         assert robot.poll() is None
@@ -124,7 +124,7 @@ def test_the_workstation_may_come_late(folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("missing", ["cable", "address"])
-def test_the_network_of_the_robot_may_come_late(folder: Path, missing: str) -> None:
+def test_the_network_of_the_robot_may_start_later(folder: Path, missing: str) -> None:
     """What has started without knows no network but the loopback."""
     with two_hosts() as hosts:
         address = ("address", "{}", f"{ROBOT}/24", "dev", hosts.robot.device)
@@ -134,7 +134,7 @@ def test_the_network_of_the_robot_may_come_late(folder: Path, missing: str) -> N
             hosts.robot.run("ip", *(word.format("delete") for word in address))
         with half(hosts.workstation, folder), half(hosts.robot, folder, "--machine", "robot"):
             log = folder / f"{hosts.robot.name}.log"
-            assert eventually(lambda: "is not up on this machine" in log.read_text(), 20), logs(folder)
+            assert eventually(lambda: "is down on this machine" in log.read_text(), 20), logs(folder)
             sleep(5.0)
             assert told(folder, WORKSTATION, "detection") == []
             if missing == "cable":
@@ -142,12 +142,12 @@ def test_the_network_of_the_robot_may_come_late(folder: Path, missing: str) -> N
             else:
                 hosts.robot.run("ip", *(word.format("add") for word in address))
             assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
-            assert "all is started again" in log.read_text()
+            assert "restart everything" in log.read_text()
             assert list((folder / ROBOT / "speech").glob("001-hallo.wav"))
 
 
 @pytest.mark.slow
-def test_what_is_started_again_while_the_link_is_down_is_found_when_that_is_up(folder: Path) -> None:
+def test_finds_nodes_restarted_while_the_link_was_down(folder: Path) -> None:
     with two_hosts() as hosts, half(hosts.workstation, folder), half(hosts.robot, folder) as robot:
         assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
         hosts.cut()
@@ -159,8 +159,8 @@ def test_what_is_started_again_while_the_link_is_down_is_found_when_that_is_up(f
         before = len(told(folder, WORKSTATION, "detection"))
         hosts.mend()
         assert eventually(lambda: len(told(folder, WORKSTATION, "detection")) > before + 10, 30), logs(folder)
-        assert "camera is started again, as it has missed what came later" in log.read_text()
-        assert "all is started again" not in log.read_text()
+        assert "camera is started again, because a service came up after it" in log.read_text()
+        assert "restart everything" not in log.read_text()
 
 
 def servers(up: subprocess.Popen[str]) -> list[int]:

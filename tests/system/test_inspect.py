@@ -87,7 +87,7 @@ def test_up_shows_a_page_and_takes_commands(tmp_path: Path) -> None:
         assert (told.returncode, mind["condition"], mind["well"]) == (0, "paused", True)
 
 
-def test_it_attaches_to_what_runs_with_a_key_of_its_own(tmp_path: Path) -> None:
+def test_attaches_to_a_running_graph_with_its_own_key(tmp_path: Path) -> None:
     (tmp_path / "waldo.yaml").write_text(GRAPH)
     keys = tmp_path / "keys"
     new_key("robot", keys)
@@ -97,3 +97,30 @@ def test_it_attaches_to_what_runs_with_a_key_of_its_own(tmp_path: Path) -> None:
         page("inspect", tmp_path / "waldo.yaml", keys=keys) as client,
     ):
         does_what_it_is_asked_for(client)
+
+
+PATIENCE_MS = 60_000
+
+
+@pytest.mark.xdist_group("browser")
+def test_any_of_a_hundred_agents_is_found_and_followed(tmp_path: Path) -> None:
+    pytest.importorskip("playwright", reason="needs playwright")
+    from playwright.sync_api import expect
+
+    from evaluation.inspect import AGENTS, crowd
+    from tests.runs.browsing import Visit, chromium
+
+    with chromium() as browser, crowd(tmp_path, AGENTS, inspected=True) as (_, _, address):
+        visit = Visit(browser, address)
+        agents = visit.page.locator("#agent-list li")
+        expect(agents).to_have_count(AGENTS, timeout=PATIENCE_MS)
+        visit.page.locator("#agent-filter").fill("agent77")
+        expect(agents).to_have_count(1, timeout=PATIENCE_MS)
+        agents.locator("button").click()
+        expect(visit.page.locator("#mind-title")).to_have_text("agent77", timeout=PATIENCE_MS)
+        places = visit.page.locator("#beliefs li", has_text="at(").locator(".what")
+        for _ in range(3):
+            before = places.last.inner_text()
+            expect(places).to_have_count(1, timeout=PATIENCE_MS)
+            expect(places.last).not_to_have_text(before, timeout=PATIENCE_MS)
+        visit.close()

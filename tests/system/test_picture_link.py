@@ -114,7 +114,7 @@ def clear(film: Film) -> None:
     time.sleep(2.0)
 
 
-def test_a_clear_link_brings_every_picture_at_little_cost(film: Film) -> None:
+def test_a_good_link_delivers_every_image_with_few_bytes(film: Film) -> None:
     before, begin = film.cpu_s(), time.monotonic()
     share, late_s = film.judge(6.0)
     load = (film.cpu_s() - before) / (time.monotonic() - begin)
@@ -123,7 +123,7 @@ def test_a_clear_link_brings_every_picture_at_little_cost(film: Film) -> None:
     assert load < 0.3
 
 
-def test_a_slow_link_that_loses_packets_brings_nearly_every_picture(film: Film) -> None:
+def test_a_slow_and_lossy_link_delivers_most_images(film: Film) -> None:
     film.hosts.limit(20)
     film.hosts.lose(5)
     share, late_s = film.judge(10.0)
@@ -132,7 +132,7 @@ def test_a_slow_link_that_loses_packets_brings_nearly_every_picture(film: Film) 
 
 
 @pytest.mark.parametrize(("down_s", "back_s"), [(5.0, 1.0), (30.0, 3.0)])
-def test_pictures_are_back_soon_after_an_outage_and_none_is_old(film: Film, down_s: float, back_s: float) -> None:
+def test_images_resume_soon_after_an_outage(film: Film, down_s: float, back_s: float) -> None:
     film.hosts.cut()
     time.sleep(down_s)
     film.hosts.mend()
@@ -144,7 +144,7 @@ def test_pictures_are_back_soon_after_an_outage_and_none_is_old(film: Film, down
     assert all(when - stamp < SECOND for stamp, when in after)
 
 
-def test_discovery_leaves_the_link_to_the_pictures(film: Film) -> None:
+def test_discovery_uses_little_of_the_link(film: Film) -> None:
     """What the workstation sends are answers and announcements only."""
     before = film.hosts.sent_bytes()[1]
     time.sleep(3.0)

@@ -1,30 +1,20 @@
-"""Processes of a running graph: they end well, come and go, and take parameters from ROS."""
+"""Processes of a running graph: signals, restarts, parameters and faults."""
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 from time import sleep
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from socialbot.bags.reader import BagWriter
-from tests.system.running import eventually, results, running, socialbot
+from tests.system.running import cut, eventually, results, running, socialbot
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-    for number in range(20):
-        cv2.imwrite(str(folder / f"{number}.png"), np.full((240, 320, 3), 10 * number, np.uint8))
-    return folder
 
 
 @pytest.fixture
@@ -36,7 +26,7 @@ def onlooker() -> Iterator[Any]:
 
 
 def live(pictures: Path, out: Path, *more: object) -> list[object]:
-    """Waldo on a folder of pictures, over and over."""
+    """Arguments that run Waldo on a folder of images in a loop."""
     return ["up", "--camera", pictures, "--out", out, "--set", "camera.loop=true", *more]
 
 
@@ -85,7 +75,7 @@ def test_signals_during_the_start_end_a_replay_with_code_0(
         assert process.wait(15) == 0, process.stdout and process.stdout.read()
 
 
-def test_a_node_refuses_what_only_it_can_judge_and_goes_on(onlooker: Any) -> None:
+def test_a_node_refuses_invalid_values_and_continues(onlooker: Any) -> None:
     from rclpy.parameter import Parameter
     from rclpy.parameter_client import AsyncParameterClient
 
@@ -101,14 +91,14 @@ def test_a_node_refuses_what_only_it_can_judge_and_goes_on(onlooker: Any) -> Non
         assert speech.poll() is None
 
 
-def test_a_node_that_raises_at_its_start_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:
+def test_an_error_at_the_start_of_a_node_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:
     graph = graph_with("StillbornDetector", tmp_path)
     done = socialbot("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video")
     assert done.returncode == 6
     assert "cannot start: RuntimeError: not today" in done.stderr
 
 
-def test_damaged_messages_are_counted_through_ros_as_well(tmp_path: Path) -> None:
+def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for number in range(5):
             bag.write_raw("/camera/image_raw", "sensor_msgs/msg/Image", b"", 10**18 + number)
@@ -135,7 +125,7 @@ def test_a_second_node_of_a_name_is_refused(onlooker: Any) -> None:
     assert "running already: head" in done.stderr
 
 
-def test_a_node_that_was_killed_can_be_started_again_at_once(onlooker: Any) -> None:
+def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
     with running("node", "head") as head:
         assert eventually(lambda: "head" in onlooker.get_node_names())
         head.kill()
@@ -157,7 +147,7 @@ def test_parameters_have_ranges_and_change_at_run_time(onlooker: Any) -> None:
         client = AsyncParameterClient(onlooker, "bdi_engine")
         assert eventually(client.services_are_ready)
         described = ask(client.describe_parameters(["help_after_s"])).descriptors[0]
-        assert "offered help" in described.description
+        assert "help is offered" in described.description
         assert described.floating_point_range[0].from_value == 0.5
         assert ask(client.get_parameters(["range_m"])).values[0].double_value == 3.5
         too_short = [Parameter("help_after_s", value=0.1)]
@@ -185,7 +175,7 @@ def graph_with(detector: str, folder: Path) -> Path:
     return graph
 
 
-def test_a_detector_that_raises_is_counted_and_the_stream_goes_on(short_bag: Path, tmp_path: Path) -> None:
+def test_counts_failures_of_a_detector_and_continues(short_bag: Path, tmp_path: Path) -> None:
     graph, out = graph_with("RaisingDetector", tmp_path), tmp_path / "run"
     done = socialbot("replay", short_bag, "--graph", graph, "--out", out, "--rate", 3, "--no-video")
     assert done.returncode == 0, done.stderr
@@ -194,7 +184,7 @@ def test_a_detector_that_raises_is_counted_and_the_stream_goes_on(short_bag: Pat
     assert results(out)["nodes"]["detector"]["failures"] == 5
 
 
-def test_a_process_that_dies_is_named_and_nothing_recorded_is_lost(short_bag: Path, tmp_path: Path) -> None:
+def test_a_crash_ends_a_replay_and_keeps_its_record(short_bag: Path, tmp_path: Path) -> None:
     graph, out = graph_with("DyingDetector", tmp_path), tmp_path / "run"
     done = socialbot("replay", short_bag, "--graph", graph, "--out", out, "--no-video")
     assert done.returncode == 6
@@ -204,3 +194,29 @@ def test_a_process_that_dies_is_named_and_nothing_recorded_is_lost(short_bag: Pa
     assert len((out / "trace.jsonl").read_text().splitlines()) == 2
     assert results(out)["frames"] == 2
     assert "detector" in results(out)["ended"]
+
+
+PICTURES, PERIOD_S, LOOK_S = 30, 0.1, 0.35
+
+
+@pytest.mark.parametrize("hosting", [(), ("--composed",)], ids=["process a node", "composed"])
+def test_a_slow_detector_processes_the_newest_images(corridor: Path, tmp_path: Path, hosting: tuple[str, ...]) -> None:
+    bag, graph, looks = cut(corridor, tmp_path / "bag", 0.0, 3.0), tmp_path / "graph.yaml", tmp_path / "looks.jsonl"
+    graph.write_text(
+        "name: slow\n"
+        "inputs: [/camera/image_raw, /camera/image_raw/compressed]\n"
+        "nodes:\n"
+        "  image_converter: {type: image_converter}\n"
+        "  detector: {type: 'tests.system.nodes:SlowDetector', "
+        f"parameters: {{look_s: {LOOK_S}, record: '{looks}'}}}}\n"
+    )
+    out = tmp_path / "run"
+    done = socialbot("replay", bag, "--graph", graph, "--out", out, "--no-pace", "--no-video", *hosting)
+    assert done.returncode == 0, done.stderr
+    looked = [json.loads(line) for line in looks.read_text().splitlines()]
+    stamps = [look["stamp"] for look in looked]
+    assert stamps == sorted(set(stamps))
+    assert 4 <= len(stamps) <= 14
+    assert results(out)["nodes"]["detector"]["skipped"] >= PICTURES - 14
+    # A backlog would make each picture older than the one before.
+    assert max(look["age_s"] for look in looked[2:]) < LOOK_S + PERIOD_S

@@ -1,4 +1,4 @@
-"""`up` that is started again after the power was cut goes on with the minds of the run before."""
+"""A restart of `up` after a power cut resumes the saved state of agents."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def told(run: Path, kind: str) -> list[str]:
     return [record.what for record in records if record.kind == kind]
 
 
-def test_nobody_is_greeted_twice_after_a_power_cut(file: Path, tmp_path: Path) -> None:
+def test_greets_nobody_twice_after_a_restart(file: Path, tmp_path: Path) -> None:
     first, second, mind = tmp_path / "first", tmp_path / "second", tmp_path / "minds" / "bdi_engine.json"
     with running("up", file, "--out", first) as up:
         assert eventually(lambda: bool(told(first, "utterance")), 90)

@@ -33,7 +33,7 @@ nodes:
 
 
 def status(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
-    """The exit code of `socialbot status`, and what it tells of each node."""
+    """Exit code of `socialbot status`, and its status of each node."""
     done = socialbot("status", *arguments, "--json")
     assert done.stdout, done.stderr
     return done.returncode, {one["name"]: one for one in json.loads(done.stdout)["nodes"]}
@@ -46,7 +46,7 @@ def voice(tmp_path: Path) -> Iterator[Any]:
         yield process
 
 
-def test_nodes_are_shown_as_they_are_and_down_ends_them(tmp_path: Path) -> None:
+def test_status_shows_nodes_and_down_ends_them(tmp_path: Path) -> None:
     graph = tmp_path / "voice.yaml"
     with voice(tmp_path) as up:
         code, nodes = status(graph, "--wait", 60)
@@ -64,14 +64,12 @@ def test_nodes_are_shown_as_they_are_and_down_ends_them(tmp_path: Path) -> None:
         assert "voice on" in done.stdout
         assert up.wait(5) == 0
     code, nodes = status(graph)
-    assert (code, {one["condition"] for one in nodes.values()}) == (10, {"not heard"})
+    assert (code, {one["condition"] for one in nodes.values()}) == (10, {"no messages"})
     assert "nothing is up here" in socialbot("down").stdout
 
 
-def test_nobody_does_anything_because_of_what_strangers_say_on_diagnostics(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They say of all nodes that these are given up: no process is started again, and who has a key sees the truth."""
+def test_ignores_unsealed_diagnostics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forged statuses neither restart processes nor appear in the status of a graph with keys."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
     from socialbot.bridge.environment import spinning_node
@@ -96,13 +94,13 @@ def test_nobody_does_anything_because_of_what_strangers_say_on_diagnostics(
             assert [one["pid"] for one in after.values()] == [one["pid"] for one in before.values()]
             assert {one["restarts"] for one in after.values()} == {0}
     record = open_run(tmp_path / "run")
-    assert {told.values["state"] for course in record.told.values() for _, told in course} <= {
+    assert {told.values["state"] for course in record.node_history.reports.values() for _, told in course} <= {
         "unconfigured", "inactive", "active",
     }  # fmt: skip
 
 
-def test_down_says_what_it_cannot_reach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is up has a key, who wants to end it has none: it is there, and stays."""
+def test_down_reports_unreachable_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A graph with keys ignores requests of a process without one."""
     new_key("robot", tmp_path / "keys")
     with monkeypatch.context() as keys:
         keys.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
@@ -111,7 +109,7 @@ def test_down_says_what_it_cannot_reach(tmp_path: Path, monkeypatch: pytest.Monk
             keys.delenv("SOCIALBOT_KEYS")
             done = socialbot("down", "--timeout", 6)
             assert (done.returncode, done.stdout) == (10, "")
-            assert f"process {up.pid}: something is up here, and is not to be believed" in done.stderr
+            assert f"process {up.pid}: a run is up here, but its key is not trusted" in done.stderr
             assert up.poll() is None
 
 
@@ -127,7 +125,7 @@ def on(host: Host, *arguments: object) -> tuple[int, str]:
     return process.returncode, output
 
 
-def test_either_machine_tells_of_both_and_ends_both(folder: Path) -> None:  # noqa: F811
+def test_status_and_down_cover_both_machines(folder: Path) -> None:  # noqa: F811
     for name in ("robot", "workstation"):
         new_key(name, folder / "keys")
     page = folder / "waldo.yaml"
@@ -138,7 +136,7 @@ def test_either_machine_tells_of_both_and_ends_both(folder: Path) -> None:  # no
         assert code == 0, told
         hosts.cut()
         code, told = on(hosts.workstation, "status", page, "--json")
-        missing = {one["machine"] for one in json.loads(told)["nodes"] if one["condition"] == "not heard"}
+        missing = {one["machine"] for one in json.loads(told)["nodes"] if one["condition"] == "no messages"}
         assert (code, missing) == (10, {"robot"})
         assert on(hosts.workstation, "down", page, "--machine", "robot")[0] == 10
         assert robot.poll() is None

@@ -60,7 +60,7 @@ def script(host: Host, text: str, log: Path, variables: dict[str, str], *argumen
 
 
 @pytest.mark.slow
-def test_nobody_outside_is_heard_unless_the_graph_is_open(tmp_path: Path) -> None:
+def test_a_closed_graph_receives_nothing_from_outside(tmp_path: Path) -> None:
     """A neighbour that is open hears the stranger, so there is one to be heard."""
     closed, opened = tmp_path / "closed.log", tmp_path / "open.log"
     with two_hosts() as hosts, ExitStack() as scripts:

@@ -1,4 +1,4 @@
-"""Waldo's graph under supervision: what dies is back soon, and nobody is greeted twice."""
+"""Waldo's graph under supervision: restarts of crashed and hung nodes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from socialbot.graph.files import load_graph
 from socialbot.runtime._processes import RestartPolicy
-from socialbot.runtime.live_source import with_state_files
+from socialbot.runtime.machine import with_state_files
 from tests.system.running import eventually, running
 
 pytestmark = pytest.mark.ros
@@ -26,19 +24,10 @@ BACK_S = 10.0
 """Two seconds are enough, unless the machine has much else to do."""
 
 
-@pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-    for number in range(10):
-        cv2.imwrite(str(folder / f"{number}.png"), np.full((240, 320, 3), 20 * number, np.uint8))
-    return folder
-
-
 @contextmanager
 def supervised(pictures: Path, folder: Path) -> Iterator[tuple[Any, Callable[[Callable[[], bool], float], float]]]:
     """Waldo's graph, and a way to attend to it until something holds; that returns how long it took (s)."""
-    from socialbot.runtime._supervisor import Supervisor
+    from socialbot.runtime.launch import Supervisor
 
     graph = load_graph("waldo").with_parameters(
         {"camera": {"source": str(pictures), "loop": True}, "speech": {"playback": "off"}}
@@ -57,7 +46,7 @@ def supervised(pictures: Path, folder: Path) -> Iterator[tuple[Any, Callable[[Ca
 
 
 @pytest.mark.slow
-def test_each_node_that_is_killed_is_back_soon_and_the_others_go_on(pictures: Path, tmp_path: Path) -> None:
+def test_restarts_each_killed_node_alone(pictures: Path, tmp_path: Path) -> None:
     with supervised(pictures, tmp_path) as (supervisor, until):
         for member in supervisor.members.values():
             before = supervisor.pids
@@ -70,18 +59,18 @@ def test_each_node_that_is_killed_is_back_soon_and_the_others_go_on(pictures: Pa
 
 
 @pytest.mark.slow
-def test_a_node_that_is_stopped_counts_as_dead(pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_restarts_a_suspended_node(pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.system.test_supervised.PATIENT", RestartPolicy(hung_s=3.0))
     with supervised(pictures, tmp_path) as (supervisor, until):
         head = supervisor.members["head"]
         os.kill(supervisor.pids["head"], signal.SIGSTOP)
         until(lambda: head.is_down, 10.0)
-        assert head.last_error == "hung (head said nothing)"
+        assert head.last_error == "hung (head sent no report)"
         until(lambda: head.state == "active", 30.0)
 
 
 @pytest.mark.slow
-def test_a_graph_that_is_up_outlives_its_nodes_and_tells_of_their_deaths(pictures: Path, tmp_path: Path) -> None:
+def test_restarts_crashed_nodes_and_publishes_their_status(pictures: Path, tmp_path: Path) -> None:
     from socialbot.bridge.environment import spinning_node
     from socialbot.bridge.graph_observer import await_graph
 

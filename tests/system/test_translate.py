@@ -64,7 +64,7 @@ def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-def test_viewers_hear_of_people_until_it_is_told_to_end(graph: Path) -> None:
+def test_publishes_people_until_a_signal(graph: Path) -> None:
     from visualization_msgs.msg import MarkerArray
 
     from socialbot.bridge.environment import spinning_node
@@ -108,7 +108,7 @@ def heard(types: dict[str, str]) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("standard")
-def test_tf_vision_msgs_and_ros4hri_hear_of_people_in_their_own_types(graph: Path) -> None:
+def test_publishes_people_as_tf_vision_msgs_and_ros4hri(graph: Path) -> None:
     with running("translate", graph):
         told = heard(PEOPLE)
     assert set(told) == set(PEOPLE)

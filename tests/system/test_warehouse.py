@@ -86,7 +86,7 @@ class TestTheFirstRun:
         assert 107.0 < last.current_time < 232.0
         assert len(infos) > last.current_time / 2, "it is told regularly"
 
-    def test_leaves_what_it_believes_and_desires_for_those_who_come_late(self, first_run: Live) -> None:
+    def test_latches_beliefs_and_desires(self, first_run: Live) -> None:
         late = Late(first_run.ros, GRIPPER)
         assert eventually(lambda: len(late.heard) == len(Late.KINDS))
         assert late.heard["belief_set"] == first_run.seen.beliefs[GRIPPER]
@@ -101,7 +101,7 @@ class TestTheFirstRun:
             assert (values["failures"], values["refused"], values["skipped"]) == ("0", "0", "0")
             assert int(values["calls"]) > 1000
 
-    def test_takes_what_the_command_line_tells_it_as_the_manual_says(self, first_run: Live) -> None:
+    def test_accepts_commands_of_the_documentation(self, first_run: Live) -> None:
         desire, belief, never_mind = commands("docs/cli.md", "socialbot topic pub")
         seen, wanted = first_run.seen, "wait_there"
         told(desire)
@@ -117,7 +117,7 @@ class TestTheFirstRun:
         assert first_run.time.until(lambda: seen.ended("wait_here") == "desire_fulfilled", limit_s=30.0), seen.story()
         assert Fact(name="upon", params=(GRIPPER, "base_3")) in seen.beliefs[GRIPPER].value
 
-    def test_refuses_what_does_not_fit_its_domain_and_goes_on(self, first_run: Live) -> None:
+    def test_refuses_desires_outside_the_domain_and_continues(self, first_run: Live) -> None:
         unknown = "{desire: {name: fly, value: [{name: flies, params: [gripper_a]}]}}"
         told(["topic", "pub", "/gripper_a/add_desire", "DesireItem", unknown])
         assert eventually(lambda: bool(first_run.seen.of("desire_refused", GRIPPER)))
@@ -177,7 +177,7 @@ def check_second_run(live: Live) -> None:
     assert len(seen.of("desire_fulfilled", "carrier_c")) == 4, "it came twice, and unloaded twice"
 
 
-def test_in_the_second_run_a_carrier_leaves_early_and_a_new_plan_gets_it_back(tmp_path: Path) -> None:
+def test_a_new_plan_recalls_a_carrier_that_left_early(tmp_path: Path) -> None:
     with over_dds(second_warehouse(), tmp_path) as live:
         check_second_run(live)
     assert set(live.launch.exit_codes.values()) == {0}
@@ -193,7 +193,7 @@ def test_the_second_run_works_with_all_agents_in_one_process(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("killed", "after_s"), [(GRIPPER, 4.0), (GRIPPER, 33.0), (GRIPPER, 62.0), ("carrier_a", 4.0), ("carrier_b", 70.0)]
 )
-def test_an_agent_that_is_killed_and_started_again_goes_on(tmp_path: Path, killed: str, after_s: float) -> None:
+def test_a_restarted_agent_continues(tmp_path: Path, killed: str, after_s: float) -> None:
     minds = {name: {"mind_file": str(tmp_path / f"{name}.json")} for name in (GRIPPER, *CARRIERS)}
     with over_dds(warehouse(**minds), tmp_path / "run") as live:
         live.time.advance(after_s)

@@ -13,7 +13,7 @@ from typing import Any
 
 from socialbot.agents.warehouse.messages import BoxPositions
 from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
-from socialbot.bridge.sim_clock import SimClock
+from socialbot.bridge.player import SimClock
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
 from socialbot.graph.node import Graph
@@ -114,7 +114,7 @@ def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[
     with observe_graph(topics, seen.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder, sim_time=True, composed=composed) as launch:
-            keeper = SimClock(onlooker.ros, [placement.name for placement in graph.placements], step_s=STEP_S)
+            keeper = SimClock(onlooker.ros, [config.name for config in graph.nodes], step_s=STEP_S)
 
             def failed() -> bool:
                 launch.check()

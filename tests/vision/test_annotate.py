@@ -34,13 +34,13 @@ def test_without_anything_it_is_an_equal_copy():
     np.testing.assert_array_equal(draw(GREY, detections()), GREY)
 
 
-def test_the_picture_given_is_left_alone():
+def test_picture_given_is_left_alone():
     before = GREY.copy()
     draw(before, detections(person()), (), ["hello"])
     np.testing.assert_array_equal(before, GREY)
 
 
-def test_a_box_and_a_label_above_it():
+def test_box_and_a_label_above_it():
     marks = touched(draw(GREY, detections(person())))
     assert marks[100:350, 200].all()
     assert marks[100:350, 300].all()
@@ -51,13 +51,13 @@ def test_a_box_and_a_label_above_it():
 
 
 @pytest.mark.parametrize("box", [(-20, -30, 100, 300), (600, 0, 80, 500), (0, 0, 640, 480), (630, 470, 5, 5)])
-def test_the_label_stays_in_the_picture(box):
+def test_label_stays_in_the_image(box):
     plain = touched(draw(GREY, detections(person(*box))))
     labelled = touched(draw(GREY, detections(person(*box, track="a-long-name"))))
     assert labelled.sum() > plain.sum()
 
 
-def test_the_label_says_who_and_how_far():
+def test_label_shows_track_and_distance():
     pictures = [
         draw(GREY, detections(item))
         for item in (
@@ -75,13 +75,13 @@ def test_the_label_says_who_and_how_far():
             assert (one != other).any()
 
 
-def test_a_track_keeps_its_colour_whatever_its_place():
+def test_track_keeps_its_colour_whatever_its_place():
     first = draw(GREY, detections(person(track="t7")))[200, 200]
     second = draw(GREY, detections(person(400, track="t1"), person(track="t7")))[200, 200]
     assert first.tolist() == second.tolist()
 
 
-def test_who_is_only_predicted_is_dashed_in_the_same_colour():
+def test_predictions_are_dashed_in_the_same_colour():
     seen, predicted = (draw(GREY, detections(person(track="t1", unseen=unseen))) for unseen in (0.0, 0.2))
     column = touched(predicted)[100:350, 200]
     assert 0.3 < column.mean() < 0.8
@@ -97,7 +97,7 @@ def test_truth_is_dashed_and_white():
     assert (result[touched(result)] == 255).all()
 
 
-def test_the_caption_darkens_the_bottom_as_far_as_it_has_lines():
+def test_caption_darkens_the_bottom_as_far_as_it_has_lines():
     one, three = (touched(draw(GREY, None, (), ["hello"] * count)) for count in (1, 3))
     assert one[-25:].all()
     assert not one[:440].any()

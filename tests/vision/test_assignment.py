@@ -33,14 +33,14 @@ def test_no_other_assignment_costs_less(eighths):
 
 @settings(deadline=None)
 @given(arrays.arrays(np.float64, st.tuples(st.integers(0, 30), st.integers(0, 30)), elements=st.floats(0, 2)))
-def test_each_is_taken_once_and_only_below_the_limit(costs):
+def test_each_row_and_column_is_assigned_once_below_the_limit(costs):
     pairs = assign(costs, 1.0)
     assert len({row for row, _ in pairs}) == len({column for _, column in pairs}) == len(pairs)
     assert all(costs[pair] < 1.0 for pair in pairs)
     assert pairs == sorted(pairs)
 
 
-def test_a_good_pair_and_nobody_are_better_than_two_bad_pairs():
+def test_one_good_pair_beats_two_bad_pairs():
     costs = np.array([[0.1, 0.9], [0.95, np.inf]])
     assert assign(costs, 1.0) == [(0, 0)]
 
@@ -49,10 +49,10 @@ def test_two_fair_pairs_are_better_than_one_good_pair_and_a_bad_one():
     assert assign(np.array([[0.1, 0.2], [0.2, 0.9]]), 1.0) == [(0, 1), (1, 0)]
 
 
-def test_where_nothing_fits_nobody_is_paired():
+def test_no_pairs_above_the_limit():
     assert assign(np.full((3, 2), np.inf), 1.0) == []
     assert assign(np.ones((1, 1)), 1.0) == []
 
 
-def test_many_equal_costs_still_give_everybody_somebody():
+def test_equal_costs_assign_all_rows():
     assert len(assign(np.full((20, 20), 0.5), 1.0)) == 20

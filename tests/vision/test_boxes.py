@@ -33,7 +33,7 @@ def test_iou_of_empty_boxes_is_0():
 
 @settings(max_examples=60, deadline=None)
 @given(scored, st.randoms(use_true_random=False), st.sampled_from([0.0, 0.3, 0.6]))
-def test_suppression_keeps_the_best_of_what_overlaps_in_any_order(items, random, overlap):
+def test_suppression_keeps_the_best_box_in_any_order(items, random, overlap):
     boxes = np.array([item[0] for item in items], float).reshape(-1, 4)
     scores = np.array([item[1] for item in items], float)
     kept = suppress(boxes, scores, overlap)
@@ -78,14 +78,14 @@ def test_of_boxes_with_one_head_the_better_stays():
     assert suppress(boxes, np.array([0.5, 0.4, 0.9]), 0.6, 0.65).tolist() == [2]
 
 
-def test_a_better_part_does_not_drive_out_the_whole():
+def test_better_part_does_not_drive_out_the_whole():
     boxes = np.array([PERSON, (105, 102, 50, 80)], float)
     assert suppress(boxes, np.array([0.5, 0.9]), 0.6, 0.65).tolist() == [1, 0]
 
 
 @settings(max_examples=60, deadline=None)
 @given(scored)
-def test_who_is_kept_above_a_score_does_not_depend_on_what_is_below(items):
+def test_suppression_does_not_depend_on_lower_scores(items):
     boxes = np.array([item[0] for item in items], float).reshape(-1, 4)
     scores = np.array([item[1] for item in items], float)
     good = np.flatnonzero(scores >= 0.5)
@@ -103,7 +103,7 @@ def test_clip():
     assert clip(boxes, 100, 50).tolist() == [[0, 0, 20, 15], [90, 40, 10, 10], [100, 50, 0, 0], [10, 10, 5, 5]]
 
 
-def test_select_suppresses_before_it_clips_and_leaves_out_what_is_outside():
+def test_select_suppresses_before_it_clips():
     boxes = np.array([[300, 0, 10, 10], [-40, 0, 50, 100], [-10, 0, 20, 100], [50, 0, 10, 10]], float)
     found = select(boxes, np.array([4.0, 3, 2, 1]), width=100, height=100, overlap=0.5)
     # The two at the left edge look alike only after they are clipped.

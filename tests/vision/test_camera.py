@@ -45,7 +45,7 @@ def test_signs_follow_rep_103():
 
 
 @pytest.mark.parametrize("pitch", PITCHES)
-def test_the_horizon_is_where_the_elevation_is_zero(pitch):
+def test_horizon_is_where_the_elevation_is_zero(pitch):
     model = camera(pitch)
     assert model.direction(model.cx, model.horizon * model.height)[1] == pytest.approx(0.0, abs=1e-12)
 
@@ -70,7 +70,7 @@ def test_from_info():
         info(()),
     ],
 )
-def test_an_uncalibrated_info_is_refused(bad):
+def test_uncalibrated_info_is_refused(bad):
     with pytest.raises(MessageError, match="eye"):
         CameraModel.from_info(bad)
 
@@ -83,13 +83,13 @@ def test_from_field_of_view():
 
 
 @pytest.mark.parametrize("hfov", [0.0, -1.0, math.pi, 4.0, math.nan])
-def test_an_impossible_field_of_view_is_refused(hfov):
+def test_impossible_field_of_view_is_refused(hfov):
     with pytest.raises(ParameterError):
         CameraModel.from_field_of_view(640, 480, hfov)
 
 
 @pytest.mark.parametrize(("name", "value"), [("fx", 0.0), ("height", 0), ("mount_height_m", -1.0), ("fy", math.inf)])
-def test_an_impossible_camera_is_refused(name, value):
+def test_impossible_camera_is_refused(name, value):
     fields = {"fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "width": 640, "height": 480, name: value}
     with pytest.raises(ParameterError, match=name):
         CameraModel(**fields)

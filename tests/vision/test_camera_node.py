@@ -19,8 +19,8 @@ class Rig:
     """The node in an inline runner, and what it has published."""
 
     def __init__(self, source, *, start: int = 100 * SECOND, **parameters) -> None:
-        placement = NodeConfig("camera", Camera, {"source": str(source), **parameters})
-        self.runner = InlineRunner(Graph("g", (placement,)), start=start)
+        config = NodeConfig("camera", Camera, {"source": str(source), **parameters})
+        self.runner = InlineRunner(Graph("g", (config,)), start=start)
         self.images: list[Any] = []
         self.infos: list[Any] = []
         self.runner.tap("/camera/image_raw", lambda _, message: self.images.append(message))
@@ -56,7 +56,7 @@ def video(tmp_path):
     return path
 
 
-def test_a_folder_is_shown_in_natural_order_at_the_rate_asked_for(folder, caplog):
+def test_folder_is_published_in_natural_order_at_the_given_rate(folder, caplog):
     with caplog.at_level(logging.INFO):
         rig = Rig(folder, rate_hz=4.0, frame_id="eye")
         rig.pass_time(10)
@@ -67,7 +67,7 @@ def test_a_folder_is_shown_in_natural_order_at_the_rate_asked_for(folder, caplog
     assert [record.levelname for record in caplog.records if "has ended" in record.message] == ["INFO"]
 
 
-def test_a_video_is_shown_at_its_own_rate(video):
+def test_video_is_shown_at_its_own_rate(video):
     rig = Rig(video)
     rig.pass_time(1)
     assert rig.values == pytest.approx([0, 40, 80, 120, 160], abs=3)
@@ -81,7 +81,7 @@ def test_with_loop_it_begins_again_without_a_gap(video):
     assert set(np.diff([image.stamp for image in rig.images])) == {SECOND // 25}
 
 
-def test_a_folder_whose_first_image_is_damaged_when_it_begins_again_goes_on_once_that_is_mended(folder):
+def test_looped_folder_resumes_once_its_first_image_is_repaired(folder):
     rig = Rig(folder, loop=True, rate_hz=10.0)
     rig.pass_time(0.15)
     whole = (folder / "f1.png").read_bytes()
@@ -96,7 +96,7 @@ def test_a_folder_whose_first_image_is_damaged_when_it_begins_again_goes_on_once
     assert rig.faults.failures == 1
 
 
-def test_the_intrinsics_are_published_at_the_start(folder):
+def test_intrinsics_are_published_at_the_start(folder):
     rig = Rig(folder, hfov_rad=1.2, frame_id="eye")
     (info,) = rig.infos
     assert (info.frame_id, info.stamp) == ("eye", 100 * SECOND)
@@ -109,14 +109,14 @@ def test_the_intrinsics_are_published_at_the_start(folder):
 @pytest.mark.parametrize(
     ("asked", "size"), [({"width": 32, "height": 20}, (32, 20)), ({"width": 32}, (32, 24)), ({"height": 96}, (128, 96))]
 )
-def test_pictures_are_made_the_size_asked_for(folder, asked, size):
+def test_images_are_scaled_to_the_given_size(folder, asked, size):
     rig = Rig(folder, **asked)
     rig.pass_time(0.2)
     assert {(image.width, image.height) for image in rig.images} == {size}
     assert (rig.infos[0].width, rig.infos[0].height) == size
 
 
-def test_a_damaged_image_is_an_error_and_the_next_one_comes(folder):
+def test_damaged_image_is_skipped_with_an_error(folder):
     (folder / "f2.png").write_bytes(b"rubbish")
     rig = Rig(folder)
     rig.pass_time(1)
@@ -126,14 +126,14 @@ def test_a_damaged_image_is_an_error_and_the_next_one_comes(folder):
 
 
 @pytest.mark.parametrize("source", ["no/such/film.mp4", "/dev/video97", "97"])
-def test_a_source_that_is_not_there_is_a_device_error(source):
+def test_source_that_is_not_there_is_a_device_error(source):
     with pytest.raises(DeviceError) as caught:
         Rig(source)
     assert source in str(caught.value)
     assert caught.value.remedy
 
 
-def test_an_empty_folder_and_a_file_that_is_no_video(tmp_path):
+def test_empty_folder_and_a_file_that_is_no_video(tmp_path):
     with pytest.raises(DeviceError, match="no images"):
         Rig(tmp_path)
     (tmp_path / "film.mp4").write_bytes(b"rubbish")
@@ -181,7 +181,7 @@ def cable(monkeypatch):
     return Cable
 
 
-def test_a_camera_is_asked_for_its_size_and_read_at_its_rate(cable):
+def test_camera_is_set_to_the_size_and_read_at_its_rate(cable):
     rig = Rig("0", width=64, height=48)
     rig.pass_time(0.95)
     assert len(rig.images) == 10
@@ -189,7 +189,7 @@ def test_a_camera_is_asked_for_its_size_and_read_at_its_rate(cable):
     assert cable.asked[cv2.CAP_PROP_FRAME_HEIGHT] == 48
 
 
-def test_a_camera_that_vanishes_is_an_error_once_and_comes_back(cable, caplog):
+def test_lost_camera_is_reported_once_and_reopened(cable, caplog):
     with caplog.at_level(logging.INFO):
         rig = Rig("0")
         rig.pass_time(0.25)
@@ -214,13 +214,13 @@ def test_a_camera_that_vanishes_is_an_error_once_and_comes_back(cable, caplog):
     assert len(rig.images) == before + 10
 
 
-def test_a_camera_that_cannot_be_opened_at_the_start(cable):
+def test_camera_that_cannot_be_opened_at_the_start(cable):
     cable.plugged = False
     with pytest.raises(DeviceError, match="/dev/video3: the camera cannot be opened"):
         Rig("3")
 
 
-def test_after_stop_nothing_comes(folder):
+def test_nothing_is_published_after_stop(folder):
     rig = Rig(folder)
     rig.pass_time(0)
     rig.runner.close()
@@ -228,7 +228,7 @@ def test_after_stop_nothing_comes(folder):
     assert rig.values == [10]
 
 
-def test_late_pictures_do_not_pile_up(folder):
+def test_late_images_do_not_pile_up(folder):
     rig = Rig(folder, rate_hz=10.0)
     rig.pass_time(0)
     rig.runner.clock.advance(5)
@@ -236,7 +236,7 @@ def test_late_pictures_do_not_pile_up(folder):
     assert np.diff([image.stamp for image in rig.images]).tolist() == [5 * SECOND, SECOND // 10]
 
 
-def test_a_camera_that_vanishes_says_so_until_it_is_back(cable):
+def test_lost_camera_reports_failed_health_until_it_is_back(cable):
     rig = Rig("0")
     said: list[str] = []
     rig.runner.tap("/health", lambda _, message: said.append(message.state))  # type: ignore[attr-defined]

@@ -51,7 +51,7 @@ def test_distance_of_a_person_of_usual_size(pitch, distance, bearing):
     assert measured(model, box_of(model, distance, bearing)).value == pytest.approx(distance, rel=0.05)
 
 
-def test_the_ground_corrects_for_tall_and_small_people():
+def test_ground_corrects_for_tall_and_small_people():
     model = camera(0.052)
     for tall in (1.5, 1.9):
         box = box_of(model, 4.0, 0.0, tall=tall)
@@ -59,7 +59,7 @@ def test_the_ground_corrects_for_tall_and_small_people():
         assert measured(model, box, stature(tall)).value == pytest.approx(4.0, rel=0.03)
 
 
-def test_the_height_corrects_for_a_wrong_pitch_more_the_farther():
+def test_height_corrects_for_a_wrong_pitch_more_the_farther():
     seen, believed = camera(0.052), camera(0.04)
     box = box_of(seen, 12.0, 0.0)
     ground_only = believed.mount_height_m / -math.tan(believed.direction(box[0] + box[2] / 2, box[1] + box[3])[1])
@@ -67,7 +67,7 @@ def test_the_height_corrects_for_a_wrong_pitch_more_the_farther():
     assert measured(believed, box).value == pytest.approx(12.0, rel=0.05)
 
 
-def test_a_head_cut_off_leaves_the_ground():
+def test_head_cut_off_leaves_the_ground():
     model = camera(0.5)
     box = box_of(model, 2.0, 0.0, tall=1.9)
     assert box[1] == 0
@@ -84,7 +84,7 @@ def test_feet_cut_off_leave_the_width():
     assert 0.15 < found.std / found.value < 0.35
 
 
-def test_feet_below_the_picture_are_nearer_than_the_floor_at_its_edge():
+def test_feet_below_the_image_are_nearer_than_the_floor_at_its_edge():
     model = camera()
     x, y, w, h = box_of(model, 2.9, 0.0, wide=0.2)
     assert y + h == 480
@@ -95,7 +95,7 @@ def test_feet_below_the_picture_are_nearer_than_the_floor_at_its_edge():
     assert found.std < 0.6
 
 
-def test_a_low_camera_tells_the_distance_by_the_head():
+def test_low_camera_measures_the_head():
     model = camera(-0.3, height=0.8)
     box = box_of(model, 1.8, 0.0, wide=0.3)
     assert box[1] > 10
@@ -112,13 +112,13 @@ def test_feet_behind_something_leave_width_and_bounds():
     assert measured(model, half, feet_hidden=True).value == pytest.approx(4.0, rel=0.1)
 
 
-def test_somebody_at_the_side_is_no_farther_than_what_is_seen_of_their_width():
+def test_visible_width_bounds_the_distance():
     model = camera()
     box = (0.0, 100.0, 300.0, 380.0)
     assert measured(model, box).value < 0.5 * model.fx / 300
 
 
-def test_somebody_who_fills_the_picture_is_near():
+def test_person_who_fills_the_image_is_near():
     model = camera()
     found = measured(model, (0.0, 0.0, 640.0, 480.0))
     assert 0.1 < found.value < 0.5
@@ -137,11 +137,11 @@ def test_cues_that_disagree_make_unsure():
 
 
 @pytest.mark.parametrize("box", [(1, 1, 0, 5), (1, 1, 5, 0), (1, 1, -2, 5), (math.nan, 1, 5, 5), (1, math.inf, 5, 5)])
-def test_an_empty_box_has_no_distance(box):
+def test_empty_box_has_no_distance(box):
     assert measure(camera(), box, PEOPLE) is None
 
 
-def test_a_speck_is_no_error():
+def test_speck_is_no_error():
     assert measure(camera(), (100, 100, 1e-300, 1e-300), PEOPLE) is None
 
 
@@ -153,7 +153,7 @@ cuts = st.builds(Cut, st.booleans(), st.booleans(), st.booleans(), st.booleans()
     st.floats(0, 600), st.floats(0, 440), st.floats(0.5, 640), st.floats(0.5, 480), st.sampled_from(PITCHES), cuts,
     st.booleans(),
 )  # fmt: skip
-def test_any_box_in_the_picture_has_a_distance_and_a_head(x, y, w, h, pitch, cut, hidden):
+def test_any_box_in_the_image_has_a_distance_and_a_head(x, y, w, h, pitch, cut, hidden):
     box = (x, y, min(w, 640 - x), min(h, 480 - y))
     model = camera(pitch)
     found = measure(model, box, PEOPLE, cut, feet_hidden=hidden)
@@ -203,7 +203,7 @@ def test_two_thirds_of_all_people_are_within_one_standard_error(low, high):
 # What is learnt of a person
 
 
-def test_who_was_seen_whole_is_measured_better_when_cut_off():
+def test_learnt_stature_improves_cut_off_boxes():
     model, figure = camera(0.052), Figure(PEOPLE)
     for distance in np.arange(8.0, 3.5, -0.13):
         figure.learn(model, box_of(model, distance, 0.0, tall=1.85, wide=0.62), 0.1)
@@ -214,7 +214,7 @@ def test_who_was_seen_whole_is_measured_better_when_cut_off():
     assert after.std < 0.8 * before.std
 
 
-def test_a_stature_is_learnt_and_never_quite_certain():
+def test_stature_is_learnt_and_never_quite_certain():
     model, figure = camera(0.052), Figure(PEOPLE)
     for _ in range(1000):
         figure.learn(model, box_of(model, 4.0, 0.0, tall=1.85, wide=0.4), 0.1)
@@ -235,7 +235,7 @@ def test_one_look_teaches_less_than_many_and_no_time_teaches_nothing():
     assert 1.70 < one.stature.height.value < many.stature.height.value < 1.86
 
 
-def test_an_empty_box_teaches_nothing():
+def test_empty_box_teaches_nothing():
     figure = Figure(PEOPLE)
     figure.learn(camera(), (1, 1, 0, 0), 1.0)
     assert figure.stature == PEOPLE
@@ -244,7 +244,7 @@ def test_an_empty_box_teaches_nothing():
 # Over time
 
 
-def test_a_walk_is_followed_without_lag():
+def test_walk_is_followed_without_lag():
     path = Range(Estimate(8.0, 0.4), "whole")
     for step in range(1, 50):
         path.pass_(0.1)
@@ -252,7 +252,7 @@ def test_a_walk_is_followed_without_lag():
         assert path.estimate.value == pytest.approx(8.0 - 0.13 * step, abs=0.15)
 
 
-def test_a_standing_person_is_measured_better_with_time_and_worse_when_not_seen():
+def test_standing_person_is_measured_better_with_time_and_worse_when_not_seen():
     path = Range(Estimate(4.0, 0.4), "whole")
     for _ in range(30):
         path.pass_(0.1)
@@ -264,7 +264,7 @@ def test_a_standing_person_is_measured_better_with_time_and_worse_when_not_seen(
     assert path.estimate.std > 1.5 * standing.std
 
 
-def test_other_cues_that_are_vague_do_not_make_forgotten_what_was_known():
+def test_vague_cues_keep_the_known_distance():
     path = Range(Estimate(3.2, 0.15), "whole")
     for step in range(100):
         path.pass_(0.1)
@@ -278,7 +278,7 @@ def test_other_cues_that_are_vague_do_not_make_forgotten_what_was_known():
     assert 0.3 < path.estimate.std < 0.7
 
 
-def test_a_cue_that_is_wrong_by_a_share_tells_changes_all_the_same():
+def test_biased_cue_still_measures_changes():
     path = Range(Estimate(3.0, 0.1), "whole")
     for step in range(1, 16):
         path.pass_(0.1)
@@ -286,7 +286,7 @@ def test_a_cue_that_is_wrong_by_a_share_tells_changes_all_the_same():
     assert path.estimate.value == pytest.approx(1.5, abs=0.2)
 
 
-def test_a_cue_that_becomes_surer_is_wrong_by_less():
+def test_more_precise_cue_has_a_smaller_bias():
     path = Range(Estimate(8.9, 1.9), "hidden")
     for value, std in [(6.3, 1.1), (4.6, 0.5), (4.6, 0.5), (4.6, 0.5)]:
         path.pass_(0.1)
@@ -297,7 +297,7 @@ def test_a_cue_that_becomes_surer_is_wrong_by_less():
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 20), st.floats(0.05, 40), st.floats(0.01, 10)), max_size=20))
-def test_a_distance_stays_positive_and_its_error_too(steps):
+def test_distance_stays_positive_and_its_error_too(steps):
     path = Range(Estimate(3.0, 0.5), "whole")
     for seconds, value, std in steps:
         path.pass_(seconds)
@@ -311,14 +311,14 @@ def test_a_distance_stays_positive_and_its_error_too(steps):
 
 @pytest.mark.parametrize("pitch", [0.0, 0.1])
 @pytest.mark.parametrize("distance", [2.0, 4.0, 9.0])
-def test_the_head_is_where_the_middle_of_the_head_is(pitch, distance):
+def test_head_is_where_the_middle_of_the_head_is(pitch, distance):
     model = camera(pitch)
     bearing, elevation = head_direction(model, box_of(model, distance, 0.2), Cut(), distance, 1.70)
     assert bearing == pytest.approx(0.2, abs=0.01)
     assert elevation == pytest.approx(math.atan2(1.70 - 0.12 - 1.62, distance), abs=0.01)
 
 
-def test_a_head_out_of_the_picture_is_looked_for_above_it():
+def test_head_above_the_image_is_estimated():
     model = camera(0.3)
     box = box_of(model, 0.8, 0.0, tall=1.9)
     assert box[1] == 0
@@ -339,5 +339,5 @@ def test_how_far_down_the_feet_are_follows_from_the_distance(distance, share):
     assert whole_height(model, (x, y, w, share * h), distance) == pytest.approx(h, rel=0.08)
 
 
-def test_an_empty_box_has_no_whole_height():
+def test_empty_box_has_no_whole_height():
     assert whole_height(camera(0.052), (300.0, 200.0, 0.0, 10.0), 3.0) == 10.0

@@ -24,7 +24,7 @@ def best(found, box):
 
 
 @pytest.mark.parametrize("height", [110, 180, 250, 330])
-def test_somebody_is_found_first_and_where_they_are(height):
+def test_person_is_found_first_at_their_place(height):
     picture = corridor()
     box = add_person(picture, 300, 440 - height, height)
     found = HogDetector().detect(picture)
@@ -33,14 +33,14 @@ def test_somebody_is_found_first_and_where_they_are(height):
     assert rank == 0
 
 
-def test_an_empty_room_is_empty():
+def test_empty_room_is_empty():
     found = HogDetector().detect(corridor())
     assert found.boxes.shape == (0, 4)
     assert found.boxes.dtype == found.scores.dtype == np.float64
 
 
 @pytest.mark.parametrize(("x", "y", "height"), [(320, 5, 470), (320, 20, 520), (60, 100, 330), (585, 100, 330)])
-def test_somebody_who_fills_the_picture_or_is_cut_off_by_it_is_found(x, y, height):
+def test_large_or_cut_off_person_is_found(x, y, height):
     picture = corridor()
     left, top, width, tall = add_person(picture, x, y, height)
     right, bottom = min(left + width, 640), min(top + tall, 480)
@@ -74,7 +74,7 @@ def test_threads_change_nothing(opencv_threads):
         assert result.scores.tobytes() == results[0].scores.tobytes()
 
 
-def test_threshold_may_change_between_pictures():
+def test_threshold_may_change_between_images():
     picture = corridor()
     add_person(picture, 300, 190, 250)
     detector = HogDetector(-0.5)
@@ -93,7 +93,7 @@ def test_box_width_is_that_of_its_boxes():
     assert detector.box_width_m == pytest.approx(1.70 * width / height, rel=0.02)
 
 
-def test_a_large_picture_is_made_smaller_and_the_boxes_larger():
+def test_large_image_is_made_smaller_and_the_boxes_larger():
     picture = corridor()
     box = add_person(picture, 300, 190, 250)
     small = HogDetector().detect(picture)
@@ -104,7 +104,7 @@ def test_a_large_picture_is_made_smaller_and_the_boxes_larger():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (30, 500), (64, 31), (64, 32), (70, 40), (200, 33)])
-def test_small_and_narrow_pictures_are_no_error(shape):
+def test_small_and_narrow_images_are_no_error(shape):
     assert len(HogDetector().detect(np.zeros((*shape, 3), np.uint8))) == 0
 
 
@@ -141,7 +141,7 @@ def add_standing(picture, x, h):
 
 
 @pytest.mark.parametrize("height", [70, 110, 180, 230])
-def test_somebody_on_the_floor_is_found_first_and_where_they_are(height):
+def test_person_on_the_floor_is_found_first_at_their_place(height):
     picture = corridor()
     box = add_standing(picture, 300, height)
     overlap, rank = best(on_floor().detect(picture), box)
@@ -150,7 +150,7 @@ def test_somebody_on_the_floor_is_found_first_and_where_they_are(height):
 
 
 @pytest.mark.parametrize(("top", "height"), [(20, 180), (290, 180), (60, 110)])
-def test_nobody_hangs_in_the_air_or_stands_below_the_floor(top, height):
+def test_people_off_the_floor_are_not_found(top, height):
     picture = corridor()
     box = add_person(picture, 300, top, height)
     assert best(HogDetector().detect(picture), box)[0] > 0.55
@@ -167,7 +167,7 @@ def test_from_a_low_camera_heads_are_high():
 
 
 @pytest.mark.parametrize("height", [430, 480, 540])
-def test_somebody_near_is_known_without_their_legs(height):
+def test_near_person_is_found_without_legs(height):
     picture = corridor()
     left, top, width, _ = add_standing(picture, 320, height)
     body = (left, top, width, 480 - top)
@@ -176,14 +176,14 @@ def test_somebody_near_is_known_without_their_legs(height):
     assert rank == 0
 
 
-def test_what_lies_within_somebody_near_is_not_found_again():
+def test_parts_of_a_near_person_are_suppressed():
     boxes = np.array([[100.0, 100, 200, 380], [150, 200, 60, 200], [270, 200, 65, 200], [270, 200, 55, 200]])
     scores, nobody = np.array([1.0, 0.9, 0.8, 0.7]), np.zeros(4, bool)
     assert _apart(boxes, scores, np.array([True, False, False, False])).tolist() == [True, False, True, False]
     assert _apart(boxes, scores, nobody).all()
 
 
-def test_what_lies_within_somebody_near_goes_unless_it_is_much_better_or_reaches_higher():
+def test_parts_are_suppressed_unless_better_or_higher():
     near = [100.0, 100, 200, 380]
     boxes = np.array([[120.0, 150, 50, 100], [180, 150, 50, 100], [240, 90, 50, 100], near])
     scores, last = np.array([1.3, 1.2, 1.1, 1.0]), np.array([False, False, False, True])
@@ -202,7 +202,7 @@ def test_on_the_floor_threads_change_nothing_either():
 
 @pytest.mark.parametrize("shape", [(1, 1), (30, 500), (64, 31), (64, 32), (200, 33), (480, 640)])
 @pytest.mark.parametrize("horizon", [0.0, 0.5, 1.0])
-def test_with_any_horizon_small_and_empty_pictures_are_no_error(shape, horizon):
+def test_with_any_horizon_small_and_empty_images_are_no_error(shape, horizon):
     detector = on_floor()
     detector.horizon = horizon
     assert len(detector.detect(np.zeros((*shape, 3), np.uint8))) == 0

@@ -30,13 +30,13 @@ def rgb(stamp: int, **changes) -> Image:
     return Image(stamp=stamp, frame_id="eye", **fields)
 
 
-def test_raw_pictures_become_bgr8_of_the_same_moment_and_frame():
+def test_raw_images_become_bgr8_of_the_same_stamp_and_frame():
     (image,), _ = converted((RAW, rgb(7)))
     assert (image.stamp, image.frame_id, image.encoding, image.step) == (7, "eye", "bgr8", 9)
     assert image.bgr()[0, 1].tolist() == [5, 4, 3]
 
 
-def test_compressed_pictures_too():
+def test_compressed_images_too():
     scene = np.full((8, 10, 3), (10, 100, 200), np.uint8)
     data = cv2.imencode(".png", scene)[1].reshape(-1)
     (image,), _ = converted((COMPRESSED, CompressedImage(stamp=9, frame_id="eye", format="png", data=data)))
@@ -56,7 +56,7 @@ def test_padded_rows_are_closed_up():
     assert image.data.tolist() == [*range(9), *range(10, 19)]
 
 
-def test_a_bad_picture_is_counted_and_the_next_one_goes_through():
+def test_bad_image_is_counted_and_skipped():
     out, faults = converted((RAW, rgb(1, encoding="weird")), (RAW, rgb(2)))
     assert [image.stamp for image in out] == [2]
     assert (faults.failures, faults.calls) == (1, 2)

@@ -27,7 +27,7 @@ RAW, LINK, ACK, RECEIVED = (f"/camera/image_raw{end}" for end in ("", "/link", "
 
 @pytest.mark.parametrize("mbit_s", [20.0, 100.0])
 @pytest.mark.parametrize("loss", [0.0, 0.05])
-def test_a_link_that_carries_all_gets_all_and_at_its_best(mbit_s: float, loss: float) -> None:
+def test_link_that_carries_all_gets_all_and_at_its_best(mbit_s: float, loss: float) -> None:
     trial = Trial([Phase(0, mbit_s, loss)], 30)
     assert trial.hz(1, 29) == pytest.approx(30, abs=0.1)
     assert trial.age_s(0, 29) < (0.15 if loss else 0.02)
@@ -37,7 +37,7 @@ def test_a_link_that_carries_all_gets_all_and_at_its_best(mbit_s: float, loss: f
 
 @pytest.mark.parametrize(("mbit_s", "rate_hz", "quality"), [(2.0, 15, 30), (5.0, 29, 50)])
 @pytest.mark.parametrize("loss", [0.0, 0.05])
-def test_a_narrow_link_gets_what_it_carries(mbit_s: float, rate_hz: float, quality: int, loss: float) -> None:
+def test_slow_link_gets_its_capacity(mbit_s: float, rate_hz: float, quality: int, loss: float) -> None:
     trial = Trial([Phase(0, mbit_s, loss)], 120)
     assert trial.hz(20, 120) > rate_hz
     assert float(np.mean(trial.qualities(20, 120))) >= quality
@@ -58,7 +58,7 @@ def test_it_settles(mbit_s: float) -> None:
 
 
 @pytest.mark.parametrize("outage_s", [0.8, 5, 30])
-def test_after_an_outage_pictures_are_back_at_once_and_as_good_as_before(outage_s: float) -> None:
+def test_after_an_outage_images_are_back_at_once_and_as_good_as_before(outage_s: float) -> None:
     trial = Trial([Phase(0, 20, 0.05), Phase(20, 0), Phase(20 + outage_s, 20, 0.05)], 60 + outage_s)
     up = 20 + outage_s
     assert min(arrived for taken, arrived, _ in trial.arrived if taken >= up) < up + 0.5
@@ -67,7 +67,7 @@ def test_after_an_outage_pictures_are_back_at_once_and_as_good_as_before(outage_
     assert set(trial.qualities(up + 30, up + 40)) == {80}
 
 
-def test_a_link_that_gets_worse_and_better_again_is_followed() -> None:
+def test_link_that_gets_worse_and_better_again_is_followed() -> None:
     trial = Trial([Phase(0, 100), Phase(20, 2), Phase(60, 100)], 90)
     assert trial.hz(25, 60) > 15
     assert trial.age_s(30, 59) < 0.4
@@ -83,7 +83,7 @@ def test_pictures_that_grow_are_made_smaller_not_late() -> None:
     assert trial.hz(30, 60) > 25
 
 
-def test_the_rate_is_bounded() -> None:
+def test_rate_limit() -> None:
     link, sent = ImageLink(best=80, least=30, most_hz=10.0, now=0), 0
     for number in range(300):
         now = number * SECOND // 30
@@ -94,7 +94,7 @@ def test_the_rate_is_bounded() -> None:
     assert 98 <= sent <= 102
 
 
-def test_without_any_answer_it_falls_silent_after_a_few_pictures() -> None:
+def test_link_without_answers_counts_as_down() -> None:
     link, sent = ImageLink(best=80, least=30, most_hz=math.inf, now=0), 0
     for number in range(300):
         now = number * SECOND // 30
@@ -108,7 +108,7 @@ def test_without_any_answer_it_falls_silent_after_a_few_pictures() -> None:
     assert link.takes(10 * SECOND + 1)
 
 
-def test_a_clock_that_is_set_back_stops_nothing() -> None:
+def test_clock_that_is_set_back_stops_nothing() -> None:
     link = ImageLink(best=80, least=30, most_hz=math.inf, now=3600 * SECOND)
     for begin in (3600, 10):
         sent = 0
@@ -124,7 +124,7 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
         link.answered(0, (begin + 3) * SECOND)
 
 
-def test_an_answer_stands_for_all_pictures_before() -> None:
+def test_answer_confirms_all_earlier_images() -> None:
     link = ImageLink(best=80, least=30, most_hz=math.inf, now=0)
     now = itertools.count(0, 1000)
     for stamp in (1, 2, 3, 4):
@@ -143,14 +143,14 @@ def test_an_answer_stands_for_all_pictures_before() -> None:
         link.sent(stamp, 1000, next(now))
 
 
-def test_what_has_waited_for_the_link_is_told_from_what_is_new_whatever_the_clocks() -> None:
+def test_stale_images_are_detected_despite_clock_offsets() -> None:
     backlog, ahead = StaleImageFilter(), 3600 * SECOND
     assert not any(backlog.has_kept(stamp + ahead, stamp) for stamp in range(0, 3 * SECOND, SECOND // 30))
     assert backlog.has_kept(3 * SECOND + ahead, 8 * SECOND)
     assert not backlog.has_kept(8 * SECOND + ahead, 8 * SECOND)
 
 
-def test_a_clock_that_is_set_does_not_blind_for_long() -> None:
+def test_clock_that_is_set_does_not_blind_for_long() -> None:
     backlog = StaleImageFilter()
     assert not any(backlog.has_kept(stamp, stamp) for stamp in range(0, 3 * SECOND, SECOND // 30))
     late = [backlog.has_kept(stamp, stamp + 9 * SECOND) for stamp in range(3 * SECOND, 6 * SECOND, SECOND // 30)]
@@ -159,7 +159,7 @@ def test_a_clock_that_is_set_does_not_blind_for_long() -> None:
 
 
 @pytest.mark.parametrize("quality", [1, 30, 49, 50, 80, 100])
-def test_a_better_picture_is_larger(quality: int) -> None:
+def test_better_image_is_larger(quality: int) -> None:
     assert relative_size(quality, quality) == 1.0
     assert quality == 100 or relative_size(quality + 1, quality) >= 1.0
 
@@ -211,7 +211,7 @@ class Rig:
             self.runner.enqueue("/acknowledged", ack)
 
 
-def test_stamp_frame_and_picture_come_through() -> None:
+def test_stamp_frame_and_pixels_are_kept() -> None:
     rig = Rig()
     rig.show(2 * SECOND)
     (image,) = rig.received
@@ -221,14 +221,14 @@ def test_stamp_frame_and_picture_come_through() -> None:
     assert PictureAck(stamp=2 * SECOND, arrived=2 * SECOND) in rig.acks
 
 
-def test_the_receiver_gives_signs_of_life_while_nothing_comes() -> None:
+def test_receiver_repeats_its_answer_without_images() -> None:
     rig = Rig()
     rig.runner.advance(SECOND + SECOND)
     assert abs(len(rig.acks) - 1 / ALIVE_S) <= 1
     assert set(rig.acks) == {PictureAck(stamp=0, arrived=0)}
 
 
-def test_over_nodes_a_link_that_was_down_begins_anew_without_a_backlog() -> None:
+def test_restored_link_has_no_backlog() -> None:
     rig = Rig()
     rig.film(1, 3)
     assert len(rig.received) == 60
@@ -246,7 +246,7 @@ def test_over_nodes_a_link_that_was_down_begins_anew_without_a_backlog() -> None
     assert len(rig.acks) >= len(rig.received) + len(kept)
 
 
-def test_damaged_pictures_are_answered_and_the_next_one_comes() -> None:
+def test_damaged_images_are_answered_and_skipped() -> None:
     rig = Rig()
     bad = CompressedImage(stamp=2 * SECOND, frame_id="eye", format="jpeg", data=np.zeros(9, np.uint8))
     rig.runner.feed(LINK, bad)
@@ -262,7 +262,7 @@ def test_damaged_pictures_are_answered_and_the_next_one_comes() -> None:
     assert len(rig.received) == 2
 
 
-def test_the_quality_can_be_changed_while_it_runs() -> None:
+def test_quality_can_be_changed_while_it_runs() -> None:
     rig = Rig(quality=90)
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 255, (48, 64, 3), np.uint8)

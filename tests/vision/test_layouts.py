@@ -167,7 +167,7 @@ def table(*shape: int) -> np.ndarray:
         ("detections", (table(7, 5),), "labels"),
     ],
 )
-def test_answers_of_another_layout_say_what_was_expected(layout, arrays, expected):
+def test_error_names_the_expected_layout(layout, arrays, expected):
     with pytest.raises(LayoutMismatch, match=expected):
         LAYOUTS[layout].read(answers(*arrays))
 

@@ -23,18 +23,18 @@ def follow(motion: BoxFilter, boxes: list[np.ndarray], seconds: float = 0.1) -> 
         motion.correct(seen, cut_off(seen, WIDTH, HEIGHT))
 
 
-def test_the_first_box_is_believed():
+def test_first_box_is_believed():
     assert BoxFilter(box(300, 100, 200, 80)).box == pytest.approx(box(300, 100, 200, 80))
 
 
-def test_a_steady_walk_is_predicted():
+def test_steady_walk_is_predicted():
     motion = BoxFilter(box(100, 100, 200, 80))
     follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
     motion.predict(0.3)
     assert motion.box == pytest.approx(box(270, 100, 200, 80), abs=7)
 
 
-def test_a_speed_wears_off_where_nobody_is_seen():
+def test_speed_decays_without_detections():
     motion = BoxFilter(box(100, 100, 200, 80))
     follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
     motion.predict(60.0)
@@ -42,7 +42,7 @@ def test_a_speed_wears_off_where_nobody_is_seen():
     assert abs(motion.speed[0]) < 1
 
 
-def test_without_being_seen_one_becomes_less_sure():
+def test_prediction_becomes_less_certain():
     motion = BoxFilter(box(100, 100, 200, 80))
     spreads = [motion.spread()]
     for _ in range(5):
@@ -53,7 +53,7 @@ def test_without_being_seen_one_becomes_less_sure():
     assert motion.spread()[0] < spreads[1][0]
 
 
-def test_many_short_steps_come_to_the_same_as_a_long_one():
+def test_many_short_steps_equal_a_long_one():
     one, many = BoxFilter(box(100, 100, 200, 80)), BoxFilter(box(100, 100, 200, 80))
     for motion in (one, many):
         follow(motion, [box(100 + 10 * step, 100, 200, 80) for step in range(1, 15)])
@@ -64,14 +64,14 @@ def test_many_short_steps_come_to_the_same_as_a_long_one():
     assert many.spread() == pytest.approx(one.spread(), rel=0.25)
 
 
-def test_the_noise_is_relative_to_the_height():
+def test_noise_is_relative_to_the_height():
     near, far = BoxFilter(box(300, 50, 400, 160)), BoxFilter(box(300, 100, 40, 16))
     for motion in (near, far):
         motion.predict(0.4)
     assert near.spread()[0] == pytest.approx(10 * far.spread()[0])
 
 
-def test_who_comes_close_keeps_their_legs_below_the_picture():
+def test_legs_below_the_image_are_predicted():
     motion = BoxFilter(box(300, 60, 300, 110))
     # Whole until 420 pixels high, then cut off by the lower edge.
     follow(motion, [box(300, 60, 300 + 15 * step, 110 + 5.5 * step) for step in range(1, 21)])
@@ -80,7 +80,7 @@ def test_who_comes_close_keeps_their_legs_below_the_picture():
     assert clip(motion.box[None], WIDTH, HEIGHT)[0] == pytest.approx(box(300, 60, 420, 220), abs=15)
 
 
-def test_who_leaves_to_the_left_keeps_their_width_and_moves_on():
+def test_width_is_kept_while_leaving():
     motion = BoxFilter(box(200, 100, 300, 110))
     follow(motion, [box(200 - 20 * step, 100, 300, 110) for step in range(1, 11)])
     assert motion.value[3] == pytest.approx(110, abs=8)
@@ -88,7 +88,7 @@ def test_who_leaves_to_the_left_keeps_their_width_and_moves_on():
     assert motion.speed[0] == pytest.approx(-200, rel=0.25)
 
 
-def test_who_enters_grows_to_their_width():
+def test_width_grows_while_entering():
     motion = BoxFilter(box(20, 100, 300, 40))
     follow(motion, [box(-40 + 20 * step, 100, 300, 110) for step in range(1, 12)])
     assert motion.box == pytest.approx(box(180, 100, 300, 110), abs=12)

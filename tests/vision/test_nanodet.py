@@ -51,7 +51,7 @@ def test_most_people_of_the_committed_bag_are_found_and_hardly_anything_else(fin
 @pytest.mark.parametrize(
     "picture", [empty_room(), np.zeros((480, 640, 3), np.uint8), np.full((48, 64, 3), 255, np.uint8)]
 )
-def test_an_empty_picture_is_empty(finder, picture):
+def test_empty_image_is_empty(finder, picture):
     found = finder.detect(picture)
     assert found.boxes.shape == (0, 4)
     assert found.boxes.dtype == found.scores.dtype == np.float64
@@ -66,11 +66,11 @@ def test_threads_change_nothing(frames):
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (7, 900), (900, 7), (120, 160), (375, 1242), (1080, 1920), (640, 480)])
-def test_pictures_of_any_shape_are_looked_at(finder, shape):
+def test_images_of_any_shape(finder, shape):
     assert len(finder.detect(np.zeros((*shape, 3), np.uint8))) == 0
 
 
-def test_missing_weights_say_what_to_do(monkeypatch):
+def test_missing_weights_are_an_error_with_a_remedy(monkeypatch):
     monkeypatch.setattr(module, "_FILE", "elsewhere.onnx")
     with pytest.raises(
         InstallationError, match=r"models/elsewhere\.onnx: No such file(.|\n)*remedy: reinstall socialbot"
@@ -86,13 +86,13 @@ def test_changed_weights_are_refused(monkeypatch, tmp_path):
         weights()
 
 
-def test_the_notice_names_the_file_that_is_there():
+def test_notice_names_the_model_file():
     folder = module.resources.files("socialbot.vision") / "models"
     assert SHA256 in (folder / "NOTICE").read_text()
     assert "RangiLyu" in (folder / "LICENSE").read_text()
 
 
-def test_no_more_threads_work_than_were_asked_for(frames):
+def test_number_of_threads_is_limited(frames):
     tasks = Path("/proc/self/task")
     before = {task.name for task in tasks.iterdir()}
     finder = nanodet(0.4, threads=2)

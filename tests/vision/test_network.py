@@ -19,7 +19,7 @@ def picture(width: int = 4, height: int = 3) -> np.ndarray:
     return np.arange(3 * width * height, dtype=np.float32).reshape(3, height, width)
 
 
-def test_a_network_is_read_from_a_file_or_from_memory(tmp_path):
+def test_network_is_read_from_a_file_or_from_memory(tmp_path):
     file = tmp_path / "echo.onnx"
     file.write_bytes(echo_network())
     for network in (OnnxModel(file), OnnxModel(echo_network())):
@@ -36,7 +36,7 @@ def test_a_network_is_read_from_a_file_or_from_memory(tmp_path):
         ((1, 3, 48, "w"), (0, 48)),
     ],
 )
-def test_the_size_of_the_picture_is_that_of_the_model(shape, size):
+def test_size_of_the_image_is_that_of_the_model(shape, size):
     assert OnnxModel(echo_network(shape=shape)).size == size
 
 
@@ -54,7 +54,7 @@ def test_no_such_file():
         OnnxModel(Path("nowhere.onnx"))
 
 
-def test_a_file_that_is_no_network_is_named(tmp_path):
+def test_file_that_is_no_network_is_named(tmp_path):
     file = tmp_path / "holiday.onnx"
     file.write_bytes(b"not a network")
     with pytest.raises(ParameterError, match=r"holiday\.onnx: not a network that onnxruntime [0-9.]+ can run"):
@@ -62,20 +62,20 @@ def test_a_file_that_is_no_network_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (2, 3, 8, 8), (1, 1, 8, 8), (1, 8, 8, 4)])
-def test_a_network_that_takes_something_else_than_a_picture_is_refused(shape):
+def test_network_that_takes_something_else_than_a_image_is_refused(shape):
     sizes = " x ".join(map(str, shape))
     with pytest.raises(ParameterError, match=f"the model takes picture {sizes} float, expected"):
         OnnxModel(echo_network(shape=shape), where="model")
 
 
-def test_a_picture_that_does_not_fit_says_what_would():
+def test_error_names_the_input_that_fits():
     network = OnnxModel(strict_network(8, 6), where="strict")
     with pytest.raises(ParameterError, match=r"strict: an image of shape \(1, 3, 3, 4\) does not fit"):
         network.run(picture(4, 3))
     assert network.run(picture(8, 6))
 
 
-def test_without_onnxruntime_the_remedy_is_told(monkeypatch):
+def test_missing_onnxruntime_is_an_error_with_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(InstallationError, match="pip install onnxruntime, or choose the detector hog"):
         OnnxModel(echo_network())
@@ -87,7 +87,7 @@ def test_importing_the_detectors_does_not_import_onnxruntime():
     assert (done.stdout, done.returncode) == ("False\n", 0), done.stderr
 
 
-def test_threads_are_as_many_as_asked_for_and_sleep_between_pictures():
+def test_threads_sleep_between_images():
     data = np.zeros((3, 320, 416), np.float32)
     tasks = Path("/proc/self/task")
     before = {task.name for task in tasks.iterdir()}

@@ -21,14 +21,14 @@ def detector(*people, views=all_of_it, **changes) -> NetworkDetector:
     return NetworkDetector(network, LAYOUTS["yolov8"], views, **{"threshold": 0.3, **changes})
 
 
-def test_boxes_are_in_pixels_of_the_picture_best_first():
+def test_boxes_are_in_pixels_of_the_image_best_first():
     found = detector((10, 20, 30, 60, 0.5), (100, 20, 30, 60, 0.75)).detect(IMAGE)
     np.testing.assert_allclose(found.boxes, [[200, 40, 60, 120], [20, 40, 60, 120]])
     np.testing.assert_allclose(found.scores, [0.75, 0.5])
     assert found.boxes.dtype == found.scores.dtype == np.float64
 
 
-def test_nobody():
+def test_image_without_people():
     found = detector().detect(IMAGE)
     assert found.boxes.shape == (0, 4)
     assert len(found) == 0
@@ -40,7 +40,7 @@ def test_of_two_boxes_round_one_person_the_better_stays():
     assert len(detector(*people, overlap=0.3).detect(IMAGE)) == 1
 
 
-def test_the_boxes_of_a_threshold_are_those_of_a_lower_one_that_reach_it():
+def test_boxes_of_a_threshold_are_those_of_a_lower_one_that_reach_it():
     random = np.random.default_rng(3)
     corners, sizes = random.uniform(0, 200, (60, 2)), random.uniform(20, 90, (60, 2))
     people = np.hstack([corners, sizes, random.uniform(0.05, 1, (60, 1))])
@@ -52,12 +52,12 @@ def test_the_boxes_of_a_threshold_are_those_of_a_lower_one_that_reach_it():
     np.testing.assert_array_equal(sure.boxes, all_of_them.boxes[all_of_them.scores >= 0.5])
 
 
-def test_boxes_are_clipped_to_the_picture():
+def test_boxes_are_clipped_to_the_image():
     found = detector((-20, 100, 60, 200, 0.9)).detect(IMAGE)
     np.testing.assert_allclose(found.boxes, [[0, 200, 80, 280]])
 
 
-def test_views_are_put_together_and_what_they_cut_off_is_left_out():
+def test_views_are_merged_without_cut_off_boxes():
     def views(width: int, height: int, horizon: float):
         top = round(height * horizon)
         return [whole(width, height, (320, 224)), fitting((0, top, width, 160), 640 * 160)]
@@ -81,7 +81,7 @@ def test_views_are_put_together_and_what_they_cut_off_is_left_out():
         ("rgb", "imagenet", ((255 - 123.675) / 58.395, (102 - 116.28) / 57.12, (51 - 103.53) / 57.375)),
     ],
 )
-def test_the_network_gets_its_picture_as_it_wants_it(channels, pixels, expected):
+def test_network_gets_its_image_as_it_wants_it(channels, pixels, expected):
     seen = []
 
     def read(answers: ModelOutput):
@@ -105,7 +105,7 @@ def test_usual_pixels_and_channels_are_those_of_the_layout():
         detector(pixels="0-100")
 
 
-def test_answers_of_another_layout_say_what_was_found_and_what_expected():
+def test_error_names_actual_and_expected_layout():
     network = OnnxModel(constant_network({"out": yolov8_rows()}), where="my.onnx")
     with pytest.raises(ParameterError) as error:
         NetworkDetector(network, LAYOUTS["yolox"], all_of_it, threshold=0.5)
@@ -116,7 +116,7 @@ def test_answers_of_another_layout_say_what_was_found_and_what_expected():
 
 
 @pytest.mark.parametrize(("value", "expected"), [(200, 200), (140, 140), (70, 140), (28, 140), (10, 80), (0, 0)])
-def test_a_dark_picture_is_made_brighter(value, expected):
+def test_dark_image_is_made_brighter(value, expected):
     seen = []
 
     def read(answers: ModelOutput):
@@ -129,7 +129,7 @@ def test_a_dark_picture_is_made_brighter(value, expected):
     np.testing.assert_allclose(seen[-1], expected, atol=0.01)
 
 
-def test_a_dark_picture_with_lamps_stays_as_it_is():
+def test_dark_image_with_lamps_stays_as_it_is():
     image = np.full((480, 640, 3), 20, np.uint8)
     image[:, :64] = 250
     assert _gain(image) == 1.0

@@ -50,8 +50,8 @@ class Rig:
     """The node in an inline runner, and what it has said. It is shown pictures in which nothing moves."""
 
     def __init__(self, **parameters) -> None:
-        placement = NodeConfig("person_detector", PersonDetector, {"hide_still": False, **parameters})
-        self.runner = InlineRunner(Graph("g", (placement,), inputs=frozenset({COLOR, INFO})))
+        config = NodeConfig("person_detector", PersonDetector, {"hide_still": False, **parameters})
+        self.runner = InlineRunner(Graph("g", (config,), inputs=frozenset({COLOR, INFO})))
         self.detections: list[Any] = []
         self.markers: list[Any] = []
         self.runner.tap("/humans/bodies/detections", lambda _, message: self.detections.append(message))
@@ -92,7 +92,7 @@ def distance_of(camera: CameraModel, box: np.ndarray, *, height_m: float = 1.70,
 
 
 @pytest.mark.parametrize("tracker", ["kalman", "none"])
-def test_somebody_drawn_is_found_with_distance_and_direction(tracker):
+def test_drawn_person_has_distance_and_direction(tracker):
     rig = Rig(detector="hog", tracker=tracker)
     rig.info()
     picture = corridor()
@@ -111,7 +111,7 @@ def test_somebody_drawn_is_found_with_distance_and_direction(tracker):
     assert y + h < 480
 
 
-def test_an_empty_picture_is_answered_too():
+def test_empty_image_gives_an_empty_message():
     rig = Rig(detector="hog")
     assert rig.show(corridor(320, 240)).persons == ()
     assert rig.markers[-1].boxes == ()
@@ -126,7 +126,7 @@ def test_markers_are_the_boxes(stub):
     assert all(type(p.x) is float and type(p.score) is float for p in message.persons)
 
 
-def test_geometry_comes_from_camera_info_and_parameters(stub):
+def test_camera_model_uses_camera_info_and_parameters(stub):
     rig = Rig(mount_height_m=1.2, pitch_rad=0.1, person_height_m=1.8)
     rig.info(focal=400.0)
     person = rig.show(BLANK).persons[0]
@@ -136,7 +136,7 @@ def test_geometry_comes_from_camera_info_and_parameters(stub):
     assert person.bearing_rad == camera.direction(320, 150)[0]
 
 
-def test_somebody_cut_off_is_as_wide_as_the_detector_s_boxes(stub, monkeypatch):
+def test_cut_off_person_is_measured_by_the_box_width_of_the_detector(stub, monkeypatch):
     rig = Rig()
     rig.info()
     monkeypatch.setattr(Stub, "boxes", np.array([[300.0, 150, 120, 330], [0, 0, 1, 1]]))
@@ -146,7 +146,7 @@ def test_somebody_cut_off_is_as_wide_as_the_detector_s_boxes(stub, monkeypatch):
     assert near != pytest.approx(distance_of(camera, Stub.boxes[0], width_m=0.5))
 
 
-def test_without_camera_info_the_field_of_view_is_taken_and_said_once(stub, caplog):
+def test_missing_camera_info_is_logged_once(stub, caplog):
     rig = Rig(hfov_rad=1.2)
     with caplog.at_level(logging.WARNING):
         person = rig.show(BLANK, 1).persons[0]
@@ -169,7 +169,7 @@ def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stu
     assert sum("1280x720" in record.message and "640x480" in record.message for record in caplog.records) == 1
 
 
-def test_an_uncalibrated_camera_info_is_refused_and_changes_nothing(stub):
+def test_uncalibrated_camera_info_is_refused_and_changes_nothing(stub):
     rig = Rig(tracker="none")
     before = rig.show(BLANK, 1).persons
     rig.info(focal=0.0)
@@ -203,13 +203,13 @@ def test_below_zero_the_threshold_is_the_detector_s_own(stub, monkeypatch):
     assert [p.score for p in rig.show(BLANK, 120 * SECOND).persons] == [0.9]
 
 
-def test_people_keep_their_ids_and_flicker_is_bridged_as_long_as_asked_for(stub, monkeypatch):
+def test_people_keep_their_ids_across_gaps(stub, monkeypatch):
     rig = Rig(bridge_s=0.25)
     for tenth in range(5):
         named = [p.track_id for p in rig.show(BLANK, tenth * SECOND // 10).persons]
         assert sorted(named) == ["t1", "t2"]
     monkeypatch.setattr(Stub, "boxes", np.empty((0, 4)))
-    monkeypatch.setattr(Stub, "detect", lambda *_: Detections.none())
+    monkeypatch.setattr(Stub, "detect", lambda *_: Detections(np.empty((0, 4)), np.empty(0)))
     bridged = rig.show(BLANK, 5 * SECOND // 10)
     assert [p.unseen_s for p in bridged.persons] == [pytest.approx(0.1)] * 2
     assert len(rig.markers[-1].boxes) == 2
@@ -217,7 +217,7 @@ def test_people_keep_their_ids_and_flicker_is_bridged_as_long_as_asked_for(stub,
     assert rig.show(BLANK, 6 * SECOND // 10).persons == ()
 
 
-def test_without_a_tracker_nobody_has_an_id(stub):
+def test_no_ids_without_a_tracker(stub):
     rig = Rig(tracker="none")
     rig.node.set_parameter("bridge_s", 1.0)
     assert {p.track_id for p in rig.show(BLANK).persons} == {""}
@@ -231,7 +231,7 @@ def test_threads_reach_opencv_and_the_detector_and_are_fixed(stub):
         rig.node.set_parameter("threads", 1)
 
 
-def test_a_slow_detector_is_handed_the_newest_picture():
+def test_slow_detector_is_handed_the_newest_image():
     inbox, port = CallbackQueue(lambda: 0, simulated=True), PersonDetector.inputs()["image"]
     taken = []
     for stamp in range(0, 30):
@@ -243,7 +243,7 @@ def test_a_slow_detector_is_handed_the_newest_picture():
     assert taken[2:] == [8, 12, 16, 20, 24, 28]
 
 
-def test_the_settings_of_the_detector_are_parameters(stub):
+def test_settings_of_the_detector_are_parameters(stub):
     given = {"model": "m.onnx", "layout": "yolox", "input_width": 320, "channels": "rgb", "person_class": 3}
     settings = Rig(**given).node._pipeline._detector.settings  # type: ignore[attr-defined]
     assert settings == DetectorSettings(**{**given, "model": str(Path("m.onnx").resolve())})
@@ -251,24 +251,24 @@ def test_the_settings_of_the_detector_are_parameters(stub):
     assert PersonDetector.detector.choices == tuple(DETECTORS)
 
 
-def test_an_onnx_model_that_is_not_there_is_named():
+def test_onnx_model_that_is_not_there_is_named():
     with pytest.raises(SocialbotError, match=r"nowhere\.onnx"):
         Rig(detector="onnx", model="nowhere.onnx")
 
 
-def test_an_unknown_detector_is_refused():
+def test_unknown_detector_is_refused():
     with pytest.raises((ParameterError, GraphError), match="hog"):
         Rig(detector="magic")
 
 
-def test_a_picture_that_is_not_bgr8_is_counted(stub):
+def test_picture_that_is_not_bgr8_is_counted(stub):
     rig = Rig()
     image = Image(stamp=1, frame_id="eye", height=2, width=2, encoding="rgb8", step=6, data=np.zeros(12, np.uint8))
     rig.runner.feed(COLOR, image)
     assert (rig.faults.failures, rig.detections) == (1, [])
 
 
-def test_what_never_moves_is_left_out_unless_the_parameter_says_no(stub):
+def test_static_objects_are_removed_by_default(stub):
     rig = Rig(hide_still=True)
     still = [rig.show(BLANK, stamp=step * SECOND // 10) for step in range(10)]
     assert still[0].persons

@@ -24,7 +24,7 @@ frames_strategy = st.lists(
 
 @settings(deadline=None, max_examples=100)
 @given(frames_strategy, st.randoms(use_true_random=False))
-def test_the_order_of_the_boxes_changes_nothing(frames, random):
+def test_order_of_the_boxes_changes_nothing(frames, random):
     one, other = Scene(), Scene()
     for after_s, found in frames:
         shuffled = random.sample(found, len(found))
@@ -36,7 +36,7 @@ def test_the_order_of_the_boxes_changes_nothing(frames, random):
 
 @settings(deadline=None, max_examples=100)
 @given(frames_strategy)
-def test_whatever_comes_each_id_is_one_unbroken_track_of_what_was_seen(frames):
+def test_every_id_is_one_unbroken_track(frames):
     scene, gone, before = Scene(bridge_s=0.5, keep_s=2.0), set[str](), set[str]()
     last_seen: dict[str, float] = {}
     for after_s, found in frames:

@@ -39,7 +39,7 @@ def test_boxes_go_to_the_canvas_and_back(picture, pixels):
 
 @settings(max_examples=60, deadline=None)
 @given(parts(), st.integers(1000, 200_000))
-def test_a_canvas_has_sides_that_the_step_divides_and_holds_the_part(picture, pixels):
+def test_canvas_has_sides_that_the_step_divides_and_holds_the_part(picture, pixels):
     width, height, part = picture
     view = fitting(part, pixels)
     assert view.width % 32 == view.height % 32 == 0
@@ -55,12 +55,12 @@ def test_pictures_of_any_shape_cost_about_the_same(width, height):
     assert view.across / view.down == pytest.approx(width / height, rel=0.02)
 
 
-def test_a_picture_as_cameras_give_it_fills_the_view():
+def test_picture_as_cameras_give_it_fills_the_view():
     view = fitting((0, 0, 640, 480), 416 * 320)
     assert (view.width, view.height, view.across, view.down, view.left, view.top) == (416, 320, 416, 312, 0, 4)
 
 
-def test_the_whole_stands_in_the_middle_or_at_the_upper_left():
+def test_whole_is_in_the_middle_or_at_the_upper_left():
     picture = np.full((50, 100, 3), 200, np.uint8)
     middle = whole(100, 50, (64, 64), fill=114).cut(picture)
     assert (middle[16:48] == 200).all()
@@ -71,13 +71,13 @@ def test_the_whole_stands_in_the_middle_or_at_the_upper_left():
     assert (corner[32:] == 0).all()
 
 
-def test_a_cut_shows_its_part_of_the_picture():
+def test_cut_shows_its_part_of_the_image():
     picture = np.arange(40 * 60 * 3, dtype=np.uint8).reshape(40, 60, 3)
     view = View(10, 5, 32, 32, 32, 32, 32, 32, 0, 0)
     assert (view.cut(picture) == picture[5:37, 10:42]).all()
 
 
-def test_what_is_cut_off_is_told_from_what_the_picture_itself_cuts_off():
+def test_boxes_cut_off_by_the_view_are_not_trusted():
     view = fitting((0, 100, 640, 160), 640 * 160)
     boxes = {
         "inside": (300, 120, 40, 100),
@@ -99,7 +99,7 @@ def test_what_is_cut_off_is_told_from_what_the_picture_itself_cuts_off():
     assert fitting((0, 0, 640, 480), 99_999).trusted(np.array([[0.0, 0, 640, 480]]), 640, 480).all()
 
 
-def test_what_is_small_is_left_to_finer_views():
+def test_small_boxes_are_left_to_finer_views():
     coarse = fitting((0, 0, 640, 480), 160 * 120, least=60)
     boxes = np.array([[0, 0, 90, 200], [0, 0, 90, 260]], float)
     assert coarse.trusted(boxes, 640, 480).tolist() == [False, True]
@@ -107,13 +107,13 @@ def test_what_is_small_is_left_to_finer_views():
 
 @settings(max_examples=60, deadline=None)
 @given(size, size, st.floats(-1, 2))
-def test_the_band_lies_within_the_picture(width, height, horizon):
+def test_band_is_within_the_image(width, height, horizon):
     x, y, w, h = band(width, height, horizon)
     assert (x, w) == (0, width)
     assert 0 <= y < y + h <= height
 
 
-def test_the_band_holds_people_from_10_m_on_whether_the_horizon_is_known_or_not():
+def test_band_holds_people_from_10_m_on_whether_the_horizon_is_known_or_not():
     camera = CameraModel.from_field_of_view(640, 480, 1.09, mount_height_m=1.62, pitch_rad=0.052)
     known = (240 - camera.fy * math.tan(0.052)) / 480
     for horizon in (known, 0.5):
@@ -124,7 +124,7 @@ def test_the_band_holds_people_from_10_m_on_whether_the_horizon_is_known_or_not(
             assert top + 0.06 * height < head < feet < top + 0.94 * height
 
 
-def test_a_scaled_part_fills_its_canvas():
+def test_scaled_part_fills_its_canvas():
     view = scaled((10, 20, 100, 60), 1.5)
     assert (view.width, view.height, view.across, view.down) == (150, 90, 150, 90)
     assert view.back(np.array([[15.0, 15, 30, 30]])).tolist() == [[20, 30, 20, 20]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import msgspec
 
@@ -21,9 +20,6 @@ from socialbot.deliberation.messages import Desire
 PERSON = "person"
 """Source of beliefs that users add."""
 
-Deed = Callable[[str], object]
-"""Deferred command; its argument is the id of the causing trace record."""
-
 
 class RefusedError(SocialbotError):
     """Command that an agent refuses."""
@@ -31,33 +27,17 @@ class RefusedError(SocialbotError):
     exit_code = 4
 
 
-class CommandHandler(Protocol):
-    """Commands to an agent. Methods raise RefusedError, or another SocialbotError, for an impossible command."""
-
-    def believe(self, text: str) -> Deed:
-        """Add a belief."""
-        ...
-
-    def forget(self, text: str) -> Deed:
-        """Remove a belief."""
-        ...
-
-    def achieve(self, text: str) -> Deed:
-        """Add a goal."""
-        ...
-
-    def drop(self, text: str) -> Deed:
-        """Drop a goal."""
-        ...
+Change = Callable[[str], object]
+"""Accepted command; its argument is the id of the causing trace record."""
 
 
-class ObligingEngine:
-    """Command handler of an engine. Beliefs and goals are AgentSpeak literals."""
+class EngineCommands:
+    """Commands to an engine. Beliefs and goals are AgentSpeak literals. Methods raise RefusedError."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
-    def believe(self, text: str) -> Deed:
+    def believe(self, text: str) -> Change:
         """Add a belief with the source `PERSON`."""
         belief = _closed(text)
         kind = self._engine.beliefs.relation(belief.key).kind
@@ -65,7 +45,7 @@ class ObligingEngine:
             raise RefusedError(f"{belief} is computed: it cannot be added")
         return lambda cause: self._engine.believe(belief, source=PERSON, cause=cause)  # type: ignore[arg-type]
 
-    def forget(self, text: str) -> Deed:
+    def forget(self, text: str) -> Change:
         """Remove a belief of any source; variables match anything."""
         belief = parse(text)
         relation = self._engine.beliefs.relations.get(belief.key)
@@ -75,17 +55,17 @@ class ObligingEngine:
             raise RefusedError(f"it does not believe {belief}")
         return lambda cause: self._engine.forget(belief, cause=cause)  # type: ignore[arg-type]
 
-    def achieve(self, text: str) -> Deed:
+    def achieve(self, text: str) -> Change:
         """Adopt a goal that has plans."""
-        goal, triggers = _closed(text), self._engine.library.triggers
-        trigger = triggers.get(f"+!{goal.key}")
-        if trigger is None or not trigger.plans:
-            known = sorted(key[2:] for key, each in triggers.items() if key.startswith("+!") and each.plans)
-            has = f"it has some for {', '.join(known)}" if known else "it has none for any goal"
+        goal = _closed(text)
+        triggers = self._engine.library.triggers.items()
+        known = {key[2:] for key, trigger in triggers if key.startswith("+!") and trigger.plans}
+        if goal.key not in known:
+            has = f"it has some for {', '.join(sorted(known))}" if known else "it has none for any goal"
             raise RefusedError(f"it has no plan for {goal}; {has}")
         return lambda cause: self._engine.achieve(goal, cause=cause)
 
-    def drop(self, text: str) -> Deed:
+    def drop(self, text: str) -> Change:
         """Drop a goal."""
         goal = parse(text)
         goal = goal.with_(args=opened(goal.args, {}))
@@ -94,51 +74,50 @@ class ObligingEngine:
         return lambda cause: self._engine.call(lambda: drop_goal(self._engine, goal))
 
 
-class ObligingDeliberator:
-    """Command handler of a deliberator. Beliefs are facts of its domain, goals are desires."""
+class DeliberatorCommands:
+    """Commands to a deliberator. Beliefs are facts of its domain, goals are desires. Methods raise SocialbotError."""
 
     def __init__(self, deliberator: Deliberator) -> None:
         self._deliberator = deliberator
         self._facts = deliberator.facts
 
-    def believe(self, text: str) -> Deed:
+    def believe(self, text: str) -> Change:
         """Add a fact of the domain."""
         fact = parse_fact(text)
-        reason = self._facts.unfit(fact)
-        if reason is not None:
-            raise RefusedError(reason)
+        _refuse(self._facts.unfit(fact))
         return self._call(lambda cause: self._facts.add(fact, source=PERSON, cause=cause))
 
-    def forget(self, text: str) -> Deed:
+    def forget(self, text: str) -> Change:
         """Remove a fact; wildcards match anything."""
         fact = parse_fact(text)
-        reason = self._facts.unfit_pattern(fact)
-        if reason is not None:
-            raise RefusedError(reason)
+        _refuse(self._facts.unfit_pattern(fact))
         if "*" not in fact.params and self._facts.current(fact) is None:
             raise RefusedError(f"it does not believe {fact}")
         return self._call(lambda cause: self._facts.remove(fact, cause))
 
-    def achieve(self, text: str) -> Deed:
+    def achieve(self, text: str) -> Change:
         """Adopt a desire, given as JSON or as its target facts."""
         desire = _desire(text)
-        reason = self._deliberator.objection(desire)
-        if reason:
-            raise RefusedError(reason)
+        _refuse(self._deliberator.objection(desire))
         if self._facts.fulfilled(desire):
-            raise RefusedError("that is so already")
+            raise RefusedError("its target holds already")
         return self._call(lambda cause: self._deliberator.desire(desire, cause=cause))
 
-    def drop(self, text: str) -> Deed:
+    def drop(self, text: str) -> Change:
         """Drop the desire of this name."""
         desires, name = self._deliberator.desires, text.strip()
         if name not in desires:
-            names = ", ".join(wish.name for wish in desires)
+            names = ", ".join(state.name for state in desires)
             raise RefusedError(f"it has no desire {name!r}; {f'it has {names}' if names else 'it desires nothing'}")
         return self._call(lambda cause: self._deliberator.drop(name, "a person asked for it", cause=cause))
 
-    def _call(self, do: Deed) -> Deed:
-        return lambda cause: self._deliberator.engine.call(lambda: do(cause))
+    def _call(self, change: Change) -> Change:
+        return lambda cause: self._deliberator.engine.call(lambda: change(cause))
+
+
+def _refuse(reason: str | None) -> None:
+    if reason:
+        raise RefusedError(reason)
 
 
 def parse(text: str) -> Literal:
@@ -146,7 +125,7 @@ def parse(text: str) -> Literal:
     text = text.strip().removesuffix("()")
     capital = text[:1].isupper()
     try:
-        found = parse_literal(text[:1].lower() + text[1:] if capital else text, "what was asked")
+        found = parse_literal(text[:1].lower() + text[1:] if capital else text, "command")
     except AgentSpeakError as error:
         raise RefusedError(error.what.partition("\n")[0]) from error
     except RuleError as error:
@@ -157,7 +136,7 @@ def parse(text: str) -> Literal:
 def _closed(text: str) -> Literal:
     found = parse(text)
     if not ground(found):
-        raise RefusedError(f"{found} has a variable, or something to compute: write values")
+        raise RefusedError(f"{found} has a variable or a computed value: write values")
     return found
 
 
@@ -168,4 +147,4 @@ def _desire(text: str) -> Desire:
     try:
         return msgspec.json.decode(text, type=Desire)
     except msgspec.MsgspecError as error:
-        raise RefusedError(f"that is no desire: {error}") from error
+        raise RefusedError(f"invalid desire: {error}") from error

@@ -55,34 +55,35 @@ class WorldFault:
         return " ".join(filter(None, (times[0], self.kind, self.target, *times[1:])))
 
 
-@dataclass(frozen=True)
-class FaultSyntax:
-    """Syntax of the faults of a world.
+def parse_world_faults(
+    text: str, targets: Mapping[str, Collection[str] | None], lasting: Collection[str], examples: str
+) -> tuple[WorldFault, ...]:
+    """Parse faults that are separated by semicolons.
 
-    ``targets`` lists the possible targets of each kind; None for a kind without a target. Faults of the kinds in
-    ``lasting`` have a duration. ``examples`` are for error messages.
+    Args:
+        text: The faults.
+        targets: Possible targets of each kind; None for a kind without a target.
+        lasting: Kinds of faults with a duration.
+        examples: Faults for error messages.
+
+    Raises:
+        ParameterError: A fault is invalid.
     """
+    remedy = f"write faults as: {examples}"
 
-    targets: Mapping[str, Collection[str] | None]
-    lasting: Collection[str]
-    examples: str
-
-    def parse(self, text: str) -> tuple[WorldFault, ...]:
-        """Parse faults that are separated by semicolons. Raises ParameterError."""
-        return tuple(self._fault(part.split()) for part in text.split(";") if part.strip())
-
-    def _fault(self, words: list[str]) -> WorldFault:
+    def parse(words: list[str]) -> WorldFault:
         time, kind, *rest = words if len(words) > 1 else (*words, "")
-        remedy = f"write faults as: {self.examples}"
-        lasts, targets = kind in self.lasting, self.targets.get(kind)
-        target = rest[0] if targets is not None and rest else ""
-        unknown = kind not in self.targets or (targets is not None and target not in targets)
-        if unknown or len(rest) != (targets is not None) + lasts:
+        lasts, possible = kind in lasting, targets.get(kind)
+        target = rest[0] if possible is not None and rest else ""
+        unknown = kind not in targets or (possible is not None and target not in possible)
+        if unknown or len(rest) != (possible is not None) + lasts:
             raise ParameterError(f"unknown fault {' '.join(words)!r}", where="faults", remedy=remedy)
         try:
             return WorldFault(_seconds(time), kind, target, _seconds(rest[-1]) if lasts else None)
         except ValueError as error:
             raise ParameterError(f"invalid time: {error}", where=f"fault {' '.join(words)!r}", remedy=remedy) from error
+
+    return tuple(parse(part.split()) for part in text.split(";") if part.strip())
 
 
 def _seconds(word: str) -> float:

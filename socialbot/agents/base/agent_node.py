@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from socialbot.agents.base._commands import CommandHandler, ObligingEngine, RefusedError
+from socialbot.agents.base._commands import DeliberatorCommands, EngineCommands, RefusedError
 from socialbot.bdi import Action, Engine, Record, saving
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
@@ -35,16 +34,14 @@ RECORDS_SKIPPED = 1000
 
 
 class MindFile:
-    """Saves the mental state of ``engine`` in ``path``, by atomic writes in the background.
+    """Saves the mental state of the engine of ``node`` in ``path``, by atomic writes in the background.
 
     A failing disk is logged and does not stop the agent.
     """
 
-    def __init__(self, engine: Engine, path: Path, context: Context, log: logging.Logger) -> None:
-        self._engine = engine
+    def __init__(self, node: AgentNode, path: Path) -> None:
+        self._node = node
         self._path = path
-        self._context = context
-        self._log = log
         self._earliest = 0
         self._due: Timer | None = None
         self._closed = threading.Event()
@@ -57,18 +54,18 @@ class MindFile:
             return False
         try:
             data = saving.read(self._path)
-            saving.restore(self._engine, {**data, "records": data["records"] + RECORDS_SKIPPED})
+            saving.restore(self._node.engine, {**data, "records": data["records"] + RECORDS_SKIPPED})
         except (saving.MindError, KeyError, TypeError) as error:
-            aside = self._path.with_name(f"{self._path.name}.damaged")
-            self._log.warning("begins anew: its mind cannot be restored and is now %s: %s", aside, error)
-            self._path.replace(aside)
+            damaged = self._path.with_name(f"{self._path.name}.damaged")
+            self._node.log.warning("starts without its mind file, which is damaged and now %s: %s", damaged, error)
+            self._path.replace(damaged)
             return False
         return True
 
     def changed(self) -> None:
         """Schedule a save."""
         if self._due is None:
-            self._due = self._context.call_at(max(self._context.clock.now(), self._earliest), self._save)
+            self._due = self._node.context.call_at(max(self._node.clock.now(), self._earliest), self._save)
 
     def close(self) -> None:
         """Save once more, synchronously."""
@@ -76,13 +73,20 @@ class MindFile:
             self._due.cancel()
         with self._one_at_a_time:
             self._closed.set()
-            self._try(lambda: saving.write(self._engine, self._path))
+            try:
+                saving.write(self._node.engine, self._path)
+            except (saving.MindError, OSError) as error:
+                self._written(error)
 
     def _save(self) -> None:
         self._due = None
-        self._earliest = self._context.clock.now() + nanoseconds(SAVE_EVERY_S)
-        if (data := self._try(lambda: saving.save(self._engine))) is not None:
-            self._context.run_in_background(functools.partial(self._write, data), self._written)
+        self._earliest = self._node.clock.now() + nanoseconds(SAVE_EVERY_S)
+        try:
+            data = saving.save(self._node.engine)
+        except saving.MindError as error:
+            self._written(error)
+        else:
+            self._node.context.run_in_background(functools.partial(self._write, data), self._written)
 
     def _write(self, data: dict[str, Any]) -> None:
         with self._one_at_a_time:
@@ -91,14 +95,7 @@ class MindFile:
 
     def _written(self, result: Exception | None) -> None:
         if isinstance(result, Exception):
-            self._log.warning("its mind is not kept: %s", result)
-
-    def _try(self, work: Callable[[], Any]) -> Any:
-        try:
-            return work()
-        except (saving.MindError, OSError) as error:
-            self._written(error)
-            return None
+            self._node.log.warning("cannot write its mind file: %s", result)
 
 
 class AgentNode(Node):
@@ -118,7 +115,7 @@ class AgentNode(Node):
     people_ask = Input(AgentCommand, AGENT_COMMANDS, optional=True)
     people_told = Output(AgentAnswer, AGENT_ANSWERS)
 
-    mind_file = Parameter("", "where to keep what it believes and wants; it goes on from there", fixed=True)
+    mind_file = Parameter("", "file of beliefs and goals, to continue after a restart; empty: none", fixed=True)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
@@ -148,7 +145,7 @@ class AgentNode(Node):
         """Restore the state in ``mind_file`` and save it there from now on."""
         if self.mind_file and self.keeps_mind:
             path = paths.in_workspace(self.mind_file, where=f"{self.name}.mind_file")
-            self._mind_file = MindFile(self.engine, path, self.context, self.log)
+            self._mind_file = MindFile(self, path)
             if self._mind_file.recall():
                 self._beliefs = None
                 self.on_recalled()
@@ -178,7 +175,7 @@ class AgentNode(Node):
             return
         text = f"{message.command} {message.text}".strip()
         try:
-            self._obey(message, text)
+            self._execute(message, text)
             reason = ""
         except SocialbotError as error:
             reason = error.what if isinstance(error, RefusedError) else str(error)
@@ -186,37 +183,34 @@ class AgentNode(Node):
         answer = AgentAnswer(stamp=self.clock.now(), id=message.id, agent=self.name, accepted=not reason, reason=reason)
         self.people_told.publish(answer)
 
-    def asked(self) -> CommandHandler:
-        """The handler of user commands."""
-        return ObligingEngine(self.engine)
+    def command_handler(self) -> EngineCommands | DeliberatorCommands:
+        """The handler of user commands other than pause, resume and step."""
+        return EngineCommands(self.engine)
 
-    def _obey(self, message: AgentCommand, text: str) -> None:
-        if message.command in ("pause", "resume", "step"):
-            if self._paused == (message.command == "pause"):
-                raise RefusedError("it is paused already" if self._paused else "it is not paused")
-            self.engine.trace.record("command", text, message.id)
-            self._halt(message.command)
-        else:
-            do = getattr(self.asked(), message.command)(message.text)
-            do(self.engine.trace.record("command", text, message.id))
-
-    def _halt(self, command: str) -> None:
-        if command == "step":
+    def _execute(self, message: AgentCommand, text: str) -> None:
+        if message.command not in ("pause", "resume", "step"):
+            change = getattr(self.command_handler(), message.command)(message.text)
+            change(self.engine.trace.record("command", text, message.id))
+            return
+        if self._paused == (message.command == "pause"):
+            raise RefusedError("it is paused already" if self._paused else "it is not paused")
+        self.engine.trace.record("command", text, message.id)
+        if message.command == "step":
             self.engine.run_until_idle(1)
             self._show_mind()
             return
-        self._paused = command == "pause"
-        self.say_health(*self._health)
+        self._paused = not self._paused
+        self.report_health(*self._health)
         if not self._paused:
             self.wake()
 
-    def say_health(self, state: State, reason: str = "") -> None:
+    def report_health(self, state: State, reason: str = "") -> None:
         """Report the health of the node; a paused node reports that instead."""
         self._health = (state, reason)
         if self._paused:
-            super().say_health("paused", "paused by a person")
+            super().report_health("paused", "paused by a person")
         else:
-            super().say_health(state, reason)
+            super().report_health(state, reason)
 
     def _set_alarm(self, due: int | None) -> None:
         if due == self._due:
@@ -232,15 +226,9 @@ class AgentNode(Node):
 
     def act(self, action: Action, *arguments: str | int | float | bool) -> None:
         """Publish an action request for ``action``; called by the actions of the agent."""
-        self.actions.publish(
-            ActionRequest(
-                stamp=self.clock.now(),
-                id=action.id,
-                agent=self.engine.name,
-                name=action.functor,
-                arguments=arguments,
-            )
-        )
+        now, agent = self.clock.now(), self.engine.name
+        request = ActionRequest(stamp=now, id=action.id, agent=agent, name=action.functor, arguments=arguments)
+        self.actions.publish(request)
 
     def record(self, record: Record) -> None:
         """Publish a trace record."""
@@ -266,17 +254,10 @@ class AgentNode(Node):
             self._beliefs = tuple(
                 MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in engine.beliefs
             )
-        desires, intentions = tuple(map(str, engine.intentions.desires())), tuple(map(str, engine.intentions))
-        if before is None or (before.beliefs, before.desires, before.intentions) != (
-            self._beliefs,
-            desires,
-            intentions,
-        ):
+        shown = self._beliefs, tuple(map(str, engine.intentions.desires())), tuple(map(str, engine.intentions))
+        if before is None or (before.beliefs, before.desires, before.intentions) != shown:
+            beliefs, desires, intentions = shown
             self._shown = Mind(
-                stamp=self.clock.now(),
-                agent=engine.name,
-                beliefs=self._beliefs,
-                desires=desires,
-                intentions=intentions,
+                stamp=self.clock.now(), agent=engine.name, beliefs=beliefs, desires=desires, intentions=intentions
             )
             self.mind.publish(self._shown)

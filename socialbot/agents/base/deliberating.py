@@ -14,7 +14,7 @@ An agent is a class with parameters::
 
         @position
         def on_position(self, message):
-            self.hear(self.whereabouts, message)
+            self.whereabouts.push(message)
 
 Parameters and topics have the names of ROS2-BDI.
 """
@@ -26,7 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
-from socialbot.agents.base._commands import CommandHandler, ObligingDeliberator
+from socialbot.agents.base._commands import DeliberatorCommands
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Engine
 from socialbot.core import paths
@@ -46,16 +46,18 @@ from socialbot.deliberation.messages import (
     DesireSet,
     Fact,
     LifecycleStatus,
-    Operation,
     PlanExecutionInfo,
 )
 from socialbot.deliberation.options import DeliberationOptions, option_infos
-from socialbot.deliberation.requests import Policies, RequestClient, RequestServer, SentRequest
+from socialbot.deliberation.requests import Policies, RequestClient, RequestServer
 from socialbot.deliberation.sensing import FactSensor, sensed_by
 from socialbot.graph.node import Delivery, Input, Output, Parameter
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
+
+POLICIES = ("belief_ck", "belief_w", "desire_ck", "desire_w", "desire_pr")
+"""Parameters with the groups that may access beliefs and desires."""
 
 
 class Deliberating(AgentNode):
@@ -87,30 +89,30 @@ class Deliberating(AgentNode):
     requests_in = Input(AgentRequest, "/agents/requests")
     replies_in = Input(AgentReply, "/agents/replies")
 
-    pddl_file = Parameter("", "the domain, PDDL 2.1", fixed=True)
-    init_bset = Parameter("", "what it believes at first (YAML)", fixed=True)
-    init_dset = Parameter("", "what it desires at first (YAML)", fixed=True)
-    init_reactive_rules_set = Parameter("", "its rules (YAML)", fixed=True)
-    agent_group = Parameter("group0", "the group it belongs to", fixed=True)
+    pddl_file = Parameter("", "domain (PDDL 2.1)", fixed=True)
+    init_bset = Parameter("", "initial beliefs (YAML)", fixed=True)
+    init_dset = Parameter("", "initial desires (YAML)", fixed=True)
+    init_reactive_rules_set = Parameter("", "reactive rules (YAML)", fixed=True)
+    agent_group = Parameter("group0", "group of the agent", fixed=True)
     belief_ck = Parameter("", "groups that may check its beliefs, separated by commas", fixed=True)
     belief_w = Parameter("", "groups that may change its beliefs", fixed=True)
     desire_ck = Parameter("", "groups that may check its desires", fixed=True)
     desire_w = Parameter("", "groups that may change its desires", fixed=True)
-    desire_pr = Parameter("", "the highest priority that each group of desire_w may give", fixed=True)
+    desire_pr = Parameter("", "highest priority that each group of desire_w may give", fixed=True)
     planner = Parameter("kairos", "kairos, popf, or up:ENGINE", fixed=True)
     vars().update(
         (name, Parameter(getattr(DeliberationOptions, name), fixed=True, **asdict(info)))
         for name, info in option_infos().items()
         if info.doc
     )
-    request_timeout_s = Parameter(2.0, "how long to wait for the answer of another agent (s)", minimum=0.1, fixed=True)
-    mind_file = Parameter("", "where to keep what it believes and desires; it goes on from there", fixed=True)
+    request_timeout_s = Parameter(2.0, "time to wait for the reply of another agent (s)", minimum=0.1, fixed=True)
+    mind_file = Parameter("", "file of beliefs and desires, to continue after a restart; empty: none", fixed=True)
 
     _kept_in: Path | None = None
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
-        domain = self._domain()
+        domain, values = self._domain(), self.parameter_values
         for action in self.actions_known:
             if action.functor not in domain.actions:
                 raise PlanningError(
@@ -123,12 +125,14 @@ class Deliberating(AgentNode):
             domain,
             make_planner(self.planner),
             self.context.run_in_background,
-            options=self._options(),
+            options=DeliberationOptions(**{name: values[name] for name in option_infos() if name in values}),
             is_sensed=sensed_by(sensors),
             observer=self,
         )
+        policies = Policies.parse(**{name: str(values[name]) for name in POLICIES}, where=self.name)
         self.request_client = RequestClient(engine, self.agent_group, self.requests_out.publish, self.request_timeout_s)
-        self._request_server = RequestServer(self.deliberator, self._policies(), self.replies_out.publish)
+        self.ask = self.request_client.ask
+        self._request_server = RequestServer(self.deliberator, policies, self.replies_out.publish)
         for sensor in sensors:
             sensor.join(self.deliberator)
         return engine
@@ -147,36 +151,19 @@ class Deliberating(AgentNode):
         deliberator = self.deliberator
         idle = ", ".join(deliberator.pursuit.without_handler(deliberator.domain.actions))
         if idle:
-            message = f"nobody carries out {idle}; what needs that is dropped"
+            message = f"no plan executes {idle}; desires that need it are dropped"
             self.log.warning(message)
             self.engine.trace.record("failure", "actions", "", reason="nobody", message=message)
 
     def sensors(self) -> Sequence[FactSensor]:
-        """Create the sensors of the agent. Its inputs pass messages to them by `hear`."""
+        """Create the sensors of the agent. Its inputs pass messages to them by `FactSensor.push`."""
         return ()
-
-    def hear(self, sensor: FactSensor, percept: Any) -> None:
-        """Pass a percept to a sensor."""
-        sensor.push(percept)
-
-    def ask(
-        self,
-        receiver: str,
-        operation: Operation,
-        *,
-        belief: Fact | None = None,
-        desire: Desire | None = None,
-        monitor: bool = False,
-        cause: str = "",
-    ) -> SentRequest:
-        """Ask another agent to check, add or delete a belief or desire; see `RequestClient.ask`."""
-        return self.request_client.ask(receiver, operation, belief=belief, desire=desire, monitor=monitor, cause=cause)
 
     def stop(self) -> None:
         self.deliberator.stop()
 
-    def asked(self) -> CommandHandler:
-        return ObligingDeliberator(self.deliberator)
+    def command_handler(self) -> DeliberatorCommands:
+        return DeliberatorCommands(self.deliberator)
 
     # Configuration
 
@@ -191,7 +178,7 @@ class Deliberating(AgentNode):
 
     def _domain(self) -> PddlDomain:
         if not self.pddl_file:
-            raise PlanningError("it has no domain", where=self.name, remedy="set its parameter pddl_file")
+            raise PlanningError("the agent has no domain", where=self.name, remedy="set its parameter pddl_file")
         path = self.path("pddl_file")
         try:
             return read_domain(path.read_text("utf-8"), where=str(path))
@@ -199,20 +186,6 @@ class Deliberating(AgentNode):
             raise PlanningError(
                 f"cannot read the domain: {error}", where=str(path), remedy="set pddl_file of the agent to its domain"
             ) from error
-
-    def _options(self) -> DeliberationOptions:
-        values = self.parameter_values
-        return DeliberationOptions(**{name: values[name] for name in option_infos() if name in values})
-
-    def _policies(self) -> Policies:
-        return Policies.parse(
-            belief_ck=self.belief_ck,
-            belief_w=self.belief_w,
-            desire_ck=self.desire_ck,
-            desire_w=self.desire_w,
-            desire_pr=self.desire_pr,
-            where=self.name,
-        )
 
     def beliefs_at_first(self) -> Sequence[Fact]:
         """Initial beliefs; by default from the file ``init_bset``."""
@@ -249,13 +222,11 @@ class Deliberating(AgentNode):
 
     @add_belief_set
     def on_add_belief_set(self, message: BeliefSet) -> None:
-        """Add facts, if the message is for this agent."""
-        self._change_set(message, held=True)
+        self._change(message.value, held=True, agent=message.agent_id)
 
     @del_belief_set
     def on_del_belief_set(self, message: BeliefSet) -> None:
-        """Remove facts, if the message is for this agent."""
-        self._change_set(message, held=False)
+        self._change(message.value, held=False, agent=message.agent_id)
 
     @add_desire
     def on_add_desire(self, message: DesireItem) -> None:
@@ -267,32 +238,26 @@ class Deliberating(AgentNode):
 
     @requests_in
     def on_request(self, message: AgentRequest) -> None:
-        """Handle the request of another agent."""
         if message.receiver == self.name:
             self.engine.call(lambda: self._request_server.handle(message))
 
     @replies_in
     def on_reply(self, message: AgentReply) -> None:
-        """Handle the reply of another agent."""
         if message.receiver == self.name:
             self.engine.call(lambda: self.request_client.handle(message))
 
-    def _change_set(self, message: BeliefSet, *, held: bool) -> None:
-        if message.agent_id == self.name:
-            self._change(message.value, held=held)
-        else:
-            reason = f"it is for the agent {message.agent_id!r}"
-            self.engine.call(lambda: self.engine.trace.record("refused", "a belief set", "", reason=reason))
-
-    def _change(self, facts: Sequence[Fact], *, held: bool) -> None:
-        """Add or remove facts of the domain; record all others as refused."""
+    def _change(self, facts: Sequence[Fact], *, held: bool, agent: str | None = None) -> None:
+        """Add or remove facts; record those for another agent, and those that the domain does not have, as refused."""
+        record, known, cause = self.engine.trace.record, self.deliberator.facts, "add_belief" if held else "del_belief"
 
         def change() -> None:
-            known, cause = self.deliberator.facts, "add_belief" if held else "del_belief"
+            if agent not in (None, self.name):
+                record("refused", "a belief set", "", reason=f"it is for the agent {agent!r}")
+                return
             for fact in facts:
                 reason = known.unfit(fact) if held else known.unfit_pattern(fact)
                 if reason is not None:
-                    self.engine.trace.record("refused", str(fact), cause, reason=reason)
+                    record("refused", str(fact), cause, reason=reason)
                 elif held:
                     known.add(fact, cause=cause)
                 else:

@@ -52,7 +52,6 @@ PHRASES = {
     "asksweeping": "has {1} sweep {2}",
     "dosweep": "sweeps {1}",
 }
-"""Sentences for the actions of both robots."""
 
 
 class Cleaner(Deliberating):
@@ -74,8 +73,7 @@ class Cleaner(Deliberating):
 
 
 SWEEP_PRIORITY, SWEEP_DEADLINE_S = 0.6, 20.0
-PATIENCE_S = 60.0
-"""Time limit for the sweeper."""
+PATIENCE_S = 60.0  # time limit for the sweeper
 
 
 class asksweeping(PlanAction):  # noqa: N801 - the name in the domain

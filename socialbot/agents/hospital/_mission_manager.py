@@ -1,22 +1,24 @@
-"""Manage missions: assign agents, send plans, end missions, and recover from failures."""
+"""Manage missions: assign agents, send plans, recover from problems, and end missions."""
 
 from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal
 
-from socialbot.agents.hospital.messages import AnyContent, Belief, End, Performative, Plan, Start, Stop
+from socialbot.agents.hospital import messages as acl
+from socialbot.agents.hospital.messages import MissionView
 from socialbot.agents.hospital.missions import (
     NURSE,
+    PRIORITIES,
     AgentPool,
     CoordinatorMemory,
     CoordinatorOptions,
     Mission,
-    MissionViewCache,
     PlanProgress,
     state_of,
+    view,
 )
 from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
 from socialbot.agents.hospital.plans import initial_triggers, translate
@@ -35,25 +37,47 @@ from socialbot.planning.htn.tree import TaskAnswer, TaskNode, TaskVerdict
 
 log = logging.getLogger("socialbot.coordinator")
 
-Send = Callable[[str, Performative, AnyContent, str, str], object]
+Send = Callable[[str, acl.Performative, acl.AnyContent, str, str], object]
 """Send a message: receiver, performative, content, label of the mission, id of the message that it answers."""
+
+SHOWN = 20
+"""Largest number of ended missions that are published."""
+MOSTLY_JOINT = 0.5
+"""Plans with a larger share of joint actions are replaced, not repaired."""
+REPAIRABLE = (DIRTY_ROOM, PERSON_IN_ROOM, LOW_BATTERY, NURSE_ABSENT)
+"""Problems that the task methods can solve. Any other one, such as a door, needs a new plan."""
+SAME_FAILURES = 3
+"""Number of repetitions of a failure after which the mission waits."""
+SETTLED_NS = SECOND // 10
+"""Time for which the ward must contradict a plan before a revision; it doubles with each revision."""
 
 
 class MissionManager:
-    """Missions, their teams, and the plans of running missions. Times are ns."""
+    """Missions, their teams, and the plans of running missions. Times are ns.
+
+    Attributes:
+        progress_of: Progress of the running missions, by number.
+        given_up: Rooms of failed missions.
+        planning_s: Durations of the latest plannings.
+        changed: Whether a mission changed since this was set to False.
+    """
 
     def __init__(self, send: Send, options: CoordinatorOptions, memory: CoordinatorMemory) -> None:
         self.send = send
         self.options = options
         self.memory = memory
         self.progress_of: dict[int, PlanProgress] = {}
-        self.view_cache = MissionViewCache()
+        self.given_up: set[str] = set()
+        self.planning_s: deque[float] = deque(maxlen=10_000)
+        self.changed = True
         self.ward: WardState | None = None
         self.now = 0
-        self.planner = TaskPlanner(DOMAIN)
-        self.planning_s: deque[float] = deque(maxlen=10_000)
+        self._planner = TaskPlanner(DOMAIN)
         self._may_form = True
         """Whether an agent or mission became free since the last attempt to form teams."""
+        self._ended: deque[MissionView] = deque(maxlen=SHOWN)
+        self._views: dict[int, MissionView] = {}
+        """Published states of open missions that have not changed since."""
 
     # Missions
 
@@ -64,14 +88,10 @@ class MissionManager:
         self.await_team(mission)
         return mission
 
-    def open_in(self, room: str) -> Mission | None:
-        """The open mission in a room."""
-        return next((mission for mission in self.memory.missions.values() if mission.room == room), None)
-
     def suspend(self, mission: Mission, why: str, *, rest: bool = True) -> None:
         """Make a mission wait for another team, by default after a rest; its team is free."""
         log.info("mission %d waits: %s", mission.id, why)
-        self._dismiss(mission, Stop(why))
+        self._dismiss(mission, acl.Stop(why))
         mission.status, mission.problem = "waiting", why
         mission.rests_until = self.now + nanoseconds(self.options.rest_s) if rest else 0
         mission.authenticated = False
@@ -81,15 +101,28 @@ class MissionManager:
     def finish(self, mission: Mission, status: Literal["finished", "failed"] = "finished") -> None:
         """End a mission; its team is free."""
         mission.status = status
-        self.view_cache.close(mission, self.progress_of.get(mission.id))
-        self._dismiss(mission, End())
-        self.memory.missions.pop(mission.id)
+        self._ended.append(view(mission, self.progress_of.get(mission.id)))
+        self._dismiss(mission, acl.End())
+        self.redraw(self.memory.missions.pop(mission.id))
 
-    def _dismiss(self, mission: Mission, word: Stop | End) -> None:
+    def _dismiss(self, mission: Mission, content: acl.Stop | acl.End) -> None:
         for name in list(mission.active):
-            self.send(name, "request", word, mission.label, "")
+            self.send(name, "request", content, mission.label, "")
             self.release(mission, name)
-        self.abandon_plan(mission)
+        self._abandon_plan(mission)
+
+    def redraw(self, mission: Mission) -> None:
+        """Publish the changed state of a mission."""
+        self._views.pop(mission.id, None)
+        self.changed = True
+
+    def views(self) -> Iterator[MissionView]:
+        """The latest ended missions in the order of their end, then the others."""
+        yield from self._ended
+        for mission in self.memory.missions.values():
+            if mission.id not in self._views:
+                self._views[mission.id] = view(mission, self.progress_of.get(mission.id))
+            yield self._views[mission.id]
 
     # Teams
 
@@ -97,7 +130,7 @@ class MissionManager:
         """Form teams at the next call of `form_teams`: an agent, or ``mission``, is free now."""
         self._may_form = True
         if mission is not None:
-            self.view_cache.redraw(mission)
+            self.redraw(mission)
 
     def release(self, mission: Mission, name: str) -> None:
         if name in mission.active:
@@ -107,7 +140,7 @@ class MissionManager:
             member.mission = 0
         self.await_team(mission)
 
-    def has_team(self, mission: Mission) -> bool:
+    def _has_team(self, mission: Mission) -> bool:
         """Whether all agents of the team are registered, and work for no other mission."""
         members = (self.memory.members.get(name) for name in mission.team.values())
         return all(member is not None and member.mission in (0, mission.id) for member in members)
@@ -120,98 +153,76 @@ class MissionManager:
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
         pool = AgentPool(self.memory.members, self.ward)
-        short: set[str] = set()
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
-            if mission.kind in short:
-                continue
-            lacks = pool.is_short(mission.kind)
-            team = None if lacks else pool.team(mission)
+            is_short = pool.is_short()
+            team = None if is_short else pool.team(mission)
             if team is None and self._take_from_others(mission, pool):
                 team = pool.team(mission)
             if team is not None:
                 mission.team = team
                 mission.found.clear()
-                self.go(mission, self.plan(mission))
-            elif lacks:
-                short.add(mission.kind)
+                self._go(mission, self._plan(mission))
+            elif is_short:
+                break
 
     def _take_from_others(self, mission: Mission, pool: AgentPool) -> bool:
         """Make missions of lower priority wait if that gives this one a team; returns whether there are any."""
-        missions = self.memory.missions
-        if all(other.priority >= mission.priority for other in missions.values()):
+        if mission.priority == min(PRIORITIES.values()):
             return False
-        yielding = pool.yielding(mission, missions)
+        yielding = pool.yielding(mission, self.memory.missions)
         for other in yielding:
             self.suspend(other, f"mission {mission.id} is more urgent", rest=False)
         return bool(yielding)
 
     # Plans
 
-    def state(self, mission: Mission, *, sees_rooms: bool) -> TaskState:
+    def _state(self, mission: Mission, *, sees_rooms: bool) -> TaskState:
         assert self.ward is not None
         return state_of(self.ward, mission, sees_rooms=sees_rooms)
 
-    def plan(self, mission: Mission) -> TaskAnswer:
+    def _plan(self, mission: Mission) -> TaskAnswer:
         """A plan for the whole mission from its present state."""
-        return self.timed(self.planner.plan(self.state(mission, sees_rooms=self.options.proactive), mission.tasks()))
+        return self._timed(self._planner.plan(self._state(mission, sees_rooms=self.options.proactive), mission.tasks()))
 
-    def timed(self, answer: TaskAnswer) -> TaskAnswer:
+    def _timed(self, answer: TaskAnswer) -> TaskAnswer:
         self.planning_s.append(answer.seconds)
         return answer
 
-    def go(self, mission: Mission, answer: TaskAnswer) -> None:
+    def _go(self, mission: Mission, answer: TaskAnswer) -> None:
         """Start a plan; without a plan the mission waits."""
         if answer.verdict is not TaskVerdict.PLAN or answer.tree is None:
             self.suspend(mission, answer.message)
             return
-        progress = self.progress_of[mission.id] = PlanProgress.of(answer.tree, mission.team.values())
+        progress = self.progress_of[mission.id] = PlanProgress(answer.tree, mission.team.values())
         mission.status = "running"
         mission.revision += 1
         mission.touched = self.now
         self._send(mission, progress)
-        self.view_cache.redraw(mission)
+        self.redraw(mission)
 
     def _send(self, mission: Mission, progress: PlanProgress) -> None:
         """Send each agent its part of a plan, and release agents without one."""
-        parts = translate(progress.stages, mission.context(), mission.label)
+        label = mission.label
+        parts = translate(progress.stages, mission.context(), label)
         for name in mission.team.values():
             if name not in parts and name in mission.active:
-                self.send(name, "request", Stop("nothing is left to do"), mission.label, "")
+                self.send(name, "request", acl.Stop("nothing is left to do"), label, "")
                 self.release(mission, name)
         mission.active = [name for name in mission.team.values() if name in parts]
         for name in mission.active:
             self.memory.members[name].mission = mission.id
-            self.send(name, "inform", Plan(mission.label, parts[name]), mission.label, "")
+            self.send(name, "inform", acl.Plan(label, parts[name]), label, "")
         arguments = tuple(mission.context().values())
         for name in mission.active:
-            self.send(name, "request", Start(arguments), mission.label, "")
+            self.send(name, "request", acl.Start(arguments), label, "")
         for name, trigger in initial_triggers(progress.stages).items():
-            self.send(name, "inform", Belief(trigger), mission.label, "")
+            self.send(name, "inform", acl.Belief(trigger), label, "")
 
-    def abandon_plan(self, mission: Mission, *, failed: bool = False) -> None:
+    def _abandon_plan(self, mission: Mission, *, failed: bool = False) -> None:
         """Abandon the plan of a mission, and keep the status of its actions."""
         progress = self.progress_of.pop(mission.id, None)
         if progress is not None:
-            mission.past += [each for each in progress.actions(failed=failed) if each.status != "planned"]
-
-
-MOSTLY_JOINT = 0.5
-"""Plans with a larger share of joint actions are replaced, not repaired."""
-MENDED = (DIRTY_ROOM, PERSON_IN_ROOM, LOW_BATTERY, NURSE_ABSENT)
-"""Problems that the task methods can solve. Any other one, such as a door, needs a new plan."""
-SAME_FAILURES = 3
-"""Number of repetitions of a failure after which the mission waits."""
-SETTLED_NS = SECOND // 10
-"""Time for which the ward must contradict a plan before a revision; it doubles with each revision."""
-
-
-class Recovery:
-    """Recovers missions from problems, and revises plans before problems."""
-
-    def __init__(self, manager: MissionManager) -> None:
-        self.manager = manager
-        self.given_up: set[str] = set()
-        """Rooms of failed missions."""
+            mission.past += progress.executed(failed=failed)
 
     # After a problem
 
@@ -220,44 +231,42 @@ class Recovery:
 
         ``failed`` is the action of ``agent`` that met the problem, if any.
         """
-        manager = self.manager
         log.info("mission %d: %s", mission.id, problem)
         mission.problem = problem
-        progress = manager.progress_of.get(mission.id)
+        progress = self.progress_of.get(mission.id)
         node = progress.fail(agent, failed) if progress and failed else None
-        if manager.options.policy == "none":
-            manager.abandon_plan(mission, failed=node is not None)
+        if self.options.policy == "none":
+            self._abandon_plan(mission, failed=node is not None)
             self.given_up.add(mission.room)
-            manager.finish(mission, "failed")
+            self.finish(mission, "failed")
             return
         mission.recoveries += 1
         again = mission.failures.get(key := " ".join((problem, *failed)), 0)
         mission.failures[key] = again + 1
         if not self._can_go_on(mission, again):
-            manager.abandon_plan(mission, failed=node is not None)
-            manager.suspend(mission, problem)
+            self._abandon_plan(mission, failed=node is not None)
+            self.suspend(mission, problem)
             return
-        mends = problem in MENDED and not again
-        answer = self._repair(mission, progress, node) if progress and node and mends else None
-        answer = answer or manager.plan(mission)
-        manager.abandon_plan(mission, failed=node is not None)
-        manager.go(mission, answer)
+        is_repairable = problem in REPAIRABLE and not again
+        answer = self._repair(mission, progress, node) if progress and node and is_repairable else None
+        answer = answer or self._plan(mission)
+        self._abandon_plan(mission, failed=node is not None)
+        self._go(mission, answer)
 
     def _can_go_on(self, mission: Mission, again: int) -> bool:
         """Whether the team is complete and its nurse present, and the failure is not repeated too often."""
-        ward = self.manager.ward
-        if ward is None or again >= SAME_FAILURES or not self.manager.has_team(mission):
+        if self.ward is None or again >= SAME_FAILURES or not self._has_team(mission):
             return False
-        nurse = ward.agent(mission.team[NURSE])
+        nurse = self.ward.agent(mission.team[NURSE])
         return nurse is None or nurse.place != AWAY
 
     def _repair(self, mission: Mission, progress: PlanProgress, failed: TaskNode) -> TaskAnswer | None:
         """A repaired plan, if the policy allows one and it does not start with the failed action."""
-        manager, policy = self.manager, self.manager.options.policy
+        policy = self.options.policy
         if policy == "replan" or (policy == "auto" and progress.joint_share > MOSTLY_JOINT):
             return None
-        state = manager.state(mission, sees_rooms=manager.options.proactive)
-        answer = manager.timed(manager.planner.replan(state, progress.tree, failed.id))
+        state = self._state(mission, sees_rooms=self.options.proactive)
+        answer = self._timed(self._planner.replan(state, progress.tree, failed.id))
         usable = answer.verdict is TaskVerdict.PLAN and answer.plan[0].item != failed.item
         return answer if usable else None
 
@@ -265,33 +274,31 @@ class Recovery:
 
     def look_ahead(self, mission: Mission) -> None:
         """Revise a plan that the present ward contradicts. A plan with more actions than necessary stays."""
-        manager = self.manager
-        progress, ward = manager.progress_of[mission.id], manager.ward
+        progress, ward = self.progress_of[mission.id], self.ward
         upcoming = progress.next
         if ward is None or upcoming is None or ward.stamp < mission.touched or ward.room(mission.room) is None:
             return
         if any(ward.agent(name) is None for name in mission.team.values()):
             return
-        state = manager.state(mission, sees_rooms=True)
+        state = self._state(mission, sees_rooms=True)
+        settling_ns = SETTLED_NS << min(mission.revisions, 10)
         if progress.revised_for != (progress.position, state):
             progress.revised_for, progress.doubted_since = (progress.position, state), None
-        elif progress.doubted_since is None or manager.now - progress.doubted_since < SETTLED_NS << min(
-            mission.revisions, 10
-        ):
+        elif progress.doubted_since is None or self.now - progress.doubted_since < settling_ns:
             return
-        answer = manager.timed(manager.planner.revise(state, progress.tree, upcoming.id))
+        answer = self._timed(self._planner.revise(state, progress.tree, upcoming.id))
         if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], progress.left):
             return
         if progress.doubted_since is None:
             # The ward may show a finished action before its report arrives.
-            progress.doubted_since = manager.now
-        elif not manager.has_team(mission):
-            manager.suspend(mission, "the team is needed again")
+            progress.doubted_since = self.now
+        elif not self._has_team(mission):
+            self.suspend(mission, "the team is needed again")
         else:
             log.info("mission %d is revised", mission.id)
             mission.revisions += 1
-            manager.abandon_plan(mission)
-            manager.go(mission, answer)
+            self._abandon_plan(mission)
+            self._go(mission, answer)
 
 
 def _is_within(items: Iterable[Item], plan: Iterable[Item]) -> bool:

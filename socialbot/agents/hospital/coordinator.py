@@ -4,37 +4,19 @@ from __future__ import annotations
 
 import logging
 import os
-from collections import deque
-from collections.abc import Iterator, Mapping
-from typing import cast
+from collections.abc import Mapping
 
 import msgspec
 
-from socialbot.agents.hospital._mission_manager import MissionManager, Recovery, Send
-from socialbot.agents.hospital.messages import (
-    COORDINATOR,
-    EVERYBODY,
-    TOPIC,
-    AclMessage,
-    AclSender,
-    Finished,
-    InitialTrigger,
-    Missions,
-    MissionView,
-    Problem,
-    Refusal,
-    Register,
-    Report,
-    protocol_error,
-)
+from socialbot.agents.hospital import messages as acl
+from socialbot.agents.hospital._mission_manager import MissionManager, Send
+from socialbot.agents.hospital.messages import COORDINATOR, EVERYBODY, TOPIC, AclMessage, Missions
 from socialbot.agents.hospital.missions import (
     DISINFECT,
-    KINDS,
+    PRIORITIES,
     CoordinatorMemory,
     CoordinatorOptions,
     Mission,
-    PlanProgress,
-    Policy,
     RegisteredAgent,
 )
 from socialbot.agents.hospital.ward.messages import STATE, WardState
@@ -49,15 +31,13 @@ log = logging.getLogger("socialbot.coordinator")
 class Coordinator:
     """Directs registered agents. Times are ns."""
 
-    def __init__(
-        self, send: Send, options: CoordinatorOptions | None = None, memory: CoordinatorMemory | None = None
-    ) -> None:
-        self.manager = MissionManager(send, options or CoordinatorOptions(), memory or CoordinatorMemory())
-        self.recovery = Recovery(self.manager)
+    def __init__(self, send: Send, options: CoordinatorOptions, memory: CoordinatorMemory) -> None:
+        self.manager = MissionManager(send, options, memory)
+        self.memory = memory
 
     def begin(self) -> None:
         """Ask all agents to register: early ones, and those in the memory."""
-        self.manager.send(EVERYBODY, "query", Register(), "", "")
+        self.manager.send(EVERYBODY, "query", acl.Register(), "", "")
 
     # Messages
 
@@ -70,68 +50,67 @@ class Coordinator:
             if message.receiver != EVERYBODY and message.receiver not in self.memory.members:
                 self._refuse(message, f"there is no {message.receiver}")
             return
-        if wrong := protocol_error(message):
-            self._refuse(message, wrong)
+        if violation := acl.protocol_error(message):
+            self._refuse(message, violation)
             return
         match message.content:
-            case Register() as content if message.performative == "request":
+            case acl.Register() as content if message.performative == "request":
                 self._register(message, content)
-            case InitialTrigger() as content if message.performative == "request":
+            case acl.InitialTrigger() as content if message.performative == "request":
                 self._request(message, content)
-            case Report() | Problem() | Finished():
-                self._take_news(message)
-            case Refusal() as content:
+            case acl.Report() | acl.Problem() | acl.Finished():
+                self._update(message)
+            case acl.Refusal() as content:
                 log.warning("%s refuses: %s", message.sender, content.reason)
                 if message.mission and (mission := self._mission_of(message)):
-                    self.recovery.recover(mission, f"{message.sender} refuses: {content.reason}")
+                    self.manager.recover(mission, f"{message.sender} refuses: {content.reason}")
             case other:
                 if message.performative not in ("agree", "inform"):
-                    self._refuse(message, f"a coordinator does nothing about {type(other).__name__}")
+                    self._refuse(message, f"the coordinator does not handle {type(other).__name__}")
         self.manager.form_teams()
 
-    def _register(self, message: AclMessage, content: Register) -> None:
-        members = self.memory.members
-        known = members.get(message.sender)
-        member = RegisteredAgent(
-            message.sender, content.kind, frozenset(content.capabilities), known.mission if known else 0
-        )
-        members[message.sender] = member
+    def _register(self, message: AclMessage, content: acl.Register) -> None:
+        name, known = message.sender, self.memory.members.get(message.sender)
+        member = RegisteredAgent(name, content.kind, frozenset(content.capabilities), known.mission if known else 0)
+        self.memory.members[name] = member
         self.manager.await_team()
-        self.changed = True
-        self.manager.send(message.sender, "agree", content, "", message.id)
+        self.manager.changed = True
+        self.manager.send(name, "agree", content, "", message.id)
         mission = self.memory.missions.get(member.mission)
         if mission is not None and not message.in_reply_to:
-            self.recovery.recover(mission, f"{message.sender} has begun anew")
+            self.manager.recover(mission, f"{name} restarted")
 
-    def _request(self, message: AclMessage, content: InitialTrigger) -> None:
-        ward = self.manager.ward
+    def _request(self, message: AclMessage, content: acl.InitialTrigger) -> None:
+        ward, kind = self.manager.ward, content.mission_kind
         room = content.args[0] if len(content.args) == 1 else ""
-        if content.mission_kind not in KINDS or not room:
-            self._refuse(message, f"a mission is one of {', '.join(KINDS)}, and has one argument, a room")
+        if kind not in PRIORITIES or not room:
+            self._refuse(message, f"a mission is one of {', '.join(PRIORITIES)}, and has one argument, a room")
         elif ward is None or ward.room(room) is None:
             self._refuse(message, f"there is no room {room!r}")
         else:
-            mission = self.manager.open_in(room) or self.manager.begin(content.mission_kind, room)
-            if KINDS[content.mission_kind].priority > mission.priority:
-                mission.kind = content.mission_kind
+            open_missions = (mission for mission in self.memory.missions.values() if mission.room == room)
+            mission = next(open_missions, None) or self.manager.begin(kind, room)
+            if PRIORITIES[kind] > mission.priority:
+                mission.kind = kind
                 self.manager.await_team(mission)
             self.manager.send(message.sender, "agree", content, mission.label, message.id)
 
-    def _take_news(self, message: AclMessage) -> None:
+    def _update(self, message: AclMessage) -> None:
+        """Update a running mission with a report of an agent."""
         mission = self._mission_of(message)
         if mission is None or mission.status != "running":
             return
         mission.touched = self.manager.now
-        self.manager.view_cache.redraw(mission)
+        self.manager.redraw(mission)
         match message.content:
-            case Report(outcome="success", action=action, args=args):
-                progress = self.progress_of.get(mission.id)
+            case acl.Report(outcome="success", action=action, args=args):
+                progress = self.manager.progress_of.get(mission.id)
                 if progress is not None and progress.advance(message.sender, (action, *args)):
                     mission.apply_effects((action, *args))
-            case Problem() as problem:
+            case acl.Problem() as problem:
                 mission.add_finding(problem, message.sender, self.manager.now)
-                self.recovery.recover(mission, problem.kind, message.sender, (problem.action, *problem.args))
-            case Finished():
+                self.manager.recover(mission, problem.kind, message.sender, (problem.action, *problem.args))
+            case acl.Finished():
                 self.manager.release(mission, message.sender)
                 if not mission.active:
                     mission.ended = self.manager.now
@@ -144,10 +123,9 @@ class Coordinator:
         return mission if mission is not None and mission.label == message.mission else None
 
     def _refuse(self, message: AclMessage, reason: str) -> None:
-        if message.performative in ("refuse", "failure"):
-            return
-        log.warning("refused what %s says: %s", message.sender, reason)
-        self.manager.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
+        if message.performative not in ("refuse", "failure"):
+            log.warning("refused a message of %s: %s", message.sender, reason)
+            self.manager.send(message.sender, "refuse", acl.Refusal(reason), message.mission, message.id)
 
     # Ward
 
@@ -155,43 +133,39 @@ class Coordinator:
         """Process the state of the ward: start and end missions, and act before problems."""
         manager = self.manager
         manager.now, manager.ward = now, ward
-        if self.options.triggers:
-            served = {mission.room for mission in self.memory.missions.values()} | self.recovery.given_up
+        if manager.options.triggers:
+            served = {mission.room for mission in self.memory.missions.values()} | manager.given_up
             for room in ward.rooms:
                 if room.infected and room.name not in served:
-                    manager.begin(DISINFECT.name, room.name)
+                    manager.begin(DISINFECT, room.name)
         for mission in list(self.memory.missions.values()):
             if mission.status == "waiting":
                 state = ward.room(mission.room)
                 if state is not None and not state.infected:
                     manager.finish(mission)
             else:
-                self._follow(mission)
+                self._follow(mission, ward)
         manager.await_team()
         manager.form_teams()
 
-    def _follow(self, mission: Mission) -> None:
+    def _follow(self, mission: Mission, ward: WardState) -> None:
         """Check the progress of a running mission."""
-        ward = self.manager.ward
-        if ward is not None and any((agent := ward.agent(name)) and agent.busy for name in mission.active):
+        manager, room = self.manager, ward.room(mission.room)
+        if any((agent := ward.agent(name)) and agent.busy for name in mission.active):
             # An agent at work may take long.
             mission.touched = max(mission.touched, ward.stamp)
-        if mission.id not in self.progress_of:
-            self._recall(mission)
+        if mission.id not in manager.progress_of:
+            # It ran at the end of an earlier coordinator, and its progress is unknown.
+            if room is not None and not room.infected:
+                manager.finish(mission)
+            else:
+                manager.recover(mission, "the coordinator restarted")
         elif not mission.active:
             self._conclude(mission)
-        elif self.manager.now - mission.touched > nanoseconds(self.options.patience_s):
-            self.recovery.recover(mission, "no news")
-        elif self.options.proactive and self.options.policy != "none":
-            self.recovery.look_ahead(mission)
-
-    def _recall(self, mission: Mission) -> None:
-        """Continue a mission that was running at the end of an earlier coordinator; its progress is unknown."""
-        room = self.manager.ward.room(mission.room) if self.manager.ward else None
-        if room is not None and not room.infected:
-            self.manager.finish(mission)
-        else:
-            self.recovery.recover(mission, "the coordinator has begun anew")
+        elif manager.now - mission.touched > nanoseconds(manager.options.patience_s):
+            manager.recover(mission, "no news")
+        elif manager.options.proactive and manager.options.policy != "none":
+            manager.look_ahead(mission)
 
     def _conclude(self, mission: Mission) -> None:
         """End a mission after its last agent, if the ward shows the room as disinfected."""
@@ -202,39 +176,7 @@ class Coordinator:
         if room.disinfected:
             self.manager.finish(mission)
         elif ward.stamp > mission.ended:
-            self.recovery.recover(mission, "the room is not disinfected")
-
-    # State
-
-    @property
-    def options(self) -> CoordinatorOptions:
-        return self.manager.options
-
-    @property
-    def memory(self) -> CoordinatorMemory:
-        return self.manager.memory
-
-    @property
-    def progress_of(self) -> dict[int, PlanProgress]:
-        """Progress of the running missions, by number."""
-        return self.manager.progress_of
-
-    @property
-    def planning_s(self) -> deque[float]:
-        """Durations of the latest plannings."""
-        return self.manager.planning_s
-
-    @property
-    def changed(self) -> bool:
-        """Whether a mission changed since this was set to False."""
-        return self.manager.view_cache.changed
-
-    @changed.setter
-    def changed(self, changed: bool) -> None:
-        self.manager.view_cache.changed = changed
-
-    def views(self) -> Iterator[MissionView]:
-        return self.manager.view_cache.views(self.memory.missions.values(), self.progress_of)
+            self.manager.recover(mission, "the room is not disinfected")
 
 
 MISSIONS = "/hospital/missions"
@@ -267,11 +209,10 @@ class HospitalCoordinator(Node):
         self._memory_file = (
             paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
         )
-        acl = AclSender(COORDINATOR, self.clock, self.said.publish)
-        self.coordinator = Coordinator(acl.send, CoordinatorOptions(), self._recall())
+        sender = acl.AclSender(COORDINATOR, self.clock, self.said.publish)
+        self.coordinator = Coordinator(sender.send, self._options(), self._recall())
+        self.planning_s = self.coordinator.manager.planning_s
         self._saved = b""
-        for parameter in ("policy", "proactive", "triggers", "patience_s", "rest_s"):
-            self.on_parameter(parameter)
 
     def start(self) -> None:
         self.coordinator.begin()
@@ -287,19 +228,18 @@ class HospitalCoordinator(Node):
         self._publish()
 
     def on_parameter(self, name: str) -> None:
-        options, value = self.coordinator.options, self.parameter_values[name]
-        if name == "policy":
-            options.policy = cast(Policy, value)
-        elif name != "memory_file":
-            setattr(options, name, value)
+        self.coordinator.manager.options = self._options()
+
+    def _options(self) -> CoordinatorOptions:
+        return msgspec.convert(dict(self.parameter_values), CoordinatorOptions)
 
     def _publish(self) -> None:
         """Publish and save changes."""
-        if not self.coordinator.changed:
-            return
-        self.coordinator.changed = False
-        self.missions.publish(Missions(stamp=self.clock.now(), missions=tuple(self.coordinator.views())))
-        self._save()
+        manager = self.coordinator.manager
+        if manager.changed:
+            manager.changed = False
+            self.missions.publish(Missions(stamp=self.clock.now(), missions=tuple(manager.views())))
+            self._save()
 
     def _save(self) -> None:
         path = self._memory_file

@@ -129,17 +129,10 @@ class AclMessage(Structured, frozen=True, kw_only=True):
 
 
 PERFORMATIVES: Mapping[type[Content], tuple[Performative, ...]] = {
+    **dict.fromkeys((Plan, Belief, Report, Problem), ("inform",)),
+    **dict.fromkeys((Start, Stop, End, Finished), ("request",)),
+    **dict.fromkeys((Ready, Done), ("query",)),
     Register: ("request", "query", "agree"),
-    Plan: ("inform",),
-    Belief: ("inform",),
-    Start: ("request",),
-    Stop: ("request",),
-    End: ("request",),
-    Ready: ("query",),
-    Done: ("query",),
-    Report: ("inform",),
-    Problem: ("inform",),
-    Finished: ("request",),
     InitialTrigger: ("request", "agree"),
     Refusal: ("refuse",),
 }
@@ -151,7 +144,7 @@ def protocol_error(message: AclMessage) -> str:
     content = message.content
     allowed = PERFORMATIVES[type(content)]
     if message.performative not in allowed:
-        return f"{type(content).__name__} is said as {' or '.join(allowed)}, not as {message.performative}"
+        return f"{type(content).__name__} must be sent as {' or '.join(allowed)}, not as {message.performative}"
     if isinstance(content, Plan) and (content.label != message.mission or not content.label):
         return f"plans of {content.label or 'no mission'} in a message of {message.mission or 'no mission'}"
     return ""
@@ -160,7 +153,7 @@ def protocol_error(message: AclMessage) -> str:
 ActionStatus = Literal["planned", "done", "failed"]
 
 
-class PlannedAction(msgspec.Struct, frozen=True, kw_only=True):
+class PlannedAction(msgspec.Struct, frozen=True):
     """An action of a mission with its status."""
 
     action: str

@@ -1,20 +1,19 @@
-"""Missions of the hospital: their kinds, teams, plans, progress, and what other nodes see of them."""
+"""Missions of the hospital: their priorities, teams and progress."""
 
 from __future__ import annotations
 
 import re
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from operator import itemgetter
 from typing import Literal
 
 import msgspec
 
-from socialbot.agents.hospital.messages import ActionStatus, MissionStatus, MissionView, PlannedAction, Problem
-from socialbot.agents.hospital.plans import PlanStage, stages
+from socialbot.agents.hospital.messages import MissionStatus, MissionView, PlannedAction, Problem
 from socialbot.agents.hospital.plans import mission as disinfection
+from socialbot.agents.hospital.plans import stages
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CLOSED_DOOR,
@@ -24,12 +23,24 @@ from socialbot.agents.hospital.ward.messages import (
     PERSON_IN_ROOM,
     WardState,
 )
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
 from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import progressed
 from socialbot.planning.htn.tree import TaskNode, TaskTree
 
-JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
-"""Actions of all agents in their arguments. The first agent in its arguments executes any other action."""
+DISINFECT = "disinfect"
+PRIORITIES = {DISINFECT: 0, "urgent": 2}
+"""Priorities of the kinds of missions. An ``urgent`` disinfection, as in intensive care, goes before others."""
+
+NURSE, ROOM, SPOT, UVD = "NurseDisinfect", "NurseDisinfectRoom", "SpotRobot", "UvdRobot"
+"""Variables of a disinfection, in the order of ``start(...)``."""
+
+ROLES = {
+    NURSE: frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_adapt_room"}),
+    SPOT: frozenset({"a_navigate_to", "a_open_door", "a_patrol_room"}),
+    UVD: frozenset({"a_navigate_to", "a_disinfect_room"}),
+}
+"""Necessary actions of each role of a mission. Only the nurse of the room can play the nurse."""
 
 _NUMBERED = re.compile(r"(.*?)(\d*)")
 
@@ -39,46 +50,6 @@ def by_number(name: str) -> tuple[str, int]:
     """Sort key of a name: its kind, then its number."""
     found = _NUMBERED.fullmatch(name)
     return (found[1], int(found[2] or 0)) if found else (name, 0)
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """A role in a mission: its variable, its actions, and whether only the owner of the room can play it."""
-
-    variable: str
-    needs: frozenset[str]
-    at_home: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class MissionKind:
-    """A kind of mission in a room: priority, roles, and the tasks for a team by variables."""
-
-    name: str
-    priority: int
-    roles: tuple[Role, ...]
-    tasks: Callable[[Mapping[str, str]], list[Item]]
-
-
-NURSE, ROOM, SPOT, UVD = "NurseDisinfect", "NurseDisinfectRoom", "SpotRobot", "UvdRobot"
-"""Variables of a disinfection, in the order of ``start(...)``."""
-
-_ROLES = (
-    Role(NURSE, frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_adapt_room"}), at_home=True),
-    Role(SPOT, frozenset({"a_navigate_to", "a_open_door", "a_patrol_room"})),
-    Role(UVD, frozenset({"a_navigate_to", "a_disinfect_room"})),
-)
-
-
-def _disinfect(team: Mapping[str, str]) -> list[Item]:
-    return [disinfection(team[SPOT], team[UVD], team[NURSE])]
-
-
-DISINFECT = MissionKind("disinfect", 0, _ROLES, _disinfect)
-URGENT = MissionKind("urgent", 2, _ROLES, _disinfect)
-"""A disinfection with priority over others, as in intensive care."""
-
-KINDS = {kind.name: kind for kind in (DISINFECT, URGENT)}
 
 
 class RegisteredAgent(msgspec.Struct):
@@ -122,23 +93,19 @@ class Mission(msgspec.Struct):
 
     @property
     def priority(self) -> int:
-        return KINDS[self.kind].priority
+        return PRIORITIES[self.kind]
 
     @property
     def label(self) -> str:
         """Label of its present plans."""
         return f"mission_{self.id}_{self.revision}"
 
-    @property
-    def is_over(self) -> bool:
-        return self.status in ("finished", "failed")
-
     def context(self) -> dict[str, str]:
         """Variables of its plans with their values."""
         return {NURSE: self.team[NURSE], ROOM: self.room, SPOT: self.team[SPOT], UVD: self.team[UVD]}
 
     def tasks(self) -> list[Item]:
-        return KINDS[self.kind].tasks(self.team)
+        return [disinfection(self.team[SPOT], self.team[UVD], self.team[NURSE])]
 
     def apply_effects(self, item: Item) -> None:
         """Apply the effects of a finished action to the findings."""
@@ -169,8 +136,7 @@ class Mission(msgspec.Struct):
 Policy = Literal["auto", "replan", "repair", "none"]
 
 
-@dataclass
-class CoordinatorOptions:
+class CoordinatorOptions(msgspec.Struct):
     """Options of the coordinator; see the parameters of `HospitalCoordinator`.
 
     ``policy`` is the reaction to a problem: a new plan for the whole mission (``replan``), a repaired tree
@@ -226,45 +192,50 @@ class AgentPool:
         self._members = members
         self._ward = ward
         self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
-        """Agents for a role by its variable, then by home where the role needs that."""
 
-    def able(self, role: Role, room: str) -> list[RegisteredAgent]:
-        """Agents for a role, free or not: first idle ones, then charging ones, then low batteries; by number."""
-        if role.variable not in self._able:
-            self._able[role.variable] = self._by_home(role)
-        return self._able[role.variable].get(room if role.at_home else "", [])
+    def able(self, role: str, room: str) -> list[RegisteredAgent]:
+        """Agents for a role of a mission in ``room``, free or not.
 
-    def _by_home(self, role: Role) -> dict[str, list[RegisteredAgent]]:
-        found: dict[str, list[tuple[tuple[bool, bool, tuple[str, int]], RegisteredAgent]]] = {}
-        for member in self._members.values():
-            state = self._ward.agent(member.name) if role.needs <= member.capabilities else None
-            if state is not None and state.place != AWAY:
-                place = found.setdefault(state.home if role.at_home else "", [])
-                # A free agent that is busy charges its battery.
-                place.append(((state.low_battery, bool(state.busy), by_number(member.name)), member))
-        return {home: [member for _, member in sorted(able, key=itemgetter(0))] for home, able in found.items()}
+        First idle ones, then charging ones, then low batteries; by number.
+        """
+        if role not in self._able:
+            self._able[role] = self._by_home(role)
+        return self._able[role].get(room if role == NURSE else "", [])
+
+    def _by_home(self, role: str) -> dict[str, list[RegisteredAgent]]:
+        able = [
+            # A free agent that is busy charges its battery.
+            ((state.low_battery, bool(state.busy), by_number(member.name)), state.home, member)
+            for member in self._members.values()
+            if ROLES[role] <= member.capabilities
+            and (state := self._ward.agent(member.name)) is not None
+            and state.place != AWAY
+        ]
+        found: defaultdict[str, list[RegisteredAgent]] = defaultdict(list)
+        for _, home, member in sorted(able, key=itemgetter(0)):
+            found[home if role == NURSE else ""].append(member)
+        return found
 
     def team(self, mission: Mission) -> dict[str, str] | None:
         """A free agent for each role, by variable; None if one is missing."""
         team: dict[str, str] = {}
-        for role in KINDS[mission.kind].roles:
+        for role in ROLES:
             able = self.able(role, mission.room)
             found = next((each for each in able if not each.mission and each.name not in team.values()), None)
             if found is None:
                 return None
-            team[role.variable] = found.name
+            team[role] = found.name
         return team
 
-    def is_short(self, kind: str) -> bool:
-        """Whether a role of this kind of mission has no free agent, in any room."""
-        roles = (role for role in KINDS[kind].roles if not role.at_home)
-        return any(all(each.mission for each in self.able(role, "")) for role in roles)
+    def is_short(self) -> bool:
+        """Whether a role other than the nurse has no free agent."""
+        return any(all(each.mission for each in self.able(role, "")) for role in (SPOT, UVD))
 
     def yielding(self, mission: Mission, missions: Mapping[int, Mission]) -> list[Mission]:
         """Missions of lower priority that must yield to give this one a team, latest first; empty if impossible."""
         chosen: dict[int, Mission] = {}
         taken: set[str] = set()
-        for role in KINDS[mission.kind].roles:
+        for role in ROLES:
             able = [each for each in self.able(role, mission.room) if each.name not in taken]
             free = next((each for each in able if not each.mission or each.mission in chosen), None)
             if free is None:
@@ -277,25 +248,26 @@ class AgentPool:
         return list(chosen.values())
 
 
-@dataclass
 class PlanProgress:
-    """Progress of a plan: its tree, its actions, and the number of finished ones."""
+    """Progress of the plan of a task tree for a team.
 
-    tree: TaskTree
-    agenda: tuple[TaskNode, ...]
-    stages: tuple[PlanStage, ...]
-    position: int = 0
-    reached: dict[str, int] = field(default_factory=dict)
-    """Number of finished actions, by agent."""
-    revised_for: tuple[int, TaskState] | None = None
-    """Position and state of the latest revision."""
-    doubted_since: int | None = None
-    """Time (ns) of the first doubt about the plan."""
+    Attributes:
+        agenda: Actions as nodes of the tree.
+        stages: The same actions with their agents.
+        position: Number of finished actions.
+        revised_for: Position and state of the latest revision.
+        doubted_since: Time (ns) of the first doubt about the plan.
+    """
 
-    @staticmethod
-    def of(tree: TaskTree, team: Iterable[str]) -> PlanProgress:
-        plan = tree.plan
-        return PlanProgress(tree, plan, stages([node.item for node in plan], tuple(team), JOINT_ACTIONS))
+    def __init__(self, tree: TaskTree, team: Iterable[str]) -> None:
+        self.tree = tree
+        self.agenda = tree.plan
+        self.stages = stages([node.item for node in self.agenda], tuple(team), JOINT_ACTIONS)
+        self.position = 0
+        self.revised_for: tuple[int, TaskState] | None = None
+        self.doubted_since: int | None = None
+        self._reached: dict[str, int] = {}
+        """Number of finished actions, by agent."""
 
     @property
     def next(self) -> TaskNode | None:
@@ -314,7 +286,7 @@ class PlanProgress:
 
     def find(self, agent: str, item: Item) -> int | None:
         """Index of an action among those that the agent is not known to have done."""
-        ahead = range(self.reached.get(agent, 0), len(self.agenda))
+        ahead = range(self._reached.get(agent, 0), len(self.agenda))
         return next((index for index in ahead if self.agenda[index].item == item), None)
 
     def advance(self, agent: str, item: Item) -> bool:
@@ -325,7 +297,7 @@ class PlanProgress:
         index = self.find(agent, item)
         if index is None:
             return False
-        self.reached[agent] = index + 1
+        self._reached[agent] = index + 1
         if index < self.position:
             return False
         self.position = index + 1
@@ -343,18 +315,15 @@ class PlanProgress:
         upcoming, status = (self.next, "planned") if self.next else (self.agenda[-1], "done")
         return str(progressed(self.tree, upcoming, status))
 
-    def actions(self, *, failed: bool = False) -> list[PlannedAction]:
-        """The actions with their status; with ``failed`` the present one has failed."""
-        at_hand: ActionStatus = "failed" if failed else "planned"
-        return [
-            PlannedAction(
-                action=stage.action,
-                args=stage.args,
-                agents=stage.agents,
-                status="done" if index < self.position else at_hand if index == self.position else "planned",
-            )
-            for index, stage in enumerate(self.stages)
-        ]
+    def executed(self, *, failed: bool = False) -> list[PlannedAction]:
+        """The finished actions, and with ``failed`` the present one, which has failed."""
+        done = [msgspec.structs.replace(stage, status="done") for stage in self.stages[: self.position]]
+        present = self.stages[self.position : self.position + 1] if failed else ()
+        return done + [msgspec.structs.replace(stage, status="failed") for stage in present]
+
+    def actions(self) -> list[PlannedAction]:
+        """The actions with their status."""
+        return [*self.executed(), *self.stages[self.position :]]
 
 
 def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
@@ -373,36 +342,3 @@ def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
         revisions=mission.revisions,
         problem=mission.problem,
     )
-
-
-SHOWN = 20
-"""Largest number of ended missions that are published."""
-
-
-class MissionViewCache:
-    """Cache of the published states of missions."""
-
-    def __init__(self) -> None:
-        self.changed = True
-        """Whether a state changed since this was set to False."""
-        self._over: deque[MissionView] = deque(maxlen=SHOWN)
-        self._drawn: dict[int, MissionView] = {}
-
-    def redraw(self, mission: Mission) -> None:
-        """Invalidate the state of a mission."""
-        self._drawn.pop(mission.id, None)
-        self.changed = True
-
-    def close(self, mission: Mission, progress: PlanProgress | None) -> None:
-        """Keep the final state of a mission."""
-        self.redraw(mission)
-        self._over.append(view(mission, progress))
-
-    def views(self, missions: Iterable[Mission], progress_of: Mapping[int, PlanProgress]) -> Iterator[MissionView]:
-        """The latest ended missions in the order of their end, then the others."""
-        yield from self._over
-        for mission in missions:
-            drawn = self._drawn.get(mission.id)
-            if drawn is None:
-                drawn = self._drawn[mission.id] = view(mission, progress_of.get(mission.id))
-            yield drawn

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
+from socialbot.agents.hospital.messages import PlannedAction
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.literals import ANYTHING, Change, Event, Structure, literal, source
 from socialbot.bdi.plans import Plan
@@ -210,41 +210,32 @@ TELL = Atom("tell")
 END = literal("end")
 
 
-@dataclass(frozen=True, slots=True)
-class PlanStage:
-    """An action of a plan, and its agents in the order of the team."""
-
-    action: str
-    args: tuple[str, ...]
-    agents: tuple[str, ...]
-
-
-def stages(items: Iterable[Item], team: Sequence[str], joint: Iterable[str]) -> tuple[PlanStage, ...]:
+def stages(items: Iterable[Item], team: Sequence[str], joint: Iterable[str]) -> tuple[PlannedAction, ...]:
     """The actions of a plan with their agents: for a ``joint`` action those in its arguments, else the first of them.
 
     Raises PlanningError for an action without an agent of the team.
     """
     together = frozenset(joint)
-    found: list[PlanStage] = []
+    found: list[PlannedAction] = []
     for name, *given in items:
         args = tuple(map(str, given))
         named = [agent for agent in team if agent in args]
         if not named:
-            raise PlanningError(f"{name}({', '.join(args)}) names nobody of {', '.join(team)}")
+            raise PlanningError(f"{name}({', '.join(args)}) has no agent of the team {', '.join(team)}")
         if name not in together:
             named = [min(named, key=args.index)]
-        found.append(PlanStage(name, args, tuple(named)))
+        found.append(PlannedAction(name, args, tuple(named)))
     return tuple(found)
 
 
-def initial_triggers(plan: Sequence[PlanStage]) -> dict[str, str]:
+def initial_triggers(plan: Sequence[PlannedAction]) -> dict[str, str]:
     """The literals that start the plan, by agent of the first action."""
     first = plan[0]
     trigger = literal(f"initial_trigger_{first.action}", tuple(map(Atom, first.args)))
     return {agent: agentspeak(trigger) for agent in first.agents}
 
 
-def translate(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, tuple[str, ...]]:
+def translate(plan: Sequence[PlannedAction], context: Mapping[str, str], label: str) -> dict[str, tuple[str, ...]]:
     """The AgentSpeak plans of each agent.
 
     Args:
@@ -254,28 +245,20 @@ def translate(plan: Sequence[PlanStage], context: Mapping[str, str], label: str)
 
     Raises PlanningError for an invalid variable.
     """
-    return {agent: tuple(map(agentspeak, found)) for agent, found in plans_of(plan, context, label).items()}
-
-
-def plans_of(plan: Sequence[PlanStage], context: Mapping[str, str], label: str) -> dict[str, list[Plan]]:
-    """The plans of `translate` before they are printed."""
     for name in context:
         if not name.isidentifier() or not name[0].isupper():
             raise PlanningError(f"{name!r} is no variable", remedy="write a name that begins with a capital letter")
-    translation = _Translation(plan, context)
-    agents = dict.fromkeys(agent for stage in plan for agent in stage.agents)
-    return {agent: _labelled(translation.plans(agent), label) for agent in agents}
-
-
-def _labelled(plans: Iterable[Plan], label: str) -> list[Plan]:
-    found = list(plans)
-    for number, plan in enumerate(found):
-        plan.label = f"{label}_{number}"
-    return found
+    translation, texts = _Translation(plan, context), {}
+    for agent in dict.fromkeys(agent for stage in plan for agent in stage.agents):
+        plans = translation.plans(agent)
+        for number, each in enumerate(plans):
+            each.label = f"{label}_{number}"
+        texts[agent] = tuple(map(agentspeak, plans))
+    return texts
 
 
 class _Translation:
-    def __init__(self, plan: Sequence[PlanStage], context: Mapping[str, str]) -> None:
+    def __init__(self, plan: Sequence[PlannedAction], context: Mapping[str, str]) -> None:
         self.plan = plan
         self.variables = {constant: Variable(name) for name, constant in reversed(list(context.items()))}
         self.start = literal("start", tuple(map(self.term, context.values())))
@@ -283,7 +266,7 @@ class _Translation:
     def term(self, constant: str) -> Variable | Atom:
         return self.variables.get(constant) or Atom(constant)
 
-    def named(self, prefix: str, stage: PlanStage) -> Structure:
+    def named(self, prefix: str, stage: PlannedAction) -> Structure:
         return literal(prefix + stage.action, tuple(map(self.term, stage.args)))
 
     def plans(self, agent: str) -> list[Plan]:
@@ -292,7 +275,7 @@ class _Translation:
         triggered = [self.plan[index] for index in begins if index > 0]
         plans: list[Plan] = []
         last: list[Plan] = []
-        triggers: set[PlanStage] = set()
+        triggers: set[PlannedAction] = set()
         for index in mine:
             stage = self.plan[index]
             if index == 0:
@@ -336,11 +319,11 @@ class _Translation:
         trigger = self.named("trigger_", self.plan[index])
         return [Do(literal(".send", (self.term(other), TELL, what))) for what in (Atom(f"milestone{index}"), trigger)]
 
-    def goal(self, stage: PlanStage) -> Step:
+    def goal(self, stage: PlannedAction) -> Step:
         return Achieve(self.named("", stage))
 
     def rule(
-        self, change: Change, prefix: str, stage: PlanStage, context: Structure | Conjunction, steps: list[Step]
+        self, change: Change, prefix: str, stage: PlannedAction, context: Structure | Conjunction, steps: list[Step]
     ) -> Plan:
         return Plan(Event(change, self.named(prefix, stage)), conjunction(context), tuple(steps))
 

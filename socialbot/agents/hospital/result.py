@@ -20,30 +20,32 @@ QUIET_S = 0.5
 
 def ward_in(graph: Graph) -> Ward | None:
     """The ward of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
-    for node in graph.placements:
+    for node in graph.nodes:
         if issubclass(node.type, HospitalWorld):
             return ward_of(check_parameters(node.type, node.parameters, where=node.name))
     return None
 
 
-@dataclass
 class MissionMonitor:
     """Completion check of a run: no infection to come, no infected room, no open mission.
 
     Rooms of failed missions may stay infected.
     """
 
-    ward: Ward
-    _start: int | None = None
-    _state: WardState | None = None
-    _missions: dict[int, MissionView] = field(default_factory=dict)
-    _quiet_since: int | None = None
+    def __init__(self, ward: Ward) -> None:
+        self._last_s = max((time_s for time_s, _ in ward.infections), default=0.0)
+        self._last: int | None = None
+        """Time of the last infection (ns)."""
+        self._infected: set[str] = set()
+        self._missions: dict[int, MissionView] = {}
+        self._quiet_since: int | None = None
 
     def observe(self, message: Message) -> None:
         """Take a message of the run."""
         if isinstance(message, WardState):
-            self._start = message.stamp if self._start is None else self._start
-            self._state = message
+            if self._last is None:
+                self._last = message.stamp + nanoseconds(self._last_s)
+            self._infected = {room.name for room in message.rooms if room.infected}
         elif isinstance(message, Missions):
             self._missions.update((view.id, view) for view in message.missions)
         else:
@@ -58,14 +60,11 @@ class MissionMonitor:
         return self._quiet_since is not None and now - self._quiet_since >= nanoseconds(QUIET_S)
 
     def _is_quiet(self, now: int) -> bool:
-        if self._start is None or self._state is None:
-            return False
-        last_s = max((time_s for time_s, _ in self.ward.infections), default=0.0)
-        if now <= self._start + nanoseconds(last_s):
+        if self._last is None or now <= self._last:
             return False
         given_up = {view.room for view in self._missions.values() if view.status == "failed"}
-        infected = {room.name for room in self._state.rooms if room.infected}
-        return infected <= given_up and all(view.status in ("finished", "failed") for view in self._missions.values())
+        is_open = any(view.status not in ("finished", "failed") for view in self._missions.values())
+        return self._infected <= given_up and not is_open
 
 
 @dataclass

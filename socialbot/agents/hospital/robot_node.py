@@ -6,40 +6,20 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from socialbot.agents.base.agent_node import AgentNode
-from socialbot.agents.hospital.messages import (
-    COORDINATOR,
-    EVERYBODY,
-    TOPIC,
-    AclMessage,
-    AclSender,
-    Belief,
-    Done,
-    End,
-    Finished,
-    Plan,
-    Problem,
-    Ready,
-    Refusal,
-    Register,
-    Report,
-    Start,
-    Stop,
-    protocol_error,
-)
+from socialbot.agents.hospital import messages as acl
+from socialbot.agents.hospital.messages import COORDINATOR, EVERYBODY, TOPIC, AclMessage
 from socialbot.agents.hospital.robots import (
     ACTIONS,
+    OF_A_MISSION,
     Meeting,
     RemoteSociety,
     Rendezvous,
     Senses,
     WorldAction,
     again,
-    all_plans,
     as_literal,
     by_myself,
     end,
-    install,
-    mission_beliefs,
     problem,
     program,
 )
@@ -53,11 +33,12 @@ from socialbot.agents.hospital.ward.messages import (
     ActionResult,
     WardState,
 )
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.library import CompiledPlan
 from socialbot.bdi.literals import literal
-from socialbot.bdi.plans import Plan as AgentSpeakPlan
+from socialbot.bdi.plans import Plan
 from socialbot.bdi.terms import Variable
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
@@ -96,7 +77,7 @@ class HospitalAgent(AgentNode):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self.label = ""
         """Label of its plans."""
-        self._acl = AclSender(name, context.clock, self.said.publish)
+        self._sender = acl.AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early_messages: list[AclMessage] = []
         self._uncompiled: list[CompiledPlan] = []
@@ -105,14 +86,7 @@ class HospitalAgent(AgentNode):
         self._in_progress: dict[str, WorldAction] = {}
         self._to_cancel: dict[tuple[str, tuple[str, ...]], str] = {}
         self._registered = False
-        self._rendezvous = Rendezvous(
-            lambda partner, meeting: self._acl.send(
-                partner, "query", Ready(meeting.action, meeting.args), meeting.label
-            ),
-            lambda partner, meeting: self._acl.send(
-                partner, "query", Done(meeting.action, meeting.args), meeting.label
-            ),
-        )
+        self._rendezvous = Rendezvous(self._sender)
         super().__init__(name, context, parameters)
 
     def build(self) -> Engine:
@@ -130,8 +104,7 @@ class HospitalAgent(AgentNode):
         if not self.recovers:
             for label in [plan.label for plan in engine.library if plan.label and plan.label != "tells"]:
                 engine.remove_plan(label)
-        for ready in all_plans(engine):
-            ready.compile()
+        engine.compile_plans()
         return engine
 
     def start(self) -> None:
@@ -144,7 +117,7 @@ class HospitalAgent(AgentNode):
             return
         capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
         kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
-        self._acl.send(COORDINATOR, "request", Register(kind, capable), in_reply_to=in_reply_to)
+        self._sender.send(COORDINATOR, "request", acl.Register(kind, capable), in_reply_to=in_reply_to)
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -155,36 +128,36 @@ class HospitalAgent(AgentNode):
         """Process a message, and refuse an invalid one."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
             return
-        if wrong := self._protocol_error(message):
+        if violation := self._protocol_error(message):
             if message.receiver == self.name:
-                self._refuse(message, wrong)
+                self._refuse(message, violation)
             return
         match message.content:
-            case Register():
+            case acl.Register():
                 if message.performative == "query":
                     self._register(message.id)
                 else:
                     self._registered = True
-            case Plan() as content:
+            case acl.Plan() as content:
                 self._take_plan(message, content)
-            case Start() | Belief() | Ready() | Done():
+            case acl.Start() | acl.Belief() | acl.Ready() | acl.Done():
                 self._take_mission_message(message)
-            case Stop() | End():
+            case acl.Stop() | acl.End():
                 if message.mission == self.label:
                     self._give_up()
-            case Refusal() as content:
+            case acl.Refusal() as content:
                 self.log.warning("%s refuses: %s", message.sender, content.reason)
             case other:
                 if message.receiver == self.name and message.performative not in ("agree", "inform"):
-                    self._refuse(message, f"{self.kind} does nothing about {type(other).__name__}")
+                    self._refuse(message, f"{self.kind} does not handle {type(other).__name__}")
 
     def _protocol_error(self, message: AclMessage) -> str:
         """The violation of the protocol or of authority by a message; an empty string for a valid one."""
-        if message.sender != COORDINATOR and isinstance(message.content, (Plan, Start, Stop, End)):
-            return f"{message.sender} directs nobody"
-        return protocol_error(message)
+        if message.sender != COORDINATOR and isinstance(message.content, (acl.Plan, acl.Start, acl.Stop, acl.End)):
+            return f"only the coordinator sends this, not {message.sender}"
+        return acl.protocol_error(message)
 
-    def _take_plan(self, message: AclMessage, content: Plan) -> None:
+    def _take_plan(self, message: AclMessage, content: acl.Plan) -> None:
         if self._plan_message is not None and message.id == self._plan_message.id:
             return
         # Another registration would count as a restart.
@@ -195,7 +168,7 @@ class HospitalAgent(AgentNode):
             self._refuse(message, str(error))
             return
         if any(plan.label is None or not plan.label.startswith(f"{content.label}_") for plan in plans):
-            self._refuse(message, f"a plan is labelled otherwise than {content.label}")
+            self._refuse(message, f"the label of a plan does not start with {content.label}_")
             return
         self._clear()
         self.label, self._plan_message = content.label, message
@@ -204,12 +177,16 @@ class HospitalAgent(AgentNode):
         self.engine.forget(literal("idle"))
         self.engine.call(lambda: self._install(plans))
         early, self._early_messages = self._early_messages, []
-        for word in early:
-            self._take_mission_message(word)
+        for waiting in early:
+            self._take_mission_message(waiting)
 
-    def _install(self, plans: list[AgentSpeakPlan]) -> None:
+    def _install(self, plans: list[Plan]) -> None:
+        library = self.engine.library
         try:
-            self._uncompiled = install(self.engine, plans)
+            for plan in plans:
+                self.engine.add_rules(plan)
+            new = (compiled for trigger in library.triggers.values() for compiled in trigger.plans)
+            self._uncompiled = [compiled for compiled in new if compiled.plan in plans]
         except SocialbotError as error:
             self._refuse_plans(error)
         else:
@@ -238,37 +215,37 @@ class HospitalAgent(AgentNode):
                 self._early_messages = [*self._early_messages[-31:], message]
             return
         match message.content:
-            case Start(arguments=arguments):
+            case acl.Start(arguments=arguments):
                 self.engine.believe(as_literal("start", arguments), source=message.sender, cause=message.id)  # type: ignore[arg-type]
-            case Belief(literal=text):
+            case acl.Belief(literal=text):
                 try:
                     belief = parse_literal(text)
                     self.engine.believe(belief, source=message.sender, cause=message.id)  # type: ignore[arg-type]
                 except SocialbotError as error:
                     self._refuse(message, str(error))
-            case Ready(action=action, args=args):
+            case acl.Ready(action=action, args=args):
                 self._rendezvous.partner_ready(message.sender, Meeting(message.mission, action, args))
-            case Done(action=action, args=args):
+            case acl.Done(action=action, args=args):
                 self._rendezvous.partner_done(message.sender, Meeting(message.mission, action, args))
             case _:
                 pass
 
     def _tell(self, receiver: str, belief: str) -> None:
-        self._acl.send(receiver, "inform", Belief(belief), self.label)
+        self._sender.send(receiver, "inform", acl.Belief(belief), self.label)
 
     def report_problem(self, action: str, args: tuple[str, ...], reason: str) -> None:
         if self.label:
-            self._acl.send(COORDINATOR, "inform", Problem(reason, args, action), self.label)
+            self._sender.send(COORDINATOR, "inform", acl.Problem(reason, args, action), self.label)
 
     def finish(self) -> None:
         """Report the end of its part, and forget the mission."""
-        self._acl.send(COORDINATOR, "request", Finished(), self.label)
+        self._sender.send(COORDINATOR, "request", acl.Finished(), self.label)
         self.engine.call(self._give_up)
 
     def _refuse(self, message: AclMessage, reason: str) -> None:
         if message.performative not in ("refuse", "failure"):
-            self.log.warning("refused what %s says: %s", message.sender, reason)
-            self._acl.send(message.sender, "refuse", Refusal(reason), message.mission, message.id)
+            self.log.warning("refused a message of %s: %s", message.sender, reason)
+            self._sender.send(message.sender, "refuse", acl.Refusal(reason), message.mission, message.id)
 
     # Mission
 
@@ -283,8 +260,9 @@ class HospitalAgent(AgentNode):
             engine.intentions.drop(intention)
         for label in labels:
             engine.remove_plan(label)
-        for belief in mission_beliefs(engine):
-            engine.beliefs.forget_all(engine.beliefs.relation(belief.key), belief.args, (), "")
+        for held in list(engine.beliefs):
+            if held.belief.functor.startswith(OF_A_MISSION):
+                engine.beliefs.forget_all(engine.beliefs.relation(held.belief.key), held.belief.args, (), "")
 
     def _give_up(self) -> None:
         self._clear()
@@ -295,7 +273,7 @@ class HospitalAgent(AgentNode):
 
     def begin(self, world_action: WorldAction) -> None:
         """Command an action to the world; a joint action waits for all partners."""
-        if not world_action.is_joint:
+        if world_action.action not in JOINT_ACTIONS:
             self._command(world_action)
             return
         meeting = Meeting(self.label, world_action.action, world_action.arguments)
@@ -307,7 +285,7 @@ class HospitalAgent(AgentNode):
         for other in list(self._to_cancel.values()):
             self._cancel(other)
         self._to_cancel.clear()
-        id = id or f"{self.name}-action-{self._acl.next_id()}"
+        id = id or f"{self.name}-action-{self._sender.next_id()}"
         known = id in self._in_progress
         self._in_progress[id] = world_action
         if not known:
@@ -344,10 +322,10 @@ class HospitalAgent(AgentNode):
         if message.robot != self.name or world_action is None:
             return
         self._to_cancel.pop(world_action.key, None)
-        self._acl.send(
+        self._sender.send(
             COORDINATOR,
             "inform",
-            Report(message.outcome, message.action, message.args, message.reason),
+            acl.Report(message.outcome, message.action, message.args, message.reason),
             "" if world_action.own else self.label,
         )
         if message.outcome == "success":

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from socialbot.agents.hospital.missions import JOINT_ACTIONS
+from socialbot.agents.hospital.messages import AclSender, Done, Ready
 from socialbot.agents.hospital.ward.messages import AgentState
 from socialbot.bdi import Action, Engine, Sensor
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.durative_actions import LongAction
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.library import CompiledPlan
 from socialbot.bdi.literals import Change, Event, Literal, literal, literal_from_key
-from socialbot.bdi.plans import Plan
 from socialbot.bdi.society import Society
 from socialbot.bdi.terms import Atom, Variable
 from socialbot.core.clock import Clock
@@ -61,7 +59,10 @@ class WorldAction(LongAction):
     """Whether the action is no part of the plan of the mission."""
 
     def start(self, *args: Any) -> None:
-        self.action, self.arguments = self.functor, names_of(args)
+        self.begin(self.functor, args)
+
+    def begin(self, action: str, args: Iterable[object]) -> None:
+        self.action, self.arguments = action, names_of(args)
         self.node.begin(self)
 
     def cancel(self) -> None:
@@ -73,10 +74,6 @@ class WorldAction(LongAction):
         return self.engine.robot
 
     @property
-    def is_joint(self) -> bool:
-        return self.action in JOINT_ACTIONS
-
-    @property
     def key(self) -> tuple[str, tuple[str, ...]]:
         """Action and arguments."""
         return self.action, self.arguments
@@ -84,12 +81,16 @@ class WorldAction(LongAction):
     def succeed(self) -> None:
         self.done()
         if not self.own:
-            _happens(self.engine, literal(f"success_{self.action}", tuple(map(Atom, self.arguments))), self.id)
+            self._raise(as_literal(f"success_{self.action}", self.arguments))
 
     def fail(self, reason: str) -> None:
         self.failed(reason)
         if not self.own:
-            _happens(self.engine, literal("failure", (as_literal(self.action, self.arguments), reason)), self.id)
+            self._raise(literal("failure", (as_literal(self.action, self.arguments), reason)))
+
+    def _raise(self, event: Literal) -> None:
+        engine = self.engine
+        engine.call(lambda: engine.interpreter.raise_event(Event(Change.ADDED, event), self.id))
 
 
 class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
@@ -97,8 +98,7 @@ class again(WorldAction):  # noqa: N801 - its name in AgentSpeak
 
     def start(self, *args: Any) -> None:
         (action,) = args
-        self.action, self.arguments = action.functor, names_of(action.args)
-        self.node.begin(self)
+        self.begin(action.functor, action.args)
 
 
 class by_myself(again):  # noqa: N801
@@ -125,10 +125,6 @@ class end(Action):  # noqa: N801
         self.engine.robot.finish()
 
 
-def _happens(engine: Engine, event: Literal, cause: str) -> None:
-    engine.call(lambda: engine.interpreter.raise_event(Event(Change.ADDED, event), cause))
-
-
 class Senses(Sensor):
     """Sensor for the place and the battery of the agent: ``at(room1)``, ``battery_low``."""
 
@@ -145,27 +141,6 @@ class Senses(Sensor):
         low = literal("battery_low")
         place = literal("at", (Atom(percept.place),))
         return [-literal("at", (Variable("_"),)), +place, +low if percept.low_battery else -low]
-
-
-def install(engine: Engine, plans: Iterable[Plan]) -> list[CompiledPlan]:
-    """Add plans of a mission, and return their uncompiled library entries."""
-    new = list(plans)
-    for plan in new:
-        engine.add_rules(plan)
-    return [ready for ready in all_plans(engine) if ready.plan in new]
-
-
-def all_plans(engine: Engine) -> Iterator[CompiledPlan]:
-    """The plans in the library of an agent."""
-    for trigger in list(engine.library.triggers.values()):
-        yield from trigger.plans
-
-
-def mission_beliefs(engine: Engine) -> Iterator[Literal]:
-    """Beliefs that belong to a mission."""
-    for held in list(engine.beliefs):
-        if held.belief.functor.startswith(OF_A_MISSION):
-            yield held.belief
 
 
 class RemoteSociety(Society):
@@ -186,7 +161,7 @@ class RemoteSociety(Society):
 
 
 class _RemoteAgent(Engine):
-    """Proxy for a remote agent: forwards the beliefs that it is told."""
+    """Proxy for a remote agent: forwards beliefs."""
 
     __slots__ = ()
 
@@ -195,7 +170,7 @@ class _RemoteAgent(Engine):
 
         def take(sender: str, performative: str, content: Any) -> bool:
             if performative != "tell":
-                raise Failed("action_failed", f"{name} is far away, and can only be told beliefs")
+                raise Failed("action_failed", f"{name} is in another process and receives only beliefs")
             send_remote(name, agentspeak(content))
             return False
 
@@ -213,63 +188,59 @@ class Meeting(NamedTuple):
     args: tuple[str, ...]
 
 
-@dataclass
-class _Waiting:
-    missing: set[str]
-    met: Callable[[], None]
-
-
-@dataclass
 class Rendezvous:
     """Synchronizes the joint actions of one agent.
 
-    ``ready`` announces the agent to a partner, ``done`` answers a partner that announced itself before.
+    `Ready` announces the agent to a partner, `Done` answers a partner that announced itself before.
     """
 
-    ready: Callable[[str, Meeting], object]
-    done: Callable[[str, Meeting], object]
-    _waiting: dict[Meeting, _Waiting] = field(default_factory=dict)
-    _there: dict[Meeting, set[str]] = field(default_factory=dict)
+    def __init__(self, sender: AclSender) -> None:
+        self._sender = sender
+        self._waiting: dict[Meeting, tuple[set[str], Callable[[], None]]] = {}
+        """Missing partners, and the function to call when all have arrived."""
+        self._announced: defaultdict[Meeting, set[str]] = defaultdict(set)
 
     def arrive(self, meeting: Meeting, partners: Iterable[str], met: Callable[[], None]) -> None:
         """Call ``met`` as soon as all partners have arrived."""
-        there = self._there.pop(meeting, set())
+        announced = self._announced.pop(meeting, set())
         missing: set[str] = set()
         for partner in partners:
-            if partner in there:
-                self.done(partner, meeting)
+            if partner in announced:
+                self._send(partner, Done, meeting)
             else:
                 missing.add(partner)
-                self.ready(partner, meeting)
+                self._send(partner, Ready, meeting)
         if missing:
-            self._waiting[meeting] = _Waiting(missing, met)
+            self._waiting[meeting] = missing, met
         else:
             met()
 
     def partner_ready(self, partner: str, meeting: Meeting) -> None:
         """Process the announcement of a partner."""
         if meeting in self._waiting:
-            self.done(partner, meeting)
-            self._come(partner, meeting)
+            self._send(partner, Done, meeting)
+            self.partner_done(partner, meeting)
         else:
-            self._there.setdefault(meeting, set()).add(partner)
+            self._announced[meeting].add(partner)
 
     def partner_done(self, partner: str, meeting: Meeting) -> None:
-        self._come(partner, meeting)
+        """Process the answer of a partner."""
+        if meeting not in self._waiting:
+            return
+        missing, met = self._waiting[meeting]
+        missing.discard(partner)
+        if not missing:
+            del self._waiting[meeting]
+            met()
 
     def leave(self, meeting: Meeting) -> None:
         self._waiting.pop(meeting, None)
 
     def forget(self, label: str) -> None:
         """Forget all joint actions except those of the plans with this label."""
-        self._waiting = {meeting: found for meeting, found in self._waiting.items() if meeting.label == label}
-        self._there = {meeting: found for meeting, found in self._there.items() if meeting.label == label}
+        for meetings in (self._waiting, self._announced):
+            for meeting in [meeting for meeting in meetings if meeting.label != label]:
+                del meetings[meeting]
 
-    def _come(self, partner: str, meeting: Meeting) -> None:
-        waiting = self._waiting.get(meeting)
-        if waiting is None:
-            return
-        waiting.missing.discard(partner)
-        if not waiting.missing:
-            del self._waiting[meeting]
-            waiting.met()
+    def _send(self, partner: str, kind: type[Ready | Done], meeting: Meeting) -> None:
+        self._sender.send(partner, "query", kind(meeting.action, meeting.args), meeting.label)

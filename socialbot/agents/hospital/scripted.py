@@ -7,26 +7,19 @@ when all agents have reported. The first problem ends the mission.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, NamedTuple
 
+from socialbot.agents.hospital import messages as acl
 from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
 from socialbot.agents.hospital.messages import (
     COORDINATOR,
     EVERYBODY,
     TOPIC,
     AclMessage,
-    AclSender,
-    End,
     Missions,
     MissionStatus,
     MissionView,
-    Plan,
-    Problem,
-    Refusal,
-    Register,
-    Report,
-    Stop,
 )
 from socialbot.agents.hospital.missions import (
     DISINFECT,
@@ -50,7 +43,7 @@ from socialbot.agents.hospital.ward.messages import (
     ActionResult,
     WardState,
 )
-from socialbot.agents.hospital.ward.ward import JOINT, NURSE, ROBOTS, ROLES, SPOT, UVD
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROBOTS, ROLES, SPOT, UVD
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.core.errors import SocialbotError
@@ -58,13 +51,12 @@ from socialbot.graph.node import Context, Delivery, Graph, Input, Node, Output
 from socialbot.planning.htn.planner import TaskPlanner
 
 
-@dataclass
-class _Running:
+class _Running(NamedTuple):
     """The present mission, its plan, and the agents whose reports are missing."""
 
     mission: Mission
     progress: PlanProgress
-    awaited: set[str] = field(default_factory=set)
+    awaited: set[str]
 
 
 class ScriptedCoordinator(Node):
@@ -77,7 +69,7 @@ class ScriptedCoordinator(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._acl = AclSender(name, self.clock, self.said.publish)
+        self._sender = acl.AclSender(name, self.clock, self.said.publish)
         self.planning_s: list[float] = []
         """Durations of plannings, s."""
         self._planner = TaskPlanner(DOMAIN)
@@ -87,24 +79,24 @@ class ScriptedCoordinator(Node):
         self._over: list[MissionView] = []
 
     def start(self) -> None:
-        self._acl.send(EVERYBODY, "query", Register())
+        self._sender.send(EVERYBODY, "query", acl.Register())
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
         if message.receiver != self.name:
             return
         content = message.content
-        if isinstance(content, Register):
+        if isinstance(content, acl.Register):
             self._members[message.sender] = RegisteredAgent(
                 message.sender, content.kind, frozenset(content.capabilities)
             )
-            self._acl.send(message.sender, "agree", content, in_reply_to=message.id)
+            self._sender.send(message.sender, "agree", content, in_reply_to=message.id)
             self._begin()
         elif self._running is not None and message.mission == self._running.mission.label:
             match content:
-                case Report(outcome="success"):
+                case acl.Report(outcome="success"):
                     self._done_by(message.sender, self._running)
-                case Problem(kind=problem) | Refusal(reason=problem):
+                case acl.Problem(kind=problem) | acl.Refusal(reason=problem):
                     self._end(self._running, "failed", problem)
                 case _:
                     pass
@@ -123,7 +115,7 @@ class ScriptedCoordinator(Node):
         room = next((room.name for room in self._ward.rooms if room.infected and room.name not in tried), None)
         if room is None:
             return
-        mission = Mission(len(self._over) + 1, DISINFECT.name, room, "running", revision=1)
+        mission = Mission(len(self._over) + 1, DISINFECT, room, "running", revision=1)
         team = AgentPool(self._members, self._ward).team(mission)
         if team is None:
             return
@@ -135,16 +127,16 @@ class ScriptedCoordinator(Node):
             self._over.append(view(mission, None))
             self._publish()
             return
-        self._running = _Running(mission, PlanProgress.of(answer.tree, team.values()))
+        self._running = _Running(mission, PlanProgress(answer.tree, team.values()), set())
         self._request(self._running)
 
     def _request(self, running: _Running) -> None:
         """Request the present action from its agents."""
         mission, stage = running.mission, running.progress.stages[running.progress.position]
-        running.awaited = set(stage.agents)
+        running.awaited.update(stage.agents)
         action = agentspeak(as_literal(stage.action, stage.args))
         for agent in stage.agents:
-            self._acl.send(agent, "request", Plan(mission.label, (action,)), mission.label)
+            self._sender.send(agent, "request", acl.Plan(mission.label, (action,)), mission.label)
         self._publish()
 
     def _done_by(self, agent: str, running: _Running) -> None:
@@ -174,11 +166,11 @@ class ScriptedCoordinator(Node):
     def _end(self, running: _Running, status: MissionStatus, problem: str = "") -> None:
         mission, progress = running.mission, running.progress
         mission.status, mission.problem = status, problem
-        mission.past = [action for action in progress.actions(failed=status == "failed") if action.status != "planned"]
+        mission.past = progress.executed(failed=status == "failed")
         self._over.append(view(mission, None))
         self._running = None
         for name in mission.team.values():
-            self._acl.send(name, "request", End() if status == "finished" else Stop(problem), mission.label)
+            self._sender.send(name, "request", acl.End() if status == "finished" else acl.Stop(problem), mission.label)
         self._publish()
         self._begin()
 
@@ -201,7 +193,7 @@ class ScriptedAgent(Node):
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._acl = AclSender(name, self.clock, self.said.publish)
+        self._sender = acl.AclSender(name, self.clock, self.said.publish)
         self._registered = False
         self._missions: dict[str, str] = {}
         """Missions of the actions in progress, by command."""
@@ -212,7 +204,9 @@ class ScriptedAgent(Node):
     def _register(self, in_reply_to: str = "") -> None:
         if self._registered and not in_reply_to:
             return
-        self._acl.send(COORDINATOR, "request", Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to)
+        self._sender.send(
+            COORDINATOR, "request", acl.Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to
+        )
         if not in_reply_to:
             self.call_after(REGISTER_S, self._register)
 
@@ -221,13 +215,13 @@ class ScriptedAgent(Node):
         if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
             return
         match message.content:
-            case Register() if message.performative == "query":
+            case acl.Register() if message.performative == "query":
                 self._register(message.id)
-            case Register():
+            case acl.Register():
                 self._registered = True
-            case Plan(plans=(action,)):
+            case acl.Plan(plans=(action,)):
                 self._do(action, message)
-            case Stop() | End():
+            case acl.Stop() | acl.End():
                 self._give_up(message.mission)
             case _:
                 pass
@@ -241,10 +235,10 @@ class ScriptedAgent(Node):
     def _do(self, text: str, message: AclMessage) -> None:
         try:
             action = parse_literal(text)
-        except SocialbotError as protocol_error:
-            self._acl.send(message.sender, "refuse", Refusal(str(protocol_error)), message.mission, message.id)
+        except SocialbotError as error:
+            self._sender.send(message.sender, "refuse", acl.Refusal(str(error)), message.mission, message.id)
             return
-        id = f"{self.name}-action-{self._acl.next_id()}"
+        id = f"{self.name}-action-{self._sender.next_id()}"
         self._missions[id] = message.mission
         self.commands.publish(
             ActionCommand(
@@ -257,17 +251,17 @@ class ScriptedAgent(Node):
         mission = self._missions.pop(message.id, None)
         if mission is None:
             return
-        report = Report(message.outcome, message.action, message.args, message.reason)
-        self._acl.send(COORDINATOR, "inform", report, mission)
+        report = acl.Report(message.outcome, message.action, message.args, message.reason)
+        self._sender.send(COORDINATOR, "inform", report, mission)
         if message.outcome == "failure":
-            self._acl.send(COORDINATOR, "inform", Problem(message.reason, message.args, message.action), mission)
+            self._sender.send(COORDINATOR, "inform", acl.Problem(message.reason, message.args, message.action), mission)
 
 
 def actions_of(kind: str) -> tuple[str, ...]:
     """Actions that a kind of agent can execute."""
     able = {kind, "agent"} | ({"robot"} if kind in ROBOTS else set())
     return tuple(
-        action for action, roles in ROLES.items() if able.intersection(roles if action in JOINT else roles[:1])
+        action for action, roles in ROLES.items() if able.intersection(roles if action in JOINT_ACTIONS else roles[:1])
     )
 
 
@@ -302,10 +296,8 @@ def scripted(graph: Graph) -> Graph:
     """The graph with scripted nodes instead of BDI agents; the ward stays."""
     return replace(
         graph,
-        placements=tuple(
-            replace(placement, type=SCRIPTED[placement.type], parameters={})
-            if placement.type in SCRIPTED
-            else placement
-            for placement in graph.placements
+        nodes=tuple(
+            replace(config, type=SCRIPTED[config.type], parameters={}) if config.type in SCRIPTED else config
+            for config in graph.nodes
         ),
     )

@@ -99,7 +99,7 @@ def ward_text(ward: Ward, state: WardState) -> Table | Text:
         column.header_style = "dim"
     for room in ward.rooms:
         table.add_row(*_room(room, state.room(room.name), state))
-    on_the_way = [_who(agent) for agent in state.agents if agent.place not in ward.room_by_name]
+    on_the_way = [_name_of(agent) for agent in state.agents if agent.place not in ward.room_by_name]
     if on_the_way:
         table.add_row("elsewhere", "", "", "", ", ".join(on_the_way))
     return table
@@ -113,14 +113,13 @@ def _room(room: Room, state: RoomState | None, ward: WardState) -> Iterator[str 
         yield Text("open") if state.door_open else Text("closed", "red")
         yield Text("yes") if state.cleaned else Text("dirty", "yellow")
         yield Text("✓", "green") if state.disinfected else Text("✗ infected", "bold red")
-    there = [_who(agent) for agent in ward.agents if agent.place == room.name]
+    there = [_name_of(agent) for agent in ward.agents if agent.place == room.name]
     yield ", ".join([*there, *(state.people if state else ())])
 
 
-def _who(agent: AgentState) -> str:
+def _name_of(agent: AgentState) -> str:
     battery = "" if agent.kind == NURSE else f" {agent.battery:.0%}"
-    number = agent.name.removeprefix(agent.kind)
-    return f"{WORD.get(agent.kind, agent.kind)}{number}{battery}"
+    return f"{WORD.get(agent.kind, agent.kind)}{agent.name.removeprefix(agent.kind)}{battery}"
 
 
 def _in_figures(ward: Ward, state: WardState) -> Text:
@@ -141,47 +140,33 @@ def _in_figures(ward: Ward, state: WardState) -> Text:
 def missions_table(missions: list[MissionResult]) -> Table:
     """Table of missions: planned, done and failed actions, problems, recovery and duration."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim")
-    for heading in ("mission", "room"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("planned", "done", "failed"):
-        table.add_column(heading, justify="right")
-    table.add_column("problem", min_width=18)
-    for heading in ("recovered", "ended"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("took", justify="right", no_wrap=True)
+    for heading in ("mission", "room", "planned", "done", "failed", "problem", "recovered", "ended", "took"):
+        is_text, is_problem = heading in ("mission", "room", "recovered", "ended"), heading == "problem"
+        justify = "left" if is_text or is_problem else "right"
+        no_wrap = is_text or heading == "took"
+        table.add_column(heading, justify=justify, no_wrap=no_wrap, min_width=18 if is_problem else None)
     shown = missions if len(missions) <= ROWS else [each for each in missions if each.problems or not each.finished]
     for mission in shown:
         view, problems = mission.view, mission.problems
+        number = str(view.id) if view.kind == DISINFECT else f"{view.id} {view.kind}"
         recovered = "" if not problems else "yes" if mission.finished else "no"
-        table.add_row(
-            f"{view.id} {view.kind}" if view.kind != DISINFECT.name else str(view.id),
-            view.room,
-            str(mission.planned),
-            str(mission.done()),
-            str(mission.done("failed")),
-            "; ".join(problems),
-            recovered,
-            view.status,
-            "" if mission.took_s is None else f"{mission.took_s:.2f} s",
-        )
+        took = "" if mission.took_s is None else f"{mission.took_s:.2f} s"
+        table.add_row(number, view.room, *_counts([mission]), "; ".join(problems), recovered, view.status, took)
     if len(missions) > 1:
-        table.add_row(*_sum(missions), style="bold")
+        met = [mission for mission in missions if mission.problems]
+        problems = sum(len(mission.problems) for mission in met)
+        recovered = f"{sum(mission.finished for mission in met)} of {len(met)}"
+        finished = sum(mission.finished for mission in missions)
+        total = (f"all {len(missions)}", "", *_counts(missions), str(problems), recovered, str(finished), "")
+        table.add_row(*total, style="bold")
     return table
 
 
-def _sum(missions: list[MissionResult]) -> tuple[str, ...]:
-    met = [mission for mission in missions if mission.problems]
-    return (
-        f"all {len(missions)}",
-        "",
-        str(sum(mission.planned for mission in missions)),
-        str(sum(mission.done() for mission in missions)),
-        str(sum(mission.done("failed") for mission in missions)),
-        str(sum(len(mission.problems) for mission in met)),
-        f"{sum(mission.finished for mission in met)} of {len(met)}",
-        f"{sum(mission.finished for mission in missions)}",
-        "",
-    )
+def _counts(missions: list[MissionResult]) -> tuple[str, str, str]:
+    """Numbers of planned, done and failed actions."""
+    counts = ((mission.planned, mission.done(), mission.done("failed")) for mission in missions)
+    planned, done, failed = map(sum, zip(*counts, strict=True))
+    return str(planned), str(done), str(failed)
 
 
 def terminal_view(graph: Graph, console: Console) -> HospitalTerminal | None:

@@ -71,15 +71,15 @@ class Head(Node):
 
     pan_joint = Parameter("head_pan_joint", "joint that turns the head, positive to the left")
     tilt_joint = Parameter("head_tilt_joint", "joint that nods the head, positive up")
-    pan_limit_rad = Parameter(1.2, "rad, how far the head turns to either side", minimum=0.0, maximum=math.pi)
-    tilt_limit_rad = Parameter(0.5, "rad, how far it nods up or down", minimum=0.0, maximum=math.pi / 2)
-    max_speed_rad_s = Parameter(1.0, "rad/s, how fast each joint may turn", minimum=0.01, maximum=10.0)
-    dead_band_rad = Parameter(0.03, "rad; a person who moves less is not followed", minimum=0.0)
-    period_s = Parameter(0.1, "s, at least this long between two commands", minimum=0.01)
-    hold_s = Parameter(2.0, "s without anybody until the head centres", minimum=0.0)
-    switch_margin_m = Parameter(0.5, "m by which another must be nearer to be followed instead", minimum=0.0)
-    same_person_rad = Parameter(0.35, "rad that a person may move between two frames", minimum=0.0)
-    engine = Parameter("", "node that decides what the robot does, whose signs of life are listened to; empty: none")
+    pan_limit_rad = Parameter(1.2, "largest pan to either side, rad", minimum=0.0, maximum=math.pi)
+    tilt_limit_rad = Parameter(0.5, "largest tilt up or down, rad", minimum=0.0, maximum=math.pi / 2)
+    max_speed_rad_s = Parameter(1.0, "largest speed of each joint, rad/s", minimum=0.01, maximum=10.0)
+    dead_band_rad = Parameter(0.03, "smaller movements of a person are ignored, rad", minimum=0.0)
+    period_s = Parameter(0.1, "shortest time between two commands, s", minimum=0.01)
+    hold_s = Parameter(2.0, "time without people until the head centres, s", minimum=0.0)
+    switch_margin_m = Parameter(0.5, "another person is followed if nearer by this distance, m", minimum=0.0)
+    same_person_rad = Parameter(0.35, "largest movement of a person between two frames, rad", minimum=0.0)
+    engine = Parameter("", "node whose heartbeats the head requires; empty: none")
     camera_on_head = Parameter(False, "whether the camera turns with the head")
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -169,9 +169,8 @@ class Head(Node):
         last = self._followed
         if last is None:
             return None
-        for person in seen:
-            if person.track_id and person.track_id == last.track_id:
-                return person
+        if same := [person for person in seen if person.track_id and person.track_id == last.track_id]:
+            return same[0]
         closest = min(seen, key=lambda person: abs(person.pose.pan - last.pose.pan))
         return closest if abs(closest.pose.pan - last.pose.pan) <= self.same_person_rad else None
 
@@ -179,15 +178,13 @@ class Head(Node):
         """Schedule a check that a person is present, even without further detections."""
         if not self._watching:
             self._watching = True
-            self.context.call_at(self._last_seen + nanoseconds(self.hold_s), self._look_after)
+            self.context.call_at(self._last_seen + nanoseconds(self.hold_s), self._check_presence)
 
-    def _look_after(self) -> None:
+    def _check_presence(self) -> None:
         self._watching = False
-        if not self._tracking:
-            return
-        if self.clock.now() < self._last_seen + nanoseconds(self.hold_s):
+        if self._tracking and self.clock.now() < self._last_seen + nanoseconds(self.hold_s):
             self._watch()
-        else:
+        elif self._tracking:
             self._followed = None
             self._aim(CENTRE)
 
@@ -213,22 +210,15 @@ class Head(Node):
         duration_s = max(start.distance(self._wanted) / self.max_speed_rad_s, self.period_s)
         self._motions.append(Motion(start, self._wanted, now, duration_s))
         self._earliest = now + nanoseconds(self.period_s)
+        joints, pose, still = (self.pan_joint, self.tilt_joint), tuple(self._wanted), (0.0, 0.0)
         self.trajectory.publish(
-            JointTrajectory(
-                stamp=now,
-                joint_names=(self.pan_joint, self.tilt_joint),
-                positions=tuple(self._wanted),
-                velocities=(0.0, 0.0),
-                duration_s=duration_s,
-            )
+            JointTrajectory(stamp=now, joint_names=joints, positions=pose, velocities=still, duration_s=duration_s)
         )
 
     def _pose_at(self, time: int) -> Pose:
         """The estimated head pose at ``time`` (ns)."""
-        for motion in reversed(self._motions):
-            if motion.begin <= time:
-                return motion.at(time)
-        return self._motions[0].start
+        motion = next((one for one in reversed(self._motions) if one.begin <= time), None)
+        return self._motions[0].start if motion is None else motion.at(time)
 
 
 def _within(value: float, limit: float) -> float:

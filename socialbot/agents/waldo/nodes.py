@@ -11,17 +11,12 @@ from socialbot.bdi import ANYTHING, Engine
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import ActionRequest, HeadCommand, Health, Mind, PersonDetections, TraceRecord, Utterance
-from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, Healths
+from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, HealthReports
 from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
 
-SETTLE_S = 0.05
-"""Delay (s) before Waldo believes a silence, for health messages of other nodes to arrive."""
-
-REVISE_S = 0.5
-"""Delay (s) before Waldo changes the source of a silence: nodes recover one after the other."""
-
-LATE_S = 10.0
-"""Maximum age of detections whose stamp counts as the start of a belief."""
+SETTLE_S = 0.05  # delay (s) before Waldo believes a silence, for health messages of other nodes to arrive
+REVISE_S = 0.5  # delay (s) before Waldo changes the source of a silence: nodes recover one after the other
+LATE_S = 10.0  # maximum age of detections whose stamp counts as the start of a belief
 
 
 class WaldoNode(AgentNode):
@@ -38,52 +33,34 @@ class WaldoNode(AgentNode):
     mind = Output(Mind, "/waldo/mind", Delivery.LATCHED)
     trace = Output(TraceRecord, "/waldo/trace")
 
-    range_m = Parameter(WaldoConfig.range_m, "people farther away (m) are left alone", minimum=0.5, maximum=50.0)
-    appear_s = Parameter(
-        WaldoConfig.appear_s,
-        "somebody is there when half of the frames of this time (s) show somebody",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    vanish_s = Parameter(
-        WaldoConfig.vanish_s,
-        "nobody is there when under a quarter of the frames of this time (s) show somebody",
-        minimum=0.0,
-        maximum=60.0,
-    )
-    help_after_s = Parameter(
-        WaldoConfig.help_after_s, "who has been there this long (s) is offered help", minimum=0.5, maximum=600.0
-    )
+    range_m = Parameter(WaldoConfig.range_m, "largest distance of people, m", minimum=0.5, maximum=50.0)
+    appear_s = Parameter(WaldoConfig.appear_s, "time to detect an arrival, s", minimum=0.0, maximum=10.0)
+    vanish_s = Parameter(WaldoConfig.vanish_s, "time to detect a departure, s", minimum=0.0, maximum=60.0)
+    help_after_s = Parameter(WaldoConfig.help_after_s, "time until help is offered, s", minimum=0.5, maximum=600.0)
     regreet_after_s = Parameter(
-        WaldoConfig.regreet_after_s, "people are greeted anew after nobody was there (s)", minimum=0.0, maximum=86400.0
+        WaldoConfig.regreet_after_s, "time without people until the next greeting, s", minimum=0.0, maximum=86400.0
     )
     forget_after_s = Parameter(
-        WaldoConfig.forget_after_s,
-        "who is there after Waldo saw nothing for this long (s) is taken for somebody new",
-        minimum=0.0,
-        maximum=86400.0,
+        WaldoConfig.forget_after_s, "time without detections until people count as new, s", minimum=0.0, maximum=86400.0
     )
     silent_after_s = Parameter(
-        SILENT_S,
-        "without detections for this long (s) Waldo sees nothing; a slow detector gets two and a half of its periods",
-        minimum=0.1,
-        maximum=60.0,
+        SILENT_S, "timeout of detections, s; at least 2.5 periods of a slow detector", minimum=0.1, maximum=60.0
     )
-    greeting = Parameter("Hello! Nice to see you.", "what to say to one person who comes")
-    greeting_several = Parameter("Hello everybody!", "what to say to several people who come together")
-    offer = Parameter("Can I help you with anything?", "what to say to somebody who stays")
+    greeting = Parameter("Hello! Nice to see you.", "sentence for one person who arrives")
+    greeting_several = Parameter("Hello everybody!", "sentence for several people who arrive together")
+    offer = Parameter("Can I help you with anything?", "sentence for a person who stays")
 
     def build(self) -> Engine:
-        self._manners = WaldoConfig()
+        self._config = WaldoConfig()
         for name in self.parameter_values:
             self.on_parameter(name)
-        self._sensor = PersonSensor(self._manners)
-        self._healths = Healths()
+        self._sensor = PersonSensor(self._config)
+        self._healths = HealthReports()
         self._has_seen = False
-        self._unheard = False
+        self._silent = False
         self._settling: str | None = None
         self._blame: FaultSource | None = None
-        return waldo(self.name, self.clock, self._manners, robot=self, sink=self.record, wake=self.wake)
+        return waldo(self.name, self.clock, self._config, robot=self, sink=self.record, wake=self.wake)
 
     def on_recalled(self) -> None:
         self._sensor.recall(self.engine)
@@ -110,11 +87,11 @@ class WaldoNode(AgentNode):
         return self.silent_after_s if port.deadline_s and not self._healths.over else 0.0
 
     def on_silence(self, port: Input[Any], since: int | None) -> None:
-        self._unheard = True
+        self._silent = True
         self._look_up()
 
     def on_return(self, port: Input[Any]) -> None:
-        self._unheard = False
+        self._silent = False
         self._look_up()
 
     def _look_up(self) -> None:
@@ -127,15 +104,15 @@ class WaldoNode(AgentNode):
             self._settling = blame.who
             self.call_after(SETTLE_S if self._blame is None else REVISE_S, partial(self._settle, blame.who))
 
-    def _settle(self, who: str) -> None:
-        if self._settling == who:
+    def _settle(self, name: str) -> None:
+        if self._settling == name:
             self._settling = None
             self._take(self._find())
 
     def _find(self) -> FaultSource | None:
         """The source of a silence; None if there is no silence or no fault."""
-        topic = self.context.vitals.topic(WaldoNode.detections)
-        if self._healths.over or not (self._unheard or self._healths.silent_above(topic)):
+        topic = self.context.health_monitor.topic(WaldoNode.detections)
+        if self._healths.over or not (self._silent or self._healths.is_upstream_silent(topic)):
             return None
         return self._healths.blame(topic, self.clock.now(), source=self.name)
 
@@ -145,20 +122,20 @@ class WaldoNode(AgentNode):
             return
         if blame is None:
             self.engine.forget(silent(ANYTHING))
-            self.say_health("ok")
+            self.report_health("ok")
             return
         cause = f"health-{blame.source}"
         if before is None or before.who != blame.who:
             self.engine.believe(silent(blame.who), source=blame.source, cause=cause)
         if before is None:
             self.engine.perceive(self._sensor, None, cause=cause)
-        told = f" ({blame.source}: {blame.reason})" if blame.reason else ""
+        reason = f" ({blame.source}: {blame.reason})" if blame.reason else ""
         state = "degraded" if self._has_seen else "waiting"
-        self.say_health(state, f"sees nothing: {blame.who} is silent{told}")
+        self.report_health(state, f"sees nothing: {blame.who} is silent{reason}")
 
     def on_parameter(self, name: str) -> None:
-        if hasattr(self._manners, name):
-            setattr(self._manners, name, self.parameter_values[name])
+        if hasattr(self._config, name):
+            setattr(self._config, name, self.parameter_values[name])
 
     def sentence(self, situation: str) -> str:
         """The current sentence for a situation."""
@@ -190,11 +167,9 @@ class Listener(Node):
             case "stayIdle", ():
                 self._look("centre", action)
             case _:
-                raise MessageError(
-                    f"no actuator does {action.name}{action.arguments}",
-                    where=self.name,
-                    remedy="send speak(situation, sentence), attend() or stayIdle()",
-                )
+                what = f"unknown action {action.name}{action.arguments}"
+                remedy = "send speak(situation, sentence), attend() or stayIdle()"
+                raise MessageError(what, where=self.name, remedy=remedy)
 
     def _look(self, mode: str, action: ActionRequest) -> None:
         self.head.publish(HeadCommand(stamp=action.stamp, mode=mode, cause=action.id))  # type: ignore[arg-type]

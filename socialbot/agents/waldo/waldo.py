@@ -99,8 +99,7 @@ class attend(Action):
 OVERTAKEN_S = 1.0
 """Tolerance of stamps: frames older by no more are late or duplicate; older ones mean that the clock was reset."""
 
-SOMEBODY = "somebody"
-"""Track id of all people without one."""
+SOMEBODY = "somebody"  # track id of all people without one
 
 
 class Frame(NamedTuple):
@@ -118,8 +117,8 @@ class PersonSensor(Sensor):
     stays.
     """
 
-    def __init__(self, manners: WaldoConfig) -> None:
-        self._manners = manners
+    def __init__(self, config: WaldoConfig) -> None:
+        self._config = config
         self._frames: deque[Frame] = deque()
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
@@ -134,17 +133,17 @@ class PersonSensor(Sensor):
         if self._frames and 0 <= self._frames[-1].stamp - percept.stamp <= nanoseconds(OVERTAKEN_S):
             return None
         self._look(percept)
-        told = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
+        changes = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:
-            told += [+people(self._company()), +personDetected("Yes")]
+            changes += [+people(self._company()), +personDetected("Yes")]
             self._alone = False
         elif not self._there and (
-            self._alone is False or (self._alone is None and self._share(self._manners.vanish_s) < 0.25)
+            self._alone is False or (self._alone is None and self._share(self._config.vanish_s) < 0.25)
         ):
-            told += [+personDetected("No")]
+            changes += [+personDetected("No")]
             self._alone = True
             self._frames = deque([self._frames[-1]])  # a new arrival needs new frames
-        return told or None
+        return changes or None
 
     def recall(self, engine: Engine) -> None:
         """Restore present and staying people from the beliefs of an earlier run."""
@@ -152,10 +151,10 @@ class PersonSensor(Sensor):
         staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
         for one in engine.beliefs:
             if isinstance(one.belief, present):
-                who = str(one.belief.args[0])
-                due = one.since + nanoseconds(self._manners.help_after_s)
-                self._there[who] = None if who in staying else due
-                self._changed[who] = self._lost_at
+                person = str(one.belief.args[0])
+                due = one.since + nanoseconds(self._config.help_after_s)
+                self._there[person] = None if person in staying else due
+                self._changed[person] = self._lost_at
         if self._there:
             self._alone = False
         elif personDetected("No") in [one.belief for one in engine.beliefs]:
@@ -175,63 +174,63 @@ class PersonSensor(Sensor):
         return +personDetected("Unknown") if somebody else None
 
     def _asked_before(self, now: int) -> bool:
-        return self._alone is None and self._asked and now < self._lost_at + nanoseconds(self._manners.forget_after_s)
+        return self._alone is None and self._asked and now < self._lost_at + nanoseconds(self._config.forget_after_s)
 
     def _leave(self, now: int) -> Iterator[Event]:
-        for who in [who for who in self._there if self._share(self._manners.vanish_s, who) < 0.25]:
-            if self._there.pop(who) is None:
-                yield -stays(who)
-            self._changed[who] = now
-            yield -present(who)
+        for person in [person for person in self._there if self._share(self._config.vanish_s, person) < 0.25]:
+            if self._there.pop(person) is None:
+                yield -stays(person)
+            self._changed[person] = now
+            yield -present(person)
 
     def _stay(self, now: int) -> Iterator[Event]:
-        for who, due in self._there.items():
-            if due is not None and now >= due and self._share(self._manners.appear_s, who) > 0:
-                self._there[who] = None
-                yield +stays(who)
+        for person, due in self._there.items():
+            if due is not None and now >= due and self._share(self._config.appear_s, person) > 0:
+                self._there[person] = None
+                yield +stays(person)
 
     def _come(self, now: int) -> Iterator[Event]:
-        for who in dict.fromkeys(who for frame in self._frames for who in frame.near):
-            if who not in self._there and self._share(self._manners.appear_s, who) >= 0.5:
+        for person in dict.fromkeys(person for frame in self._frames for person in frame.near):
+            if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
                 asked = self._asked_before(now)
-                self._there[who] = None if asked else now + nanoseconds(self._manners.help_after_s)
-                self._changed[who] = now
-                yield +present(who)
+                self._there[person] = None if asked else now + nanoseconds(self._config.help_after_s)
+                self._changed[person] = now
+                yield +present(person)
 
     def _look(self, percept: PersonDetections) -> None:
         if self._frames and percept.stamp < self._frames[-1].stamp:
             # The clock was reset: another recording, or a changed system time.
             self._frames.clear()
             self._changed.clear()
-            due = percept.stamp + nanoseconds(self._manners.help_after_s)
-            self._there = {who: until and due for who, until in self._there.items()}
-        near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._manners.range_m]
+            due = percept.stamp + nanoseconds(self._config.help_after_s)
+            self._there = {person: until and due for person, until in self._there.items()}
+        near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         self._frames.append(Frame(percept.stamp, tuple(p.track_id or SOMEBODY for p in near)))
-        oldest = percept.stamp - nanoseconds(max(self._manners.vanish_s, self._manners.appear_s))
+        oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
         while len(self._frames) > 1 and self._frames[1].stamp <= oldest:
             self._frames.popleft()
-        self._changed = {who: at for who, at in self._changed.items() if who in self._there or at >= oldest}
+        self._changed = {person: at for person, at in self._changed.items() if person in self._there or at >= oldest}
 
     def _recent(self, seconds: float) -> list[Frame]:
         begin = self._frames[-1].stamp - nanoseconds(seconds)
         return [frame for frame in self._frames if frame.stamp >= begin]
 
-    def _share(self, seconds: float, who: str = "") -> float:
-        """The share of frames of the last ``seconds`` that show ``who`` (or anybody).
+    def _share(self, seconds: float, person: str = "") -> float:
+        """The share of frames of the last ``seconds`` that show ``person`` (or anybody).
 
-        NaN until the frames cover that time since ``who`` arrived or left.
+        NaN until the frames cover that time since ``person`` arrived or left.
         """
         begin = self._frames[-1].stamp - nanoseconds(seconds)
-        if max(self._frames[0].stamp, self._changed.get(who, begin)) > begin:
+        if max(self._frames[0].stamp, self._changed.get(person, begin)) > begin:
             return math.nan
-        return fmean(who in frame.near if who else bool(frame.near) for frame in self._recent(seconds))
+        return fmean(person in frame.near if person else bool(frame.near) for frame in self._recent(seconds))
 
     def _company(self) -> int:
         """Median number of people in the recent frames with people."""
-        return median_low(len(frame.near) for frame in self._recent(self._manners.appear_s) if frame.near)
+        return median_low(len(frame.near) for frame in self._recent(self._config.appear_s) if frame.near)
 
 
-def waldo(name: str, clock: Clock, manners: WaldoConfig, **connections: object) -> Engine:
+def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -> Engine:
     """Return the engine of Waldo; ``connections`` are its robot, trace sink and wake-up (see `Engine`)."""
     # 4. Start the engine
     engine = Engine(name, clock, **connections)  # type: ignore[arg-type]
@@ -258,12 +257,12 @@ def waldo(name: str, clock: Clock, manners: WaldoConfig, **connections: object) 
         +present(Who) / personDetected("Next") >> [+late(Who)],
         -present(Who) / late(Who) >> [-late(Who)],
         # People who return after a while are greeted again.
-        +personDetected("No").held_for(lambda: manners.regreet_after_s) / greeted() >> [-greeted()],
+        +personDetected("No").held_for(lambda: config.regreet_after_s) / greeted() >> [-greeted()],
         # After a loss of detections Waldo waits. People present afterwards count as those greeted before, unless
         # ``forget_after_s`` has passed.
         +personDetected("Unknown") >> [-late(_), -stays(_), -present(_), -people(_), DoNothing()],
         personDetected("Yes").changed("Unknown") / greeted() >> [attend()],
-        +personDetected("Unknown").held_for(lambda: manners.forget_after_s) / greeted() >> [-greeted()],
+        +personDetected("Unknown").held_for(lambda: config.forget_after_s) / greeted() >> [-greeted()],
     )
     return engine
 

@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from socialbot.agents.warehouse.messages import Point
+from socialbot.agents.warehouse.messages import MoveStatus, Point
 from socialbot.agents.warehouse.scenario import flat_distance
 from socialbot.core.clock import SECOND, nanoseconds
 
@@ -26,7 +26,6 @@ class Leg:
 
     @property
     def finish(self) -> int:
-        """End time, ns."""
         return self.begin + nanoseconds(sum(duration for duration, _, _ in self.phases))
 
     def motion(self, time: int) -> tuple[float, float]:
@@ -44,7 +43,7 @@ class Leg:
         if time >= self.finish:
             return self.end
         whole = _distance(self.start, self.end)
-        return _between(self.start, self.end, self.motion(time)[0] / whole) if whole else self.end
+        return _ahead(self.start, self.start, self.end, self.motion(time)[0] / whole) if whole else self.end
 
 
 class Drive:
@@ -78,8 +77,7 @@ class Drive:
             rate = max(acceleration, *(abs(phase[2]) for phase in leg.phases))
             # Rounding must not make the braking distance longer than the path.
             share = min(speed_now**2 / 2 / rate / _distance(leg.start, leg.end), 1.0)
-            way = Point(leg.end.x - leg.start.x, leg.end.y - leg.start.y, leg.end.z - leg.start.z)
-            stop = Point(start.x + share * way.x, start.y + share * way.y, start.z + share * way.z)
+            stop = _ahead(start, leg.start, leg.end, share)
             legs.append(Leg(time, start, stop, ((speed_now / rate, speed_now, -rate),)))
             start, time = stop, legs[-1].finish
         time = max(time, self._without_pauses(begin)) if begin > now else time
@@ -122,29 +120,17 @@ def _distance(a: Point, b: Point) -> float:
     return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
 
-def _between(a: Point, b: Point, share: float) -> Point:
-    return Point(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.z + share * (b.z - a.z))
+def _ahead(point: Point, start: Point, end: Point, share: float) -> Point:
+    """Move ``point`` by a share of the way from ``start`` to ``end``."""
+    return Point(
+        point.x + share * (end.x - start.x), point.y + share * (end.y - start.y), point.z + share * (end.z - start.z)
+    )
 
 
-MOVING = "moving"
-"""Name of the place of a moving robot."""
+MOVING = "moving"  # name of the place of a moving robot
 
-STALLS = 0.2
-STALL_S = (0.1, 0.5)
-"""Share of movements that stall, and duration of a stall (s); only with noise."""
-
-
-@dataclass(frozen=True)
-class RobotPose:
-    """Place and movement of a robot; see `messages.MoveStatus`."""
-
-    start_name: str
-    current_name: str
-    target_name: str
-    position: Point
-    target: Point
-    left_m: float
-    progress: float
+STALLS = 0.2  # share of movements that stall, with noise only
+STALL_S = (0.1, 0.5)  # shortest and longest stall, s
 
 
 class WarehouseRobot:
@@ -164,16 +150,12 @@ class WarehouseRobot:
         self.name = name
         self.drive = Drive(places[at])
         self._places = places
-        self._start_name = self._target_name = at
+        self._start_name = self.target_name = at
         self._total_m = 0.0
         self._speed = speed
         self._acceleration = acceleration
         self._noise = noise
         self._chance = random.Random(f"{name} {seed}")
-
-    @property
-    def target_name(self) -> str:
-        return self._target_name
 
     def rests(self, now: int) -> bool:
         """Whether it stands still at its target."""
@@ -185,13 +167,13 @@ class WarehouseRobot:
         A repeated command has no effect.
         """
         end = self._places[target] if stop is None else stop
-        if target == self._target_name and end == self.drive.target:
+        if target == self.target_name and end == self.drive.target:
             return
-        here = self.pose(now)
+        here = self.status(now)
         if here.current_name != MOVING:
             self._start_name = here.current_name
-        self._target_name = target
-        self._total_m = flat_distance(here.position, self._places[target])
+        self.target_name = target
+        self._total_m = flat_distance(here.current_pos, self._places[target])
         self.drive.go(now, end, speed=self._speed * self.factor(), acceleration=self._acceleration, begin=begin)
         if self._noise and self._chance.random() < STALLS:
             way = max(self.drive.arrival - max(now, begin), 0) / SECOND
@@ -202,17 +184,19 @@ class WarehouseRobot:
         """Random factor of the speed."""
         return 1.0 + self._chance.uniform(-self._noise, self._noise)
 
-    def pose(self, now: int) -> RobotPose:
-        position, target = self.drive.position(now), self._places[self._target_name]
+    def status(self, now: int) -> MoveStatus:
+        position, target = self.drive.position(now), self._places[self.target_name]
         left = flat_distance(position, target)
         there = left == 0.0 and self.rests(now)
         share = 1.0 - left / self._total_m if self._total_m else 0.0
-        return RobotPose(
+        return MoveStatus(
+            stamp=now,
+            robot=self.name,
             start_name=self._start_name,
-            current_name=self._target_name if there else MOVING,
-            target_name=self._target_name,
-            position=position,
-            target=target,
-            left_m=left,
+            current_name=self.target_name if there else MOVING,
+            target_name=self.target_name,
+            current_pos=position,
+            target_pos=target,
+            dist=left,
             progress=1.0 if there else min(max(share, 0.0), 1.0),
         )

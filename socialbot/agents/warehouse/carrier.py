@@ -44,22 +44,28 @@ class Load(FactSensor):
         return iter([fluent("moving_boxes", self.carrier, value=len(carried))])
 
 
-class carrier_move(PlanAction):  # noqa: N801 - the name in the domain
-    """Move to the bay or to the deposit."""
+class MoveAction(PlanAction):
+    """Move the robot of the agent to its third object, a place, by ``agent.go``."""
 
-    def begin(self, carrier: str, start: str, target: str) -> None:
+    def begin(self, robot: str, start: str, target: str) -> None:
         self.sent_at = self.engine.clock.now()
-        self.agent.cmd_target.publish(MoveCommand(stamp=self.sent_at, target=target))
+        self.agent.go(target)
 
     def advance(self) -> float:
-        status, target = self.agent.status, self.args[2]
+        status: MoveStatus | None = self.agent.status
+        target = self.args[2]
         if status is None or status.stamp <= self.sent_at:
             return self.progress_made
         if status.target_name != target:
             if status.stamp - self.sent_at > OBEYED_NS:
-                self.fail(f"somebody has sent it to {status.target_name}")
+                self.fail(f"another command has sent {status.robot} to {status.target_name}")
             return self.progress_made
+        # The start of the path may be any position, so only the place is reliable.
         return 1.0 if status.current_name == target else min(status.progress, 0.99)
+
+
+class carrier_move(MoveAction):  # noqa: N801 - the name in the domain
+    """Move to the bay or to the deposit."""
 
 
 class carrier_unload(PlanAction):  # noqa: N801
@@ -73,7 +79,6 @@ class carrier_unload(PlanAction):  # noqa: N801
 
 
 PHRASES = {"carrier_move": "drives from {1} to {2}", "carrier_unload": "unloads"}
-"""Sentences for the actions."""
 
 
 class Carrier(Deliberating):
@@ -106,11 +111,14 @@ class Carrier(Deliberating):
     @move_status
     def on_move_status(self, message: MoveStatus) -> None:
         self.status = self.load_sensor.status = message
-        self.hear(self.place, message)
+        self.place.push(message)
 
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
-        self.hear(self.load_sensor, message)
+        self.load_sensor.push(message)
+
+    def go(self, place: str) -> None:
+        self.cmd_target.publish(MoveCommand(stamp=self.clock.now(), target=place))
 
     def beliefs_at_first(self) -> Sequence[Fact]:
         return super().beliefs_at_first() if self.init_bset else carrier_beliefs(self.name)

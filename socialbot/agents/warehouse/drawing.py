@@ -24,20 +24,14 @@ from socialbot.core.messages import Message
 from socialbot.graph.node import Graph
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
 
-SCALE = 112.0
-"""Pixels a metre."""
-BOX = 34.0
-"""Width of a box, pixels; not to scale, so that its name can be read."""
-LIFT = 15.0
-"""Upward shift of a box on another one, pixels."""
-HEAD = 58.0
-"""Height of the title, pixels."""
+SCALE = 112.0  # pixels a metre
+BOX = 34.0  # width of a box, pixels; not to scale, so that its name can be read
+LIFT = 15.0  # upward shift of a box on another one, pixels
+HEAD = 58.0  # height of the title, pixels
 MARGIN_M = 0.55
-RAIL = 26.0
-"""Distance from the left edge to the first rail of the crane, pixels."""
+RAIL = 26.0  # distance from the left edge to the first rail of the crane, pixels
 
 COLOURS = ("#3f74a8", "#d9695f", "#3d8f5f", "#c79a2c", "#8a5fa8", "#4aa3a8")
-"""Colours of carriers, bays, deposits and boxes, by letter."""
 
 TONES = {
     "ink": ("#2b2f33", "#e4e7ea"),
@@ -47,8 +41,6 @@ TONES = {
     "rail": ("#d3d7da", "#3a424a"),
     "plate": ("#dfe3e6", "#2f363d"),
 }
-"""Other colours, light and dark."""
-
 
 _RULES = ".floor .closed,.floor .holding .open{display:none}.floor .holding .closed{display:inline}"
 _STYLE = svg.style("floor", TONES, _RULES)
@@ -69,8 +61,8 @@ class FloorDrawing:
         self.height = (max(point.x for point in points) + MARGIN_M - self.top) * SCALE + self.head
         self.colours = {
             name: COLOURS[number % len(COLOURS)]
-            for number, group in enumerate(zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True))
-            for name in (*group, *scenario.loads[number])
+            for number, route in enumerate(scenario.routes)
+            for name in (*route, *scenario.loads[number])
         }
 
     def draw(self, robots: Mapping[str, Point], boxes: Sequence[BoxPosition], title: str = "") -> str:
@@ -246,5 +238,5 @@ class FloorView:
 
 def world_view(graph: Graph) -> FloorView | None:
     """The view of the warehouse that ``graph`` runs; None for a graph without a gripper."""
-    grippers = (node.type for node in graph.placements if issubclass(node.type, GripperAgent))
+    grippers = (node.type for node in graph.nodes if issubclass(node.type, GripperAgent))
     return next((FloorView(gripper.scenario) for gripper in grippers), None)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 from socialbot.agents.base.deliberating import Deliberating
+from socialbot.agents.warehouse.carrier import MoveAction
 from socialbot.agents.warehouse.messages import (
-    OBEYED_NS,
     BoxPosition,
     BoxPositions,
     GripperPose,
@@ -35,62 +35,12 @@ from socialbot.deliberation.sensing import FactSensor, fluent, predicate
 from socialbot.graph.node import Input, Output, Parameter
 
 COME_PRIORITY, COME_DEADLINE_S = 0.6, 6.0
-TOO_LONG = 0.899
-"""Progress at which a request to a carrier times out."""
+TOO_LONG = 0.899  # progress at which the wait for a carrier fails
 UP_M = HIGH_M - 0.1
 
 
-class GripperAction(PlanAction):
-    """An action of the gripper agent."""
-
-    @property
-    def gripper(self) -> GripperAgent:
-        return self.agent
-
-    def go(self, place: str) -> None:
-        self.gripper.cmd_motors_pose.publish(MoveCommand(stamp=self.engine.clock.now(), target=place))
-
-    def lower(self) -> None:
-        self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="low"))
-
-    def lift(self) -> None:
-        self.gripper.cmd_gripper_pose.publish(GripperPose(stamp=self.engine.clock.now(), pose="high"))
-
-    def open(self) -> None:
-        self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="open"))
-
-    def close(self) -> None:
-        self.gripper.cmd_gripper_status.publish(GripperStatus(stamp=self.engine.clock.now(), status="close"))
-
-    def is_high(self) -> bool:
-        motors = self.gripper.motors
-        return motors is not None and motors.current_pos.z > UP_M
-
-    def stop(self) -> None:
-        self.lift()
-        self.stopped()
-
-
-class gripper_move(GripperAction):  # noqa: N801 - the name in the domain
+class gripper_move(MoveAction):  # noqa: N801 - the name in the domain
     """Move the crane to another stack or bay."""
-
-    def begin(self, gripper: str, start: str, target: str) -> None:
-        self.sent_at = self.engine.clock.now()
-        self.go(target)
-
-    def advance(self) -> float:
-        motors, target = self.gripper.motors, self.args[2]
-        if motors is None or motors.stamp <= self.sent_at:
-            return self.progress_made
-        if motors.target_name != target:
-            if motors.stamp - self.sent_at > OBEYED_NS:
-                self.fail(f"somebody has sent the crane to {motors.target_name}")
-            return self.progress_made
-        # The start of the path may be any position, so only the place is reliable.
-        return 1.0 if motors.current_name == target else min(motors.progress, 0.99)
-
-    def stop(self) -> None:
-        self.stopped()
 
 
 @dataclass(frozen=True)
@@ -99,13 +49,20 @@ class Phase:
 
     command: Callable[[], None]
     reached: Callable[[], bool]
-    ticks: int
+    ticks: int = 3
 
 
-class PhasedAction(GripperAction):
+class PhasedAction(PlanAction):
     """An action in phases: one command after the other."""
 
+    rate_hz = 3.0
+
     def begin(self, *args: Any, **never: Any) -> None:
+        gripper: GripperAgent = self.agent
+        self.open = Phase(lambda: gripper.grip("open"), gripper.is_open)
+        self.close = Phase(lambda: gripper.grip("close"), gripper.is_closed)
+        self.lower = Phase(lambda: gripper.move_fingers("low"), gripper.is_down)
+        self.lift = Phase(lambda: gripper.move_fingers("high"), gripper.is_up)
         self.phases = self.plan()
         self.phase = self.tick = 0
 
@@ -126,43 +83,24 @@ class PhasedAction(GripperAction):
         done = sum(phase.ticks for phase in self.phases[: self.phase]) + self.tick
         return 1.0 if self.phase == len(self.phases) else min(done / sum(one.ticks for one in self.phases), 0.99)
 
-    def is_closed(self) -> bool:
-        return self.gripper.fingers == "close"
-
-    def is_open(self) -> bool:
-        return self.gripper.fingers == "open"
-
-    def rests(self) -> bool:
-        """Whether the fingers stand still below."""
-        return self.gripper.fingers_rest and not self.is_high()
+    def stop(self) -> None:
+        self.lift.command()
+        self.stopped()
 
 
 class gripper_pickup(PhasedAction):  # noqa: N801
     """Pick up the top box of a stack."""
 
-    rate_hz = 3.0
-
     def plan(self) -> tuple[Phase, ...]:
-        first = () if self.is_open() else (Phase(self.open, self.is_open, 1),)
-        return (
-            *first,
-            Phase(self.lower, self.rests, 3),
-            Phase(self.close, self.is_closed, 3),
-            Phase(self.lift, self.is_high, 3),
-        )
+        first = () if self.agent.is_open() else (replace(self.open, ticks=1),)
+        return (*first, self.lower, self.close, self.lift)
 
 
 class gripper_putdown(PhasedAction):  # noqa: N801
     """Put the box down on a stack."""
 
-    rate_hz = 3.0
-
     def plan(self) -> tuple[Phase, ...]:
-        return (
-            Phase(self.lower, self.rests, 3),
-            Phase(self.open, self.is_open, 3),
-            Phase(self.lift, self.is_high, 3),
-        )
+        return (self.lower, self.open, self.lift)
 
 
 class gripper_put_on_carrier(PhasedAction):  # noqa: N801
@@ -171,27 +109,27 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
     The action starts when the carrier knows that it is being loaded, and so stays.
     """
 
+    rate_hz = 2.0
+
     def begin(self, gripper: str, box: str, carrier: str, bay: str) -> None:
-        super().begin(gripper, box, carrier, bay)
+        super().begin()
         self.loaded = predicate("lb_load_completed", carrier)
         self.load_request = self.inform("del")
         self.report: SentRequest | None = None
 
     def inform(self, operation: Operation) -> SentRequest:
-        return self.gripper.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
+        return self.agent.ask(self.args[2], operation, belief=self.loaded, cause=self.id)
 
     def plan(self) -> tuple[Phase, ...]:
-        slot = f"{self.args[3]}{min(self.gripper.boxes_on(self.args[2]), 1) + 1}"
-        return (
-            Phase(lambda: self.go(slot), lambda: self.gripper.is_at(slot) and self.is_known(self.load_request), 4),
-            Phase(self.lower, self.rests, 4),
-            Phase(self.open, self.is_open, 4),
-            Phase(self.lift, self.has_informed, 4),
-        )
+        gripper: GripperAgent = self.agent
+        slot = f"{self.args[3]}{min(gripper.boxes_on(self.args[2]), 1) + 1}"
+        move = Phase(lambda: gripper.go(slot), lambda: gripper.is_at(slot) and self.is_known(self.load_request))
+        lift = replace(self.lift, reached=self.has_informed)
+        return tuple(replace(phase, ticks=4) for phase in (move, self.lower, self.open, lift))
 
     def has_informed(self) -> bool:
         """Inform the carrier once the fingers are up; returns whether it has accepted."""
-        if not self.is_high():
+        if not self.agent.is_up():
             return False
         if self.report is None:
             self.report = self.inform("add")
@@ -203,7 +141,7 @@ class gripper_put_on_carrier(PhasedAction):  # noqa: N801
         return asked.accepted
 
 
-class req_carrier_to_come(GripperAction):  # noqa: N801
+class req_carrier_to_come(PlanAction):  # noqa: N801
     """Request a carrier to come to its bay, and wait for it."""
 
     rate_hz = 1.0
@@ -215,7 +153,7 @@ class req_carrier_to_come(GripperAction):  # noqa: N801
             priority=COME_PRIORITY,
             deadline=COME_DEADLINE_S,
         )
-        self.asked = self.gripper.ask(carrier, "add", desire=desire, monitor=True, cause=self.id)
+        self.asked = self.agent.ask(carrier, "add", desire=desire, monitor=True, cause=self.id)
         self.accepted = False
 
     def advance(self) -> float:
@@ -233,34 +171,22 @@ class req_carrier_to_come(GripperAction):  # noqa: N801
         return made
 
     def stop(self) -> None:
-        self.gripper.request_client.forget(self.asked)
+        self.agent.request_client.forget(self.asked)
         self.stopped()
 
 
-class carrier_unloading(GripperAction):  # noqa: N801
+class carrier_unloading(PlanAction):  # noqa: N801
     """Wait until a full carrier has unloaded; it leaves by itself."""
 
     rate_hz = 1.0
 
     def advance(self) -> float:
         carrier, _, deposit = self.args
-        gone = self.gripper.deliberator.facts.current(predicate("carrier_in_deposit", carrier, deposit))
-        if gone is not None and not self.gripper.boxes_on(carrier):
+        gone = self.agent.deliberator.facts.current(predicate("carrier_in_deposit", carrier, deposit))
+        if gone is not None and not self.agent.boxes_on(carrier):
             return 1.0
         return min(self.progress_made + 0.1, 0.9)
 
-    def stop(self) -> None:
-        self.stopped()
-
-
-ACTIONS = (
-    gripper_move,
-    gripper_pickup,
-    gripper_putdown,
-    gripper_put_on_carrier,
-    req_carrier_to_come,
-    carrier_unloading,
-)
 
 PHRASES = {
     "gripper_move": "moves from {1} to {2}",
@@ -270,13 +196,10 @@ PHRASES = {
     "req_carrier_to_come": "has {0} come to {2}",
     "carrier_unloading": "waits for {0} to unload",
 }
-"""Sentences for the actions."""
 
 
-SILENT_S = 1.0
-"""Timeout of a sensor."""
-STEADY_M = 0.005
-"""Largest movement of resting fingers between two reports."""
+SILENT_S = 1.0  # timeout of a sensor
+STEADY_M = 0.005  # largest movement of resting fingers between two reports
 
 
 class CarrierStatus(FactSensor):
@@ -346,7 +269,7 @@ class Boxes(FactSensor):
         yield fluent("holding_boxes", GRIPPER, value=len(held.get(GRIPPER, ())))
         for base in (*self.scenario.bases, *self.scenario.bays):
             yield from self._stack(base, sorted(held.get(base, ()), key=lambda box: box.position.z))
-        for carrier, deposit in zip(self.scenario.carriers, self.scenario.deposits, strict=True):
+        for carrier, _, deposit in self.scenario.routes:
             riding = held.get(carrier, ())
             yield fluent("moving_boxes", carrier, value=len(riding))
             for box in (*riding, *held.get(deposit, ())):
@@ -366,7 +289,9 @@ class GripperAgent(Deliberating):
     """The gripper agent; `gripper_of` makes a subclass for a number of boxes and carriers."""
 
     folder = FOLDER
-    actions_known = ACTIONS
+    actions_known = (
+        gripper_move, gripper_pickup, gripper_putdown, gripper_put_on_carrier, req_carrier_to_come, carrier_unloading,
+    )  # fmt: skip
     phrases = PHRASES
     scenario: ClassVar[Scenario] = SIX
 
@@ -383,7 +308,7 @@ class GripperAgent(Deliberating):
     comp_plan_tries = Parameter(16, "plannings that fail before a desire is dropped", minimum=1, fixed=True)
     exec_plan_tries = Parameter(16, "executions that fail before a desire is dropped", minimum=1, fixed=True)
 
-    motors: MoveStatus | None = None
+    status: MoveStatus | None = None
     fingers = ""
     fingers_rest = False
 
@@ -391,18 +316,14 @@ class GripperAgent(Deliberating):
         scenario = self.scenario
         self.boxes_sensor = Boxes(scenario)
         self.whereabouts = Whereabouts(scenario.bays)
-        self.carriers = {
-            carrier: CarrierStatus(carrier, bay, deposit)
-            for carrier, bay, deposit in zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True)
-        }
+        self.carriers = {route[0]: CarrierStatus(*route) for route in scenario.routes}
         return (self.whereabouts, self.boxes_sensor, *self.carriers.values())
 
     @motors_move_status
     def on_motors(self, message: MoveStatus) -> None:
-        before = self.motors
+        before, self.status = self.status, message
         self.fingers_rest = before is not None and abs(before.current_pos.z - message.current_pos.z) < STEADY_M
-        self.motors = message
-        self.hear(self.whereabouts, message)
+        self.whereabouts.push(message)
 
     @gripper_status
     def on_gripper_status(self, message: GripperStatus) -> None:
@@ -410,10 +331,7 @@ class GripperAgent(Deliberating):
 
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
-        self.hear(self.boxes_sensor, message)
-
-    def on_carrier(self, carrier: str, message: MoveStatus) -> None:
-        self.hear(self.carriers[carrier], message)
+        self.boxes_sensor.push(message)
 
     def boxes_on(self, carrier: str) -> int:
         """Number of boxes on a carrier, as believed."""
@@ -422,7 +340,29 @@ class GripperAgent(Deliberating):
 
     def is_at(self, place: str) -> bool:
         """Whether the crane stands at a place."""
-        return self.motors is not None and self.motors.current_name == place
+        return self.status is not None and self.status.current_name == place
+
+    def is_up(self) -> bool:
+        return self.status is not None and self.status.current_pos.z > UP_M
+
+    def is_down(self) -> bool:
+        """Whether the fingers stand still below."""
+        return self.fingers_rest and not self.is_up()
+
+    def is_open(self) -> bool:
+        return self.fingers == "open"
+
+    def is_closed(self) -> bool:
+        return self.fingers == "close"
+
+    def go(self, place: str) -> None:
+        self.cmd_motors_pose.publish(MoveCommand(stamp=self.clock.now(), target=place))
+
+    def move_fingers(self, pose: Literal["high", "low"]) -> None:
+        self.cmd_gripper_pose.publish(GripperPose(stamp=self.clock.now(), pose=pose))
+
+    def grip(self, status: Literal["open", "close"]) -> None:
+        self.cmd_gripper_status.publish(GripperStatus(stamp=self.clock.now(), status=status))
 
     def beliefs_at_first(self) -> Sequence[Fact]:
         return super().beliefs_at_first() if self.init_bset else gripper_beliefs(self.scenario)
@@ -436,22 +376,19 @@ def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
     scenario = scenario_of(boxes, carriers)
     members: dict[str, Any] = {"scenario": scenario, "__doc__": GripperAgent.__doc__}
     for carrier in scenario.carriers:
-        members |= _carrier_input(carrier)
+        status = Input(MoveStatus, f"/{carrier}/move_status")
+        members |= {f"{carrier}_status": status, f"on_{carrier}": status(_status_callback(carrier))}
     return type(name, (GripperAgent,), members)
 
 
-def _carrier_input(carrier: str) -> Mapping[str, object]:
-    """The input for the status of one carrier, and its callback."""
-    status = Input(MoveStatus, f"/{carrier}/move_status")
+def _status_callback(carrier: str) -> Callable[[GripperAgent, MoveStatus], None]:
+    def on_status(node: GripperAgent, message: MoveStatus) -> None:
+        node.carriers[carrier].push(message)
 
-    def heard(node: GripperAgent, message: MoveStatus) -> None:
-        node.on_carrier(carrier, message)
-
-    heard.__name__ = f"on_{carrier}"
-    return {f"{carrier}_status": status, heard.__name__: status(heard)}
+    on_status.__name__ = f"on_{carrier}"
+    return on_status
 
 
 Gripper = gripper_of(6, 3, "Gripper")
-"""Gripper of the demo: six boxes and three carriers."""
 Gripper12 = gripper_of(12, 3, "Gripper12")
 Gripper24 = gripper_of(24, 6, "Gripper24")

@@ -9,8 +9,7 @@ import msgspec
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Structured
 
-OBEYED_NS = SECOND
-"""Time that a command may take to arrive. Until then, a status shows the previous target."""
+OBEYED_NS = SECOND  # time that a command may take to arrive. Until then, a status shows the previous target
 
 
 class Point(msgspec.Struct, frozen=True):

@@ -10,36 +10,24 @@ from itertools import pairwise
 from pathlib import Path
 from string import ascii_lowercase
 
-from socialbot.agents.base._simulation import FaultSyntax, WorldFault
+from socialbot.agents.base._simulation import WorldFault, parse_world_faults
 from socialbot.agents.warehouse.messages import Point
 from socialbot.core.errors import ParameterError
-from socialbot.deliberation.messages import FLUENT, INSTANCE, Desire, Fact
+from socialbot.deliberation.messages import Desire, Fact
+from socialbot.deliberation.sensing import fluent, instance, predicate
 
-BASE_Y = 1.08
-DEPOSIT_Y = 4.28
-"""Stops of the carriers."""
-
-COLUMN_M = 0.9
-"""Distance between neighbouring bays or stacks."""
-SLOT_M = 0.16
-"""Distance of the two boxes on a carrier from its middle."""
-
-BOX_M = 0.22
-"""Height of a box; it is 0.28 m long and wide."""
+BASE_Y, DEPOSIT_Y = 1.08, 4.28  # stops of the carriers
+COLUMN_M = 0.9  # distance between neighbouring bays or stacks
+SLOT_M = 0.16  # distance of the two boxes on a carrier from its middle
+BOX_M = 0.22  # height of a box; it is 0.28 m long and wide
 BOX_WIDTH_M = 0.28
-DECK_M = 0.25
-"""Height of a carrier's deck."""
-FOOTPRINT = (0.44, 1.0)
-"""Size of the deck in x and y."""
-CARRIED_M = 0.30
-"""Largest height of the middle of a carried box above the deck."""
-
-HIGH_M = 1.5
-"""Height of the lifted fingers."""
+DECK_M = 0.25  # height of a carrier's deck
+FOOTPRINT = (0.44, 1.0)  # size of the deck in x and y
+CARRIED_M = 0.30  # largest height of the middle of a carried box above the deck
+HIGH_M = 1.5  # height of the lifted fingers
 
 STACKS_Y = -0.6
-SHELF = 4
-"""Boxes in a row of a deposit."""
+SHELF = 4  # boxes in a row of a deposit
 
 
 class FloorLayout:
@@ -53,7 +41,7 @@ class FloorLayout:
             self.places[base] = Point(self._x(column), STACKS_Y - row * COLUMN_M, 0.0)
         self.bays: dict[str, Point] = {}
         self.deposits: dict[str, Point] = {}
-        for column, (bay, deposit) in enumerate(zip(scenario.bays, scenario.deposits, strict=True)):
+        for column, (_, bay, deposit) in enumerate(scenario.routes):
             x = self._x(column)
             self.bays[bay] = self.places[bay] = Point(x, BASE_Y, 0.0)
             self.places[f"{bay}1"] = Point(x, BASE_Y - SLOT_M, 0.0)
@@ -98,19 +86,15 @@ GRIPPER_DOMAIN = FOLDER / "gripper.pddl"
 CARRIER_DOMAIN = FOLDER / "carrier.pddl"
 GRIPPER_RULES = FOLDER / "gripper_rules.yaml"
 CARRIER_RULES = FOLDER / "carrier_rules.yaml"
-HASTY_CARRIER_RULES = FOLDER / "hasty_carrier_rules.yaml"
-"""Rules of a carrier that leaves with one box instead of two."""
+HASTY_CARRIER_RULES = FOLDER / "hasty_carrier_rules.yaml"  # rules of a carrier that leaves with one box instead of two
 
 GRIPPER = "gripper_a"
 START = "start"
-STACK_HEIGHT = 3
-"""Largest number of boxes in a stack."""
-LOAD = 2
-"""Largest number of boxes on a carrier."""
+STACK_HEIGHT = 3  # largest number of boxes in a stack
+LOAD = 2  # largest number of boxes on a carrier
 
-SIX_SORTED_S = 116.0
-BOX_SORTED_S = 30.0
-"""Deadline of the six boxes (their plan takes 107 s), and of each box of another scenario."""
+SIX_SORTED_S = 116.0  # deadline of the six boxes, whose plan takes 107 s
+BOX_SORTED_S = 30.0  # deadline of each box of another scenario
 
 
 @dataclass(frozen=True)
@@ -153,6 +137,11 @@ class Scenario:
         """All boxes, sorted."""
         return tuple(sorted(box for stack in self.stacks for box in stack))
 
+    @property
+    def routes(self) -> tuple[tuple[str, str, str], ...]:
+        """Each carrier with its bay and its deposit."""
+        return tuple(zip(self.carriers, self.bays, self.deposits, strict=True))
+
 
 SIX = Scenario(
     stacks=(("box_a1", "box_c2", "box_a2"), ("box_b1", "box_b2", "box_c1"), ()),
@@ -191,30 +180,28 @@ def gripper_beliefs(scenario: Scenario) -> tuple[Fact, ...]:
     planner time.
     """
     stackbases = (START, *scenario.bases, *scenario.bays)
-    found = [_instance(GRIPPER, "gripper")]
-    found += [_instance(name, "box") for name in scenario.boxes]
-    found += [_instance(name, "stackbase") for name in stackbases]
-    found += [_instance(name, "carrier") for name in scenario.carriers]
-    found += [_instance(name, "deposit") for name in scenario.deposits]
-    found += [_fact("upon", GRIPPER, START), _value(0, "holding_boxes", GRIPPER)]
-    found += [_fact("in", base, base) for base in stackbases]
+    objects = {"gripper": (GRIPPER,), "box": scenario.boxes, "stackbase": stackbases}
+    objects |= {"carrier": scenario.carriers, "deposit": scenario.deposits}
+    found = [instance(name, kind) for kind, names in objects.items() for name in names]
+    found += [predicate("upon", GRIPPER, START), fluent("holding_boxes", GRIPPER)]
+    found += [predicate("in", base, base) for base in stackbases]
     for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
-        found += [_fact("on", box, below, base) for below, box in pairwise((base, *stack))]
-        found += [_fact("in", box, base) for box in stack]
-        found += [_fact("clear", (base, *stack)[-1]), _value(len(stack), "stacked", base)]
-    for carrier, bay, deposit in zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True):
-        found += [_fact("clear", bay), _value(0, "stacked", bay), _fact("carrier_in_deposit", carrier, deposit)]
-        found += [_fact("carrier_can_come", carrier, bay), _fact("carrier_can_go", carrier, deposit)]
-        found += [_value(0, "moving_boxes", carrier)]
-    found += [_fact("takes_boxes", base) for base in (scenario.bases if scenario == SIX else scenario.bases[-1:])]
+        found += [predicate("on", box, below, base) for below, box in pairwise((base, *stack))]
+        found += [predicate("in", box, base) for box in stack]
+        found += [predicate("clear", (base, *stack)[-1]), fluent("stacked", base, value=float(len(stack)))]
+    for carrier, bay, deposit in scenario.routes:
+        found += [predicate("clear", bay), fluent("stacked", bay), predicate("carrier_in_deposit", carrier, deposit)]
+        found += [predicate("carrier_can_come", carrier, bay), predicate("carrier_can_go", carrier, deposit)]
+        found += [fluent("moving_boxes", carrier)]
+    found += [predicate("takes_boxes", base) for base in (scenario.bases if scenario == SIX else scenario.bases[-1:])]
     return tuple(found)
 
 
 def gripper_desires(scenario: Scenario) -> tuple[Desire, ...]:
     """Initial desire of the gripper: each box with its carrier, and the gripper at its start."""
-    wanted = [_fact("upon", GRIPPER, START)]
+    wanted = [predicate("upon", GRIPPER, START)]
     for carrier, load in zip(scenario.carriers, scenario.loads, strict=True):
-        wanted += [_fact("carrier_moving", carrier, box) for box in load]
+        wanted += [predicate("carrier_moving", carrier, box) for box in load]
     deadline = SIX_SORTED_S if scenario == SIX else BOX_SORTED_S * len(scenario.boxes)
     return (Desire(name="sort_boxes", priority=0.2, deadline=deadline, value=tuple(wanted)),)
 
@@ -222,29 +209,16 @@ def gripper_desires(scenario: Scenario) -> tuple[Desire, ...]:
 def carrier_beliefs(carrier: str) -> tuple[Fact, ...]:
     """Initial beliefs of a carrier."""
     return (
-        _instance(carrier, "carrier"),
-        _instance("base", "base_wp"),
-        _instance("deposit", "deposit_wp"),
-        _fact("in", carrier, "deposit"),
-        _fact("fully_unloaded", carrier),
-        _value(0, "moving_boxes", carrier),
+        instance(carrier, "carrier"),
+        instance("base", "base_wp"),
+        instance("deposit", "deposit_wp"),
+        predicate("in", carrier, "deposit"),
+        predicate("fully_unloaded", carrier),
+        fluent("moving_boxes", carrier),
     )
 
 
-def _instance(name: str, kind: str) -> Fact:
-    return Fact(name=name, pddl_type=INSTANCE, type=kind)
-
-
-def _fact(name: str, *params: str) -> Fact:
-    return Fact(name=name, params=params)
-
-
-def _value(value: float, name: str, *params: str) -> Fact:
-    return Fact(name=name, pddl_type=FLUENT, params=params, value=float(value))
-
-
-BOXES = "boxes"
-"""Name of the sensor for box positions."""
+BOXES = "boxes"  # name of the sensor for box positions
 
 
 def parse_faults(text: str, scenario: Scenario) -> tuple[WorldFault, ...]:
@@ -253,27 +227,23 @@ def parse_faults(text: str, scenario: Scenario) -> tuple[WorldFault, ...]:
     Kinds: a carrier ``leaves`` for its deposit; the box ``slips`` at the next grasp. The sensor of a robot, or `BOXES`,
     is ``silent``, or a robot ``stalls``, for a duration.
     """
-    robots = (GRIPPER, *scenario.carriers)
-    targets = {"leaves": scenario.carriers, "slips": None, "silent": (*robots, BOXES), "stalls": robots}
     examples = "30 leaves carrier_c; 40 slips; 50 silent carrier_a 10; 60 stalls gripper_a 3"
-    return FaultSyntax(targets, ("silent", "stalls"), examples).parse(text)
+    return parse_world_faults(text, _fault_targets(scenario), ("silent", "stalls"), examples)
+
+
+def _fault_targets(scenario: Scenario) -> dict[str, tuple[str, ...] | None]:
+    robots = (GRIPPER, *scenario.carriers)
+    return {"leaves": scenario.carriers, "slips": None, "silent": (*robots, BOXES), "stalls": robots}
 
 
 def random_faults(seed: int, scenario: Scenario, *, until_s: float = 150.0) -> tuple[WorldFault, ...]:
     """One to four faults before ``until_s``, sorted by time. The same seed gives the same faults."""
     chance = random.Random(f"faults {seed}")
-    robots = (GRIPPER, *scenario.carriers)
+    targets = _fault_targets(scenario)
     found = []
     for _ in range(chance.randint(1, 4)):
-        time_s = round(chance.uniform(5.0, until_s), 1)
-        kind = chance.choice(("leaves", "slips", "silent", "stalls"))
-        match kind:
-            case "leaves":
-                found.append(WorldFault(time_s, kind, chance.choice(scenario.carriers)))
-            case "slips":
-                found.append(WorldFault(time_s, kind))
-            case "silent":
-                found.append(WorldFault(time_s, kind, chance.choice((*robots, BOXES)), 10.0))
-            case _:
-                found.append(WorldFault(time_s, kind, chance.choice(robots), round(chance.uniform(1.0, 8.0), 1)))
+        time_s, kind = round(chance.uniform(5.0, until_s), 1), chance.choice(tuple(targets))
+        target = chance.choice(targets[kind] or ()) if kind != "slips" else ""
+        duration_s = round(chance.uniform(1.0, 8.0), 1) if kind == "stalls" else 10.0 if kind == "silent" else None
+        found.append(WorldFault(time_s, kind, target, duration_s))
     return tuple(sorted(found, key=lambda fault: (fault.time_s, fault.kind, fault.target)))

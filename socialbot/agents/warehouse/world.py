@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 
+from msgspec.structs import replace
+
 from socialbot.agents.base._simulation import SimulatedWorld, WorldFault
-from socialbot.agents.warehouse._robots import Drive, RobotPose, WarehouseRobot
-from socialbot.agents.warehouse.messages import BoxPosition, Point
+from socialbot.agents.warehouse._robots import Drive, WarehouseRobot
+from socialbot.agents.warehouse.messages import BoxPosition, MoveStatus, Point
 from socialbot.agents.warehouse.scenario import (
     BOX_M,
     BOX_WIDTH_M,
@@ -29,24 +31,19 @@ from socialbot.core.clock import nanoseconds
 
 FLOOR = "floor"
 
-CARRIER_SPEED = 0.72
+# Speeds in m/s, accelerations in m/s2.
+CARRIER_SPEED = 0.72  # 5.4 s from bay to deposit, slower over the last 0.36 m
 CARRIER_ACCELERATION = 0.72
-"""In m/s and m/s2: 5.4 s from bay to deposit, slower over the last 0.36 m."""
-CRANE_LONGEST_S = 4.8
+CRANE_LONGEST_S = 4.8  # time for the longest path of the crane, which gives its speed
 CRANE_ACCELERATION = 2.0
-"""Time for the longest path of the crane (s), which gives its speed, and acceleration (m/s2)."""
-FINGER_SPEED = 2.0
+FINGER_SPEED = 2.0  # up or down in less than 0.9 s
 FINGER_ACCELERATION = 8.0
-"""In m/s and m/s2, up and down: under 0.9 s."""
 GRASP_S = 0.3
 UNLOAD_S = 1.5
 
-REACH_M = BOX_WIDTH_M
-"""Radius of a stack or bay: the crane touches its top box, and boxes land there."""
-TOUCH_M = 0.02
-"""Largest distance of the fingers from the top of a box that they can grasp."""
-BEFORE_BAY_M = 1.0
-"""Distance from a blocked bay at which a carrier stops."""
+REACH_M = BOX_WIDTH_M  # radius of a stack or bay: the crane touches its top box, and boxes land there
+TOUCH_M = 0.02  # largest distance of the fingers from the top of a box that they can grasp
+BEFORE_BAY_M = 1.0  # distance from a blocked bay at which a carrier stops
 
 
 class Warehouse(SimulatedWorld):
@@ -88,19 +85,17 @@ class Warehouse(SimulatedWorld):
                 noise=noise,
                 seed=seed,
             )
-            for carrier, bay, deposit in zip(scenario.carriers, scenario.bays, scenario.deposits, strict=True)
+            for carrier, bay, deposit in scenario.routes
         }
-        self.load: dict[str, list[str]] = {
-            base: [] for base in (START, *scenario.bases, *scenario.bays, *scenario.deposits)
-        }
+        places = (START, *scenario.bases, *scenario.bays, *scenario.deposits)
+        self.load: dict[str, list[str]] = {holder: [] for holder in (*places, GRIPPER, *scenario.carriers, FLOOR)}
         """Boxes by holder, from bottom to top or in the order of their arrival."""
-        self.load |= {robot: [] for robot in (GRIPPER, *scenario.carriers, FLOOR)}
         for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
             self.load[base] += stack
         self._spots: dict[str, Point] = {}
         """Positions of boxes: on carriers relative to the carrier, on the floor absolute."""
         self._fingers = Drive(Point(0.0, 0.0, HIGH_M))
-        self._closed = False
+        self.is_closed = False
         self._lowering = 0
         """Number of the latest finger command; earlier ones are void."""
         self._unloading: dict[str, int] = {}
@@ -151,7 +146,7 @@ class Warehouse(SimulatedWorld):
         """Unload a carrier at its deposit within `UNLOAD_S`."""
         if carrier not in self.carriers:
             return f"there is no {carrier!r}"
-        if self.pose(carrier).current_name != "deposit":
+        if self.status(carrier).current_name != "deposit":
             return f"{carrier} is not at its deposit"
         if carrier not in self._unloading:
             self._unloading[carrier] = due = self.now + nanoseconds(UNLOAD_S)
@@ -160,9 +155,12 @@ class Warehouse(SimulatedWorld):
 
     # State
 
-    def pose(self, robot: str) -> RobotPose:
+    def status(self, robot: str) -> MoveStatus:
         """Place and movement of the crane or a carrier. Raises KeyError for an unknown name."""
-        return (self.crane if robot == GRIPPER else self.carriers[robot]).pose(self.now)
+        if robot != GRIPPER:
+            return self.carriers[robot].status(self.now)
+        status = self.crane.status(self.now)
+        return replace(status, current_pos=Point(status.current_pos.x, status.current_pos.y, self.finger_z))
 
     def is_silent(self, sensor: str) -> bool:
         """Whether the sensor of a robot, or `BOXES`, is silent."""
@@ -172,10 +170,6 @@ class Warehouse(SimulatedWorld):
     def finger_z(self) -> float:
         """Height of the tips of the fingers, m; a held box hangs below them."""
         return self._fingers.position(self.now).z
-
-    @property
-    def is_closed(self) -> bool:
-        return self._closed
 
     @property
     def held(self) -> str:
@@ -228,9 +222,9 @@ class Warehouse(SimulatedWorld):
             self._fingers.go(self.now, target, speed=speed, acceleration=FINGER_ACCELERATION)
 
     def _grasp(self) -> None:
-        if self._closed:
+        if self.is_closed:
             return
-        self._closed = True
+        self.is_closed = True
         height, box, holder = self._surface(self.crane.drive.position(self.now))
         if not box or not self.crane.rests(self.now) or abs(self.finger_z - height) > TOUCH_M:
             return
@@ -243,32 +237,27 @@ class Warehouse(SimulatedWorld):
         self._update_carrier(holder)
 
     def _release_box(self) -> None:
-        self._closed = False
+        self.is_closed = False
         if not self.held:
             return
         box = self.load[GRIPPER].pop()
         at = self.crane.drive.position(self.now)
-        carrier = self._carrier_at(at)
-        stack = self._stack_at(at)
-        if carrier:
-            middle = self.carriers[carrier].drive.position(self.now)
-            self._spots[box] = Point(at.x - middle.x, at.y - middle.y, self._landing(at, carrier) + BOX_M / 2)
-            self.load[carrier].append(box)
-        elif stack:
-            self.load[stack].append(box)
-            self._update_carrier(stack)
-        else:
-            self._spots[box] = Point(at.x, at.y, self._landing(at, FLOOR) + BOX_M / 2)
-            self.load[FLOOR].append(box)
+        carrier, stack = self._carrier_at(at), self._stack_at(at)
+        holder = carrier or stack or FLOOR
+        if carrier or not stack:
+            middle = self.carriers[carrier].drive.position(self.now) if carrier else Point(0.0, 0.0, 0.0)
+            landing = max((top for top, _ in self._below(at, holder, BOX_WIDTH_M)), default=_ground(holder))
+            self._spots[box] = Point(at.x - middle.x, at.y - middle.y, landing + BOX_M / 2)
+        self.load[holder].append(box)
+        self._update_carrier(holder)
 
-    def _landing(self, at: Point, holder: str) -> float:
-        """Height of a box that falls there: the deck, the floor, or the top of boxes below it."""
-        tops = [
-            box.position.z + BOX_M / 2
+    def _below(self, at: Point, holder: str, width: float) -> list[tuple[float, BoxPosition]]:
+        """Boxes of a carrier or the floor that overlap ``at`` by less than ``width``, with the height of their tops."""
+        return [
+            (box.position.z + BOX_M / 2, box)
             for box in self.boxes()
-            if box.holder == holder and _overlap(box.position, at, BOX_WIDTH_M)
+            if box.holder == holder and abs(box.position.x - at.x) < width and abs(box.position.y - at.y) < width
         ]
-        return max(tops, default=0.0 if holder == FLOOR else DECK_M)
 
     def _surface(self, at: Point) -> tuple[float, str, str]:
         """Surface below the crane: height, its free box if any, and its holder."""
@@ -277,17 +266,12 @@ class Warehouse(SimulatedWorld):
             stack = self.load[place]
             return len(stack) * BOX_M, stack[-1] if stack else "", place
         holder = carrier or FLOOR
-        beneath = [box for box in self.boxes() if box.holder == holder and _overlap(box.position, at, BOX_WIDTH_M / 2)]
-        if not beneath:
-            return (0.0 if holder == FLOOR else DECK_M), "", holder
-        top = max(beneath, key=lambda box: box.position.z)
-        free = not any(
-            box.holder == holder
-            and box.position.z > top.position.z
-            and _overlap(box.position, top.position, BOX_WIDTH_M)
-            for box in self.boxes()
-        )
-        return top.position.z + BOX_M / 2, top.name if free else "", holder
+        below = self._below(at, holder, BOX_WIDTH_M / 2)
+        if not below:
+            return _ground(holder), "", holder
+        height, top = max(below, key=lambda each: each[0])
+        free = all(other <= height for other, _ in self._below(top.position, holder, BOX_WIDTH_M))
+        return height, top.name if free else "", holder
 
     def _carrier_at(self, at: Point) -> str:
         return next((name for name, robot in self.carriers.items() if is_over(robot.drive.position(self.now), at)), "")
@@ -339,8 +323,8 @@ class Warehouse(SimulatedWorld):
                 self.carriers[fault.target].drive.pause(self.now, seconds)
 
 
-def _overlap(a: Point, b: Point, width: float) -> bool:
-    return abs(a.x - b.x) < width and abs(a.y - b.y) < width
+def _ground(holder: str) -> float:
+    return 0.0 if holder == FLOOR else DECK_M
 
 
 def _speed_for(way: float, seconds: float, acceleration: float) -> float:

@@ -11,13 +11,11 @@ from socialbot.agents.warehouse.messages import (
     GripperStatus,
     MoveCommand,
     MoveStatus,
-    Point,
     UnloadCommand,
 )
 from socialbot.agents.warehouse.scenario import BOXES, GRIPPER, parse_faults, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
-from socialbot.core.messages import Structured
 from socialbot.graph.node import Context, Input, Node, Output, Parameter
 
 
@@ -40,13 +38,7 @@ class WarehouseWorld(Node):
     box_positions = Output(BoxPositions, "/warehouse/boxes")
 
     seed = Parameter(0, "random seed of speeds and stalls", fixed=True)
-    noise = Parameter(
-        0.1,
-        "largest relative deviation of speeds; 0 for none",
-        minimum=0.0,
-        maximum=0.5,
-        fixed=True,
-    )
+    noise = Parameter(0.1, "largest relative deviation of speeds; 0: none", minimum=0.0, maximum=0.5, fixed=True)
     faults = Parameter("", "faults: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 10", fixed=True)
     period_s = Parameter(0.1, "period of the sensors (s)", minimum=0.01, maximum=10.0)
 
@@ -54,13 +46,8 @@ class WarehouseWorld(Node):
         """Raises ParameterError for unknown faults."""
         super().__init__(name, context, parameters)
         scenario = scenario_of(self.boxes, self.carriers)
-        self.world = Warehouse(
-            scenario,
-            seed=self.seed,
-            noise=self.noise,
-            faults=parse_faults(self.faults, scenario),
-            start=self.clock.now(),
-        )
+        faults = parse_faults(self.faults, scenario)
+        self.world = Warehouse(scenario, seed=self.seed, noise=self.noise, faults=faults, start=self.clock.now())
 
     def start(self) -> None:
         self.context.call_at(self.clock.now(), self._report)
@@ -87,32 +74,14 @@ class WarehouseWorld(Node):
         now = self.clock.now()
         self.world.advance(now)
         if not self.world.is_silent(GRIPPER):
-            self.motors_move_status.publish(self._move_status(GRIPPER))
+            self.motors_move_status.publish(self.world.status(GRIPPER))
             self.gripper_status.publish(GripperStatus(stamp=now, status="close" if self.world.is_closed else "open"))
         for carrier in self.world.scenario.carriers:
             if not self.world.is_silent(carrier):
-                self._publish(f"{carrier}_move_status", self._move_status(carrier))
+                getattr(self, f"{carrier}_move_status").publish(self.world.status(carrier))
         if not self.world.is_silent(BOXES):
             self.box_positions.publish(BoxPositions(stamp=now, boxes=self.world.boxes()))
         self.context.call_at(now + nanoseconds(self.period_s), self._report)
-
-    def _publish(self, output: str, message: Structured) -> None:
-        self.context.publish(self.outputs()[output], message)
-
-    def _move_status(self, robot: str) -> MoveStatus:
-        place = self.world.pose(robot)
-        z = self.world.finger_z if robot == GRIPPER else 0.0
-        return MoveStatus(
-            stamp=self.world.now,
-            robot=robot,
-            start_name=place.start_name,
-            current_name=place.current_name,
-            target_name=place.target_name,
-            current_pos=Point(place.position.x, place.position.y, z),
-            target_pos=place.target,
-            dist=place.left_m,
-            progress=place.progress,
-        )
 
 
 def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
@@ -146,6 +115,5 @@ def _ports_of(carrier: str) -> dict[str, Any]:
 
 
 World = world_of(6, 3, "World")
-"""World of the demo: six boxes and three carriers."""
 World12 = world_of(12, 3, "World12")
 World24 = world_of(24, 6, "World24")

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NoReturn
+from typing import NoReturn, TypeGuard
 
 from socialbot.bdi.agentspeak.lexer import (
-    AND,
     BINARY,
-    COMPARE,
     END,
     KEYWORDS,
-    NOT,
-    OR,
-    POWER,
     REFUSED,
     REMEDIES,
-    SUM,
     UNSUPPORTED,
     AgentSpeakError,
+    Level,
     Source,
     is_function,
 )
@@ -77,7 +72,6 @@ class TermReader:
         return self.source.error(at, f"{construct} is not supported", remedy)
 
     def skip(self, word: str, expected: str) -> None:
-        """Skip a required token."""
         if self.words[self.at] != word:
             self.fail(expected)
         self.at += 1
@@ -86,10 +80,9 @@ class TermReader:
 
     def condition(self) -> Condition:
         start = self.at
-        return self.as_condition(self.expression(OR), start)
+        return self.as_condition(self.expression(Level.OR), start)
 
     def as_condition(self, value: object, start: int) -> Condition:
-        """Convert a term to a condition."""
         if isinstance(value, Atom):
             return Truth(value.name == "true") if value.name in ("true", "false") else literal(value.name)
         if isinstance(value, Condition):
@@ -106,12 +99,12 @@ class TermReader:
         """Read operators that bind at least as tightly as ``level``."""
         words = self.words
         start = self.at
-        if words[start] == "not" and level <= COMPARE:
+        if words[start] == "not" and level <= Level.COMPARE:
             self.at += 1
-            value: object = Negation(self.as_condition(self.expression(COMPARE), start + 1))
+            value: object = Negation(self.as_condition(self.expression(Level.COMPARE), start + 1))
         else:
             value = self.primary()
-            if level >= SUM and words[start] == "(" and is_condition(value):
+            if level >= Level.SUM and words[start] == "(" and is_condition(value):
                 self.fail("a term", start, "only internal actions, such as .findall, take conditions as arguments")
         while True:
             operator = BINARY.get(words[self.at])
@@ -124,18 +117,18 @@ class TermReader:
         """Join the left operand with the right one."""
         at = self.at
         self.at = after = at + 1
-        if level >= SUM:
+        if level >= Level.SUM:
             left = self.operand(left, start, at)
-            right = self.expression(level if level == POWER else level + 1)
+            right = self.expression(level if level == Level.POWER else level + 1)
             return Expression(symbol, left, self.operand(right, after, at))
-        if level == COMPARE:
-            right = self.expression(SUM)
-            if BINARY.get(self.words[self.at], (0,))[0] == COMPARE:
+        if level == Level.COMPARE:
+            right = self.expression(Level.SUM)
+            if BINARY.get(self.words[self.at], (0,))[0] == Level.COMPARE:
                 self.fail("one comparison", remedy="join two comparisons with '&'")
             return Comparison(symbol, self.compared(left, start), self.compared(right, after))
         condition = self.as_condition(left, start)
-        other = self.as_condition(self.expression(NOT if level == AND else AND), after)
-        if level == AND:
+        other = self.as_condition(self.expression(Level.NOT if level == Level.AND else Level.AND), after)
+        if level == Level.AND:
             return conjunction(condition, other)
         before = condition.terms if isinstance(condition, Disjunction) else (conjunction(condition),)
         return Disjunction((*before, conjunction(other)))
@@ -144,7 +137,7 @@ class TermReader:
         """Check an operand of the arithmetic operator at ``at``; structures become function calls."""
         if isinstance(value, (int, float, Variable, Expression, Call)):
             return value
-        if isinstance(value, Literal) and value.args and not value.annotations and not value.negated:
+        if is_plain_structure(value):
             return Call(value.functor, *value.args)
         missing = start < at and self.words[at] in ("+", "-")
         self.fail(
@@ -157,21 +150,13 @@ class TermReader:
         """Convert a term to one side of a comparison."""
         if is_condition(value):
             self.fail("a term to compare", start)
-        if (
-            isinstance(value, Literal)
-            and "." in value.functor
-            and value.args
-            and not value.annotations
-            and not value.negated
-            and self.words[start][0] != "'"
-        ):
+        if is_plain_structure(value) and "." in value.functor and self.words[start][0] != "'":
             return Call(value.functor, *value.args)
         return value
 
     # Terms
 
     def primary(self) -> object:
-        """Read a term without binary operators."""
         word = self.words[self.at]
         kind = KINDS.get(word[0])
         if kind == VARIABLE:
@@ -192,7 +177,7 @@ class TermReader:
             return self.signed()
         if first == "(":
             self.at += 1
-            value = self.expression(OR)
+            value = self.expression(Level.OR)
             self.skip(")", "an operator or ')'")
             return value
         if first == "[":
@@ -244,19 +229,9 @@ class TermReader:
         return -value if isinstance(value, (int, float)) else Expression("-", 0, value)
 
     def list(self) -> object:
-        self.at += 1
-        if self.words[self.at] == "]":
-            self.at += 1
-            return ()
-        items = self.items()
-        if self.words[self.at] == "|":
-            self.at += 1
-            return self.tailed(items)
-        self.skip("]", "',', '|' or ']' in a list")
-        return items
-
-    def tailed(self, items: tuple[object, ...]) -> object:
-        """Build a list from its first items and its tail."""
+        items = self.in_brackets()
+        if self.words[self.at - 1] == "]":
+            return items
         start = self.at
         tail = self.primary()
         if not isinstance(tail, (Variable, tuple, Cons)):
@@ -266,8 +241,7 @@ class TermReader:
             return (*items, *tail)
         return Cons((*items, *tail.items), tail.tail) if isinstance(tail, Cons) else Cons(items, tail)
 
-    def items(self, level: int = SUM) -> tuple[object, ...]:
-        """Read terms separated by commas."""
+    def items(self, level: int = Level.SUM) -> tuple[object, ...]:
         items = [self.expression(level)]
         while self.words[self.at] == ",":
             self.at += 1
@@ -306,20 +280,25 @@ class TermReader:
         self.at += 1
         if self.words[self.at] == ")":
             self.fail(f"an argument of '{name}'", remedy=f"write '{name}' without parentheses")
-        args = self.items(OR if "." in name else SUM)
+        args = self.items(Level.OR if "." in name else Level.SUM)
         self.skip(")", "',' or ')'")
         return args
 
     def annotations(self) -> tuple[object, ...]:
-        self.at += 1
-        if self.words[self.at] == "]":
-            self.at += 1
-            return ()
-        notes = self.items()
-        if self.words[self.at] == "|":
-            raise self.unsupported("'|' among annotations", self.at, "name the annotations that matter")
-        self.skip("]", "',' or ']' after an annotation")
+        notes = self.in_brackets("',' or ']' after an annotation")
+        if self.words[self.at - 1] == "|":
+            raise self.unsupported("'|' among annotations", self.at - 1, "name the annotations that matter")
         return notes
+
+    def in_brackets(self, expected: str = "',', '|' or ']' in a list") -> tuple[object, ...]:
+        """Read terms up to and including ``]`` or ``|``."""
+        self.at += 1
+        items = () if self.words[self.at] == "]" else self.items()
+        if self.words[self.at] != "|":
+            self.skip("]", expected)
+        else:
+            self.at += 1
+        return items
 
     def literal(self, what: str = "a literal") -> Literal:
         """Read a literal where no other term is allowed."""
@@ -337,6 +316,11 @@ class TermReader:
     def braces(self) -> Plan | Event:
         """Read a plan or an event as a term."""
         raise NotImplementedError
+
+
+def is_plain_structure(value: object) -> TypeGuard[Literal]:
+    """Check whether a value has the form of a function call."""
+    return isinstance(value, Literal) and bool(value.args) and not value.annotations and not value.negated
 
 
 def is_condition(value: object) -> bool:

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
+from enum import IntEnum
 from itertools import accumulate
 
 from socialbot.bdi.literals import Change
 from socialbot.core.errors import SocialbotError
 
-OR, AND, NOT, COMPARE, SUM, PRODUCT, POWER = range(1, 8)
-"""Operator precedence levels."""
+
+class Level(IntEnum):
+    """Precedence of the operators, from the weakest."""
+
+    OR, AND, NOT, COMPARE, SUM, PRODUCT, POWER = range(1, 8)
+
 
 BINARY: dict[str, tuple[int, str]] = {
-    "|": (OR, "|"),
-    "&": (AND, "&"),
-    **{sign: (COMPARE, sign) for sign in (">", ">=", "<", "<=", "==", "=", "=..")},
-    "\\==": (COMPARE, "!="),
-    "+": (SUM, "+"),
-    "-": (SUM, "-"),
-    "*": (PRODUCT, "*"),
-    "/": (PRODUCT, "/"),
-    "div": (PRODUCT, "div"),
-    "mod": (PRODUCT, "mod"),
-    "**": (POWER, "**"),
+    "|": (Level.OR, "|"),
+    "&": (Level.AND, "&"),
+    **{sign: (Level.COMPARE, sign) for sign in (">", ">=", "<", "<=", "==", "=", "=..")},
+    "\\==": (Level.COMPARE, "!="),
+    "+": (Level.SUM, "+"),
+    "-": (Level.SUM, "-"),
+    "*": (Level.PRODUCT, "*"),
+    "/": (Level.PRODUCT, "/"),
+    "div": (Level.PRODUCT, "div"),
+    "mod": (Level.PRODUCT, "mod"),
+    "**": (Level.POWER, "**"),
 }
 """Precedence and internal symbol of the binary operators."""
 
@@ -45,9 +51,7 @@ UNSUPPORTED = {
     "::": ("a namespace ('::')", "leave the namespace out, or make it a part of the name"),
     "^": ("a meta-event ('^')", "let the plans of the goal change a belief, and react to that"),
     "<:": ("a goal condition ('<:')", "test the condition in a plan, with 'if' or 'while'"),
-    "+<": ("'+<'", "write + or - alone"),
-    "+>": ("'+>'", "write + or - alone"),
-    "-<": ("'-<'", "write + or - alone"),
+    **{sign: (f"'{sign}'", "write + or - alone") for sign in ("+<", "+>", "-<")},
     "`": ("a backquote", None),
 }
 """Unsupported keywords of Jason, with alternatives."""
@@ -124,7 +128,7 @@ class Source:
         self.words = [piece.strip() for piece in self._pieces]
         self.words += (END, END)
         self._ends: list[int] | None = None
-        self._known = (0, 1)
+        self._line_ends: list[int] | None = None
 
     def start(self, index: int) -> int:
         if self._ends is None:
@@ -134,14 +138,16 @@ class Source:
         return self._ends[-1] if self._ends else 0
 
     def line(self, offset: int) -> int:
-        """Return the 1-based line of an offset; fast for increasing offsets."""
-        before, line = self._known if self._known[0] <= offset else (0, 1)
-        line += self.text.count("\n", before, offset)
-        self._known = offset, line
-        return line
+        """Return the 1-based line of an offset."""
+        if self._line_ends is None:
+            self._line_ends = [found.start() for found in re.finditer("\n", self.text)]
+        return bisect_left(self._line_ends, offset) + 1
 
     def error(self, index: int, what: str, remedy: str | None = None) -> AgentSpeakError:
-        offset = self.start(index)
+        """Return the error for a token."""
+        return self.error_at(self.start(index), what, remedy)
+
+    def error_at(self, offset: int, what: str, remedy: str | None) -> AgentSpeakError:
         begin = self.text.rfind("\n", 0, offset) + 1
         shown = self.text[begin:].split("\n", 1)[0].rstrip()
         under = "".join("\t" if char == "\t" else " " for char in self.text[begin:offset])

@@ -11,37 +11,29 @@ False
 
 from __future__ import annotations
 
+import operator
 import random
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi.agentspeak.lexer import AgentSpeakError
+from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
 from socialbot.bdi.agentspeak.parser import Program, parse
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.compiler._conditions import COLLECTORS
+from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
 from socialbot.bdi.compiler._plans import compile_inference, compile_plan
-from socialbot.bdi.compiler._runtime import FUNCTIONS, div, mod
+from socialbot.bdi.compiler._runtime import div, mod
+from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
-from socialbot.bdi.literals import SELF, Literal, ground
-from socialbot.bdi.plans import Inference, Origin, Plan
-from socialbot.bdi.stdlib import find
+from socialbot.bdi.literals import SELF, Literal
+from socialbot.bdi.plans import Inference, Origin, Plan, parts_of
+from socialbot.bdi.stdlib import called
 from socialbot.bdi.stdlib.registry import opened
-from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While
-from socialbot.bdi.terms import (
-    Atom,
-    Call,
-    Comparison,
-    Condition,
-    Conjunction,
-    Cons,
-    Disjunction,
-    Expression,
-    Negation,
-    Pattern,
-)
+from socialbot.bdi.terms import Atom, Call, Expression, Variable
 from socialbot.bdi.unification import closed
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
@@ -49,13 +41,14 @@ from socialbot.core.errors import RuleError, SocialbotError
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
+_LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
 _WORD = re.compile(r"\.?\w+(?:\.\w+)*")
 
 
 def load(engine: Engine, text: str, file: str = "<text>") -> None:
     """Add the rules, plans, beliefs and goals of a text. Raises AgentSpeakError, and adds nothing, for a mistake."""
     program = parse(text, file)
-    problems = problems_of(program, text, file, engine.library, check_plan=_look_over)
+    problems = problems_of(program, text, file, engine.library, check_plan=_check_names)
     if problems:
         raise problems[0]
     for inference in program.inferences:
@@ -77,28 +70,27 @@ def library_of(program: Program) -> Library:
 
 def begin(engine: Engine, program: Program) -> None:
     """Add the initial beliefs and goals of a program."""
+    compute = partial(_computed, engine)
     # Queries try the newest belief first, so reversed insertion preserves the order of the text.
     for belief in reversed(program.beliefs):
-        args, notes = _evaluated(engine, belief.args), _evaluated(engine, belief.annotations)
+        args, notes = opened((belief.args, belief.annotations), compute=compute)
         engine.interpreter.post((engine.beliefs.relation(belief.key), args, _with_source(notes), "", None))
     for goal in program.goals:
-        variables: dict[str, Any] = {}
-        args = opened(_evaluated(engine, goal.args), variables)
-        notes = opened(_evaluated(engine, goal.annotations), variables)
+        args, notes = opened((goal.args, goal.annotations), compute=compute)
         engine.interpreter.post(_InitialGoal(engine, goal.key, args, _with_source(notes)))
 
 
+@dataclass(eq=False)
 class _InitialGoal:
     """Event that adopts an initial goal after the events of the initial beliefs."""
 
-    mental = True
+    mental: ClassVar[bool] = True
     """A restored mental state replaces pending objects of this class."""
 
-    def __init__(self, engine: Engine, key: str, args: tuple[Any, ...], notes: tuple[Any, ...]) -> None:
-        self.engine = engine
-        self.key = key
-        self.args = args
-        self.notes = notes
+    engine: Engine
+    key: str
+    args: tuple[Any, ...]
+    notes: tuple[Any, ...]
 
     def __call__(self) -> None:
         trigger = self.engine.library.triggers[f"+!{self.key}"]
@@ -115,34 +107,25 @@ def _with_source(notes: tuple[Any, ...]) -> tuple[Any, ...]:
 # Arithmetic
 
 _OPERATORS = {
-    "+": lambda left, right: left + right,
-    "-": lambda left, right: left - right,
-    "*": lambda left, right: left * right,
-    "/": lambda left, right: left / right,
-    "//": lambda left, right: left // right,
-    "%": lambda left, right: left % right,
-    "**": lambda left, right: left**right,
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "//": operator.floordiv,
+    "%": operator.mod,
+    "**": operator.pow,
     "div": div,
     "mod": mod,
 }
 
 
-def _evaluated(engine: Engine, term: Any) -> Any:
-    """Evaluate the arithmetic in a term; variables stay."""
-    if ground(term):
-        return term
-    if isinstance(term, tuple):
-        return tuple(_evaluated(engine, item) for item in term)
-    if isinstance(term, Cons):
-        return Cons(_evaluated(engine, term.items), _evaluated(engine, term.tail))
+def _computed(engine: Any, term: Expression | Call) -> Any:
+    """Evaluate an expression or function call without variables."""
+    parts = (term.left, term.right) if isinstance(term, Expression) else term.args
+    values = opened(parts, compute=partial(_computed, engine))
     if isinstance(term, Expression):
-        return _OPERATORS[term.symbol](_evaluated(engine, term.left), _evaluated(engine, term.right))
-    if isinstance(term, Call):
-        return FUNCTIONS[term.function](engine, *(_evaluated(engine, arg) for arg in term.args))
-    if isinstance(term, Literal):
-        args, notes = _evaluated(engine, term.args), _evaluated(engine, term.annotations)
-        return term.with_(args=args, annotations=notes)
-    return term
+        return _OPERATORS[term.symbol](*values)
+    return function_of(term)(engine, *values)
 
 
 # Checking
@@ -171,7 +154,7 @@ def problems_of(
     check_plan = check_plan or _check_plan
     scratch = _scratch(library, program.inferences)
     found: list[AgentSpeakError] = []
-    nobody: Any = SimpleNamespace(random=random.Random(0), clock=ManualClock())
+    compute = partial(_computed, SimpleNamespace(random=random.Random(0), clock=ManualClock()))
     for inference in program.inferences:
         try:
             compile_inference(CompiledInference(inference, scratch))
@@ -186,9 +169,9 @@ def problems_of(
             found.append(_placed(problem, plan, text, file))
     for item in (*program.beliefs, *program.goals):
         try:
-            _evaluated(nobody, (item.args, item.annotations))
-        except (Failed, KeyError, TypeError, ValueError, ArithmeticError) as problem:
-            what = f"there is no function {problem.args[0]}" if isinstance(problem, KeyError) else str(problem)
+            opened((item.args, item.annotations), compute=compute)
+        except (Failed, RuleError, TypeError, ValueError, ArithmeticError) as problem:
+            what = problem.what if isinstance(problem, RuleError) else problem
             found.append(AgentSpeakError(f"{item} cannot be computed: {what}", where=file))
     return sorted(found, key=lambda problem: (problem.line, problem.column))
 
@@ -208,83 +191,37 @@ def _check_plan(plan: Plan, library: Library) -> None:
         _check_plan(inner, library)
 
 
-def _look_over(plan: Plan, library: Library) -> None:
+def _check_names(plan: Plan, library: Library) -> None:
     """Check the names in a plan, without compilation, which takes twenty times as long."""
     plan.check()
     for term in plan.condition.terms:
-        if isinstance(term, Literal) and "." in term.functor:
-            entry = find(term.functor)
-            if entry is not None and entry.pauses:
-                raise RuleError(f"{term.functor} cannot be a condition", remedy="make it a step of the body")
-    _known(plan.condition)
-    _known(plan.body)
+        if isinstance(term, Literal) and "." in term.functor and term.functor not in COLLECTORS:
+            called(term, condition=True)
+    _check_names_in((plan.condition, plan.body))
 
 
-def _known(part: Any) -> None:
+def _check_names_in(part: Any) -> None:
     """Raise RuleError for an unknown internal action or function in part of a plan."""
-    if isinstance(part, tuple):
-        for item in part:
-            _known(item)
-    elif isinstance(part, Plan):
-        _look_over(part, Library())
-    elif isinstance(part, Literal):
-        if "." in part.functor:
-            _known_action(part)
-        if part.args:
-            _known(part.args)
-    elif isinstance(part, Call):
-        if part.function != ".count" and part.function not in FUNCTIONS:
-            raise RuleError(f"there is no function {part.function}", remedy="see docs/semantics.md")
-        _known(part.args)
-    elif isinstance(part, (Pattern, Step)):
-        for name in _PARTS.get(type(part), ()):
-            _known(getattr(part, name))
-
-
-def _known_action(action: Literal) -> None:
-    if action.functor in COLLECTORS:
-        wanted = 2 if action.functor == ".count" else 3
-        if len(action.args) != wanted or not isinstance(action.args[-2], (Condition, Atom)):
-            raise RuleError(f"{action} is put together wrongly", remedy="see docs/semantics.md")
+    if isinstance(part, Plan):
+        _check_names(part, Library())
         return
-    entry = find(action.functor)
-    if entry is None:
-        raise RuleError(f"there is no internal action {action.functor}", remedy="see docs/semantics.md")
-    least, most = entry.arity
-    if not least <= len(action.args) <= most:
-        count = str(least) if least == most else f"{least} to {most}"
-        raise RuleError(f"{action.functor} takes {count} arguments", remedy="see docs/semantics.md")
-
-
-_PARTS: dict[type, tuple[str, ...]] = {
-    Conjunction: ("terms",),
-    Disjunction: ("terms",),
-    Negation: ("condition",),
-    Comparison: ("left", "right"),
-    Expression: ("left", "right"),
-    Do: ("action",),
-    Achieve: ("goal",),
-    Ask: ("query",),
-    Update: ("literal",),
-    Constrain: ("condition",),
-    If: ("condition", "then", "otherwise"),
-    While: ("condition", "body"),
-    For: ("condition", "body"),
-    Fork: ("branches",),
-}
-"""Attributes of plan parts that hold other parts."""
+    if isinstance(part, Literal) and "." in part.functor:
+        check_call = collected_goal if part.functor in COLLECTORS else called
+        check_call(part)
+    elif isinstance(part, Call) and part.function != ".count":
+        function_of(part)
+    for inner in parts_of(part):
+        if inner.__class__ not in _LEAVES:
+            _check_names_in(inner)
 
 
 def _inner_plans(part: Any) -> Iterable[Plan]:
     """Return the plans in arguments of internal actions."""
-    if isinstance(part, (tuple, list)):
-        for item in part:
-            yield from _inner_plans(item)
-    elif isinstance(part, Do):
-        yield from (arg for arg in part.action.args if isinstance(arg, Plan))
-    elif isinstance(part, Step):
-        for name in ("then", "otherwise", "body", "branches"):
-            yield from _inner_plans(getattr(part, name, ()))
+    for inner in parts_of(part):
+        if isinstance(inner, Plan):
+            yield inner
+        else:
+            yield from _inner_plans(inner)
 
 
 def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Library:
@@ -307,16 +244,7 @@ def _placed(problem: SocialbotError, item: Plan | Inference, text: str, file: st
     lines = text.split("\n")
     begin_ = sum(len(line) + 1 for line in lines[: origin.line - 1])
     begin_ = max(text.find(written, begin_), 0) if written else begin_
-    offset = begin_ + _offset(problem.what, written)
-    line = text.count("\n", 0, offset) + 1
-    column = offset - (text.rfind("\n", 0, offset) + 1) + 1
-    shown = lines[line - 1].rstrip() if line <= len(lines) else ""
-    under = "".join("\t" if char == "\t" else " " for char in shown[: column - 1])
-    error = AgentSpeakError(
-        f"{problem.what}\n    {shown}\n    {under}^", where=f"{file}:{line}:{column}", remedy=problem.remedy
-    )
-    error.line, error.column = line, column
-    return error
+    return Source(text, file).error_at(begin_ + _offset(problem.what, written), problem.what, problem.remedy)
 
 
 def _offset(what: str, written: str) -> int:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak._terms import TermReader
-from socialbot.bdi.agentspeak.lexer import BINARY, COMPARE, END, OR, REMEDIES, SUM, TRIGGERS, AgentSpeakError, Source
+from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, AgentSpeakError, Level, Source
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While
@@ -15,193 +15,10 @@ from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, Variable
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
 
-_JOINS = {word for word, (level, _) in BINARY.items() if level <= COMPARE}
-
-
-class BodyReader(TermReader):
-    """Parser of plan bodies."""
-
-    def body(self) -> tuple[Step, ...]:
-        words = self.words
-        steps: list[Step] = []
-        while (word := words[self.at]) not in (".", "}", ")", END):
-            side = _STEPS.get(word, BodyReader.act)(self)
-            if words[self.at] in ("|&|", "|||"):
-                self.simple(word)
-                side = self.fork(side)
-            steps += side
-            if words[self.at] == ";":
-                self.at += 1
-            elif words[self.at - 1] != "}":
-                break
-        return tuple(steps)
-
-    def side(self) -> tuple[Step, ...]:
-        """Read an operand of `|&|` or `|||`: one step, or a body in braces or parentheses."""
-        word = self.words[self.at]
-        self.simple(word)
-        return _STEPS.get(word, BodyReader.act)(self)
-
-    def simple(self, word: str) -> None:
-        """Reject steps that ``|&|`` and ``|||`` cannot join."""
-        if word in ("if", "while", "for"):
-            self.fail("a step", remedy=f"put '{word}' into braces: {{ {word} (...) {{ ... }} }}")
-
-    def group(self) -> tuple[Step, ...]:
-        """Read a body in braces or parentheses, or a condition in parentheses."""
-        word = self.words[self.at]
-        if word == "(" and not self.is_group():
-            return self.act()
-        end = "}" if word == "{" else ")"
-        self.at += 1
-        body = self.body()
-        self.skip(end, f"';' or '{end}' after a step")
-        return body
-
-    def is_group(self) -> bool:
-        """Check whether the next parentheses enclose steps rather than all or part of a condition."""
-        depth = 0
-        compares = False
-        for at in range(self.at, len(self.words) - 1):
-            word = self.words[at]
-            depth += _NESTED.get(word, 0)
-            if depth == 0:
-                return self.words[at + 1] not in BINARY and not compares
-            if depth == 1 and word in (";", "|&|", "|||", "!", "!!", "?"):
-                return True
-            compares = compares or (depth == 1 and word in _JOINS)
-        return True
-
-    def fork(self, first: tuple[Step, ...]) -> tuple[Step, ...]:
-        """Read parallel steps; ``|&|`` binds tighter than ``|||``."""
-        branches = [self.together(first)]
-        while self.words[self.at] == "|||":
-            self.at += 1
-            branches.append(self.together(self.side()))
-        return branches[0] if len(branches) == 1 else (Fork(tuple(branches), every=False),)
-
-    def together(self, first: tuple[Step, ...]) -> tuple[Step, ...]:
-        branches = [first]
-        while self.words[self.at] == "|&|":
-            self.at += 1
-            branches.append(self.side())
-        return first if len(branches) == 1 else (Fork(tuple(branches), every=True),)
-
-    def act(self) -> tuple[Step, ...]:
-        """Read an action or a test condition."""
-        start = self.at
-        value = self.expression(OR)
-        if isinstance(value, Literal):
-            if value.negated:
-                raise self.source.error(start, "an action has no '~'", "write +~b to believe that b is false")
-            return (Do(*self.limited(value, start)) if value.annotations else Do(value),)
-        if isinstance(value, Atom) and value.name not in ("true", "false"):
-            return (Do(literal(value.name)),)
-        if isinstance(value, Variable):
-            if self.words[self.at] in REMEDIES:
-                self.fail("an operator")
-            raise self.unsupported("a variable as an action", start, "name the action; '!' goes before a goal")
-        if isinstance(value, Expression):
-            remedy = "when a plan ends before the '+' or '-', write '.' there" if value.symbol in "+-" else None
-            raise self.source.error(start, "expected a step, found arithmetic", remedy)
-        condition = self.as_condition(value, start)
-        if isinstance(condition, Literal):  # such as .length(L), a function in other places
-            return (Do(condition),)
-        return (Constrain(conjunction(condition)),)
-
-    def limited(self, what: Literal, start: int) -> tuple[Literal, object]:
-        """Split a goal or action into its literal and the limit of its annotation ``within(5)``."""
-        for index, note in enumerate(what.annotations):
-            if isinstance(note, Literal) and note.functor == "within":
-                if len(note.args) != 1:
-                    raise self.source.error(start, "expected one argument of within(...)", "give seconds: within(5)")
-                rest = what.annotations[:index] + what.annotations[index + 1 :]
-                return what.with_(annotations=rest), note.args[0]
-        return what, None
-
-    def achieve(self) -> tuple[Step, ...]:
-        apart = self.words[self.at] == "!!"
-        self.at += 1
-        start = self.at
-        goal = self.named("a goal")
-        if isinstance(goal, Literal) and goal.annotations:
-            goal, limit_s = self.limited(goal, start)
-            return (Achieve(goal, apart, limit_s),)
-        return (Achieve(goal, apart),)
-
-    def ask(self) -> tuple[Step, ...]:
-        self.at += 1
-        start = self.at
-        value = self.expression(OR)
-        return (Ask(value if isinstance(value, Variable) else self.as_condition(value, start)),)
-
-    def update(self) -> tuple[Step, ...]:
-        sign = self.words[self.at]
-        self.at += 1
-        if self.words[self.at] == "{":
-            raise self.unsupported(f"'{sign}{{'", self.at - 1, "use .add_plan or .remove_plan")
-        return (Update(sign, self.named("a belief")),)
-
-    def named(self, what: str) -> Literal | Variable:
-        """Read a literal, or a variable in its place."""
-        if self.is_variable():
-            return self.variable()
-        return self.literal(what)
-
-    def if_(self) -> tuple[Step, ...]:
-        condition = self.in_parentheses()
-        then = self.block()
-        otherwise: tuple[Step, ...] = ()
-        if self.words[self.at] == "elif":
-            otherwise = self.if_()
-        elif self.words[self.at] == "else":
-            self.at += 1
-            if self.words[self.at] == "if":
-                self.fail("'{' after 'else'", remedy="write 'elif'")
-            otherwise = self.block()
-        return (If(condition, then, otherwise),)
-
-    def while_(self) -> tuple[Step, ...]:
-        return (While(self.in_parentheses(), self.block()),)
-
-    def for_(self) -> tuple[Step, ...]:
-        return (For(self.in_parentheses(), self.block()),)
-
-    def in_parentheses(self) -> Conjunction:
-        """Read the condition after ``if``, ``elif``, ``while`` or ``for``."""
-        word = self.words[self.at]
-        self.at += 1
-        self.skip("(", f"'(' after '{word}'")
-        condition = conjunction(self.condition())
-        self.skip(")", "an operator or ')' after a condition")
-        return condition
-
-    def block(self) -> tuple[Step, ...]:
-        self.skip("{", "'{' before the steps")
-        body = self.body()
-        self.skip("}", "';' or '}' after a step")
-        return body
-
-
-_STEPS: dict[str, Callable[[BodyReader], tuple[Step, ...]]] = {
-    "!": BodyReader.achieve,
-    "!!": BodyReader.achieve,
-    "?": BodyReader.ask,
-    "+": BodyReader.update,
-    "-": BodyReader.update,
-    "-+": BodyReader.update,
-    "++": BodyReader.update,
-    "--": BodyReader.update,
-    "if": BodyReader.if_,
-    "while": BodyReader.while_,
-    "for": BodyReader.for_,
-    "{": BodyReader.group,
-    "(": BodyReader.group,
-}
-"""Step readers by first token; all other steps are actions or conditions."""
-
+_JOINS = {word for word, (level, _) in BINARY.items() if level <= Level.COMPARE}
 
 T = TypeVar("T")
+
 DIRECTIVES = frozenset({"include", "begin", "end", "namespace", "register_function"})
 
 
@@ -232,7 +49,7 @@ def parse_literal(text: str, file: str = "<text>") -> Literal:
 
 def parse_term(text: str, file: str = "<text>") -> object:
     """Parse one term. Raises AgentSpeakError."""
-    return _whole(text, file, lambda parser: parser.expression(SUM))
+    return _whole(text, file, lambda parser: parser.expression(Level.SUM))
 
 
 def parse_condition(text: str, file: str = "<text>") -> Conjunction:
@@ -258,20 +75,8 @@ def _whole(text: str, file: str, read: Callable[[Parser], T]) -> T:
     return found
 
 
-@dataclass
-class _Label:
-    name: str | None = None
-    atomic: bool = False
-    priority: int = 0
-    stage: str | None = None
-    annotations: tuple[object, ...] = ()
-
-
-_NO_LABEL = _Label()
-
-
-class Parser(BodyReader):
-    """Parser of programs and plans."""
+class Parser(TermReader):
+    """Parser of programs, plans and plan bodies."""
 
     def program(self) -> Program:
         beliefs: list[Literal] = []
@@ -285,7 +90,11 @@ class Parser(BodyReader):
                 start = self.at
                 plan = self.plan((".",))
                 self.at += 1
-                self.unlike(labels, plan, start)
+                if plan.label in labels:
+                    what = f"the label '{plan.label}' is already used in line {labels[plan.label]}"
+                    raise self.source.error(start, what, "choose another label")
+                if plan.label is not None and plan.origin is not None:
+                    labels[plan.label] = plan.origin.line
                 plans.append(plan)
             elif word == "!":
                 goals.append(self.goal())
@@ -295,21 +104,7 @@ class Parser(BodyReader):
                 self.fact(beliefs, inferences)
         return Program(tuple(beliefs), tuple(inferences), tuple(goals), tuple(plans))
 
-    def unlike(self, labels: dict[str, int], plan: Plan, start: int) -> None:
-        """Check that plan labels are unique."""
-        if plan.label is None:
-            return
-        if plan.label in labels:
-            raise self.source.error(
-                start,
-                f"the label '{plan.label}' is taken by the plan in line {labels[plan.label]}",
-                "give every plan a label of its own",
-            )
-        assert plan.origin is not None
-        labels[plan.label] = plan.origin.line
-
     def in_braces(self, after_plan: bool) -> AgentSpeakError:
-        """Return the error for braces between plans."""
         name = self.words[self.at + 1]
         if after_plan and name not in DIRECTIVES:
             return self.unsupported("a plan within a plan", self.at, "write the inner plan after the outer one")
@@ -366,7 +161,7 @@ class Parser(BodyReader):
         start = self.at
         words = self.words
         origin = self.origin(start)
-        label = self.label() if words[start] == "@" else _NO_LABEL
+        options = self.label() if words[start] == "@" else {}
         event = self.event()
         condition = NOTHING
         body: tuple[Step, ...] = ()
@@ -384,35 +179,36 @@ class Parser(BodyReader):
         if words[self.at] not in ends:
             missing = "write '.' at the end of the plan before" if words[self.at] in ("+", "-", "@") else None
             self.fail(expected.replace("'.'", "'}'") if "}" in ends else expected, remedy=missing)
-        return Plan(event, condition, body, label.name, label.atomic, label.priority, label.stage, label.annotations,
-                    origin, self.text(start))  # fmt: skip
+        return Plan(event, condition, body, **options, origin=origin, text=self.text(start))
 
-    def label(self) -> _Label:
+    def label(self) -> dict[str, Any]:
+        """Read a label; return the fields of the plan that it sets."""
         self.at += 1
-        label = _Label()
+        options: dict[str, Any] = {}
         if self.words[self.at] != "[":
-            label.name = self.name(self.at)
+            options["label"] = self.name(self.at)
             self.at += 1
         if self.words[self.at] == "[":
             start = self.at
-            label.annotations = tuple(note for note in self.annotations() if not self.option(label, note, start))
-        return label
+            notes = self.annotations()
+            options["annotations"] = tuple(note for note in notes if not self.option(options, note, start))
+        return options
 
-    def option(self, label: _Label, note: object, start: int) -> bool:
+    def option(self, options: dict[str, Any], note: object, start: int) -> bool:
         """Apply an annotation of a label; return whether the engine supports it."""
-        if isinstance(note, Atom) and note.name == "atomic":
-            label.atomic = True
-            return True
-        if not isinstance(note, Literal) or note.functor not in ("priority", "stage") or len(note.args) != 1:
-            return False
-        value = note.args[0]
-        if note.functor == "stage" and isinstance(value, (str, Atom)):
-            label.stage = str(value)
-        elif note.functor == "priority" and isinstance(value, int):
-            label.priority = value
-        else:
-            wanted = "an integer, as in priority(3)" if note.functor == "priority" else "a name, as in stage(night)"
-            raise self.source.error(start, f"expected {wanted}")
+        match note:
+            case Atom(name="atomic"):
+                options["atomic"] = True
+            case Literal(functor="priority", args=(int() as rank,)):
+                options["priority"] = rank
+            case Literal(functor="stage", args=(str() | Atom() as stage,)):
+                options["stage"] = str(stage)
+            case Literal(functor="priority", args=(_,)):
+                raise self.source.error(start, "expected an integer, as in priority(3)")
+            case Literal(functor="stage", args=(_,)):
+                raise self.source.error(start, "expected a name, as in stage(night)")
+            case _:
+                return False
         return True
 
     def event(self) -> Event:
@@ -433,18 +229,14 @@ class Parser(BodyReader):
 
     def marked(self, trigger: Literal, start: int) -> Event:
         """Read an event with the annotation ``held_for(5)`` or ``changed(Before)``; the default is an addition."""
-        for index, note in enumerate(trigger.annotations):
-            if not isinstance(note, Literal):
-                continue
-            if note.functor == "changed" and len(note.args) == len(trigger.args):
-                notes = trigger.annotations[:index] + trigger.annotations[index + 1 :]
-                return Event(Change.CHANGED, trigger.with_(args=trigger.args + note.args, annotations=notes))
-            if note.functor == "held_for" and len(note.args) == 1:
-                seconds = note.args[0]
-                if not isinstance(seconds, (int, float)):
+        for note in trigger.annotations:
+            match note:
+                case Literal(functor="changed", args=before) if len(before) == len(trigger.args):
+                    return Event(Change.CHANGED, _without(trigger, note).with_(args=trigger.args + before))
+                case Literal(functor="held_for", args=(int() | float() as seconds,)):
+                    return Event(Change.HELD, _without(trigger, note), seconds)
+                case Literal(functor="held_for", args=(_,)):
                     raise self.source.error(start, "expected a number of seconds in held_for(...)")
-                notes = trigger.annotations[:index] + trigger.annotations[index + 1 :]
-                return Event(Change.HELD, trigger.with_(annotations=notes), seconds)
         return Event(Change.ADDED, trigger)
 
     def braces(self) -> Plan | Event:
@@ -457,3 +249,169 @@ class Parser(BodyReader):
         bare = self.words[start] != "@" and not plan.condition.terms and self.words[self.at - 1] != "<-"
         self.at += 1
         return plan.event if bare and not plan.body else plan
+
+    # Bodies
+
+    def body(self) -> tuple[Step, ...]:
+        words = self.words
+        steps: list[Step] = []
+        while (word := words[self.at]) not in (".", "}", ")", END):
+            side = _STEPS.get(word, Parser.act)(self)
+            if words[self.at] in ("|&|", "|||"):
+                self.simple(word)
+                side = self.fork(side)
+            steps += side
+            if words[self.at] == ";":
+                self.at += 1
+            elif words[self.at - 1] != "}":
+                break
+        return tuple(steps)
+
+    def side(self) -> tuple[Step, ...]:
+        """Read an operand of `|&|` or `|||`: one step, or a body in braces or parentheses."""
+        word = self.words[self.at]
+        self.simple(word)
+        return _STEPS.get(word, Parser.act)(self)
+
+    def simple(self, word: str) -> None:
+        """Reject steps that ``|&|`` and ``|||`` cannot join."""
+        if word in ("if", "while", "for"):
+            self.fail("a step", remedy=f"put '{word}' into braces: {{ {word} (...) {{ ... }} }}")
+
+    def group(self) -> tuple[Step, ...]:
+        """Read a body in braces or parentheses, or a condition in parentheses."""
+        word = self.words[self.at]
+        if word == "(" and not self.is_group():
+            return self.act()
+        return self.block("}" if word == "{" else ")")
+
+    def is_group(self) -> bool:
+        """Check whether the next parentheses enclose steps rather than all or part of a condition."""
+        depth = 0
+        compares = False
+        for at in range(self.at, len(self.words) - 1):
+            word = self.words[at]
+            depth += _NESTED.get(word, 0)
+            if depth == 0:
+                return self.words[at + 1] not in BINARY and not compares
+            if depth == 1 and word in (";", "|&|", "|||", "!", "!!", "?"):
+                return True
+            compares = compares or (depth == 1 and word in _JOINS)
+        return True
+
+    def fork(self, first: tuple[Step, ...]) -> tuple[Step, ...]:
+        """Read parallel steps; ``|&|`` binds tighter than ``|||``."""
+        return self.branches(self.together(first), "|||", lambda: self.together(self.side()))
+
+    def together(self, first: tuple[Step, ...]) -> tuple[Step, ...]:
+        return self.branches(first, "|&|", self.side)
+
+    def branches(self, first: tuple[Step, ...], sign: str, read: Callable[[], tuple[Step, ...]]) -> tuple[Step, ...]:
+        branches = [first]
+        while self.words[self.at] == sign:
+            self.at += 1
+            branches.append(read())
+        return first if len(branches) == 1 else (Fork(tuple(branches), every=sign == "|&|"),)
+
+    def act(self) -> tuple[Step, ...]:
+        """Read an action or a test condition."""
+        start = self.at
+        value = self.expression(Level.OR)
+        if isinstance(value, Literal):
+            if value.negated:
+                raise self.source.error(start, "an action has no '~'", "write +~b to believe that b is false")
+            return (Do(*self.limited(value, start)) if value.annotations else Do(value),)
+        if isinstance(value, Atom) and value.name not in ("true", "false"):
+            return (Do(literal(value.name)),)
+        if isinstance(value, Variable) and self.words[self.at] not in REMEDIES:
+            raise self.unsupported("a variable as an action", start, "name the action; '!' goes before a goal")
+        if isinstance(value, Expression):
+            remedy = "when a plan ends before the '+' or '-', write '.' there" if value.symbol in "+-" else None
+            raise self.source.error(start, "expected a step, found arithmetic", remedy)
+        condition = self.as_condition(value, start)
+        if isinstance(condition, Literal):  # such as .length(L), a function in other places
+            return (Do(condition),)
+        return (Constrain(conjunction(condition)),)
+
+    def limited(self, what: Literal, start: int) -> tuple[Literal, object]:
+        """Split a goal or action into its literal and the limit of its annotation ``within(5)``."""
+        for note in what.annotations:
+            if isinstance(note, Literal) and note.functor == "within":
+                if len(note.args) != 1:
+                    raise self.source.error(start, "expected one argument of within(...)", "give seconds: within(5)")
+                return _without(what, note), note.args[0]
+        return what, None
+
+    def achieve(self) -> tuple[Step, ...]:
+        apart = self.words[self.at] == "!!"
+        self.at += 1
+        start = self.at
+        goal = self.named("a goal")
+        limit_s = None
+        if isinstance(goal, Literal) and goal.annotations:
+            goal, limit_s = self.limited(goal, start)
+        return (Achieve(goal, apart, limit_s),)
+
+    def ask(self) -> tuple[Step, ...]:
+        self.at += 1
+        start = self.at
+        value = self.expression(Level.OR)
+        return (Ask(value if isinstance(value, Variable) else self.as_condition(value, start)),)
+
+    def update(self) -> tuple[Step, ...]:
+        sign = self.words[self.at]
+        self.at += 1
+        if self.words[self.at] == "{":
+            raise self.unsupported(f"'{sign}{{'", self.at - 1, "use .add_plan or .remove_plan")
+        return (Update(sign, self.named("a belief")),)
+
+    def named(self, what: str) -> Literal | Variable:
+        return self.variable() if self.is_variable() else self.literal(what)
+
+    def if_(self) -> tuple[Step, ...]:
+        condition = self.in_parentheses()
+        then = self.block()
+        otherwise: tuple[Step, ...] = ()
+        if self.words[self.at] == "elif":
+            otherwise = self.if_()
+        elif self.words[self.at] == "else":
+            self.at += 1
+            if self.words[self.at] == "if":
+                self.fail("'{' after 'else'", remedy="write 'elif'")
+            otherwise = self.block()
+        return (If(condition, then, otherwise),)
+
+    def loop(self) -> tuple[Step, ...]:
+        kind = While if self.words[self.at] == "while" else For
+        return (kind(self.in_parentheses(), self.block()),)
+
+    def in_parentheses(self) -> Conjunction:
+        """Read the condition after ``if``, ``elif``, ``while`` or ``for``."""
+        word = self.words[self.at]
+        self.at += 1
+        self.skip("(", f"'(' after '{word}'")
+        condition = conjunction(self.condition())
+        self.skip(")", "an operator or ')' after a condition")
+        return condition
+
+    def block(self, end: str = "}") -> tuple[Step, ...]:
+        """Read steps in braces, or in parentheses."""
+        self.skip("{" if end == "}" else "(", "'{' before the steps")
+        body = self.body()
+        self.skip(end, f"';' or '{end}' after a step")
+        return body
+
+
+def _without(item: Literal, note: object) -> Literal:
+    return item.with_(annotations=tuple(other for other in item.annotations if other is not note))
+
+
+_STEPS: dict[str, Callable[[Parser], tuple[Step, ...]]] = {
+    **dict.fromkeys(("!", "!!"), Parser.achieve),
+    "?": Parser.ask,
+    **dict.fromkeys(("+", "-", "-+", "++", "--"), Parser.update),
+    "if": Parser.if_,
+    **dict.fromkeys(("while", "for"), Parser.loop),
+    **dict.fromkeys("{(", Parser.group),
+}
+"""Step readers by first token; all other steps are actions or conditions."""

@@ -16,22 +16,26 @@ import math
 import re
 from collections.abc import Iterable
 
-from socialbot.bdi.actions import fail, wait
-from socialbot.bdi.agentspeak.lexer import (
-    AND,
-    COMPARE,
-    ESCAPES,
-    KEYWORDS,
-    NOT,
-    OR,
-    POWER,
-    TRIGGERS,
-    WRITTEN,
-    is_function,
-)
+from socialbot.bdi.agentspeak.lexer import ESCAPES, KEYWORDS, TRIGGERS, WRITTEN, Level, is_function
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
-from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
+from socialbot.bdi.steps import (
+    Achieve,
+    Ask,
+    Await,
+    Constrain,
+    Do,
+    Enter,
+    For,
+    Forget,
+    Fork,
+    If,
+    Step,
+    Update,
+    While,
+    fail,
+    wait,
+)
 from socialbot.bdi.terms import (
     Atom,
     Call,
@@ -54,21 +58,22 @@ _ESCAPED = str.maketrans({char: f"\\{letter}" for letter, char in ESCAPES.items(
 
 def agentspeak(item: object) -> str:
     """Print a plan or rule with its final dot, an event, a step, a condition or a term in Jason's syntax."""
-    if isinstance(item, Plan):
-        return f"{_plan(item)}."
-    if isinstance(item, Inference):
-        return f"{_literal(item.head)} :- {_condition(item.condition, OR)}."
-    if isinstance(item, Event):
-        return _event(item)
-    if isinstance(item, Step):
-        return _step(item)
-    if isinstance(item, Condition):
-        return _condition(item, OR)
+    match item:
+        case Plan():
+            return f"{_plan(item)}."
+        case Inference():
+            return f"{_literal(item.head)} :- {_condition(item.condition)}."
+        case Event():
+            return _event(item)
+        case Step():
+            return _step(item)
+        case Condition():
+            return _condition(item)
     return _term(item)
 
 
 def _plan(plan: Plan) -> str:
-    context = f" : {_condition(plan.condition, OR)}" if plan.condition.terms else ""
+    context = f" : {_condition(plan.condition)}" if plan.condition.terms else ""
     body = f" <- {_body(plan.body)}" if plan.body else ""
     return f"{_label(plan)}{_event(plan.event)}{context}{body}"
 
@@ -111,43 +116,40 @@ def _block(body: tuple[Step, ...]) -> str:
 
 
 def _step(step: Step) -> str:
-    if isinstance(step, Do):
-        return _action(step)
-    if isinstance(step, Achieve):
-        return f"{'!!' if step.apart else '!'}{_limited(step.goal, step.limit_s)}"
-    if isinstance(step, Ask):
-        query = step.query
-        return f"?{_term(query) if isinstance(query, Variable) else _condition(query, POWER)}"
-    if isinstance(step, Update):
-        return f"{step.sign}{_limited(step.literal, None)}"
-    if isinstance(step, Forget):
-        return f".abolish({_term(step.literal)})"
-    if isinstance(step, Constrain):
-        return _constraint(step)
-    if isinstance(step, Enter):
-        return f".enter({_term(Atom(step.stage))})"
-    if isinstance(step, Await):
-        what = f"{{{_event(step.what)}}}" if isinstance(step.what, Event) else _condition(step.what, OR)
-        return f".wait({what}{'' if step.limit_s is None else f', {_milliseconds(step.limit_s)}'})"
-    return _nested(step)
-
-
-def _nested(step: Step) -> str:
-    if isinstance(step, If):
-        return _if(step)
-    if isinstance(step, While):
-        return f"while ({_condition(step.condition, OR)}) {_block(step.body)}"
-    if isinstance(step, For):
-        return f"for ({_condition(step.condition, OR)}) {_block(step.body)}"
-    assert isinstance(step, Fork), step
-    return f" {'|&|' if step.every else '|||'} ".join(map(_branch, step.branches))
-
-
-def _if(step: If) -> str:
-    text = f"if ({_condition(step.condition, OR)}) {_block(step.then)}"
-    if len(step.otherwise) == 1 and isinstance(step.otherwise[0], If):
-        return f"{text} el{_if(step.otherwise[0])}"
-    return f"{text} else {_block(step.otherwise)}" if step.otherwise else text
+    match step:
+        case Do(wait(args=(seconds,)), limit_s):
+            return _limited(literal(".wait", (_milliseconds(seconds),)), limit_s)
+        case Do(fail(args=reasons), limit_s):
+            return _limited(literal(".fail", tuple(literal("error_msg", (reason,)) for reason in reasons)), limit_s)
+        case Do(action, limit_s):
+            return _limited(action, limit_s)
+        case Achieve(goal, apart, limit_s):
+            return f"{'!!' if apart else '!'}{_limited(goal, limit_s)}"
+        case Ask(query):
+            return f"?{_term(query) if isinstance(query, Variable) else _condition(query, Level.POWER)}"
+        case Update(sign, changed):
+            return f"{sign}{_limited(changed, None)}"
+        case Forget(forgotten):
+            return f".abolish({_term(forgotten)})"
+        case Constrain(condition):
+            return _constraint(condition)
+        case Enter(stage):
+            return f".enter({_term(Atom(stage))})"
+        case Await(what, limit_s):
+            awaited = f"{{{_event(what)}}}" if isinstance(what, Event) else _condition(what)
+            return f".wait({awaited}{'' if limit_s is None else f', {_term(_milliseconds(limit_s))}'})"
+        case If(condition, then, otherwise):
+            text = f"if ({_condition(condition)}) {_block(then)}"
+            if len(otherwise) == 1 and isinstance(otherwise[0], If):
+                return f"{text} el{_step(otherwise[0])}"
+            return f"{text} else {_block(otherwise)}" if otherwise else text
+        case While(condition, body):
+            return f"while ({_condition(condition)}) {_block(body)}"
+        case For(condition, body):
+            return f"for ({_condition(condition)}) {_block(body)}"
+        case Fork(branches, every):
+            return f" {'|&|' if every else '|||'} ".join(map(_branch, branches))
+    raise TypeError(step)
 
 
 def _branch(body: tuple[Step, ...]) -> str:
@@ -155,63 +157,49 @@ def _branch(body: tuple[Step, ...]) -> str:
     return _step(body[0]) if alone else _block(body)
 
 
-def _action(step: Do) -> str:
-    action = step.action
-    if isinstance(action, wait) and action.args:
-        action = literal(".wait", (_in_milliseconds(action.args[0]),))
-    elif isinstance(action, fail):
-        action = literal(".fail", tuple(literal("error_msg", (reason,)) for reason in action.args))
-    return _limited(action, step.limit_s)
-
-
 def _limited(what: Literal | Variable, limit_s: object) -> str:
     notes = () if limit_s is None else (literal("within", (limit_s,)),)
     return _literal(what, *notes) if isinstance(what, Literal) else f"{_term(what)}{_notes(notes)}"
 
 
-def _constraint(step: Constrain) -> str:
-    condition = step.condition
+def _constraint(condition: Condition) -> str:
     if isinstance(condition, Conjunction) and len(condition.terms) == 1:
         condition = condition.terms[0]
-    text = _condition(condition, OR)
+    text = _condition(condition)
     if text[0] in "+-{":  # these start another kind of step
         return f"({text})"
-    return (
-        f"{text} & true" if isinstance(condition, (Literal, FunctionCondition)) else text
-    )  # a lone literal would be an action
+    alone = isinstance(condition, (Literal, FunctionCondition))  # it would be an action
+    return f"{text} & true" if alone else text
 
 
-def _in_milliseconds(seconds: object) -> object:
+def _milliseconds(seconds: object) -> object:
     if isinstance(seconds, (int, float)):
         return round(seconds * 1000) if math.isfinite(seconds) else seconds
     return Expression("*", seconds, 1000)
 
 
-def _milliseconds(seconds: object) -> str:
-    return _term(_in_milliseconds(seconds))
-
-
 # Conditions
 
 
-def _condition(condition: object, level: int) -> str:
+def _condition(condition: object, level: int = Level.OR) -> str:
     """Print a condition, in parentheses if its operator binds less tightly than ``level``."""
-    if isinstance(condition, Conjunction):
-        if len(condition.terms) == 1:
-            return _condition(condition.terms[0], level)
-        return _within(" & ".join(_condition(term, NOT) for term in condition.terms) or "true", AND, level)
-    if isinstance(condition, Disjunction):
-        return _within(" | ".join(_condition(term, AND) for term in condition.terms), OR, level)
-    if isinstance(condition, Negation):
-        return _within(f"not {_condition(condition.condition, COMPARE)}", NOT, level)
-    if isinstance(condition, Comparison):
-        left, right = _compared(condition.left), _compared(condition.right)
-        return _within(f"{left} {WRITTEN[condition.symbol]} {right}", COMPARE, level)
-    if isinstance(condition, FunctionCondition):
-        parameters = [Variable(name) for name in condition.parameters]
-        return _literal(literal(".python", (_called(condition.function), *parameters)))
-    if isinstance(condition, Truth):
-        return str(condition)
+    match condition:
+        case Conjunction((single,)):
+            return _condition(single, level)
+        case Conjunction(terms):
+            return _within(" & ".join(_condition(term, Level.NOT) for term in terms) or "true", Level.AND, level)
+        case Disjunction(terms):
+            return _within(" | ".join(_condition(term, Level.AND) for term in terms), Level.OR, level)
+        case Negation(inner):
+            return _within(f"not {_condition(inner, Level.COMPARE)}", Level.NOT, level)
+        case Comparison():
+            left, right = _compared(condition.left), _compared(condition.right)
+            return _within(f"{left} {WRITTEN[condition.symbol]} {right}", Level.COMPARE, level)
+        case FunctionCondition():
+            parameters = map(Variable, condition.parameters)
+            return _literal(literal(".python", (_called(condition.function), *parameters)))
+        case Truth():
+            return str(condition)
     assert isinstance(condition, Literal), condition
     return _literal(condition)
 
@@ -229,38 +217,37 @@ def _called(function: object) -> Atom:
 
 def _term(term: object, internal: bool = False) -> str:
     """Print a term; ``internal`` marks an argument of an internal action, which may be a condition."""
-    if isinstance(term, Variable):
-        return term.name if term.name[0] == "_" or term.name[0].isupper() else f"_{term.name}"
-    if isinstance(term, Literal):
-        return _literal(term, known=True)
-    if isinstance(term, Atom):
-        return _name(term.name, 0)
-    if isinstance(term, (str, bool, int, float)) or term is None:
-        return _constant(term)
-    if isinstance(term, tuple):
-        return f"[{', '.join(map(_term, term))}]"
-    if isinstance(term, Cons):
-        return f"[{', '.join(map(_term, term.items))} | {_term(term.tail)}]"
-    if isinstance(term, Expression):
-        return _arithmetic(term)
-    if isinstance(term, Call):
-        return f"{'' if is_function(term.function, len(term.args)) else '+'}{_call(term)}"
-    if isinstance(term, (Plan, Event)):
-        return _in_braces(term)
-    if isinstance(term, Condition):
-        return _condition(term, OR if internal else POWER)
+    match term:
+        case Variable():
+            return term.name if term.name[0] == "_" or term.name[0].isupper() else f"_{term.name}"
+        case Literal():
+            return _literal(term, known=True)
+        case Atom():
+            return _name(term.name, 0)
+        case str():
+            return _string(term)
+        case None | bool():
+            return str(term).lower()
+        case int():
+            return int.__repr__(term)
+        case float():
+            return float.__repr__(term) if math.isfinite(term) else _string(float.__repr__(term))
+        case tuple():
+            return f"[{', '.join(map(_term, term))}]"
+        case Cons():
+            return f"[{', '.join(map(_term, term.items))} | {_term(term.tail)}]"
+        case Expression():
+            return _arithmetic(term)
+        case Call():
+            return f"{'' if is_function(term.function, len(term.args)) else '+'}{_call(term)}"
+        case Event():
+            return f"{{{_event(term)}}}"
+        case Plan():
+            bare = not term.body and not term.condition.terms and not _label(term)
+            return f"{{{_plan(term)}{' <-' if bare else ''}}}"
+        case Condition():
+            return _condition(term, Level.OR if internal else Level.POWER)
     return _string(repr(term))
-
-
-def _constant(value: object) -> str:
-    if isinstance(value, str):
-        return _string(value)
-    if value is None or isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int):
-        return int.__repr__(value)
-    assert isinstance(value, float)
-    return float.__repr__(value) if math.isfinite(value) else _string(float.__repr__(value))
 
 
 def _string(text: str) -> str:
@@ -322,10 +309,3 @@ def _operand(term: object) -> str:
 def _call(call: Call) -> str:
     name = call.function if _is_plain(call.function) else _name(call.function)
     return f"{name}{_args(call.function, call.args)}"
-
-
-def _in_braces(term: Plan | Event) -> str:
-    if isinstance(term, Event):
-        return f"{{{_event(term)}}}"
-    bare = not term.body and not term.condition.terms and not _label(term)
-    return f"{{{_plan(term)}{' <-' if bare else ''}}}"

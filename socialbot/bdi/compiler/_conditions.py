@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 
-from socialbot.bdi.compiler._source import CELL, VALUE, Function, tuple_of
-from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, value, values
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
+from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
 from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.stdlib import find
-from socialbot.bdi.stdlib.registry import Internal
+from socialbot.bdi.stdlib import called
 from socialbot.bdi.terms import (
     Atom,
     Comparison,
@@ -48,11 +48,8 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
     if isinstance(condition, Conjunction):
         conjunction(f, condition.terms, fail, rest)
     elif isinstance(condition, Truth):
-        f.depth += 0 if condition.value else 1
-        if not condition.value:
-            f.lines.append((f.depth - 1, "if False:", None))
-        rest()
-        f.depth -= 0 if condition.value else 1
+        with nullcontext() if condition.value else f.block("if False"):
+            rest()
     elif isinstance(condition, FunctionCondition):
         arguments = ", ".join(value(f, Variable(name)) for name in condition.parameters)
         with f.block(f"if {f.unit.constant(condition.function)}({arguments})"):
@@ -75,7 +72,6 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
 
 
 def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest) -> None:
-    """Emit nested conditions."""
     if len(terms) == 0:
         rest()
     elif (f.loops >= MOST_LOOPS or f.depth >= MOST_BLOCKS) and len(terms) > 1:
@@ -91,14 +87,14 @@ def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest
 
 
 def belief(f: Function, pattern: Literal, rest: Rest) -> None:
-    """Emit the loop over matching beliefs."""
-    if _annotated(pattern) or f.unit.library.derives(pattern.key) or has_cell(f, pattern):
+    annotated = pattern.annotations or any(isinstance(arg, Literal) and arg.annotations for arg in pattern.args)
+    if annotated or f.unit.library.derives(pattern.key) or has_cell(f, pattern):
         solve(f, pattern, rest)
         return
-    known = [i for i, arg in enumerate(pattern.args) if "_" not in names_in(arg) and has_value(f, arg)]
+    known = [i for i, arg in enumerate(pattern.args) if settled(f, arg)]
     relation = f.relation(pattern.key)
     if len(known) == len(pattern.args):
-        with f.block(f"if {values(f, pattern.args)} in {relation}.facts"):
+        with f.block(f"if {value(f, pattern.args)} in {relation}.facts"):
             rest()
         return
     with loop(f, f"reversed({_bucket(f, pattern, known, relation)})", binds=False) as found:
@@ -116,65 +112,39 @@ def _bucket(f: Function, pattern: Literal, known: list[int], relation: str) -> s
     return f"{relation}.index({f.unit.constant(tuple(known))}).get({key}, ())"
 
 
-def _annotated(pattern: Literal) -> bool:
-    """Check whether annotations must match, which takes a slower code path."""
-    return bool(pattern.annotations) or any(isinstance(arg, Literal) and arg.annotations for arg in pattern.args)
-
-
-class loop:  # noqa: N801 - a statement
+@contextmanager
+def loop(f: Function, items: str, *, binds: bool = True) -> Iterator[str]:
     """Emit ``for x in items:`` around the block.
 
     Each iteration undoes the bindings of the previous one; generators with own bindings undo these themselves.
     """
-
-    def __init__(self, f: Function, items: str, *, binds: bool = True) -> None:
-        self.f = f
-        self.items = items
-        self.binds = binds
-
-    def __enter__(self) -> str:
-        f = self.f
-        self.found = f.unit.name("f")
-        self.mark = f.unit.name("m") if not self.binds and CELL in f.scope.values() else None
-        if self.mark:
-            f.line(f"{self.mark} = len(trail)")
-        f.line(f"for {self.found} in {self.items}:")
-        f.depth += 1
+    found = f.unit.name("f")
+    mark = f.unit.name("m") if not binds and CELL in f.scope.values() else None
+    if mark:
+        f.line(f"{mark} = len(trail)")
+    with f.block(f"for {found} in {items}"):
         f.loops += 1
-        if self.mark:
-            f.line(f"undo(trail, {self.mark})")
-        self.before = len(f.lines)
-        return self.found
-
-    def __exit__(self, *problem: object) -> None:
-        if len(self.f.lines) == self.before:
-            self.f.line("pass")
-        self.f.depth -= 1
+        if mark:
+            f.line(f"undo(trail, {mark})")
+        yield found
 
 
 def solve(f: Function, pattern: Literal, rest: Rest) -> None:
     """Emit the loop over solutions of annotated or derived beliefs, or of arguments with unbound variables."""
     fresh = names_in(pattern) - f.scope.keys() - {"_"}
-    args = tuple_of([build(f, arg) for arg in pattern.args])
-    notes = tuple_of([build(f, note) for note in pattern.annotations])
-    # Each solution is read from these cells, since locals change in the loop.
-    cells = {name: f.unit.name("x") for name in sorted(fresh)}
-    for name, cell in cells.items():
-        f.line(f"{cell} = {f.local(name)}")
+    args, notes = build(f, pattern.args), build(f, pattern.annotations)
+    cells = f.save(fresh)
     with loop(f, f"ag.solve({pattern.key!r}, {args}, {notes}, trail)"):
-        for name, cell in cells.items():
-            f.line(f"{f.local(name)} = resolve({cell})")
-            f.scope[name] = VALUE
+        f.resolve(fresh, VALUE, cells)
         rest()
 
 
 def negation(f: Function, inner: Condition, rest: Rest) -> None:
-    """Emit a test that a condition has no solution."""
     if isinstance(inner, Literal) and "." not in inner.functor and not inner.annotations and _plain(f, inner):
-        known = [i for i, arg in enumerate(inner.args) if "_" not in names_in(arg) and has_value(f, arg)]
+        known = [i for i, arg in enumerate(inner.args) if settled(f, arg)]
         relation = f.relation(inner.key)
         if len(known) == len(inner.args):
-            test = f"{values(f, inner.args)} not in {relation}.facts"
+            test = f"{value(f, inner.args)} not in {relation}.facts"
         else:
             test = f"not {_bucket(f, inner, known, relation)}"
     else:
@@ -188,7 +158,7 @@ def _plain(f: Function, pattern: Literal) -> bool:
     """Check for a stored belief whose unbound arguments are distinct variables."""
     if f.unit.library.derives(pattern.key) or has_cell(f, pattern):
         return False
-    free = [arg for arg in pattern.args if "_" in names_in(arg) or not has_value(f, arg)]
+    free = [arg for arg in pattern.args if not settled(f, arg)]
     names = [arg.name for arg in free if isinstance(arg, Variable) and arg.name != "_"]
     return all(isinstance(arg, Variable) for arg in free) and len(names) == len(set(names))
 
@@ -201,7 +171,7 @@ def as_function(f: Function, condition: Condition, rest: Rest) -> None:
         rest()
 
 
-def unpack(f: Function, fresh: dict[str, str], found: str) -> None:
+def unpack(f: Function, fresh: Scope, found: str) -> None:
     """Emit assignments of a solution and mark the variables as assigned."""
     assign(f, fresh, found)
     f.scope.update(fresh)
@@ -213,9 +183,14 @@ def assign(f: Function, fresh: Iterable[str], found: str) -> None:
         f.line(f"{tuple_of(f.local(name) for name in fresh)} = {found}")
 
 
+def joined_state(name: str, *scopes: Scope) -> str:
+    """Return the state of a variable after alternatives."""
+    return VALUE if all(scope.get(name) == VALUE for scope in scopes) else CELL
+
+
 def query(
     f: Function, condition: Condition, template: object = None, also: Iterable[str] = ()
-) -> tuple[str, str, dict[str, str]]:
+) -> tuple[str, str, Scope]:
     """Emit a function that yields a tuple of new variable values for each solution.
 
     A ``template`` replaces the tuple. ``also`` are unbound variables that get values, too. Returns the name of the
@@ -226,7 +201,7 @@ def query(
     inner.line("mark = len(trail)")
     branches = condition.terms if isinstance(condition, Disjunction) else (condition,)
     scopes = [_branch(inner, branch, dry=True) for branch in branches]
-    fresh = {name: _state(name, scopes) for scope in scopes for name in scope if name not in used}
+    fresh = {name: joined_state(name, *scopes) for scope in scopes for name in scope if name not in used}
     fresh |= {name: CELL for name in also if name in used}
     fresh = dict(sorted(fresh.items()))
     if not f.unit.dry:
@@ -236,22 +211,18 @@ def query(
     return inner.name, ", ".join(["ag", "trail", *(f.local(name) for name in used)]), fresh
 
 
-def _state(name: str, scopes: list[dict[str, str]]) -> str:
-    return VALUE if all(scope.get(name) == VALUE for scope in scopes) else CELL
-
-
 def _branch(
     f: Function,
     condition: Condition,
     *,
-    fresh: dict[str, str] | None = None,
+    fresh: Scope | None = None,
     template: object = None,
     dry: bool = False,
-) -> dict[str, str]:
+) -> Scope:
     """Emit one branch; return the states of its variables. A dry run emits nothing."""
     scope, lines, functions = dict(f.scope), len(f.lines), len(f.unit.functions)
     f.unit.dry += dry
-    found: dict[str, str] = {}
+    found: Scope = {}
 
     def give() -> None:
         found.update(f.scope)
@@ -261,9 +232,9 @@ def _branch(
             f.line(f"yield {build(f, template)}" if has_value(f, template) else f"yield resolve({build(f, template)})")
         else:
             for name in fresh or {}:
-                if name not in f.scope:
-                    f.line(f"{f.local(name)} = Var({name!r})")
-            f.line(f"yield {tuple_of(_given(f, name) for name in fresh or {})}")
+                build(f, Variable(name))
+            given = (f"resolve({f.local(name)})" if f.scope[name] == CELL else f.local(name) for name in fresh or {})
+            f.line(f"yield {tuple_of(given)}")
 
     f.line("undo(trail, mark)")
     with f.block("for _ in ONCE"):
@@ -278,16 +249,15 @@ def _branch(
     return found
 
 
-def _given(f: Function, name: str) -> str:
-    """Return the expression of a variable in a solution: its value, or the binding of its cell."""
-    return f"resolve({f.local(name)})" if f.scope.get(name) == CELL else f.local(name)
-
-
 def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> None:
-    """Emit a comparison; ``=`` binds variables."""
     left, right = condition.left, condition.right
     if condition.symbol == "=":
-        unification(f, left, right, fail)
+        if not settled(f, right) and settled(f, left):
+            left, right = right, left
+        if settled(f, right):
+            match(f, left, value(f, right), fail)
+        else:
+            f.line(f"if not unify({build(f, left)}, {build(f, right)}, trail): {fail}")
         rest()
         return
     if condition.symbol == "=..":
@@ -298,87 +268,39 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
         rest()
 
 
-def unification(f: Function, left: object, right: object, fail: str) -> None:
-    """Emit ``left = right``."""
-    if not _settled(f, right) and _settled(f, left):
-        left, right = right, left
-    if _settled(f, right):
-        match(f, left, value(f, right), fail)
-    else:
-        f.line(f"if not unify({build(f, left)}, {build(f, right)}, trail): {fail}")
-
-
-def _settled(f: Function, term: object) -> bool:
-    return has_value(f, term) and "_" not in names_in(term)
-
-
 def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
-    """Emit an internal action as a condition."""
     if condition.functor in COLLECTORS:
-        collect(f, condition, fail)
+        match(f, condition.args[-1], collected(f, condition), fail)
         rest()
         return
-    entry = find(condition.functor)
-    if entry is None:
-        raise RuleError(
-            f"there is no internal action {condition.functor}", where=f.unit.title, remedy="see docs/semantics.md"
-        )
-    if entry.pauses:
-        raise RuleError(
-            f"{condition.functor} cannot be a condition", where=f.unit.title, remedy="make it a step of the body"
-        )
+    entry = called(condition, condition=True)
     fresh = names_in(condition) - f.scope.keys() - {"_"}
-    args = arguments_of(f, entry, condition)
+    args = build(f, condition.args)
     test = f"{f.unit.constant(entry.function)}(ag.engine, {args}, trail)"
-    cells = {name: f.unit.name("x") for name in sorted(fresh)}
-    for name, cell in cells.items():
-        f.line(f"{cell} = {f.local(name)}")
-
-    def inside() -> None:
-        for name, cell in cells.items():
-            f.line(f"{f.local(name)} = resolve({cell})")
-            f.scope[name] = VALUE if entry.binds else CELL
+    cells = f.save(fresh)
+    with loop(f, test) if entry.many else f.block(f"if {test} is not False"):
+        f.resolve(fresh, VALUE if entry.binds else CELL, cells)
         rest()
 
-    if entry.many:
-        with loop(f, test):
-            inside()
-    else:
-        with f.block(f"if {test} is not False"):
-            inside()
 
-
-def arguments_of(f: Function, entry: Internal, action: Literal) -> str:
-    """Return the expression of the arguments of an internal action."""
-    least, most = entry.arity
-    if not least <= len(action.args) <= most:
-        raise RuleError(
-            f"{action.functor} takes {least if least == most else f'{least} to {most}'} arguments",
-            where=f.unit.title,
-            remedy="see docs/semantics.md",
-        )
-    return tuple_of([build(f, arg) for arg in action.args])
-
-
-def collect(f: Function, condition: Literal, fail: str) -> None:
-    """Emit ``.findall(T, condition, L)``, ``.setof`` or ``.count(condition, N)``."""
-    wanted = 2 if condition.functor == ".count" else 3
-    goal: object = condition.args[-2] if len(condition.args) == wanted else None
+def collected_goal(action: Literal) -> Condition:
+    """Return the condition of ``.findall``, ``.setof`` or ``.count``. Raises RuleError for a wrong call."""
+    goal = action.args[-2] if len(action.args) == (2 if action.functor == ".count" else 3) else None
     if isinstance(goal, Atom):
         goal = literal(goal.name)
     if not isinstance(goal, Condition):
-        raise RuleError(f"{condition} is put together wrongly", where=f.unit.title, remedy="see docs/semantics.md")
-    template = condition.args[0] if wanted == 3 else None
-    match(f, condition.args[-1], collected(f, condition.functor, goal, template), fail)
+        raise RuleError(f"the arguments of {action} are wrong", remedy="see docs/semantics.md")
+    return goal
 
 
-def collected(f: Function, functor: str, goal: Condition, template: object) -> str:
-    """Return the expression of all solutions or of their count."""
-    name, arguments, _ = query(f, goal, template)
+def collected(f: Function, action: Literal) -> str:
+    """Return the expression of all solutions of the condition in an action, or of their count."""
+    counts = action.functor == ".count"
+    name, arguments, _ = query(f, collected_goal(action), None if counts else action.args[0])
     found = f.unit.name("l")
-    if functor == ".count":
+    if counts:
         f.line(f"{found} = sum(1 for _ in {name}({arguments}))")
-    elif functor == ".setof":
+    elif action.functor == ".setof":
         f.line(f"{found} = tuple(sorted(set({name}({arguments})), key=order))")
     else:
         f.line(f"{found} = tuple({name}({arguments}))")

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler._actions import straight
 from socialbot.bdi.compiler._conditions import Reached, loop, query, write
-from socialbot.bdi.compiler._source import CELL, Function, Unit, tuple_of
-from socialbot.bdi.compiler._steps import Body
+from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
+from socialbot.bdi.compiler._steps import Body, straight
 from socialbot.bdi.compiler._terms import build, match
-from socialbot.bdi.literals import ANYTHING, Change
+from socialbot.bdi.literals import Change, Literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Do
 from socialbot.bdi.terms import Conjunction, Variable, names_in
@@ -31,42 +30,38 @@ OTHERS = "ag.ready or ag.events"
 def compile_plan(compiled: CompiledPlan, *, opened: bool) -> Any:
     """Compile a plan; ``opened`` allows unbound variables in the arguments."""
     plan = compiled.plan
-    unit = Unit(str(plan.origin or plan), compiled.library)
-    unit.constants["PLAN"] = compiled
-    f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
-    fail = "return undo(trail, 0)" if opened else "return None"
-    if plan.stage is not None:
-        f.line(f"if ag.stage != {plan.stage!r}: return None")
-    head(f, plan, fail, opened=opened)
-    write(f, plan.condition, fail, lambda: chosen(f, plan))
-    f.line(fail)
-    _trails(unit)
-    run, lines = unit.build()
+    with Unit(str(plan.origin or plan), compiled.library) as unit:
+        unit.constants["PLAN"] = compiled
+        f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
+        fail = "return undo(trail, 0)" if opened else "return None"
+        if plan.stage is not None:
+            f.line(f"if ag.stage != {plan.stage!r}: return None")
+        head(f, plan.event.literal, fail, opened=opened)
+        write(f, plan.condition, fail, lambda: chosen(f, plan))
+        f.line(fail)
+        run, lines = unit.build()
     compiled.lines.update(lines)
     return run
 
 
-def head(f: Function, plan: Plan, fail: str, *, opened: bool) -> None:
-    """Emit the match of the event."""
-    for i, arg in enumerate(plan.event.literal.args):
+def head(f: Function, pattern: Literal, fail: str, *, opened: bool) -> None:
+    """Emit the match of an event or a conclusion."""
+    for i, arg in enumerate(pattern.args):
         subject = f"args[{i}]"
         if not opened:
             match(f, arg, subject, fail)
         elif isinstance(arg, Variable) and arg.name not in f.scope:
-            if arg.name != ANYTHING.name:
+            if arg.name != "_":
                 f.line(f"{f.local(arg.name)} = {subject}")
                 f.scope[arg.name] = CELL
         else:
             f.line(f"if not unify({build(f, arg)}, {subject}, trail): {fail}")
-    annotations = plan.event.literal.annotations
-    if annotations:
+    if pattern.annotations:
         # The event must have all annotations of the trigger.
-        fresh = names_in(annotations) - f.scope.keys() - {"_"}
-        pattern = tuple_of([build(f, note) for note in annotations])
-        f.line(f"if not annotations_match({pattern}, notes, trail): {fail}")
-        for name in sorted(fresh):
-            f.line(f"{f.local(name)} = resolve({f.local(name)})")
-            f.scope[name] = "value"
+        fresh = names_in(pattern.annotations) - f.scope.keys() - {"_"}
+        notes = build(f, pattern.annotations)
+        f.line(f"if not annotations_match({notes}, notes, trail): {fail}")
+        f.resolve(fresh, VALUE)
 
 
 def chosen(f: Function, plan: Plan) -> None:
@@ -114,49 +109,34 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
 def compile_inference(compiled: CompiledInference) -> Any:
     """Compile a rule to a generator of engine, arguments and trail that yields once per solution."""
     inference = compiled.inference
-    unit = Unit(str(inference.origin or inference), compiled.library)
-    f = unit.function("rule", ["ag", "args", "trail"], {})
-    f.line("mark = len(trail)")
-    with f.block("for _ in ONCE"):
-        f.loops = 1
-        head_args = inference.head.args
-        for i, arg in enumerate(head_args):
-            if isinstance(arg, Variable) and arg.name not in f.scope and arg.name != ANYTHING.name:
-                f.line(f"{f.local(arg.name)} = args[{i}]")
-                f.scope[arg.name] = CELL
-            else:
-                f.line(f"if not unify({build(f, arg)}, args[{i}], trail): continue")
-        write(f, inference.condition, "continue", lambda: f.line("yield"))
-    f.line("undo(trail, mark)")
-    _trails(unit)
-    return unit.build()[0]
+    with Unit(str(inference.origin or inference), compiled.library) as unit:
+        f = unit.function("rule", ["ag", "args", "trail"], {})
+        f.line("mark = len(trail)")
+        with f.block("for _ in ONCE"):
+            f.loops = 1
+            head(f, inference.head.with_(annotations=()), "continue", opened=True)
+            write(f, inference.condition, "continue", lambda: f.line("yield"))
+        f.line("undo(trail, mark)")
+        return unit.build()[0]
 
 
 def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], Any]:
     """Compile a condition; return the names of its new variables and the generator of their value tuples."""
-    unit = Unit(str(condition), library)
-    f = unit.function("ask", ["ag", "trail"], {})
-    name, arguments, fresh = query(f, condition)
-    with loop(f, f"{name}({arguments})") as found:
-        f.line(f"yield resolve({found})")
-    return list(fresh), unit.build()[0]
-
-
-def _trails(unit: Unit) -> None:
-    """Add a trail to functions that bind variables and take no trail."""
-    for function in unit.functions:
-        if "trail" not in function.parameters and any("trail" in text for _, text, _ in function.lines):
-            function.lines.insert(0, (0, "trail = []", None))
+    with Unit(str(condition), library) as unit:
+        f = unit.function("ask", ["ag", "trail"], {})
+        name, arguments, fresh = query(f, condition)
+        with loop(f, f"{name}({arguments})") as found:
+            f.line(f"yield resolve({found})")
+        return list(fresh), unit.build()[0]
 
 
 def compile_probe(compiled: CompiledPlan) -> Any:
     """Compile a diagnostic function of a plan that counts the satisfied conditions in ``trail.reached``."""
     plan = compiled.plan
-    unit = Unit(str(plan.origin or plan), compiled.library)
-    f = unit.function("probe", ["ag", "args", "notes", "trail"], {})
-    head(f, plan, "return", opened=False)
     terms = plan.condition.terms
     marked = [part for i, term in enumerate(terms) for part in (Reached(i), term)]
-    write(f, Conjunction((*marked, Reached(len(terms)))), "return", lambda: f.line("return"))
-    _trails(unit)
-    return unit.build()[0]
+    with Unit(str(plan.origin or plan), compiled.library) as unit:
+        f = unit.function("probe", ["ag", "args", "notes", "trail"], {})
+        head(f, plan.event.literal, "return", opened=False)
+        write(f, Conjunction((*marked, Reached(len(terms)))), "return", lambda: f.line("return"))
+        return unit.build()[0]

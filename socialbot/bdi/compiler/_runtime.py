@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import reasons_against
-from socialbot.bdi.actions import Action
 from socialbot.bdi.intentions import (
     DONE,
     OPEN,
@@ -27,6 +26,8 @@ from socialbot.bdi.intentions import (
     TimedRequest,
 )
 from socialbot.bdi.literals import SELF, Event, Literal, literal
+from socialbot.bdi.stdlib.registry import literal_of
+from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, Cons, order, show
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, cons, resolve, undo, unify
 
@@ -43,7 +44,7 @@ Args = tuple[Any, ...]
 
 def _length(engine: Any, items: Any) -> int:
     if not isinstance(items, (tuple, str)):
-        raise Failed("wrong_arguments", f".length of {items}, which is no list and no string")
+        raise Failed("wrong_arguments", f".length expects a list or a string, not {items}")
     return len(items)
 
 
@@ -138,7 +139,7 @@ def univ(term: Any, parts: Any, trail: Trail) -> bool:
         return unify(parts, (name, term.args, term.annotations), trail)
     parts = resolve(parts)
     if parts.__class__ is not tuple or len(parts) != 3 or parts[0].__class__ is not Atom:
-        raise Failed("no_value", f"{term} =.. {parts} leaves both sides open")
+        raise Failed("no_value", f"{term} =.. {parts} has unbound variables on both sides")
     name = parts[0].name
     made = literal(name.removeprefix("~"), parts[1], parts[2], negated=name.startswith("~"))
     return unify(term, made if made.args or made.annotations or made.negated else Atom(name), trail)
@@ -167,7 +168,6 @@ def perform(ag: Interpreter, kind: type[Action], args: Args, cause: Any) -> Any:
 
 
 def act(ag: Interpreter, name: str, args: Args, cause: Any) -> Any:
-    """Execute an AgentSpeak action by name."""
     action = ag.engine.actions.get(name)
     if action is None:
         raise Failed("action_failed", f"there is no action {name}/{len(args)}")
@@ -194,7 +194,6 @@ def outcome(ag: Interpreter, found: Any) -> Pause | None:
 
 
 def internal(ag: Interpreter, entry: Internal, name: str, args: Args, cause: Any) -> Pause | None:
-    """Execute an internal action."""
     trail: Trail = []
     if ag.trace.sink is not None:
         record_action(ag, name, tuple(map(resolve, args)), cause)
@@ -241,7 +240,7 @@ def open_goal(ag: Interpreter, kind: int, trigger: Trigger, args: Args, notes: A
 
 def goal_of(ag: Interpreter, goal: Any, cause: Any) -> Request:
     """Request a goal that is the value of a variable."""
-    goal = _literal(goal)
+    goal = literal_of("!", goal)
     return open_goal(ag, SUBGOAL, ag.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause)
 
 
@@ -254,7 +253,6 @@ def adopt_later(ag: Interpreter, request: Request) -> None:
 
 
 def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
-    """Request a plan for a test goal."""
     if not trigger.plans:
         raise Failed("test_goal_failed", f"nothing answers {trigger.key[1:].rpartition('/')[0]}")
     return open_goal(ag, SUBGOAL, trigger, args, notes, cause)
@@ -262,7 +260,7 @@ def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: 
 
 def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
     """Evaluate ``?Q``: return None if a belief matches, otherwise the request for a plan."""
-    query = _literal(query)
+    query = literal_of("?", query)
     for _ in ag.solve(query.key, query.args, query.annotations, []):
         return None
     return question(ag, ag.triggers[f"+?{query.key}"], query.args, SELF, cause)
@@ -273,7 +271,7 @@ def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
 
 def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
     """Apply ``+B``, ``-B`` or another update to the value of a variable."""
-    belief = _literal(belief)
+    belief = literal_of(sign, belief)
     base = ag.beliefs
     relation, notes = base.relation(belief.key), belief.annotations or SELF
     if sign in ("-", "--"):
@@ -295,15 +293,6 @@ def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: 
         if rejected:
             detail["rejected"] = rejected
     return ag.trace.record("plan", event, cause, **detail)
-
-
-def _literal(term: Any) -> Literal:
-    term = resolve(term)
-    if isinstance(term, Atom):
-        return literal(term.name)
-    if not isinstance(term, Literal):
-        raise Failed("wrong_arguments", f"{term} is no literal")
-    return term
 
 
 NAMES: dict[str, Any] = {

@@ -7,11 +7,12 @@ import functools
 import itertools
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.compiler._runtime import NAMES
 from socialbot.bdi.intentions import GENERATED_FILE
-from socialbot.bdi.terms import Atom
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.library import Library
@@ -30,7 +31,7 @@ _numbers = itertools.count(1)
 class Unit:
     """Source of one plan or rule: functions inside a factory of the constants.
 
-    Plans that differ only in constants share the compiled code.
+    Plans that differ only in constants share the compiled code. As a context, it adds its title to a `RuleError`.
     """
 
     def __init__(self, title: str, library: Library) -> None:
@@ -57,11 +58,20 @@ class Unit:
         self.functions.append(function)
         return function
 
+    def __enter__(self) -> Unit:
+        return self
+
+    def __exit__(self, kind: object, problem: BaseException | None, traceback: object) -> None:
+        if isinstance(problem, RuleError):
+            problem.where = self.title
+
     def build(self) -> tuple[Any, dict[int, Step]]:
         """Compile the source; return the first function and the steps by line number."""
         lines = [f"def make({', '.join(self.constants)}):"]
         steps: dict[int, Step] = {}
         for function in self.functions:
+            if "trail" not in function.parameters and any("trail" in text for _, text, _ in function.lines):
+                function.lines.insert(0, (0, "trail = []", None))
             lines.append(f"    def {function.name}({', '.join(function.parameters)}):")
             for depth, text, step in function.lines:
                 lines.append("    " * (depth + 2) + text)
@@ -75,17 +85,10 @@ class Unit:
 def _make(source: str) -> Any:
     filename = f"{GENERATED_FILE} {next(_numbers)}"
     # Tracebacks read the source from the module's loader.
-    namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": _SourceLoader(source)}
+    loader = SimpleNamespace(get_source=lambda name: source)
+    namespace = {"__builtins__": _BUILTINS, "__name__": filename, "__loader__": loader}
     exec(compile(source, filename, "exec"), namespace)
     return namespace["make"]
-
-
-class _SourceLoader:
-    def __init__(self, source: str) -> None:
-        self.source = source
-
-    def get_source(self, name: str) -> str:
-        return self.source
 
 
 class Function:
@@ -126,10 +129,19 @@ class Function:
     def local(self, variable: str) -> str:
         return f"v_{variable}"
 
+    def save(self, names: Iterable[str], step: Step | None = None) -> dict[str, str]:
+        """Emit copies of locals, since they change in a loop; return the copies by variable."""
+        copies = {name: self.unit.name("x") for name in sorted(names)}
+        for name, copied in copies.items():
+            self.line(f"{copied} = {self.local(name)}", step)
+        return copies
 
-def simple(value: object) -> bool:
-    """Check whether a constant is compared by identity."""
-    return value.__class__ is Atom
+    def resolve(self, names: Iterable[str], state: str | None = None, copies: dict[str, str] | None = None) -> None:
+        """Emit the resolution of locals, or of copies of them, and optionally set their state."""
+        for name in sorted(names):
+            self.line(f"{self.local(name)} = resolve({copies[name] if copies else self.local(name)})")
+            if state is not None:
+                self.scope[name] = state
 
 
 def tuple_of(items: Iterable[str]) -> str:

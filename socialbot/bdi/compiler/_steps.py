@@ -1,19 +1,21 @@
-"""Compile the steps of plan bodies: beliefs, goals, questions and control flow."""
+"""Compile the steps of plan bodies, and find the steps that suspend."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from socialbot.bdi.compiler._actions import await_, constrain, do, enter, limited, rests
-from socialbot.bdi.compiler._conditions import assign, query, unpack
+from socialbot.bdi.compiler._conditions import COLLECTORS, assign, joined_state, query, unpack
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
-from socialbot.bdi.compiler._terms import build, has_value, refresh, value, values
+from socialbot.bdi.compiler._terms import build, match, refresh, settled, value
 from socialbot.bdi.intentions import SUBGOAL, TAIL
-from socialbot.bdi.literals import Goal, Literal, Structure
+from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, literal
 from socialbot.bdi.plans import Plan
+from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.steps import (
     Achieve,
+    Action,
     Ask,
     Await,
     Constrain,
@@ -26,8 +28,148 @@ from socialbot.bdi.steps import (
     Step,
     Update,
     While,
+    send,
 )  # fmt: skip
-from socialbot.bdi.terms import Variable, names_in
+from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, names_in
+from socialbot.core.errors import RuleError
+
+
+def straight(body: tuple[Step, ...]) -> bool:
+    """Check whether a body runs in place: updates, actions and comparisons with an optional final goal."""
+    for i, step in enumerate(body):
+        if isinstance(step, Achieve):
+            if not step.apart and (i < len(body) - 1 or step.limit_s is not None or isinstance(step.goal, Variable)):
+                return False
+        elif isinstance(step, Do):
+            entry = find(step.action.functor)
+            if step.limit_s is not None or pauses(step.action) or (entry is not None and entry.aware):
+                return False
+        elif not isinstance(step, (Update, Forget, Constrain, Enter)):
+            return False
+    return True
+
+
+def rests(step: Step) -> bool:
+    """Check whether a step always yields to other intentions before it ends."""
+    if isinstance(step, Do):
+        return pauses(step.action)
+    return isinstance(step, (Await, Fork))
+
+
+def pauses(action: Literal) -> bool:
+    """Check whether an internal action can pause; ``.send`` pauses only for an answer."""
+    if action.functor == ".send":
+        return len(action.args) > 3
+    entry = find(action.functor)
+    return entry is not None and entry.pauses
+
+
+def _limited(f: Function, pause: str, limit_s: object) -> str:
+    return pause if limit_s is None else f"limited({pause}, {value(f, limit_s)})"
+
+
+def do(f: Function, step: Do) -> str | None:
+    """Emit an action; return the local that holds its pause or None, if it can pause."""
+    action = step.action
+    if action.functor.startswith(".") or find(action.functor) is not None:
+        internal(f, step)
+        return None
+    args = [value(f, arg) for arg in action.args]
+    if isinstance(action, send) and len(args) == 2 and isinstance(action.args[1], Belief):
+        f.line(f"ag.messaging.tell({args[0]}, {action.args[1].key!r}, {value(f, action.args[1].args)}, c)", step)
+        return None
+    r = f.unit.name("r")
+    record = f"if ag.trace.sink is not None: record_action(ag, {action.functor!r}, {tuple_of(args)}, c)"
+    if not isinstance(action, Action):
+        f.line(f"{r} = act(ag, {action.functor!r}, {tuple_of(args)}, c)", step)
+    elif action.function is not None:
+        f.line(record, step)
+        f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag.engine', *args])})", step)
+    else:
+        f.line(f"{r} = perform(ag, {f.unit.constant(type(action))}, {tuple_of(args)}, c)", step)
+    return r
+
+
+def internal(f: Function, step: Do) -> None:
+    action = step.action
+    if action.functor == ".wait" and action.args and isinstance(action.args[0], (Event, Condition, Atom)):
+        what: Any
+        what, *limits = action.args
+        if len(limits) > 1:
+            raise RuleError(f"{action} takes at most 2 arguments", remedy="handle the timeout in a plan for -!g")
+        limit = Expression("/", limits[0], 1000) if limits else None
+        await_(f, Await(literal(what.name) if isinstance(what, Atom) else what, limit), step.limit_s)
+        return
+    if action.functor in COLLECTORS:
+        constrain(f, Constrain(action))  # type: ignore[arg-type]
+        return
+    if (
+        action.functor == ".send"
+        and len(action.args) == 3
+        and action.args[1] is Atom("tell")
+        and isinstance(action.args[2], Literal)
+        and settled(f, action)
+        and not action.args[2].annotations
+    ):
+        belief: Any
+        receiver, _, belief = action.args
+        f.line(f"ag.messaging.tell({value(f, receiver)}, {belief.key!r}, {value(f, belief.args)}, c)", step)
+        return
+    entry = called(action)
+    before = set(f.scope)
+    r = f.unit.name("r")
+    args = build(f, action.args)
+    f.line(f"{r} = internal(ag, {f.unit.constant(entry)}, {action.functor!r}, {args}, c)", step)
+    if pauses(action):
+        f.line(f"yield {_limited(f, r, step.limit_s)}", step)
+    cells = {name for name in names_in(action) if f.scope.get(name) == CELL}
+    f.resolve(cells & before)
+    f.resolve(cells - before, VALUE if entry.binds else CELL)
+
+
+def await_(f: Function, step: Await, limit_s: object = None) -> None:
+    """Emit a pause until an event occurs or a condition holds; it fails after ``limit_s``."""
+    limit = "None" if step.limit_s is None else value(f, step.limit_s)
+    if isinstance(step.what, Event):
+        literal = step.what.literal
+        args, notes = build(f, literal.args), build(f, literal.annotations)
+        pause = f"EventPause({step.what.key!r}, {args}, {notes}, {limit})"
+        f.line(f"yield {_limited(f, pause, limit_s)}", step)
+        refresh(f, names_in(literal))
+    else:
+        found = f.unit.name("s")
+        name, arguments, states = query(f, step.what)
+        f.line(f"{found} = []")
+        pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit})"
+        f.line(f"yield {_limited(f, pause, limit_s)}", step)
+        unpack(f, states, f"{found}[0]")
+
+
+def constrain(f: Function, step: Constrain) -> None:
+    """Emit a test condition, which fails the body if it does not hold."""
+    condition = step.condition
+    if isinstance(condition, Conjunction) and len(condition.terms) == 1:
+        condition = condition.terms[0]
+    fail = f"raise Failed('constraint_failed', {f'{condition} does not hold'!r})"
+    if isinstance(condition, Comparison) and condition.symbol == "=":
+        left, right = condition.left, condition.right
+        if settled(f, right):
+            match(f, left, value(f, right), fail, step)
+            return
+    elif isinstance(condition, Comparison) and condition.symbol != "=..":
+        f.line(f"if not {value(f, condition.left)} {condition.symbol} {value(f, condition.right)}: {fail}", step)
+        return
+    found, fresh = first(f, condition, step)
+    f.line(f"if {found} is None: {fail}", step)
+    unpack(f, fresh, found)
+
+
+def first(f: Function, condition: Condition, step: Step, also: Iterable[str] = ()) -> tuple[str, Scope]:
+    """Emit the search for the first solution; return its local and its variables."""
+    name, arguments, fresh = query(f, condition, also=also)
+    found = f.unit.name("s")
+    f.line(f"{found} = next({name}({arguments}), None)", step)
+    return found, fresh
 
 
 def notes_of(f: Function, literal: Literal) -> str:
@@ -47,18 +189,15 @@ def update(f: Function, step: Update) -> None:
         return
     relation = f.relation(literal.key)
     if sign in ("-", "--"):
-        before = set(f.scope)
-        known = "_" not in names_in(literal.args) and has_value(f, literal.args)
-        if known and _anyones(literal):
-            f.line(f"r = ag.beliefs.remove_any({relation}, {values(f, literal.args)}, c, {sign == '-'})", step)
-            return
-        known = known and "_" not in names_in(literal.annotations) and has_value(f, literal.annotations)
-        args = values(f, literal.args) if known else tuple_of([build(f, arg) for arg in literal.args])
+        anyones = list(map(str, literal.annotations)) == ["source(_)"]
+        known = settled(f, literal.args) and (anyones or settled(f, literal.annotations))
+        args = build(f, literal.args)
+        notes = "None" if known and anyones else notes_of(f, literal)
         method = "remove_known" if known else "remove"
-        f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes_of(f, literal)}, c, {sign == '-'})", step)
-        refresh(f, names_in(literal), before)
+        f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes}, c, {sign == '-'})", step)
+        refresh(f, names_in(literal))
         return
-    args = values(f, literal.args)
+    args = value(f, literal.args)
     if type(literal) is not Structure:
         f.unit.library.declare(type(literal))
     if sign == "++":
@@ -69,39 +208,29 @@ def update(f: Function, step: Update) -> None:
 
 
 def forget(f: Function, step: Forget) -> None:
-    """Emit the removal of all matching beliefs from any source."""
     literal = step.literal
     relation = f.relation(literal.key)
-    if "_" not in names_in(literal) and has_value(f, literal) and not literal.annotations:
-        args = values(f, literal.args)
+    if settled(f, literal) and not literal.annotations:
+        args = value(f, literal.args)
         # Without observers no call is needed.
         f.line(f"if {relation}.quiet and ag.trace.sink is None:")
         f.line(f"    {relation}.facts.pop({args}, None)", step)
         f.line(f"else: ag.beliefs.forget_one({relation}, {args}, c)", step)
     else:
-        args = tuple_of([build(f, arg) for arg in literal.args])
-        notes = tuple_of([build(f, note) for note in literal.annotations])
+        args, notes = build(f, literal.args), build(f, literal.annotations)
         f.line(f"ag.beliefs.forget_all({relation}, {args}, {notes}, c)", step)
 
 
-def _anyones(literal: Literal) -> bool:
-    """Check for the annotation ``[source(_)]``."""
-    notes = literal.annotations
-    return len(notes) == 1 and isinstance(notes[0], Literal) and str(notes[0]) == "source(_)"
-
-
 def request(f: Function, step: Achieve, kind: int) -> str:
-    """Return the expression of a goal request."""
     goal = step.goal
     if isinstance(goal, Goal):
         f.unit.library.declare(type(goal))
     if isinstance(goal, Variable):
         return f"goal_of(ag, {value(f, goal)}, c)"
-    settled = "_" not in names_in(goal) and has_value(f, goal)
-    args = values(f, goal.args) if settled else tuple_of([build(f, arg) for arg in goal.args])
-    notes = notes_of(f, goal)
+    known = settled(f, goal)
+    args, notes = build(f, goal.args), notes_of(f, goal)
     trigger = f"ag.triggers[{'+!' + goal.key!r}]"
-    if settled:
+    if known:
         return f"({kind}, {trigger}, {args}, {notes}, c)"
     return f"open_goal(ag, {kind}, {trigger}, {args}, {notes}, c)"
 
@@ -109,21 +238,18 @@ def request(f: Function, step: Achieve, kind: int) -> str:
 def achieve(f: Function, step: Achieve, *, last: bool) -> None:
     """Emit a subgoal; ``last`` replaces the goal of the plan."""
     if step.apart:
-        if isinstance(step.goal, Variable):
-            f.line(f"adopt_later(ag, goal_of(ag, {value(f, step.goal)}, c))", step)
-        elif step.limit_s is not None:
+        if step.limit_s is not None:
             f.line(f"ag.intentions.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
         else:
             f.line(f"adopt_later(ag, {request(f, step, SUBGOAL)})", step)
         return
     goal = step.goal
     tail = last and step.limit_s is None and not isinstance(goal, Variable)
-    before = set(f.scope)
     asked = request(f, step, TAIL if tail else SUBGOAL)
     if step.limit_s is not None:
         asked = f"TimedRequest({asked}, {value(f, step.limit_s)})"
     f.line(f"yield {asked}", step)
-    refresh(f, names_in(goal), before)
+    refresh(f, names_in(goal))
 
 
 def ask(f: Function, step: Ask) -> None:
@@ -132,15 +258,13 @@ def ask(f: Function, step: Ask) -> None:
     if isinstance(query_, Variable):
         f.line(f"yield question_of(ag, {value(f, query_)}, c)", step)
         return
-    name, arguments, fresh = query(f, query_)
-    found = f.unit.name("s")
-    f.line(f"{found} = next({name}({arguments}), None)", step)
+    found, fresh = first(f, query_, step)
     with f.block(f"if {found} is not None"):
         assign(f, fresh, found)
     with f.block("else"):
         if isinstance(query_, Literal) and "." not in query_.functor:
             scope = dict(f.scope)
-            args = tuple_of([build(f, arg) for arg in query_.args])
+            args = build(f, query_.args)
             trigger = f"ag.triggers[{'+?' + query_.key!r}]"
             f.line(f"yield question(ag, {trigger}, {args}, {notes_of(f, query_)}, c)", step)
             for variable in sorted(names_in(query_) - {"_"}):
@@ -222,32 +346,29 @@ class Body:
         elif isinstance(step, Do):
             pause = do(f, step)
             if pause:
-                within = limited(f, pause, step.limit_s)
+                within = _limited(f, pause, step.limit_s)
                 with f.block(f"if {pause} is not None"):
                     f.line(f"{pause} = outcome(ag, {pause})", step)
                 if within != pause:
                     f.line(f"if {pause} is not None: {pause} = {within}", step)
                 f.line(f"if {pause} is not None: yield {pause}" if last or closes else f"yield {pause}")
                 return True
-            return rests(step)
         elif isinstance(step, Update):
             update(f, step)
             if step.sign in ("+", "-", "-+"):
                 f.line("if r is not None: yield r", step)
-        elif isinstance(step, (If, While, For, Fork)):
+        elif isinstance(step, Enter):
+            f.line(f"ag.enter({step.stage!r}, cause=c)", step)
+        elif type(step) in BLOCKS:
             BLOCKS[type(step)](self, f, step)
-            return rests(step)
         else:
             WRITERS[type(step)](f, step)
-            return rests(step)
-        return False
+        return rests(step)
 
     # Control
 
     def if_(self, f: Function, step: If) -> None:
-        name, arguments, fresh = query(f, step.condition)
-        found = f.unit.name("s")
-        f.line(f"{found} = next({name}({arguments}), None)", step)
+        found, fresh = first(f, step.condition, step)
         start, scope = len(f.lines), dict(f.scope)
         with f.block(f"if {found} is not None"):
             unpack(f, fresh, found)
@@ -261,44 +382,26 @@ class Body:
         # Variables of only one branch may be unbound after the other one.
         half = sorted(then.keys() ^ other.keys())
         f.lines[start:start] = [(f.depth, f"{f.local(n)} = Var({n!r})", None) for n in half]
-        f.scope = {
-            n: VALUE if then.get(n) == VALUE and other.get(n) == VALUE else CELL for n in then.keys() | other.keys()
-        }
+        f.scope = {name: joined_state(name, then, other) for name in then.keys() | other.keys()}
 
     def while_(self, f: Function, step: While) -> None:
-        scope = dict(f.scope)
-        found = f.unit.name("s")
-        cells = self.cells(f, step)
-        with f.block("while True"):
+        with _own_cells(f, step) as cells, f.block("while True"):
             _renew(f, cells)
-            name, arguments, fresh = query(f, step.condition, also=cells)
-            f.line(f"{found} = next({name}({arguments}), None)", step)
+            found, fresh = first(f, step.condition, step, also=cells)
             f.line(f"if {found} is None: break")
             unpack(f, fresh, found)
             self.write_all(f, step.body, nested=True)
             f.line("yield")
-        _restore(f, cells)
-        f.scope = scope
 
     def for_(self, f: Function, step: For) -> None:
-        scope = dict(f.scope)
-        cells = self.cells(f, step)
-        _renew(f, cells)
-        name, arguments, fresh = query(f, step.condition, also=cells)
-        found = f.unit.name("s")
-        with f.block(f"for {found} in list({name}({arguments}))", step):
+        with _own_cells(f, step) as cells:
             _renew(f, cells)
-            unpack(f, fresh, found)
-            self.write_all(f, step.body, nested=True)
-        _restore(f, cells)
-        f.scope = scope
-
-    def cells(self, f: Function, step: Step) -> dict[str, str]:
-        """Save the unbound variables before a loop, since each iteration starts with new ones."""
-        cells = {name: f.unit.name("x") for name in sorted(f.scope) if f.scope[name] == CELL}
-        for name, cell in cells.items():
-            f.line(f"{cell} = {f.local(name)}", step)
-        return cells
+            name, arguments, fresh = query(f, step.condition, also=cells)
+            found = f.unit.name("s")
+            with f.block(f"for {found} in list({name}({arguments}))", step):
+                _renew(f, cells)
+                unpack(f, fresh, found)
+                self.write_all(f, step.body, nested=True)
 
     def fork(self, f: Function, step: Fork) -> None:
         out = f.unit.name("out")
@@ -320,14 +423,20 @@ class Body:
             f.scope[name] = CELL
 
 
+@contextmanager
+def _own_cells(f: Function, step: Step) -> Iterator[dict[str, str]]:
+    """Save the unbound variables around a loop, since each iteration starts with new ones."""
+    scope = dict(f.scope)
+    cells = f.save([name for name, state in scope.items() if state == CELL], step)
+    yield cells
+    for name, cell in cells.items():
+        f.line(f"{f.local(name)} = {cell}")
+    f.scope = scope
+
+
 def _renew(f: Function, cells: dict[str, str]) -> None:
     for name, cell in cells.items():
         f.line(f"{f.local(name)} = renew({cell})")
-
-
-def _restore(f: Function, cells: dict[str, str]) -> None:
-    for name, cell in cells.items():
-        f.line(f"{f.local(name)} = {cell}")
 
 
 def _assigned(body: tuple[Step, ...]) -> set[str]:
@@ -343,7 +452,6 @@ WRITERS: dict[type[Step], Callable[[Function, Any], None]] = {
     Ask: ask,
     Await: await_,
     Constrain: constrain,
-    Enter: enter,
     Forget: forget,
 }
 BLOCKS: dict[type[Step], Callable[[Body, Function, Any], None]] = {

@@ -6,17 +6,18 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from socialbot.bdi.belief_base import Relation, is_source
+from socialbot.bdi.agentspeak.lexer import AgentSpeakError
+from socialbot.bdi.agentspeak.parser import parse_plan
+from socialbot.bdi.agentspeak.printer import agentspeak
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import SELF, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.environment import event_of
-from socialbot.bdi.stdlib.registry import each_of, gives, internal, literal_of, name_of, opened, wrong
+from socialbot.bdi.stdlib.registry import Args, each_of, gives, internal, literal_of, name_of, opened, wrong
 from socialbot.bdi.terms import Atom
 from socialbot.bdi.unification import Trail, annotations_match, closed, resolve, undo, unify
 from socialbot.core.errors import RuleError
-
-Args = tuple[Any, ...]
 
 
 @internal(".abolish", 1)
@@ -37,31 +38,27 @@ def belief(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 @internal(".asserta", 1)
 def asserta(engine: Any, args: Args, trail: Trail) -> None:
     """``.asserta(b(1))``: add a belief that queries try first. A separate intention handles the event."""
-    _assert(engine, args[0], ".asserta")
+    _assert(engine, ".asserta", args[0])
 
 
 @internal(".assertz", 1)
 def assertz(engine: Any, args: Args, trail: Trail) -> None:
     """``.assertz(b(1))``: add a belief that queries try last. A separate intention handles the event."""
-    relation, added = _assert(engine, args[0], ".assertz")
-    if added is not None:
-        _put_last(relation, added)
+    _assert(engine, ".assertz", args[0], last=True)
 
 
-def _assert(engine: Any, term: Any, name: str) -> tuple[Relation, Args | None]:
-    """Add a belief; return its arguments if it is new."""
+def _assert(engine: Any, name: str, term: Any, *, last: bool = False) -> None:
+    """Add a belief; ``last`` makes a new one the oldest, in time linear in the size of the relation."""
     what = literal_of(name, term)
+    args = what.args
     if not closed(what):
         raise Failed("no_value", f"{name}: {what} has a variable without a value")
     relation = engine.beliefs.relation(what.key)
-    new = what.args not in relation.facts
+    new = args not in relation.facts
     notes = what.annotations if any(map(is_source, what.annotations)) else what.annotations + SELF
-    engine.beliefs.add(relation, what.args, notes, engine.interpreter.cause)
-    return relation, what.args if new and what.args in relation.facts else None
-
-
-def _put_last(relation: Relation, args: Args) -> None:
-    """Move a belief to the oldest position, in time linear in the size of the relation."""
+    engine.beliefs.add(relation, args, notes, engine.interpreter.cause)
+    if not last or not new or args not in relation.facts:
+        return
     facts = dict(relation.facts)
     relation.facts.clear()
     relation.facts[args] = facts.pop(args)
@@ -132,7 +129,14 @@ def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
 
 def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False) -> None:
     """Add a plan (term or string) from a source. An equal plan only gets another source."""
-    plan = _plan(item)
+    plan = resolve(item)
+    if isinstance(plan, str):
+        try:
+            plan = parse_plan(plan, "<string>")
+        except AgentSpeakError as problem:
+            raise Failed("wrong_arguments", f"the plan cannot be read: {problem}") from problem
+    if not isinstance(plan, Plan):
+        raise wrong(".add_plan", plan, "a plan, such as {+!g <- .print(hello)}")
     known = _known(engine, plan)
     if known is not None:
         new = tuple(note for note in notes if note not in _sources(known.plan))
@@ -164,33 +168,15 @@ def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
         engine.remove_plan(known.plan)
 
 
-def _plan(item: Any) -> Plan:
-    item = resolve(item)
-    if isinstance(item, str):
-        from socialbot.bdi.agentspeak import AgentSpeakError, parse_plan
-
-        try:
-            return parse_plan(item, "<string>")
-        except AgentSpeakError as problem:
-            raise Failed("wrong_arguments", f"the plan cannot be read: {problem}") from problem
-    if not isinstance(item, Plan):
-        raise wrong(".add_plan", item, "a plan, such as {+!g <- .print(hello)}")
-    return item
-
-
 def _known(engine: Any, plan: Plan) -> Any:
     """Return the equal compiled plan of the library."""
+
+    def text(plan: Plan) -> str:
+        return agentspeak(replace(plan, annotations=_others(plan)))
+
     trigger = engine.library.triggers.get(plan.event.key)
-    for ready in trigger.plans if trigger is not None else ():
-        if ready.plan is plan or _text(ready.plan) == _text(plan):
-            return ready
-    return None
-
-
-def _text(plan: Plan) -> str:
-    from socialbot.bdi.agentspeak.printer import agentspeak
-
-    return agentspeak(replace(plan, annotations=_others(plan)))
+    known = () if trigger is None else trigger.plans
+    return next((ready for ready in known if ready.plan is plan or text(ready.plan) == text(plan)), None)
 
 
 def _sources(plan: Plan) -> tuple[object, ...]:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from typing import Any
+from typing import Any, TypeVar
 
+from socialbot.bdi.agentspeak.lexer import AgentSpeakError
+from socialbot.bdi.agentspeak.parser import parse_event
+from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.intentions import EventPause, Failed, Pause, Sleep
 from socialbot.bdi.literals import Event, Literal
 from socialbot.bdi.plans import Plan
-from socialbot.bdi.stdlib.registry import detached, gives, internal, is_number, name_of, number_of, wrong
+from socialbot.bdi.stdlib.registry import Args, detached, gives, internal, is_number, name_of, number_of, opened, wrong
 from socialbot.bdi.terms import Atom, Cons
 from socialbot.bdi.unification import Trail, Var, closed, resolve
 from socialbot.core.clock import SECOND
 
 
 @internal(".print", 0, 100)
-def print_(engine: Any, args: tuple[Any, ...], trail: Trail) -> None:
+def print_(engine: Any, args: Args, trail: Trail) -> None:
     """``.print(a1, ..., an)``: print the arguments without separators."""
     line = "".join(map(said, args))
     if engine.out is not None:
@@ -55,31 +60,21 @@ def spelled(term: Any) -> str:
     if term.__class__ is Cons:
         return f"[{','.join(map(spelled, term.items))}|{spelled(term.tail)}]"
     if isinstance(term, Literal):
-        return _literal(term)
-    if isinstance(term, (Plan, Event)):
-        from socialbot.bdi.agentspeak.printer import agentspeak
-
-        return (
-            agentspeak(term) if isinstance(term, Plan) else f"{{{term.change.value}{spelled(resolve(term.literal))}}}"
-        )
+        args = f"({','.join(map(spelled, term.args))})" if term.args else ""
+        notes = f"[{','.join(sorted(map(spelled, term.annotations)))}]" if term.annotations else ""
+        return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
+    if isinstance(term, Plan):
+        return agentspeak(term)
+    if isinstance(term, Event):
+        return f"{{{term.change.value}{spelled(resolve(term.literal))}}}"
     return str(term)
 
 
-def _literal(term: Literal) -> str:
-    args = f"({','.join(map(spelled, term.args))})" if term.args else ""
-    notes = f"[{','.join(sorted(map(spelled, term.annotations)))}]" if term.annotations else ""
-    return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
-
-
 def _name(name: str) -> str:
-    if name.isidentifier() and name[0].islower():
-        return name
-    from socialbot.bdi.agentspeak.printer import agentspeak
-
-    return agentspeak(Atom(name))
+    return name if name.isidentifier() and name[0].islower() else agentspeak(Atom(name))
 
 
-Args = tuple[Any, ...]
+T = TypeVar("T")
 
 UNITS = {"": 0.001, "ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds per unit."""
@@ -91,32 +86,29 @@ _WHEN = re.compile(r"now(?:\s*\+\s*(\d+(?:\.\d+)?)\s*([a-z]*))?")
 def time(engine: Any, args: Args, trail: Trail) -> bool:
     """``.time(Hour, Minute, Second, Millisecond)``: the local time of day."""
     now = _now(engine)
-    return gives(args, (now.hour, now.minute, now.second, now.microsecond // 1000)[: len(args)], trail)
+    return gives(args, (*now.timetuple()[3:6], now.microsecond // 1000)[: len(args)], trail)
 
 
 @internal(".date", 3, binds=True)
 def date(engine: Any, args: Args, trail: Trail) -> bool:
     """``.date(Year, Month, Day)``: the local date."""
-    now = _now(engine)
-    return gives(args, (now.year, now.month, now.day), trail)
+    return gives(args, _now(engine).timetuple()[:3], trail)
 
 
 def _now(engine: Any) -> datetime:
     return (datetime.fromtimestamp(0, timezone.utc) + timedelta(seconds=engine.clock.now() / SECOND)).astimezone()
 
 
+@dataclass(eq=False)
 class Appointment:
     """Event scheduled for a given time."""
 
-    def __init__(self, engine: Any, event: Event) -> None:
-        self.engine = engine
-        self.event = event
-        self.cause = engine.interpreter.cause
-        self.cancelled = False
+    engine: Any
+    event: Event
+    cause: Any
 
     def __call__(self) -> None:
-        if not self.cancelled:
-            self.engine.interpreter.raise_event(self.event, self.cause)
+        self.engine.interpreter.raise_event(self.event, self.cause)
 
 
 @internal(".at", 2)
@@ -130,27 +122,29 @@ def at(engine: Any, args: Args, trail: Trail) -> None:
         raise wrong(".at", when, 'a time, such as "now +3 s"')
     if not closed(event.literal):
         raise Failed("no_value", f".at: {event} has a variable without a value")
-    engine.timers.after(float(found[1] or 0) * UNITS[unit], Appointment(engine, event))
+    engine.timers.after(float(found[1] or 0) * UNITS[unit], Appointment(engine, event, engine.interpreter.cause))
+
+
+def parsed(name: str, text: str, parse: Callable[[str, str], T], what: str) -> T:
+    """Parse AgentSpeak text that is an argument. Raises Failed for a syntax error."""
+    try:
+        return opened(parse(text, f"<{name}>"))
+    except AgentSpeakError as problem:
+        raise Failed("wrong_arguments", f"{name}: {text!r} is not {what}: {problem}") from problem
 
 
 def event_of(name: str, term: Any) -> Event:
     """Convert ``{+b(X)}`` or a string to an event. Raises Failed for any other term."""
     term = resolve(term)
     if isinstance(term, str):
-        from socialbot.bdi.agentspeak import AgentSpeakError, parse_event
-        from socialbot.bdi.stdlib.registry import opened
-
-        try:
-            return opened(parse_event(term, f"<{name}>"))
-        except AgentSpeakError as problem:
-            raise Failed("wrong_arguments", f"{name}: {term!r} is no event") from problem
+        return parsed(name, term, parse_event, "an event")
     if not isinstance(term, Event):
         raise wrong(name, term, "an event, such as {+!g}")
     return detached(term)
 
 
 @internal(".wait", 1, 2, pauses=True)
-def wait(engine: Any, args: tuple[Any, ...], trail: Trail) -> Pause:
+def wait(engine: Any, args: Args, trail: Trail) -> Pause:
     """``.wait(500)``: pause for 500 ms; ``.wait("+b(1)", 500)``: until the event occurs, with a timeout."""
     what = resolve(args[0])
     if is_number(what):
@@ -169,13 +163,13 @@ def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
     With an ``Answer``, the intention waits for it; after the timeout (ms) the answer is ``timeout``.
     """
     receiver, performative, content, *rest = args
-    receiver, performative, content = map(resolve, (receiver, performative, content))
-    performative = name_of(".send", performative)
-    if not rest:
-        return engine.messaging.send(receiver, performative, content, engine.interpreter.cause)
-    limit_s = number_of(".send", rest[1]) / 1000 if len(rest) > 1 else None
     return engine.messaging.send(
-        receiver, performative, content, engine.interpreter.cause, answer=rest[0], limit_s=limit_s
+        resolve(receiver),
+        name_of(".send", performative),
+        resolve(content),
+        engine.interpreter.cause,
+        answer=rest[0] if rest else None,
+        limit_s=number_of(".send", rest[1]) / 1000 if len(rest) > 1 else None,
     )
 
 

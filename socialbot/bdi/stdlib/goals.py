@@ -6,18 +6,15 @@ is no longer current, unless it is the initial goal or has a failure plan.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from socialbot.bdi.intentions import SUBGOAL, Failed, Failure, ForkPause, Intention, Request, goal_of
 from socialbot.bdi.literals import Literal, error, error_msg, literal
 from socialbot.bdi.stdlib.environment import Appointment, said, spelled
-from socialbot.bdi.stdlib.registry import gives, internal, literal_of
+from socialbot.bdi.stdlib.registry import Args, gives, internal, literal_of
 from socialbot.bdi.terms import Atom
 from socialbot.bdi.unification import Trail, annotations_match, resolve, undo, unify
-
-Args = tuple[Any, ...]
-
 
 # Looking
 
@@ -56,12 +53,9 @@ def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
     """``.current_intention(intention(Number, Goals))``: the intention of this plan, with the innermost goal first."""
     intention = engine.intentions.current
-    goals = tuple(_atom(goal_of(request, {})) for request in reversed(list(_goals(intention))))
-    return gives(args[0], literal("intention", (intention.number, goals)), trail)
-
-
-def _atom(goal: Literal) -> object:
-    return goal if goal.args else Atom(goal.functor)
+    goals = [goal_of(request, {}) for request in reversed(list(_goals(intention)))]
+    shown = tuple(goal if goal.args else Atom(goal.functor) for goal in goals)
+    return gives(args[0], literal("intention", (intention.number, shown)), trail)
 
 
 # Dropping
@@ -81,16 +75,15 @@ def drop_all_intentions(engine: Any, args: Args, trail: Trail) -> None:
     for intention in engine.intentions:
         if intention is not ours and intention.active and not _is_branch_parent(intention, ours):
             engine.intentions.drop(intention)
-    for _, _, callback in engine.timers.heap:
-        if isinstance(callback, Appointment):
-            callback.cancelled = True
+    engine.timers.remove(lambda callback: isinstance(callback, Appointment))
 
 
 def _is_branch_parent(intention: Intention, branch: Intention | None) -> bool:
-    pause = intention.pause
-    return isinstance(pause, ForkPause) and any(
-        each is branch or _is_branch_parent(each, branch) for each in pause.branches
-    )
+    return any(each is branch or _is_branch_parent(each, branch) for each in _branches(intention))
+
+
+def _branches(intention: Intention) -> Iterable[Intention]:
+    return intention.pause.branches if isinstance(intention.pause, ForkPause) else ()
 
 
 @internal(".drop_desire", 1, pauses=True)
@@ -141,7 +134,7 @@ def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
 def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
     """``.fail_goal(g)``: fail the goal; a plan for ``-!g`` handles this, or the parent goal fails."""
     goal = literal_of(".fail_goal", args[0])
-    message = f"{spelled(goal)} was given up by .fail_goal"
+    message = f"{spelled(goal)} was ended by .fail_goal"
     for request in _take_pending(engine, goal):
         engine.intentions.fail_request(request, Failure("cancelled", message, ".fail_goal", engine.interpreter.cause))
     for intention in _pursuing(engine, goal):
@@ -192,9 +185,8 @@ def _suspend(engine: Any, intention: Intention) -> None:
     intention.suspended = True
     if intention in engine.interpreter.ready:
         engine.interpreter.ready.remove(intention)
-    if isinstance(intention.pause, ForkPause):
-        for branch in intention.pause.branches:
-            _suspend(engine, branch)
+    for branch in _branches(intention):
+        _suspend(engine, branch)
 
 
 @internal(".resume", 1, pauses=True)
@@ -209,9 +201,8 @@ def _resume(engine: Any, intention: Intention) -> None:
         intention.suspended = False
         if intention.pause is None and intention.frames:
             engine.interpreter.ready.append(intention)
-        elif isinstance(intention.pause, ForkPause):
-            for branch in intention.pause.branches:
-                _resume(engine, branch)
+        for branch in _branches(intention):
+            _resume(engine, branch)
 
 
 # Finding
@@ -237,13 +228,9 @@ def _goals(intention: Intention | None) -> Iterator[Request]:
         return
     first = intention.event
     found = list(intention.goals())
-    if first is not None and first[1].goal and not any(_same(first, goal) for goal in found):
+    if first is not None and first[1].goal and all(first[1] is not goal[1] or first[2] != goal[2] for goal in found):
         yield first
     yield from found
-
-
-def _same(one: Request, other: Request) -> bool:
-    return one[1] is other[1] and one[2] == other[2]
 
 
 def _matches(goal: Literal, request: Request, trail: Trail) -> Iterator[None]:
@@ -265,15 +252,10 @@ def _fits(goal: Literal, request: Request) -> bool:
 
 
 def _pending(engine: Any) -> list[Request]:
-    return [
-        (SUBGOAL, trigger, args, notes, cause)
-        for trigger, args, notes, cause in engine.interpreter.events
-        if trigger.goal
-    ]
+    return [(SUBGOAL, *event) for event in engine.interpreter.events if event[0].goal]
 
 
 def _take_pending(engine: Any, goal: Literal) -> list[Request]:
-    """Remove a goal from the pending requests."""
     taken = [request for request in _pending(engine) if _fits(goal, request)]
     for request in taken:
         engine.interpreter.events.remove(request[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import Event, Literal, literal
@@ -29,24 +29,17 @@ class Internal:
     aware: bool = False
 
 
+T = TypeVar("T", bound=Callable[..., Any])
+
 INTERNALS: dict[str, Internal] = {}
 """Internal actions by dotted name."""
 
 
-def internal(
-    name: str,
-    least: int,
-    most: int | None = None,
-    *,
-    many: bool = False,
-    pauses: bool = False,
-    binds: bool = False,
-    aware: bool = False,
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a function as an internal action with ``least`` to ``most`` arguments."""
+def internal(name: str, least: int, most: int | None = None, **options: bool) -> Callable[[T], T]:
+    """Register a function as an internal action with ``least`` to ``most`` arguments and options of `Internal`."""
 
-    def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        INTERNALS[name] = Internal(function, (least, least if most is None else most), many, pauses, binds, aware)
+    def register(function: T) -> T:
+        INTERNALS[name] = Internal(function, (least, least if most is None else most), **options)
         return function
 
     return register
@@ -57,9 +50,8 @@ Args = tuple[Any, ...]
 
 def wrong(name: str, term: object, expected: str) -> Failed:
     """Return the failure for an argument of the wrong type."""
-    if term.__class__ is Var:
-        return Failed("wrong_arguments", f"{name} expects {expected}, but {term} has no value")
-    return Failed("wrong_arguments", f"{name} expects {expected}, not {show(term)}")
+    shown = f"but {term} has no value" if term.__class__ is Var else f"not {show(term)}"
+    return Failed("wrong_arguments", f"{name} expects {expected}, {shown}")
 
 
 def number_of(name: str, term: Any) -> float:
@@ -135,39 +127,36 @@ def each(term: Any, values: Iterable[Any], trail: Trail) -> Iterator[None]:
         undo(trail, mark)
 
 
-def opened(term: Any, variables: dict[str, Var] | None = None) -> Any:
-    """Replace each variable of a term by a fresh `Var` for use at run time."""
+def opened(term: Any, variables: dict[Any, Var] | None = None, compute: Callable[[Any], Any] | None = None) -> Any:
+    """Copy a term with a fresh `Var` for each variable.
+
+    Args:
+        term: Term of a plan, or value that may have unbound variables.
+        variables: Fresh variables by name (of a plan) or by the variable they replace.
+        compute: Evaluates expressions and function calls; without it they raise Failed.
+    """
     variables = {} if variables is None else variables
     if isinstance(term, Variable):
         return Var() if term.name == "_" else variables.setdefault(term.name, Var(term.name))
+    if term.__class__ is Var:
+        return variables.setdefault(term, Var(term.name))
     if isinstance(term, tuple):
-        return tuple(opened(item, variables) for item in term)
+        return tuple(opened(item, variables, compute) for item in term)
     if isinstance(term, Cons):
-        return cons(opened(term.items, variables), opened(term.tail, variables))
+        return cons(opened(term.items, variables, compute), opened(term.tail, variables, compute))
     if isinstance(term, (Expression, Call)):
-        raise Failed("wrong_arguments", f"{term} stands where nothing is computed")
+        if compute is None:
+            raise Failed("wrong_arguments", f"{term} is an expression, where a value is required")
+        return compute(term)
     if isinstance(term, Literal):
-        return term.with_(args=opened(term.args, variables), annotations=opened(term.annotations, variables))
+        args, notes = opened(term.args, variables, compute), opened(term.annotations, variables, compute)
+        return term.with_(args=args, annotations=notes)
     if isinstance(term, Event):
-        return Event(term.change, opened(term.literal, variables), term.seconds)
+        return Event(term.change, opened(resolve(term.literal), variables, compute), term.seconds)
     return term
 
 
 def detached(term: Any) -> Any:
-    """Copy a term with fresh unbound variables."""
+    """Copy a value with fresh unbound variables."""
     term = resolve(term)
-    return term if closed(term) and not isinstance(term, Event) else _detached(term, {})
-
-
-def _detached(term: Any, variables: dict[Var, Var]) -> Any:
-    if term.__class__ is Var:
-        return variables.setdefault(term, Var(term.name))
-    if term.__class__ is tuple:
-        return tuple(_detached(item, variables) for item in term)
-    if term.__class__ is Cons:
-        return cons(_detached(term.items, variables), _detached(term.tail, variables))
-    if isinstance(term, Event):
-        return Event(term.change, _detached(resolve(term.literal), variables), term.seconds)
-    if isinstance(term, Literal):
-        return term.with_(args=_detached(term.args, variables), annotations=_detached(term.annotations, variables))
-    return term
+    return term if closed(term) and not isinstance(term, Event) else opened(term)

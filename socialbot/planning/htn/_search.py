@@ -35,15 +35,13 @@ def _load() -> ModuleType:
 _GTPYHOP: Any = _load()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Trail:
     """Linked list of decisions, newest first: ``what`` was executed, or refined by ``method``."""
 
-    __slots__ = ("before", "method", "what")
-
-    def __init__(self, before: Trail | None, what: Any, method: str | None) -> None:
-        self.before = before
-        self.what = what
-        self.method = method
+    before: Trail | None
+    what: Any
+    method: str | None
 
 
 class SearchState(_GTPYHOP.State):
@@ -182,7 +180,7 @@ class TaskSearch:
     def run(self, state: TaskState, todo: Sequence[TaskPlace | Alternative]) -> SearchState | None:
         """Return the state after all of ``todo``, or None.
 
-        Raises LimitReached, Cancelled, DomainFault.
+        Raises LimitReached, Cancelled, TaskDomainError.
         """
         return seek(SearchState(state.copy()), [self._todo(what) for what in todo])
 
@@ -193,30 +191,21 @@ class TaskSearch:
         return f"after {done} action{'' if done == 1 else 's'} {what}"
 
     def check(self, item: Any, source: str, where: str | None = None) -> None:
-        """Raises DomainFault if the domain has no such action or task."""
+        """Raises TaskDomainError if the domain has no such action or task."""
+        fault, remedy = TaskFault.MALFORMED, None
         if not isinstance(item, (list, tuple)) or not item or not isinstance(item[0], str):
-            raise TaskDomainError(
-                TaskFault.MALFORMED,
-                f"{item!r:.80}, in {source}, is no task",
-                where=where,
-                remedy='write ("name", argument)',
-            )
-        operators = self.domain.operators(item[0])
-        if not operators:
+            what, remedy = f"{item!r:.80}, in {source}, is no task", 'write ("name", argument)'
+        elif not (operators := self.domain.operators(item[0])):
             similar = self.domain.similar(item[0])
-            raise TaskDomainError(
-                TaskFault.UNKNOWN,
-                f"{self.domain.name} has no action or task {item[0]!r}, which stands in {source}",
-                where=where,
-                remedy=f"did you mean {similar!r}?" if similar else "declare it",
-            )
-        for operator in operators:
-            if not operator.takes(len(item) - 1):
-                raise TaskDomainError(
-                    TaskFault.ARITY,
-                    f"{item_text(tuple(item))}, in {source}: {operator.name} takes {operator.arity} arguments",
-                    where=where or operator.where,
-                )
+            fault, remedy = TaskFault.UNKNOWN, f"did you mean {similar!r}?" if similar else "declare it"
+            what = f"{self.domain.name} has no action or task {item[0]!r}, which stands in {source}"
+        else:
+            wrong = next((operator for operator in operators if not operator.takes(len(item) - 1)), None)
+            if wrong is None:
+                return
+            fault, where = TaskFault.ARITY, where or wrong.where
+            what = f"{item_text(tuple(item))}, in {source}: {wrong.name} takes {wrong.arity} arguments"
+        raise TaskDomainError(fault, what, where=where, remedy=remedy)
 
     def _todo(self, what: TaskPlace | Alternative) -> Todo:
         if isinstance(what, Alternative):
@@ -233,12 +222,9 @@ class TaskSearch:
         if after is None or after is False:
             return self._fail(current, f"{item_text(place.item)} cannot be done")
         if not isinstance(after, TaskState):
-            raise TaskDomainError(
-                TaskFault.MALFORMED,
-                f"{action.name} returned {after!r:.80}, which is no state",
-                where=action.where,
-                remedy="return the state, or None if the action cannot be done",
-            )
+            what = f"{action.name} returned {after!r:.80}, which is no state"
+            remedy = "return the state, or None if the action cannot be done"
+            raise TaskDomainError(TaskFault.MALFORMED, what, where=action.where, remedy=remedy)
         return SearchState(after, Trail(current.trail, place, None), current.done + 1)
 
     def _refine(self, place: TaskPlace, current: SearchState, index: int) -> list[Todo] | None:
@@ -256,7 +242,7 @@ class TaskSearch:
     def _compare(self, otherwise: Alternative, current: SearchState) -> SearchState | None:
         if otherwise.holds(current.trail):
             return current
-        return self._fail(current, f"{item_text(otherwise.place.item)} would fail as it did")
+        return self._fail(current, f"{item_text(otherwise.place.item)} would fail again")
 
     def _count(self) -> None:
         self.attempts += 1
@@ -275,24 +261,19 @@ class TaskSearch:
         except Exception as problem:
             file = operator.where.rpartition(":")[0]
             lines = [line.lineno for line in traceback.extract_tb(problem.__traceback__) if line.filename == file]
-            raise TaskDomainError(
-                TaskFault.RAISED,
-                f"{operator.name} for {item_text(item)}: {type(problem).__name__}: {problem}",
-                where=f"{file}:{lines[-1]}" if lines else operator.where,
-            ) from problem
+            what = f"{operator.name} for {item_text(item)}: {type(problem).__name__}: {problem}"
+            where = f"{file}:{lines[-1]}" if lines else operator.where
+            raise TaskDomainError(TaskFault.RAISED, what, where=where) from problem
 
     def _items(self, method: Operator, returned: Any) -> list[Item] | None:
         if returned is None or returned is False:
             return None
         if not isinstance(returned, (list, tuple)):
-            raise TaskDomainError(
-                TaskFault.MALFORMED,
-                f"{method.name} returned {returned!r:.80}, which is no list",
-                where=method.where,
-                remedy="return a list of tasks and actions, or None if the method does not apply",
-            )
+            what = f"{method.name} returned {returned!r:.80}, which is no list"
+            remedy = "return a list of tasks and actions, or None if the method does not apply"
+            raise TaskDomainError(TaskFault.MALFORMED, what, where=method.where, remedy=remedy)
         for item in returned:
-            self.check(item, f"what {method.name} returned", method.where)
+            self.check(item, f"the result of {method.name}", method.where)
         return [tuple(item) for item in returned]
 
 

@@ -38,11 +38,9 @@ class TaskState:
         return f"State({', '.join((repr(self.__name__), *(f'{name}={v!r}' for name, v in self.variables().items())))})"
 
     def variables(self) -> dict[str, Any]:
-        """Return the state variables by name."""
         return {name: value for name, value in vars(self).items() if name != "__name__"}
 
     def copy(self) -> TaskState:
-        """Return an independent copy."""
         other = object.__new__(type(self))
         vars(other).update(
             (name, value.copy() if isinstance(value, (dict, list, set)) else value)
@@ -83,7 +81,6 @@ class Operator:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
     def takes(self, count: int) -> bool:
-        """Return whether it accepts a number of arguments."""
         return count >= self.least and (self.most is None or count <= self.most)
 
 
@@ -119,11 +116,8 @@ class TaskDomain:
         for function in _flat(functions):
             new = _operator(function)
             if new.name in self.methods or self.actions.get(new.name, new) != new:
-                raise PlanningError(
-                    f"{self.name} has {'a task' if new.name in self.methods else 'an action'} {new.name!r} already",
-                    where=new.where,
-                    remedy="give each action and task a name of its own",
-                )
+                kind = "a task" if new.name in self.methods else "an action"
+                raise _taken(f"{self.name} has {kind} {new.name!r} already", new)
             self.actions[new.name] = new
 
     def declare_task_methods(self, task: str, *functions: Callable[..., Any] | Iterable[Callable[..., Any]]) -> None:
@@ -132,20 +126,13 @@ class TaskDomain:
             new, old = _operator(function), self.methods.get(task, ())
             if new in old:
                 continue
-            if task in self.actions or any(new.name == other.name for other in old):
-                raise PlanningError(
-                    f"{self.name} has an action {task!r} already"
-                    if task in self.actions
-                    else f"{task} has a method {new.name!r} already",
-                    where=new.where,
-                    remedy="give each action and task a name of its own, and each method of a task",
-                )
+            if task in self.actions:
+                raise _taken(f"{self.name} has an action {task!r} already", new)
+            if any(new.name == other.name for other in old):
+                raise _taken(f"{task} has a method {new.name!r} already", new)
             if len(old) == MAX_METHODS:
-                raise PlanningError(
-                    f"{task} has {MAX_METHODS} methods already",
-                    where=new.where,
-                    remedy="group them as tasks of their own",
-                )
+                what = f"{task} has {MAX_METHODS} methods already"
+                raise PlanningError(what, where=new.where, remedy="group them as tasks of their own")
             self.methods[task] = (*old, new)
 
     def operators(self, name: str) -> tuple[Operator, ...]:
@@ -169,12 +156,13 @@ class TaskDomain:
         return near[0] if near else None
 
 
-def _flat(functions: Iterable[Callable[..., Any] | Iterable[Callable[..., Any]]]) -> Iterable[Callable[..., Any]]:
-    for function in functions:
-        if isinstance(function, Iterable):
-            yield from function
-        else:
-            yield function
+def _taken(what: str, new: Operator) -> PlanningError:
+    remedy = "give each action and task a name of its own, and each method of a task"
+    return PlanningError(what, where=new.where, remedy=remedy)
+
+
+def _flat(functions: Iterable[Callable[..., Any] | Iterable[Callable[..., Any]]]) -> list[Callable[..., Any]]:
+    return [one for given in functions for one in (given if isinstance(given, Iterable) else (given,))]
 
 
 def _operator(function: Callable[..., Any]) -> Operator:
@@ -183,19 +171,14 @@ def _operator(function: Callable[..., Any]) -> Operator:
     name = getattr(function, "__name__", None)
     if name is None:
         raise PlanningError("an action or method without a name", where=where, remedy="write it as a function")
-    kinds = [parameter.kind for parameter in inspect.signature(function).parameters.values()]
-    required = [
-        parameter
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.default is parameter.empty
-    ]
+    parameters = inspect.signature(function).parameters.values()
+    required = [parameter for parameter in parameters if parameter.default is parameter.empty]
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     least = sum(parameter.kind in positional for parameter in required)
-    most = None if inspect.Parameter.VAR_POSITIONAL in kinds else sum(kind in positional for kind in kinds)
+    most = sum(parameter.kind in positional for parameter in parameters)
+    if any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters):
+        most = None
     if most == 0 or any(parameter.kind is parameter.KEYWORD_ONLY for parameter in required):
-        raise PlanningError(
-            f"{name} cannot be called with a state and arguments",
-            where=where,
-            remedy=f"write def {name}(state, agent, room)",
-        )
+        what = f"{name} cannot be called with a state and arguments"
+        raise PlanningError(what, where=where, remedy=f"write def {name}(state, agent, room)")
     return Operator(name, function, max(least - 1, 0), None if most is None else most - 1, where)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING, TypedDict
 
 from socialbot.planning.htn._search import (
     Alternative,
@@ -19,6 +21,9 @@ from socialbot.planning.htn._search import (
 )
 from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 from socialbot.planning.htn.tree import TaskAnswer, TaskFault, TaskLimits, TaskNode, TaskStatus, TaskTree, TaskVerdict
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
 def progressed(tree: TaskTree, reached: TaskNode, status: TaskStatus) -> TaskTree:
@@ -104,6 +109,13 @@ def _remains(tree: TaskTree, redone: int) -> Iterator[TaskNode]:
 LIMITS = TaskLimits()
 
 
+class SearchOptions(TypedDict, total=False):
+    """Options of a call of `TaskPlanner`: actions that are not planned, and an event that ends the call."""
+
+    blacklist: Iterable[Item]
+    cancelled: threading.Event | None
+
+
 class TaskPlanner:
     """Planner for the tasks of one domain; stateless and thread-safe. It raises nothing: errors are in the answer.
 
@@ -115,27 +127,19 @@ class TaskPlanner:
         self.domain = domain
 
     def plan(
-        self,
-        state: TaskState,
-        tasks: Iterable[Item],
-        limits: TaskLimits = LIMITS,
-        *,
-        blacklist: Iterable[Item] = (),
-        cancelled: threading.Event | None = None,
+        self, state: TaskState, tasks: Iterable[Item], limits: TaskLimits = LIMITS, **options: Unpack[SearchOptions]
     ) -> TaskAnswer:
         """Plan a sequence of tasks from a state, which is not changed."""
 
         def work(search: TaskSearch) -> TaskAnswer:
-            asked = list(tasks)
-            for item in asked:
-                search.check(item, "what was asked for")
-            tops = [TaskPlace(tuple(item)) for item in asked]
+            items = list(tasks)
+            for item in items:
+                search.check(item, "the request")
+            tops = [TaskPlace(tuple(item)) for item in items]
             found = search.run(state, tops)
-            if found is None:
-                return _impossible(search)
-            return TaskAnswer(TaskVerdict.PLAN, build_tree(TaskTree(), tops, found.trail))
+            return _impossible(search) if found is None else _solved(build_tree(TaskTree(), tops, found.trail))
 
-        return self._answer(work, limits, blacklist, cancelled)
+        return self._answer(work, limits, **options)
 
     def replan(
         self,
@@ -143,9 +147,7 @@ class TaskPlanner:
         tree: TaskTree,
         failed: int,
         limits: TaskLimits = LIMITS,
-        *,
-        blacklist: Iterable[Item] = (),
-        cancelled: threading.Event | None = None,
+        **options: Unpack[SearchOptions],
     ) -> TaskAnswer:
         """Repair a plan from ``state`` after the action at the node ``failed``; earlier actions are executed.
 
@@ -156,14 +158,11 @@ class TaskPlanner:
         def work(search: TaskSearch) -> TaskAnswer:
             path = _path(tree, failed)
             old = progressed(tree, path[0], "failed")
-            for node in path[1:] or path:
-                for again in (False, True):
-                    answer = _redo(search, state, old, node, failed, again=again)
-                    if answer is not None:
-                        return answer
-            return _impossible(search)
+            attempts = itertools.product(path[1:] or path, (False, True))
+            answers = (_redo(search, state, old, node, failed, again=again) for node, again in attempts)
+            return next(filter(None, answers), None) or _impossible(search)
 
-        return self._answer(work, limits, blacklist, cancelled)
+        return self._answer(work, limits, **options)
 
     def revise(
         self,
@@ -171,9 +170,7 @@ class TaskPlanner:
         tree: TaskTree,
         next_node: int,
         limits: TaskLimits = LIMITS,
-        *,
-        blacklist: Iterable[Item] = (),
-        cancelled: threading.Event | None = None,
+        **options: Unpack[SearchOptions],
     ) -> TaskAnswer:
         """Repair a plan from a changed ``state`` before the action at ``next_node``.
 
@@ -184,20 +181,17 @@ class TaskPlanner:
         def work(search: TaskSearch) -> TaskAnswer:
             path = _path(tree, next_node)
             old = progressed(tree, path[0], "planned")
-            for node in path:
-                answer = _redo(search, state, old, node, None, again=True)
-                if answer is not None:
-                    return answer
-            return _impossible(search)
+            answers = (_redo(search, state, old, node, None, again=True) for node in path)
+            return next(filter(None, answers), None) or _impossible(search)
 
-        return self._answer(work, limits, blacklist, cancelled)
+        return self._answer(work, limits, **options)
 
     def _answer(
         self,
         work: Callable[[TaskSearch], TaskAnswer],
         limits: TaskLimits,
-        blacklist: Iterable[Item],
-        cancelled: threading.Event | None,
+        blacklist: Iterable[Item] = (),
+        cancelled: threading.Event | None = None,
     ) -> TaskAnswer:
         begin = time.monotonic()
         end = time.thread_time() + limits.timeout_s
@@ -207,14 +201,17 @@ class TaskPlanner:
                 search.check(item, "the blacklist")
             answer = work(search)
         except LimitReached:
-            answer = TaskAnswer(
-                TaskVerdict.TIMEOUT, message=f"no plan within {limits.timeout_s:g} s and {limits.steps} attempts"
-            )
+            message = f"no plan within {limits.timeout_s:g} s and {limits.steps} attempts"
+            answer = TaskAnswer(TaskVerdict.TIMEOUT, message=message)
         except Cancelled:
             answer = TaskAnswer(TaskVerdict.CANCELLED, message="cancelled")
         except TaskDomainError as problem:
             answer = TaskAnswer(TaskVerdict.ERROR, message=str(problem), fault=problem.fault)
         return replace(answer, seconds=time.monotonic() - begin)
+
+
+def _solved(tree: TaskTree, redone: int | None = None) -> TaskAnswer:
+    return TaskAnswer(TaskVerdict.PLAN, tree, redone=redone)
 
 
 def _impossible(search: TaskSearch) -> TaskAnswer:
@@ -223,11 +220,8 @@ def _impossible(search: TaskSearch) -> TaskAnswer:
 
 def _path(tree: TaskTree, id: int) -> list[TaskNode]:
     if id not in tree.nodes or tree.nodes[id].status != "planned":
-        raise TaskDomainError(
-            TaskFault.UNKNOWN,
-            f"the tree has no planned action at node {id}",
-            remedy="give the id of a node of the plan",
-        )
+        what = f"the tree has no planned action at node {id}"
+        raise TaskDomainError(TaskFault.UNKNOWN, what, remedy="give the id of a node of the plan")
     return tree.path(id)
 
 
@@ -239,9 +233,7 @@ def _redo(
     Unless ``again``, the decomposition must differ from the one in which ``failed`` failed.
     """
     top = TaskPlace(node.item, node=node.id)
-    later: list[int] = []
-    for above in tree.path(node.id):
-        later += tree.later(above)
+    later = [id for above in tree.path(node.id) for id in tree.later(above)]
     tops = [top, *(TaskPlace(tree.nodes[id].item, node=id) for id in later)]
     todo: list[TaskPlace | Alternative] = [*tops]
     if failed is not None and not again:
@@ -252,4 +244,4 @@ def _redo(
     if found is None:
         return None
     redone = node.id if node.method is not None or failed is not None else None
-    return TaskAnswer(TaskVerdict.PLAN, build_tree(tree, tops, found.trail, redone), redone=redone)
+    return _solved(build_tree(tree, tops, found.trail, redone), redone)

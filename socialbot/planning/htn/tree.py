@@ -44,7 +44,6 @@ class TaskTree:
 
     @property
     def tasks(self) -> tuple[Item, ...]:
-        """Requested tasks."""
         return tuple(self.nodes[root].item for root in self.roots)
 
     @property

@@ -29,26 +29,28 @@ from socialbot.planning.pddl.formulas import (
     Or,
     Predicate,
     Quantified,
+    TypedName,
     UniversalEffect,
 )
 
 COMPARATORS = frozenset({"<", "<=", "=", ">=", ">"})
-ARITHMETIC = frozenset("+-*/")
 CHANGES = frozenset({"assign", "increase", "decrease", "scale-up", "scale-down"})
 PREFERENCES = frozenset({
     "preference", "always", "sometime", "within", "at-most-once", "sometime-after", "sometime-before",
     "always-within", "hold-during", "hold-after",
 })  # fmt: skip
+_INSTANTANEOUS = (":parameters", ":precondition", ":effect")
+_DURATIVE = (":parameters", ":duration", ":condition", ":effect")
+_TIMES: dict[str, TimeSpecifier] = {"at start": "start", "over all": "over all", "at end": "end"}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
 
 
 def is_number(item: Sexpression) -> bool:
-    """Return whether an item is a number."""
     return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
 
 
 class FormulaReader:
-    """Converts S-expressions to formulas and effects, and checks all names. Raises PlanningError with the line."""
+    """Converts S-expressions to formulas, effects and actions, and checks all names. Raises PlanningError."""
 
     def __init__(self, vocabulary: Vocabulary) -> None:
         self.names = vocabulary
@@ -59,42 +61,37 @@ class FormulaReader:
         if not group.items:
             return And()
         match group.head:
-            case "and":
-                return And(tuple(self.formula(part, scope) for part in group.rest))
-            case "or":
-                return Or(tuple(self.formula(part, scope) for part in group.rest))
+            case "and" | "or" as word:
+                return (And if word == "and" else Or)(tuple(self.formula(part, scope) for part in group.rest))
             case "not":
-                return Not(self.formula(self._only(group), scope))
+                (part,) = self.names.parts(group, 1)
+                return Not(self.formula(part, scope))
             case "imply":
-                left, right = self.pair(group)
+                left, right = self.names.parts(group, 2)
                 return Or((Not(self.formula(left, scope)), self.formula(right, scope)))
             case "forall" | "exists" as quantifier:
-                listed, part = self.pair(group)
-                variables = self.names.variables(self.names.group(listed, "variables").items)
-                return Quantified(quantifier, variables, self.formula(part, scope.within(variables)))
+                variables, part, inner = self._quantified(group, scope)
+                return Quantified(quantifier, variables, self.formula(part, inner))
             case head if head in COMPARATORS:
-                return self._comparison(group, scope)
+                left, right = self.names.parts(group, 2)
+                if head == "=" and self._is_term(left) and self._is_term(right):
+                    return Equality(self.names.term(left, scope), self.names.term(right, scope))
+                sides = self.expression(left, scope), self.expression(right, scope)
+                return NumericComparison(cast("Comparator", head), *sides)
             case _:
                 return self.predicate(group, scope)
 
     def predicate(self, item: Sexpression, scope: Scope) -> Predicate:
-        """Read a declared predicate with matching terms."""
         group = self.names.group(item, "a predicate")
         word = self.names.word(group.items, 0, "the name of a predicate", group)
-        signature = self.names.domain.predicates.get(word.text)
-        if signature is None:
-            if word.text in PREFERENCES:
-                raise self.names.unsupported(f"preferences and constraints ({word.text})", word)
-            raise self.names.unknown("predicate", word.text, self.names.domain.predicates, word)
-        return Predicate(word.text, self.names.terms(signature, group, scope, "predicate"))
+        if word.text in PREFERENCES and word.text not in self.names.domain.predicates:
+            raise self.names.unsupported(f"preferences and constraints ({word})", word)
+        return Predicate(word.text, self.names.terms(word, group, scope, "predicate"))
 
-    def _comparison(self, group: SexpGroup, scope: Scope) -> Formula:
-        left, right = self.pair(group)
-        if group.head == "=" and self._is_term(left) and self._is_term(right):
-            return Equality(self.names.term(left, scope), self.names.term(right, scope))
-        return NumericComparison(
-            cast("Comparator", group.head), self.expression(left, scope), self.expression(right, scope)
-        )
+    def _quantified(self, group: SexpGroup, scope: Scope) -> tuple[tuple[TypedName, ...], Sexpression, Scope]:
+        listed, part = self.names.parts(group, 2)
+        variables = self.names.variables(self.names.group(listed, "variables").items)
+        return variables, part, scope.within(variables)
 
     def _is_term(self, item: Sexpression) -> bool:
         return (
@@ -106,121 +103,114 @@ class FormulaReader:
 
     def expression(self, item: Sexpression, scope: Scope) -> Expression:
         """Read a numeric expression."""
-        if isinstance(item, SexpWord):
-            return self._number(item, scope)
-        word = self.names.word(item.items, 0, "a number or function", item)
-        if word.text in ARITHMETIC:
+        if is_number(item):
+            return Number(self.number(item))
+        if isinstance(item, SexpGroup):
+            word = self.names.word(item.items, 0, "a number or function", item)
+            if word.text not in ("+", "-", "*", "/"):
+                return self.fluent(item, scope)
             parts = tuple(self.expression(part, scope) for part in item.rest)
             if len(parts) < 2 and not (word.text == "-" and parts):
                 raise self.names.error(f"{word} takes two numbers: {item}", item)
             if word.text in "-/" and len(parts) > 2:
                 raise self.names.error(f"{word} takes two numbers, not {len(parts)}: {item}", item)
-            return Arithmetic(word.text, parts)  # pyright: ignore[reportArgumentType]
-        return self.fluent(item, scope)
+            return Arithmetic(word.text, parts)
+        if item.text == "#t":
+            raise self.names.unsupported("continuous effects (#t)", item)
+        if item.text != "?duration":
+            return self.fluent(item, scope)
+        if not scope.duration:
+            raise self.names.error("?duration has no meaning here", item, "use it in effects of durative actions")
+        return Duration()
 
-    def _number(self, word: SexpWord, scope: Scope) -> Expression:
-        if is_number(word):
-            value = float(word.text)
-            if not math.isfinite(value):
-                raise self.names.error(f"{word} is too large a number", word)
-            return Number(value)
-        if word.text == "?duration":
-            if not scope.duration:
-                raise self.names.error("?duration has no meaning here", word, "use it in effects of durative actions")
-            return Duration()
-        if word.text == "#t":
-            raise self.names.unsupported("continuous effects (#t)", word)
-        return self.fluent(SexpGroup((word,), word.line), scope)
+    def number(self, item: Sexpression) -> float:
+        if not is_number(item):
+            raise self.names.error(f"expected a number, found {item}", item)
+        value = float(str(item))
+        if not math.isfinite(value):
+            raise self.names.error(f"{item} is too large a number", item)
+        return value
 
     def fluent(self, item: Sexpression, scope: Scope) -> Fluent:
         """Read a declared function with matching terms; without parameters its name is enough."""
         group = SexpGroup((item,), item.line) if isinstance(item, SexpWord) else item
         word = self.names.word(group.items, 0, "the name of a function", group)
-        signature = self.names.domain.functions.get(word.text)
-        if signature is None:
-            raise self.names.unknown("function", word.text, self.names.domain.functions, word)
-        return Fluent(word.text, self.names.terms(signature, group, scope, "function"))
+        return Fluent(word.text, self.names.terms(word, group, scope, "function"))
 
-    def effects(self, item: Sexpression, scope: Scope) -> tuple[Effect, ...]:
-        """Read effects as a flat sequence."""
+    def conditions(self, item: Sexpression, scope: Scope, time: TimeSpecifier | None) -> tuple[TimedCondition, ...]:
+        """Read conditions at a time, or each with its own; conjunctions are split, so that errors name a part."""
+        if time is not None:
+            return _split(time, self.formula(item, scope))
+        group = self.names.group(item, "a condition")
+        if not group.items:
+            return ()
+        if group.head == "and":
+            return tuple(condition for part in group.rest for condition in self.conditions(part, scope, None))
+        if group.head == "forall":
+            variables, part, inner = self._quantified(group, scope)
+            return tuple(
+                TimedCondition(condition.when, Quantified("forall", variables, condition.formula))
+                for condition in self.conditions(part, inner, None)
+            )
+        if group.head in PREFERENCES:
+            raise self.names.unsupported(f"preferences and constraints ({group.head})", group)
+        when, part = self._time(group)
+        return self.conditions(part, scope, when)
+
+    def effects(self, item: Sexpression, scope: Scope, time: Literal["start", "end"] | None) -> tuple[TimedEffect, ...]:
+        """Read effects at a time, or each with its own, as a flat sequence."""
         group = self.names.group(item, "an effect")
         if not group.items:
             return ()
         match group.head:
             case "and":
-                return tuple(effect for part in group.rest for effect in self.effects(part, scope))
-            case "not":
-                return (Delete(self._changed(self._only(group), scope)),)
+                return tuple(effect for part in group.rest for effect in self.effects(part, scope, time))
             case "forall":
-                listed, part = self.pair(group)
-                variables = self.names.variables(self.names.group(listed, "variables").items)
-                return (UniversalEffect(variables, self.effects(part, scope.within(variables))),)
+                variables, part, inner = self._quantified(group, scope)
+                by_time = _by_time(self.effects(part, inner, time))
+                return tuple(TimedEffect(when, UniversalEffect(variables, effects)) for when, effects in by_time)
             case "when":
-                condition, part = self.pair(group)
-                return (ConditionalEffect(self.formula(condition, scope), self.effects(part, scope)),)
-            case head if head in CHANGES:
-                fluent, amount = self.pair(group)
-                changed = self.fluent(fluent, scope)
-                return (NumericEffect(head, changed, self.expression(amount, scope)),)  # pyright: ignore[reportArgumentType]
-            case _:
-                return (Add(self._changed(group, scope)),)
+                condition, part = self.names.parts(group, 2)
+                conditions = self.conditions(condition, scope, time)
+                by_time = _by_time(self.effects(part, scope, time))
+                if any(one.when != when for one in conditions for when, _ in by_time):
+                    raise self.names.unsupported(f"an effect at another time than its condition: {group}", group)
+                formulas = tuple(one.formula for one in conditions)
+                formula = formulas[0] if len(formulas) == 1 else And(formulas)
+                return tuple(TimedEffect(when, ConditionalEffect(formula, inside)) for when, inside in by_time)
+        if time is not None:
+            return (TimedEffect(time, self._effect(group, scope)),)
+        if group.head in CHANGES:
+            raise self.names.unsupported(f"continuous effects, or an effect without a time: {group}", group)
+        when, part = self._time(group)
+        if when == "over all":
+            raise self.names.unsupported("effects over all the duration of an action", group)
+        return self.effects(part, scope, when)
 
-    def _changed(self, item: Sexpression, scope: Scope) -> Predicate:
+    def _effect(self, group: SexpGroup, scope: Scope) -> Effect:
+        if group.head in CHANGES:
+            left, right = self.names.parts(group, 2)
+            changed, amount = self.fluent(left, scope), self.expression(right, scope)
+            return NumericEffect(group.head, changed, amount)  # pyright: ignore[reportArgumentType]
+        deletes = group.head == "not"
+        (item,) = self.names.parts(group, 1) if deletes else (group,)
         predicate = self.predicate(item, scope)
         if predicate.name in self.names.domain.derived:
             raise self.names.error(f"{predicate.name} is derived: no action can change it", item)
-        return predicate
+        return (Delete if deletes else Add)(predicate)
 
-    def pair(self, group: SexpGroup) -> tuple[Sexpression, Sexpression]:
-        """Return the two parts after the head."""
-        if len(group.rest) != 2:
-            raise self.names.error(f"{group.head} takes two parts, not {len(group.rest)}: {group}", group)
-        return group.rest[0], group.rest[1]
+    def _time(self, group: SexpGroup) -> tuple[TimeSpecifier, Sexpression]:
+        time = _TIMES.get(" ".join(map(str, group.items[:2])))
+        if time is None or len(group.items) != 3:
+            raise self.names.error(
+                f"expected when: {group}", group, "write (at start ...), (over all ...) or (at end ...) with one part"
+            )
+        return time, group.items[2]
 
-    def _only(self, group: SexpGroup) -> Sexpression:
-        if len(group.rest) != 1:
-            raise self.names.error(f"{group.head} takes one part, not {len(group.rest)}: {group}", group)
-        return group.rest[0]
-
-
-INSTANTANEOUS = (":parameters", ":precondition", ":effect")
-DURATIVE = (":parameters", ":duration", ":condition", ":effect")
-
-
-class ActionReader:
-    """Converts S-expressions to actions. Raises PlanningError with the line."""
-
-    def __init__(self, vocabulary: Vocabulary) -> None:
-        self.names = vocabulary
-        self.formulas = FormulaReader(vocabulary)
-
-    def instantaneous(self, group: SexpGroup) -> PddlAction:
-        """Read an ``:action``."""
-        action, scope, fields = self._head(group, INSTANTANEOUS)
-        condition, effect = fields.get(":precondition"), fields.get(":effect")
-        return replace(
-            action,
-            conditions=_timed("start", self.formulas.formula(condition, scope)) if condition else (),
-            effects=tuple(TimedEffect("start", one) for one in self.formulas.effects(effect, scope)) if effect else (),
-        )
-
-    def durative(self, group: SexpGroup) -> PddlAction:
-        """Read a ``:durative-action``."""
-        action, scope, fields = self._head(group, DURATIVE)
-        if ":duration" not in fields:
-            raise self.names.error(f"the action {action.name} has no :duration", group, "add :duration (= ?duration 5)")
-        condition, effect = fields.get(":condition"), fields.get(":effect")
-        return replace(
-            action,
-            duration=self._bounds(fields[":duration"], scope),
-            conditions=self._conditions(condition, scope) if condition else (),
-            effects=self._effects(effect, Scope(scope.variables, duration=True)) if effect else (),
-        )
-
-    def _head(self, group: SexpGroup, keys: tuple[str, ...]) -> tuple[PddlAction, Scope, dict[str, Sexpression]]:
-        """Return the action without its body, the scope of its parameters, and the item after each key."""
-        word = self.names.word(group.items, 1, "the name of the action", group)
-        name = self.names.new_name(word, "an action")
+    def action(self, group: SexpGroup) -> PddlAction:
+        durative = group.head == ":durative-action"
+        keys = _DURATIVE if durative else _INSTANTANEOUS
+        name = self.names.new_name(self.names.word(group.items, 1, "the name of the action", group), "an action")
         fields: dict[str, Sexpression] = {}
         items = iter(group.items[2:])
         for item in items:
@@ -232,33 +222,40 @@ class ActionReader:
                 raise self.names.error(f"{item} is there twice in the action {name}", item)
             value = next(items, None)
             if value is None:
-                raise self.names.error(f"nothing stands after {item} in the action {name}", item)
+                raise self.names.error(f"no value after {item} in the action {name}", item)
             fields[item.text] = value
-        listed = fields.get(":parameters")
-        parameters = self.names.variables(self.names.group(listed, "parameters").items) if listed else ()
-        return PddlAction(name, parameters, line=group.line), Scope().within(parameters), fields
+        if durative and ":duration" not in fields:
+            raise self.names.error(f"the action {name} has no :duration", group, "add :duration (= ?duration 5)")
+        empty = SexpGroup((), group.line)
+        parameters = self.names.variables(self.names.group(fields.get(":parameters", empty), "parameters").items)
+        scope, time = Scope().within(parameters), None if durative else "start"
+        return PddlAction(
+            name,
+            parameters,
+            self._bounds(fields[":duration"], scope) if durative else None,
+            self.conditions(fields[keys[-2]], scope, time) if keys[-2] in fields else (),
+            self.effects(fields.get(":effect", empty), Scope(scope.variables, durative), time),
+            group.line,
+        )
 
     def _bounds(self, item: Sexpression, scope: Scope) -> DurationBounds:
         found = DurationBounds(None, None)
         for part in self._duration_parts(item):
-            left, right = self.formulas.pair(part)
-            if not isinstance(left, SexpWord) or left.text != "?duration" or part.head not in ("=", "<=", ">="):
+            left, right = self.names.parts(part, 2)
+            if str(left) != "?duration" or part.head not in ("=", "<=", ">="):
                 raise self.names.error(
                     f"no bound of a duration: {part}", part, "write (= ?duration 5), with =, <= or >="
                 )
-            bound = self.formulas.expression(right, scope)
-            for side, comparators in (("least", ("=", ">=")), ("most", ("=", "<="))):
-                if part.head not in comparators:
-                    continue
-                if getattr(found, side) is not None:
-                    raise self.names.error(f"the duration is bounded twice: {part}", part)
-                found = replace(found, **{side: bound})
+            bound = self.expression(right, scope)
+            for side, comparator in (("least", ">="), ("most", "<=")):
+                if part.head in ("=", comparator):
+                    if getattr(found, side) is not None:
+                        raise self.names.error(f"the duration is bounded twice: {part}", part)
+                    found = replace(found, **{side: bound})
         return found
 
     def _duration_parts(self, item: Sexpression) -> list[SexpGroup]:
         group = self.names.group(item, "a bound of the duration")
-        if not group.items:
-            return []
         if group.head == "and":
             return [bound for part in group.rest for bound in self._duration_parts(part)]
         if group.head == "at":
@@ -266,86 +263,17 @@ class ActionReader:
             if time == "end":
                 raise self.names.unsupported("bounds of a duration that are taken at its end", group)
             return self._duration_parts(part)
-        return [group]
-
-    def _time(self, group: SexpGroup) -> tuple[TimeSpecifier, Sexpression]:
-        words = tuple(item.text if isinstance(item, SexpWord) else "" for item in group.items[:2])
-        times: dict[tuple[str, ...], TimeSpecifier] = {
-            ("at", "start"): "start",
-            ("over", "all"): "over all",
-            ("at", "end"): "end",
-        }
-        time = times.get(words)
-        if time is None or len(group.items) != 3:
-            raise self.names.error(
-                f"expected when: {group}", group, "write (at start ...), (over all ...) or (at end ...) with one part"
-            )
-        return time, group.items[2]
-
-    def _conditions(self, item: Sexpression, scope: Scope) -> tuple[TimedCondition, ...]:
-        group = self.names.group(item, "a condition")
-        if not group.items:
-            return ()
-        if group.head == "and":
-            return tuple(condition for part in group.rest for condition in self._conditions(part, scope))
-        if group.head == "forall":
-            listed, part = self.formulas.pair(group)
-            variables = self.names.variables(self.names.group(listed, "variables").items)
-            return tuple(
-                TimedCondition(condition.when, Quantified("forall", variables, condition.formula))
-                for condition in self._conditions(part, scope.within(variables))
-            )
-        if group.head in PREFERENCES:
-            raise self.names.unsupported(f"preferences and constraints ({group.head})", group)
-        time, part = self._time(group)
-        return _timed(time, self.formulas.formula(part, scope))
-
-    def _effects(self, item: Sexpression, scope: Scope) -> tuple[TimedEffect, ...]:
-        group = self.names.group(item, "an effect")
-        if not group.items:
-            return ()
-        match group.head:
-            case "and":
-                return tuple(effect for part in group.rest for effect in self._effects(part, scope))
-            case "forall":
-                listed, part = self.formulas.pair(group)
-                variables = self.names.variables(self.names.group(listed, "variables").items)
-                inside = self._effects(part, scope.within(variables))
-                return tuple(
-                    TimedEffect(time, UniversalEffect(variables, effects)) for time, effects in _by_time(inside)
-                )
-            case "when":
-                condition, part = self.formulas.pair(group)
-                return self._conditional(group, condition, self._effects(part, scope), scope)
-            case head if head in CHANGES:
-                raise self.names.unsupported(f"continuous effects, or an effect without a time: {group}", group)
-            case _:
-                time, part = self._time(group)
-                if time == "over all":
-                    raise self.names.unsupported("effects over all the duration of an action", group)
-                return tuple(TimedEffect(time, effect) for effect in self.formulas.effects(part, scope))
-
-    def _conditional(
-        self, group: SexpGroup, condition: Sexpression, effects: tuple[TimedEffect, ...], scope: Scope
-    ) -> tuple[TimedEffect, ...]:
-        conditions = self._conditions(condition, scope)
-        formula = And(tuple(one.formula for one in conditions))
-        by_time = _by_time(effects)
-        if any(one.when != time for one in conditions for time, _ in by_time):
-            raise self.names.unsupported(f"an effect at another time than its condition: {group}", group)
-        return tuple(TimedEffect(time, ConditionalEffect(formula, inside)) for time, inside in by_time)
+        return [group] if group.items else []
 
 
-def _timed(time: TimeSpecifier, formula: Formula) -> tuple[TimedCondition, ...]:
-    """Split a conjunction, so that errors name the violated part."""
+def _split(time: TimeSpecifier, formula: Formula) -> tuple[TimedCondition, ...]:
     if isinstance(formula, And):
-        return tuple(condition for part in formula.parts for condition in _timed(time, part))
+        return tuple(condition for part in formula.parts for condition in _split(time, part))
     return (TimedCondition(time, formula),)
 
 
 def _by_time(effects: tuple[TimedEffect, ...]) -> list[tuple[Literal["start", "end"], tuple[Effect, ...]]]:
-    parted: list[tuple[Literal["start", "end"], tuple[Effect, ...]]] = [
-        ("start", tuple(one.effect for one in effects if one.when == "start")),
-        ("end", tuple(one.effect for one in effects if one.when == "end")),
-    ]
-    return [(time, inside) for time, inside in parted if inside]
+    parted: dict[Literal["start", "end"], tuple[Effect, ...]] = {}
+    for effect in sorted(effects, key=lambda one: one.when == "end"):
+        parted[effect.when] = (*parted.get(effect.when, ()), effect.effect)
+    return list(parted.items())

@@ -36,12 +36,10 @@ class SexpGroup:
 
     @property
     def head(self) -> str:
-        """First word, or an empty text."""
         return self.items[0].text if self.items and isinstance(self.items[0], SexpWord) else ""
 
     @property
     def rest(self) -> tuple[Sexpression, ...]:
-        """All items but the first."""
         return self.items[1:]
 
     def __str__(self) -> str:
@@ -60,9 +58,9 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
         for token in _TOKEN.findall(line.partition(";")[0]):
             if whole is not None:
                 raise PlanningError(
-                    f"there is more after the end: {token!r}",
+                    f"unexpected text after the end: {token!r}",
                     where=f"{where}:{number}",
-                    remedy=f"remove it, or the parenthesis too many before it; (define ends in line {end}",
+                    remedy=f"remove it, or the extra parenthesis before it; (define ends in line {end}",
                 )
             if token == "(":
                 if len(open_groups) == MAX_DEPTH:
@@ -89,7 +87,7 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
         remedy = f"add the missing ), perhaps before the section in line {nested}" if nested else "add the missing )"
         raise PlanningError("this parenthesis is never closed", where=f"{where}:{open_groups[-1][0]}", remedy=remedy)
     if whole is None:
-        raise PlanningError("there is nothing in it", where=where, remedy="a file begins with (define ...")
+        raise PlanningError("the file is empty", where=where, remedy="a file begins with (define ...")
     return whole
 
 
@@ -108,7 +106,6 @@ class Scope:
     duration: bool = False
 
     def within(self, variables: Iterable[TypedName]) -> Scope:
-        """Return the scope inside a quantifier or an action."""
         return Scope({**self.variables, **{typed.name: typed.types for typed in variables}}, self.duration)
 
 
@@ -121,11 +118,9 @@ class Vocabulary:
     objects: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def error(self, what: str, at: Sexpression, remedy: str | None = None) -> PlanningError:
-        """Return an error with the file and the line of ``at``."""
         return PlanningError(what, where=f"{self.where}:{at.line}", remedy=remedy)
 
     def unsupported(self, what: str, at: Sexpression) -> PlanningError:
-        """Return an error for an unsupported feature of PDDL."""
         return self.error(f"not supported by socialbot: {what}", at)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], at: Sexpression) -> PlanningError:
@@ -136,13 +131,11 @@ class Vocabulary:
         )
 
     def group(self, item: Sexpression, what: str) -> SexpGroup:
-        """Return an item that must be a group."""
         if isinstance(item, SexpWord):
             raise self.error(f"expected {what} in parentheses, found {item}", item)
         return item
 
     def word(self, items: Sequence[Sexpression], index: int, what: str, of: Sexpression) -> SexpWord:
-        """Return the item at an index, which must be a word."""
         if index >= len(items):
             raise self.error(f"{what} is missing", of)
         item = items[index]
@@ -150,8 +143,14 @@ class Vocabulary:
             raise self.error(f"expected {what}, found {item}", item)
         return item
 
+    def parts(self, group: SexpGroup, number: int) -> tuple[Sexpression, ...]:
+        """Return the items after the head, which must be one or two."""
+        if len(group.rest) != number:
+            wanted = "one part" if number == 1 else "two parts"
+            raise self.error(f"{group.head} takes {wanted}, not {len(group.rest)}: {group}", group)
+        return group.rest
+
     def new_name(self, word: SexpWord, what: str) -> str:
-        """Return a word as a new name."""
         if word.text in RESERVED or not _NAME.fullmatch(word.text):
             raise self.error(
                 f"{word.text!r} cannot be the name of {what}",
@@ -189,14 +188,12 @@ class Vocabulary:
         return tuple(dict.fromkeys(self.word(item.items, n, "a type", item).text for n in range(1, len(item.items))))
 
     def known_types(self, types: tuple[str, ...], at: Sexpression) -> tuple[str, ...]:
-        """Return types that must be declared."""
         for name in types:
             if name not in self.domain.types:
                 raise self.unknown("type", name, self.domain.types, at)
         return types
 
     def variables(self, items: Sequence[Sexpression]) -> tuple[TypedName, ...]:
-        """Return the variables that a list declares."""
         found: dict[str, TypedName] = {}
         for word, types in self.typed_list(items):
             if not word.text.startswith("?") or not _NAME.fullmatch(word.text[1:]):
@@ -209,13 +206,16 @@ class Vocabulary:
         return tuple(found.values())
 
     def signature(self, item: Sexpression, what: str) -> Signature:
-        """Return the signature of a predicate or function."""
         group = self.group(item, what)
         name = self.new_name(self.word(group.items, 0, f"the name of {what}", group), what)
         return Signature(name, self.variables(group.rest))
 
-    def terms(self, signature: Signature, group: SexpGroup, scope: Scope, kind: str) -> Terms:
-        """Return the arguments of a predicate or function, which must match its signature."""
+    def terms(self, word: SexpWord, group: SexpGroup, scope: Scope, kind: str) -> Terms:
+        """Return the arguments of a declared predicate or function, which must match its signature."""
+        known = self.domain.predicates if kind == "predicate" else self.domain.functions
+        signature = known.get(word.text)
+        if signature is None:
+            raise self.unknown(kind, word.text, known, word)
         if len(group.rest) != len(signature.parameters):
             raise self.error(
                 f"{signature.name} takes {len(signature.parameters)} terms, not {len(group.rest)}: {group}",
@@ -234,7 +234,6 @@ class Vocabulary:
         return terms
 
     def term(self, item: Sexpression, scope: Scope) -> str:
-        """Return the name of a declared object or variable."""
         if isinstance(item, SexpGroup):
             raise self.error(f"expected an object or a variable, found {item}", item)
         if item.text.startswith("?"):
@@ -246,7 +245,7 @@ class Vocabulary:
 
 
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:
-    """Yield the items of a typed list; ``-box`` is accepted as ``- box``."""
+    """``-box`` is accepted as ``- box``."""
     for item in items:
         if isinstance(item, SexpWord) and len(item.text) > 1 and item.text.startswith("-"):
             yield SexpWord("-", item.line)

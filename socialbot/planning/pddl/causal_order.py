@@ -14,18 +14,10 @@ from dataclasses import dataclass, field
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
-from socialbot.planning.pddl.formulas import Fluent, Predicate
+from socialbot.planning.pddl.formulas import Key, Predicate
 from socialbot.planning.pddl.semantics import changes, ground
 from socialbot.planning.pddl.state import PddlState
-from socialbot.planning.pddl.validation import (
-    Key,
-    PlanEvent,
-    Reading,
-    ReadWriteAnalysis,
-    ReadWriteSets,
-    TimePoint,
-    time_points,
-)
+from socialbot.planning.pddl.validation import PlanEvent, ReadWriteAnalysis, ReadWriteSets, TimePoint, time_points
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +46,14 @@ def causal_order(
     """
     state = PddlState.of(now, domain) if isinstance(now, PddlProblem) else now.copy()
     history = _recorded(domain, state.copy(), plan, running)
-    waits = _Waits(len(history.order))
-    _order_writes(history, waits)
-    for predicate, wanted, reader in history.literals():
-        _order_literal(history.writes[predicate], state.holds(predicate), wanted, reader, waits)
-    for keys, reader in history.groups():
-        _order_group(history.writers(keys), reader, waits)
-    return _reduced(history, waits, len(plan.steps))
+    history.order_writes()
+    for sets, reader in history.readings():
+        for predicate, wanted in sets.literals.items():
+            if predicate in history.writes:
+                history.order_literal(predicate, state.holds(predicate), wanted, reader)
+        for keys in sets.groups:
+            history.order_group(keys, reader)
+    return _reduced(history, len(plan.steps))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,60 +71,86 @@ class _Reader:
 
 @dataclass
 class _History:
-    """Events of a plan with their read and write sets; a position is an index in ``order``."""
+    """Events of a plan with their read and write sets; a position is an index in ``order``.
+
+    Attributes:
+        writes: Positions at which each key is written, with labels: adjacent writes with equal labels commute.
+        waits: Earlier positions that each position has to wait for.
+    """
 
     order: list[PlanEvent] = field(default_factory=list)
     sets: list[ReadWriteSets] = field(default_factory=list)
     starts: dict[int, int] = field(default_factory=dict)
-    spans: list[tuple[Reading, _Reader]] = field(default_factory=list)
-    writes: dict[Predicate, list[tuple[int, bool]]] = field(default_factory=lambda: defaultdict(list))
-    """Positions at which each predicate is made true or false."""
-    positions: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
-    """Positions at which each key is written, as a bit set."""
+    spans: list[tuple[ReadWriteSets, _Reader]] = field(default_factory=list)
+    writes: dict[Key, list[tuple[int, object]]] = field(default_factory=lambda: defaultdict(list))
+    waits: list[set[int]] = field(default_factory=list)
 
-    def add(self, event: PlanEvent, sets_of_event: ReadWriteSets, invariants: Reading | None) -> None:
-        """Append an event; ``invariants`` are the read set over all of a step, at its end."""
+    def add(self, event: PlanEvent, sets: ReadWriteSets, invariants: ReadWriteSets) -> None:
+        """Append an event; ``invariants`` are the read set over all of its step."""
         position = len(self.order)
         self.order.append(event)
-        self.sets.append(sets_of_event)
+        self.sets.append(sets)
+        self.waits.append(set())
         if event.edge == "start":
             self.starts[event.step] = position
-        elif invariants is not None:
+        else:
             start = self.starts.get(event.step, -1)
             self.spans.append((invariants, _Reader(start, position, start, position)))
-        for key in sets_of_event.writing.keys:
-            self.positions[key] |= 1 << position
-        for predicates, made in (
-            (sets_of_event.writing.added, True),
-            (sets_of_event.writing.deleted - sets_of_event.writing.added, False),
-        ):
-            for predicate in predicates:
-                self.writes[predicate].append((position, made))
+        labels: tuple[tuple[Iterable[Key], object], ...] = (
+            (sets.added, True), (sets.deleted - sets.added, False), (sets.moved, None), (sets.assigned, position),
+        )  # fmt: skip
+        for keys, label in labels:
+            for key in keys:
+                self.writes[key].append((position, label))
 
-    def readings(self) -> Iterator[tuple[Reading, _Reader]]:
-        for position, sets_of_event in enumerate(self.sets):
-            yield sets_of_event.reading, _Reader(position, position, position - 1, position)
+    def readings(self) -> Iterator[tuple[ReadWriteSets, _Reader]]:
+        for position, sets in enumerate(self.sets):
+            yield sets, _Reader(position, position, position - 1, position)
         yield from self.spans
 
-    def literals(self) -> Iterator[tuple[Predicate, bool, _Reader]]:
-        """Yield the predicates that must be true or false, and their readers."""
-        for reading, reader in self.readings():
-            for predicate, wanted in reading.literals.items():
-                if predicate in self.writes:
-                    yield predicate, wanted, reader
+    def wait(self, later: int, earlier: int) -> None:
+        """Let ``later`` wait for ``earlier``, if both are positions and differ."""
+        if 0 <= earlier < later:
+            self.waits[later].add(earlier)
 
-    def groups(self) -> Iterator[tuple[frozenset[Key], _Reader]]:
-        """Yield the other keys that are read, and their readers."""
-        for reading, reader in self.readings():
-            for keys in reading.groups:
-                yield keys, reader
+    def order_writes(self) -> None:
+        """Keep the order of writes that do not commute."""
+        for writes in self.writes.values():
+            blocks = ([position for position, _ in block] for _, block in itertools.groupby(writes, lambda one: one[1]))
+            for former, block in itertools.pairwise(blocks):
+                for later, earlier in itertools.product(block, former):
+                    self.wait(later, earlier)
 
-    def writers(self, keys: Iterable[Key]) -> int:
-        """Return the positions at which any of the keys is written, as a bit set."""
-        found = 0
-        for key in keys:
-            found |= self.positions.get(key, 0)
-        return found
+    def order_literal(self, predicate: Predicate, initially: bool, wanted: bool, reader: _Reader) -> None:
+        """Let a reader wait for the write that makes a predicate as wanted, and the reverting write for the reader."""
+        truth: object = initially
+        origin = -1
+        for position, made in self.writes[predicate]:
+            if position <= reader.upto and made != truth:
+                truth, origin = made, position
+        self.wait(reader.first, origin)
+        reverted = False
+        for position, made in self.writes[predicate]:
+            if position < reader.since:
+                continue
+            if made != wanted:
+                reverted = True
+                self.wait(position, reader.last)
+            elif reverted:
+                break
+
+    def order_group(self, keys: Iterable[Key], reader: _Reader) -> None:
+        """Keep all writers of other keys before or after their reader, as in the plan."""
+        last_inside = -1
+        for position in sorted({position for key in keys for position, _ in self.writes.get(key, ())}):
+            if position <= reader.upto:
+                self.wait(reader.first, position)
+            elif position >= reader.since:
+                self.wait(position, reader.last)
+            else:
+                # The condition held after each write inside the span, in this order.
+                self.wait(position, last_inside)
+                last_inside = position
 
 
 def _recorded(domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Collection[int]) -> _History:
@@ -146,22 +165,24 @@ def _recorded(domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Col
     for point in time_points(plan, actions, running):
         sets = {one: analysis.of(actions[one.step], one.edge, state) for one in point.events}
         for event in _sequence(point, sets, invariants):
-            history.add(event, sets[event], invariants[event.step] if event.edge == "end" else None)
+            history.add(event, sets[event], invariants[event.step])
             effects = actions[event.step].effects_at(event.edge)
             state.apply(changes(effects, state, duration=plan.steps[event.step].duration_s))
     return history
 
 
-def _sequence(point: TimePoint, sets: dict[PlanEvent, ReadWriteSets], invariants: Sequence[Reading]) -> list[PlanEvent]:
+def _sequence(
+    point: TimePoint, sets: dict[PlanEvent, ReadWriteSets], invariants: Sequence[ReadWriteSets]
+) -> list[PlanEvent]:
     """Order simultaneous events: invariants of a step become true before its start, and false after its end."""
     waiting = list(point.events)
     if len(waiting) == 1:
         return waiting
-    written = {one: one_set.writing.keys for one, one_set in sets.items()}
+    written = {one: one_set.writes for one, one_set in sets.items()}
 
     def comes_first(one: PlanEvent, other: PlanEvent) -> bool:
-        needs_it = other.edge == "start" and not written[one].isdisjoint(invariants[other.step].keys)
-        needed_it = one.edge == "end" and not written[other].isdisjoint(invariants[one.step].keys)
+        needs_it = other.edge == "start" and not written[one].isdisjoint(invariants[other.step].reads)
+        needed_it = one.edge == "end" and not written[other].isdisjoint(invariants[one.step].reads)
         return one.step != other.step and (needs_it or needed_it)
 
     found: list[PlanEvent] = []
@@ -173,107 +194,20 @@ def _sequence(point: TimePoint, sets: dict[PlanEvent, ReadWriteSets], invariants
     return found
 
 
-class _Waits:
-    """Earlier positions that each position has to wait for, as bit sets."""
-
-    def __init__(self, positions: int) -> None:
-        self.before = [0] * positions
-
-    def add(self, later: int, earlier: int) -> None:
-        """Let ``later`` wait for ``earlier``, if both are positions and differ."""
-        if 0 <= earlier < later:
-            self.before[later] |= 1 << earlier
-
-
-def _order_writes(history: _History, waits: _Waits) -> None:
-    """Keep the order of writes that do not commute."""
-    for writes in history.writes.values():
-        for former, block in _neighbours(writes):
-            for later in block:
-                for earlier in former:
-                    waits.add(later, earlier)
-    values: dict[Fluent, list[tuple[int, int | None]]] = defaultdict(list)
-    for position, sets_of_event in enumerate(history.sets):
-        for fluent in sets_of_event.writing.moved:
-            values[fluent].append((position, None))
-        for fluent in sets_of_event.writing.assigned:
-            values[fluent].append((position, position))
-    for writes in values.values():
-        for former, block in _neighbours(writes):
-            for later in block:
-                for earlier in former:
-                    waits.add(later, earlier)
-
-
-def _neighbours(writes: Sequence[tuple[int, object]]) -> Iterator[tuple[list[int], list[int]]]:
-    """Yield pairs of successive blocks of commuting writes."""
-    blocks = [[position for position, _ in block] for _, block in itertools.groupby(writes, key=lambda one: one[1])]
-    return itertools.pairwise(blocks)
-
-
-def _order_literal(
-    writes: Sequence[tuple[int, bool]], initially: bool, wanted: bool, reader: _Reader, waits: _Waits
-) -> None:
-    """Let a reader wait for the write that makes a predicate as wanted, and the reverting write for the reader."""
-    truth = initially
-    origin = -1
-    for position, made in writes:
-        if position > reader.upto:
-            break
-        if made != truth:
-            truth, origin = made, position
-    if reader.first >= 0:
-        waits.add(reader.first, origin)
-    reverted = False
-    for position, made in writes:
-        if position < reader.since:
-            continue
-        if made != wanted:
-            reverted = True
-            waits.add(position, reader.last)
-        elif reverted:
-            break
-
-
-def _order_group(writers: int, reader: _Reader, waits: _Waits) -> None:
-    """Keep all writers of other keys before or after their reader, as in the plan."""
-    last_inside = -1
-    for position in _bits(writers):
-        if position <= reader.upto:
-            waits.add(reader.first, position)
-        elif position >= reader.since:
-            waits.add(position, reader.last)
-        else:
-            # The condition held after each write inside the span, in this order.
-            waits.add(position, last_inside)
-            last_inside = position
-
-
-def _bits(mask: int) -> Iterator[int]:
-    while mask:
-        lowest = mask & -mask
-        yield lowest.bit_length() - 1
-        mask ^= lowest
-
-
-def _reduced(history: _History, waits: _Waits, steps: int) -> CausalOrder:
+def _reduced(history: _History, steps: int) -> CausalOrder:
     """Remove transitive waits, except through ends that may come early."""
     starts: list[frozenset[PlanEvent]] = [frozenset()] * steps
     ends: list[frozenset[PlanEvent]] = [frozenset()] * steps
-    implied: list[int] = []
+    implied: list[frozenset[int]] = []
     for position, event in enumerate(history.order):
-        own_start = history.starts.get(event.step, -1) if event.edge == "end" else -1
-        covered = implied[own_start] if own_start >= 0 else 0
-        all_before = covered
-        needed: list[PlanEvent] = []
-        for earlier in reversed(list(_bits(waits.before[position]))):
-            if not covered >> earlier & 1:
+        is_start = event.edge == "start"
+        own_start = -1 if is_start else history.starts.get(event.step, -1)
+        before_own = implied[own_start] if own_start >= 0 else frozenset()
+        covered, needed = set(before_own), []
+        for earlier in sorted(history.waits[position], reverse=True):
+            if earlier not in covered:
                 needed.append(history.order[earlier])
                 covered |= implied[earlier]
-        if event.edge == "start":
-            starts[event.step] = frozenset(needed)
-            all_before = covered
-        else:
-            ends[event.step] = frozenset(needed)
-        implied.append(all_before | 1 << position)
+        (starts if is_start else ends)[event.step] = frozenset(needed)
+        implied.append(frozenset((*(covered if is_start else before_own), position)))
     return CausalOrder(tuple(starts), tuple(ends))

@@ -146,7 +146,6 @@ class PlanStep:
 
     @property
     def end_s(self) -> float:
-        """End time (s)."""
         return self.start_s + self.duration_s
 
     @property

@@ -33,14 +33,26 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Fluent:
-    """Function of some objects, such as ``(stacked base_1)``."""
-
-    function: str
+class _Named:
+    name: str
     terms: Terms = ()
 
     def __str__(self) -> str:
-        return _call(self.function, *self.terms)
+        return _call(self.name, *self.terms)
+
+
+@dataclass(frozen=True, slots=True)
+class Predicate(_Named):
+    """Predicate of some objects, such as ``(on box_a box_b)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fluent(_Named):
+    """Function of some objects, such as ``(stacked base_1)``."""
+
+
+Key = Predicate | Fluent
+"""Part of a state: a predicate, which is true or false, or a function, which has a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +77,6 @@ class Duration:
 Expression = Number | Fluent | Arithmetic | Duration
 
 Comparator = Literal["<", "<=", "=", ">=", ">"]
-
-
-@dataclass(frozen=True, slots=True)
-class Predicate:
-    """Predicate of some objects, such as ``(on box_a box_b)``."""
-
-    name: str
-    terms: Terms = ()
-
-    def __str__(self) -> str:
-        return _call(self.name, *self.terms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,23 +113,21 @@ class Not:
 
 
 @dataclass(frozen=True, slots=True)
-class And:
-    """Conjunction; true without parts."""
-
+class _Junction:
     parts: tuple[Formula, ...] = ()
 
     def __str__(self) -> str:
-        return _call("and", *self.parts)
+        return _call(type(self).__name__.lower(), *self.parts)
 
 
 @dataclass(frozen=True, slots=True)
-class Or:
+class And(_Junction):
+    """Conjunction; true without parts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Or(_Junction):
     """Disjunction; false without parts. ``(imply a b)`` is read as ``(or (not a) b)``."""
-
-    parts: tuple[Formula, ...] = ()
-
-    def __str__(self) -> str:
-        return _call("or", *self.parts)
 
 
 @dataclass(frozen=True, slots=True)

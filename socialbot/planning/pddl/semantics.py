@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import overload
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, TypeVar
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import DurationBounds, PddlAction, TimedCondition, TimedEffect, TimeSpecifier
@@ -26,6 +27,7 @@ from socialbot.planning.pddl.formulas import (
     Expression,
     Fluent,
     Formula,
+    Key,
     Not,
     Number,
     NumericComparison,
@@ -44,21 +46,18 @@ TOLERANCE = 1e-9
 Binding = Mapping[str, str]
 """Objects by variables."""
 
+Changes = dict[Key, bool | float]
+"""New truths of ground predicates and values of ground functions, in their order."""
+
+T = TypeVar("T")
 _NONE: Binding = {}
 
 
-@dataclass(frozen=True, slots=True)
-class SetValue:
-    """Assignment of a value to a ground function."""
-
-    fluent: Fluent
-    value: float
-
-    def __str__(self) -> str:
-        return f"{self.fluent} = {self.value:g}"
-
-
-GroundChange = Add | Delete | SetValue
+def change_text(key: Key, new: bool | float) -> str:
+    """Return one of some `Changes` as text: ``(p a)``, ``(not (p a))`` or ``(f a) = 2``."""
+    if isinstance(key, Fluent):
+        return f"{key} = {new:g}"
+    return str(key) if new else str(Delete(key))
 
 
 def holds(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> bool:
@@ -81,10 +80,9 @@ def truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
     """Return the truth in Kleene's logic; None if undefined."""
     match formula:
         case Predicate():
-            return world.holds(bound(formula, binding) if binding else formula)
+            return world.holds(substitute(formula, binding) if binding else formula)
         case And(parts):
-            truths = (truth(part, world, binding) for part in parts)
-            return _decided(truths, False)
+            return _decided((truth(part, world, binding) for part in parts), False)
         case Not(part):
             value = truth(part, world, binding)
             return None if value is None else not value
@@ -94,8 +92,7 @@ def truth(formula: Formula, world: PddlWorld, binding: Binding) -> bool | None:
         case Equality(left, right):
             return binding.get(left, left) == binding.get(right, right)
         case Or(parts):
-            truths = (truth(part, world, binding) for part in parts)
-            return _decided(truths, True)
+            return _decided((truth(part, world, binding) for part in parts), True)
         case Quantified(quantifier, variables, part):
             truths = (truth(part, world, inner) for inner in bindings(variables, world, binding))
             return _decided(truths, quantifier == "exists")
@@ -121,18 +118,9 @@ def bindings(variables: tuple[TypedName, ...], world: PddlWorld, binding: Bindin
 
 def compare(comparator: str, left: float, right: float) -> bool:
     """Compare two numbers within `TOLERANCE`."""
-    close = abs(left - right) <= TOLERANCE * max(1.0, abs(left), abs(right))
-    match comparator:
-        case "<":
-            return left < right and not close
-        case "<=":
-            return left < right or close
-        case "=":
-            return close
-        case ">=":
-            return left > right or close
-        case _:
-            return left > right and not close
+    if abs(left - right) <= TOLERANCE * max(1.0, abs(left), abs(right)):
+        return "=" in comparator
+    return left < right if "<" in comparator else left > right and ">" in comparator
 
 
 def evaluate(
@@ -143,51 +131,45 @@ def evaluate(
         case Number(value):
             return value
         case Fluent():
-            return world.value(bound(expression, binding) if binding else expression)
+            return world.value(substitute(expression, binding) if binding else expression)
         case Duration():
             return duration
-        case Arithmetic(operator, parts):
-            values = [evaluate(part, world, binding, duration) for part in parts]
-            known = [value for value in values if value is not None]
-            return _calculated(operator, known) if len(known) == len(values) else None
-
-
-def _calculated(operator: str, values: list[float]) -> float | None:
-    first, *rest = values
-    if operator == "-" and not rest:
-        return -first
-    for value in rest:
-        match operator:
-            case "+":
-                first += value
-            case "-":
-                first -= value
-            case "*":
-                first *= value
-            case _:
-                if value == 0:
+        case Arithmetic(name, parts):
+            first, *rest = (evaluate(part, world, binding, duration) for part in parts)
+            if name == "-" and not rest:
+                return None if first is None else -first
+            for value in rest:
+                if first is None or value is None:
                     return None
-                first /= value
-    return first if math.isfinite(first) else None
+                first = _CALCULATE[name](first, value)
+            return first if first is not None and math.isfinite(first) else None
+
+
+def _divided(left: float, right: float) -> float:
+    return left / right if right else math.inf
+
+
+_CALCULATE: Mapping[str, Callable[[float, float], float]] = {
+    "+": operator.add, "increase": operator.add, "-": operator.sub, "decrease": operator.sub,
+    "*": operator.mul, "scale-up": operator.mul, "/": _divided, "scale-down": _divided,
+}  # fmt: skip
 
 
 def fluents(expression: Expression, binding: Binding = _NONE) -> Iterator[Fluent]:
     """Yield the ground functions in an expression."""
     match expression:
         case Fluent():
-            yield bound(expression, binding)
+            yield substitute(expression, binding)
         case Arithmetic(_, parts):
             for part in parts:
                 yield from fluents(part, binding)
-        case _:
-            return
 
 
-def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Iterator[Predicate | Fluent]:
+def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Iterator[Key]:
     """Yield the ground predicates and functions in a formula."""
     match formula:
         case Predicate():
-            yield bound(formula, binding)
+            yield substitute(formula, binding)
         case NumericComparison(_, left, right):
             yield from fluents(left, binding)
             yield from fluents(right, binding)
@@ -199,41 +181,35 @@ def atoms(formula: Formula, world: PddlWorld, binding: Binding = _NONE) -> Itera
         case Quantified(_, variables, part):
             for inner in bindings(variables, world, binding):
                 yield from atoms(part, world, inner)
-        case _:
-            return
 
 
 def changes(
     effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE, duration: float | None = None
-) -> list[GroundChange]:
+) -> Changes:
     """Return the simultaneous changes by effects, deletions first; additions override deletions.
 
     Conditions and amounts are those of the world before. Several effects on one function accumulate. Raises
     PlanningError for an undefined amount or value.
     """
-    deleted: dict[Predicate, Delete] = {}
-    added: dict[Predicate, Add] = {}
-    values: dict[Fluent, float] = {}
-    for effect, inner in triggered(effects, world, binding):
+    deleted: Changes = {}
+    added: Changes = {}
+    values: dict[Key, float] = {}
+    for effect in triggered(effects, world, binding):
         match effect:
             case Add(predicate):
-                ground = bound(predicate, inner)
-                added[ground] = Add(ground)
+                added[predicate] = True
             case Delete(predicate):
-                ground = bound(predicate, inner)
-                deleted[ground] = Delete(ground)
-            case NumericEffect(operator, fluent, amount):
-                ground = bound(fluent, inner)
-                before = values[ground] if ground in values else world.value(ground)
-                values[ground] = _changed(operator, ground, before, evaluate(amount, world, inner, duration))
-    kept = [delete for predicate, delete in deleted.items() if predicate not in added]
-    return [*kept, *added.values(), *(SetValue(fluent, value) for fluent, value in values.items())]
+                deleted[predicate] = False
+            case NumericEffect(_, fluent, amount):
+                before = values[fluent] if fluent in values else world.value(fluent)
+                values[fluent] = _changed(effect, before, evaluate(amount, world, duration=duration))
+    return {**{predicate: False for predicate in deleted if predicate not in added}, **added, **values}
 
 
 def triggered(
     effects: Iterable[Effect], world: PddlWorld, binding: Binding = _NONE
-) -> Iterator[tuple[Add | Delete | NumericEffect, Binding]]:
-    """Yield the elementary effects whose conditions hold, with their bindings."""
+) -> Iterator[Add | Delete | NumericEffect]:
+    """Yield the elementary effects whose conditions hold, ground."""
     for effect in effects:
         match effect:
             case UniversalEffect(variables, inside):
@@ -243,27 +219,20 @@ def triggered(
                 if holds(condition, world, binding):
                     yield from triggered(inside, world, binding)
             case _:
-                yield effect, binding
+                yield substitute(effect, binding) if binding else effect
 
 
-def _changed(operator: str, fluent: Fluent, before: float | None, amount: float | None) -> float:
+def _changed(effect: NumericEffect, before: float | None, amount: float | None) -> float:
+    what = f"{effect.operator} {effect.fluent}"
     if amount is None:
-        raise PlanningError(f"{operator} {fluent}: the amount has no value")
-    if operator == "assign":
+        raise PlanningError(f"{what}: the amount has no value")
+    if effect.operator == "assign":
         return amount
     if before is None:
-        raise PlanningError(f"{operator} {fluent}: it has no value yet")
-    match operator:
-        case "increase":
-            after = before + amount
-        case "decrease":
-            after = before - amount
-        case "scale-up":
-            after = before * amount
-        case _:
-            after = before / amount if amount else math.inf
+        raise PlanningError(f"{what}: it has no value yet")
+    after = _CALCULATE[effect.operator](before, amount)
     if not math.isfinite(after):
-        raise PlanningError(f"{operator} {fluent}: {before:g} cannot be changed so by {amount:g}")
+        raise PlanningError(f"{what}: {before:g} cannot be changed by {amount:g}")
     return after
 
 
@@ -278,15 +247,10 @@ class GroundAction:
     effects: tuple[TimedEffect, ...]
 
     def conditions_at(self, when: TimeSpecifier) -> tuple[Formula, ...]:
-        """Return the conditions at a time."""
         return tuple(condition.formula for condition in self.conditions if condition.when == when)
 
     def effects_at(self, when: TimeSpecifier) -> tuple[Effect, ...]:
-        """Return the effects at a time."""
         return tuple(effect.effect for effect in self.effects if effect.when == when)
-
-    def __str__(self) -> str:
-        return f"({' '.join((self.name, *self.args))})"
 
 
 def ground(action: PddlAction, args: Iterable[str]) -> GroundAction:
@@ -297,77 +261,29 @@ def ground(action: PddlAction, args: Iterable[str]) -> GroundAction:
             f"{action.name} takes {len(action.parameters)} objects, not {len(objects)}: {' '.join(objects)}"
         )
     binding = {typed.name: name for typed, name in zip(action.parameters, objects, strict=True)}
-    bounds = action.duration
     return GroundAction(
         action.name,
         objects,
-        bounds and DurationBounds(_optional(bounds.least, binding), _optional(bounds.most, binding)),
-        tuple(TimedCondition(one.when, substitute(one.formula, binding)) for one in action.conditions),
-        tuple(TimedEffect(one.when, _substituted(one.effect, binding)) for one in action.effects),
+        substitute(action.duration, binding),
+        substitute(action.conditions, binding),
+        substitute(action.effects, binding),
     )
 
 
-def substitute(formula: Formula, binding: Binding) -> Formula:
-    """Replace the free variables of a formula."""
-    match formula:
-        case Predicate():
-            return bound(formula, binding)
+def substitute(part: T, binding: Binding) -> T:
+    """Replace the free variables of a formula, expression or effect, or of a tuple or dataclass of them."""
+    found: Any = part
+    match part:
+        case Predicate() | Fluent():
+            found = type(part)(part.name, tuple(binding.get(term, term) for term in part.terms))
         case Equality(left, right):
-            return Equality(binding.get(left, left), binding.get(right, right))
-        case NumericComparison(comparator, left, right):
-            return NumericComparison(comparator, substitute_number(left, binding), substitute_number(right, binding))
-        case Not(part):
-            return Not(substitute(part, binding))
-        case And(parts):
-            return And(tuple(substitute(part, binding) for part in parts))
-        case Or(parts):
-            return Or(tuple(substitute(part, binding) for part in parts))
-        case Quantified(quantifier, variables, part):
-            return Quantified(quantifier, variables, substitute(part, _without(binding, variables)))
-
-
-def substitute_number(expression: Expression, binding: Binding) -> Expression:
-    """Replace the variables of an expression."""
-    match expression:
-        case Fluent():
-            return bound(expression, binding)
-        case Arithmetic(operator, parts):
-            return Arithmetic(operator, tuple(substitute_number(part, binding) for part in parts))
-        case _:
-            return expression
-
-
-def _substituted(effect: Effect, binding: Binding) -> Effect:
-    match effect:
-        case Add(predicate):
-            return Add(bound(predicate, binding))
-        case Delete(predicate):
-            return Delete(bound(predicate, binding))
-        case NumericEffect(operator, fluent, amount):
-            return NumericEffect(operator, bound(fluent, binding), substitute_number(amount, binding))
-        case UniversalEffect(variables, inside):
-            inner = _without(binding, variables)
-            return UniversalEffect(variables, tuple(_substituted(one, inner) for one in inside))
-        case ConditionalEffect(condition, inside):
-            return ConditionalEffect(
-                substitute(condition, binding), tuple(_substituted(one, binding) for one in inside)
-            )
-
-
-def _optional(expression: Expression | None, binding: Binding) -> Expression | None:
-    return None if expression is None else substitute_number(expression, binding)
-
-
-def _without(binding: Binding, variables: tuple[TypedName, ...]) -> Binding:
-    hidden = {typed.name for typed in variables}
-    return {name: value for name, value in binding.items() if name not in hidden}
-
-
-@overload
-def bound(named: Predicate, binding: Binding) -> Predicate: ...
-@overload
-def bound(named: Fluent, binding: Binding) -> Fluent: ...
-def bound(named: Predicate | Fluent, binding: Binding) -> Predicate | Fluent:
-    """Replace the variables of a predicate or function."""
-    terms = tuple(binding.get(term, term) for term in named.terms)
-    return Predicate(named.name, terms) if isinstance(named, Predicate) else Fluent(named.function, terms)
+            found = Equality(binding.get(left, left), binding.get(right, right))
+        case tuple():
+            found = tuple(substitute(one, binding) for one in part)
+        case _ if is_dataclass(part):
+            if isinstance(part, Quantified | UniversalEffect):
+                hidden = {typed.name for typed in part.variables}
+                binding = {name: value for name, value in binding.items() if name not in hidden}
+            inner = {name: substitute(getattr(part, name), binding) for name in part.__dataclass_fields__}
+            found = replace(part, **inner)  # pyright: ignore[reportArgumentType]
+    return found

@@ -1,23 +1,12 @@
-"""Mutable PDDL state with derived predicates."""
+"""Worlds in which formulas are evaluated: PDDL states, projections of other worlds, and derived predicates."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
-from socialbot.planning.pddl.formulas import (
-    Add,
-    And,
-    Delete,
-    Fluent,
-    Formula,
-    Not,
-    Or,
-    PddlWorld,
-    Predicate,
-    Quantified,
-)
-from socialbot.planning.pddl.semantics import GroundChange, atoms, bindings, holds
+from socialbot.planning.pddl.formulas import And, Fluent, Formula, Key, Not, Or, PddlWorld, Predicate, Quantified
+from socialbot.planning.pddl.semantics import Changes, atoms, bindings, holds
 
 
 class Derivation:
@@ -30,7 +19,7 @@ class Derivation:
         self._rules = domain.derived
         self.circle: str | None = None
         self._levels = self._by_level()
-        self._bases: dict[Predicate, frozenset[Predicate | Fluent]] = {}
+        self._bases: dict[Predicate, frozenset[Key]] = {}
 
     def derived(self, world: PddlWorld) -> frozenset[Predicate]:
         """Return all derived predicates that hold in a world of basic predicates."""
@@ -47,22 +36,21 @@ class Derivation:
                             overlay.found.add(predicate)
         return frozenset(overlay.found)
 
-    def bases(self, predicate: Predicate, world: PddlWorld) -> frozenset[Predicate | Fluent]:
+    def bases(self, predicate: Predicate, world: PddlWorld) -> frozenset[Key]:
         """Return all basic predicates and fluents that a derived predicate may depend on."""
         if predicate not in self._bases:
-            seen = {predicate}
+            seen: dict[Key, None] = {predicate: None}
             waiting = [predicate]
-            found: set[Predicate | Fluent] = set()
             while waiting:
-                parameters, formula = self._rules[waiting[-1].name]
-                binding = {typed.name: name for typed, name in zip(parameters, waiting.pop().terms, strict=True)}
-                for one in atoms(formula, world, binding):
-                    if isinstance(one, Fluent) or one.name not in self._rules:
-                        found.add(one)
-                    elif one not in seen:
-                        seen.add(one)
-                        waiting.append(one)
-            self._bases[predicate] = frozenset(found)
+                derived = waiting.pop()
+                parameters, formula = self._rules[derived.name]
+                binding = {typed.name: name for typed, name in zip(parameters, derived.terms, strict=True)}
+                new = [one for one in dict.fromkeys(atoms(formula, world, binding)) if one not in seen]
+                seen.update(dict.fromkeys(new))
+                waiting += [one for one in new if isinstance(one, Predicate) and one.name in self._rules]
+            self._bases[predicate] = frozenset(
+                one for one in seen if isinstance(one, Fluent) or one.name not in self._rules
+            )
         return self._bases[predicate]
 
     def _by_level(self) -> list[list[str]]:
@@ -89,15 +77,11 @@ class _Overlay:
         self._world = world
         self._rules = rules
         self.found: set[Predicate] = set()
+        self.value = world.value
+        self.objects = world.objects
 
     def holds(self, predicate: Predicate) -> bool:
         return predicate in self.found if predicate.name in self._rules else self._world.holds(predicate)
-
-    def value(self, fluent: Fluent) -> float | None:
-        return self._world.value(fluent)
-
-    def objects(self, types: tuple[str, ...]) -> Iterable[str]:
-        return self._world.objects(types)
 
 
 def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
@@ -112,12 +96,10 @@ def _read(formula: Formula, positive: bool) -> Iterator[tuple[str, bool]]:
                 yield from _read(part, positive)
         case Quantified(_, _, part):
             yield from _read(part, positive)
-        case _:
-            return
 
 
 class PddlState:
-    """Facts and fluent values; a `PddlWorld`."""
+    """Mutable facts and fluent values; a `PddlWorld`."""
 
     def __init__(
         self,
@@ -140,7 +122,6 @@ class PddlState:
         return cls(domain, problem.objects, problem.facts, problem.values)
 
     def copy(self) -> PddlState:
-        """Return an independent copy."""
         return PddlState(self.domain, self.types, self.facts, self.values)
 
     def problem(self, goal: Formula | None, *, name: str = "now") -> PddlProblem:
@@ -164,14 +145,35 @@ class PddlState:
             self._of_types[types] = found
         return found
 
-    def apply(self, changes: Iterable[GroundChange]) -> None:
-        """Apply changes in their order."""
+    def apply(self, changes: Changes) -> None:
         self._derived = None
-        for change in changes:
-            match change:
-                case Add(predicate):
-                    self.facts.add(predicate)
-                case Delete(predicate):
-                    self.facts.discard(predicate)
-                case _:
-                    self.values[change.fluent] = change.value
+        for key, new in changes.items():
+            if isinstance(key, Fluent):
+                self.values[key] = new
+            elif new:
+                self.facts.add(key)
+            else:
+                self.facts.discard(key)
+
+
+class Projection:
+    """View of a world after some changes, including its derived predicates; the world itself is not changed."""
+
+    def __init__(self, world: PddlWorld, domain: PddlDomain, changes: Changes | None = None) -> None:
+        self._world = world
+        self._domain = domain
+        self._changes = changes or {}
+        self._derived: frozenset[Predicate] | None = None
+        self.objects = world.objects
+
+    def holds(self, predicate: Predicate) -> bool:
+        if predicate.name in self._domain.derived:
+            if self._derived is None:
+                self._derived = Derivation(self._domain).derived(self)
+            return predicate in self._derived
+        known = self._changes.get(predicate)
+        return self._world.holds(predicate) if known is None else bool(known)
+
+    def value(self, fluent: Fluent) -> float | None:
+        known = self._changes.get(fluent)
+        return self._world.value(fluent) if known is None else known

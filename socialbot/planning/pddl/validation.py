@@ -16,9 +16,9 @@ from socialbot.planning.pddl.formulas import (
     ConditionalEffect,
     Delete,
     Effect,
-    Equality,
     Fluent,
     Formula,
+    Key,
     Not,
     NumericComparison,
     NumericEffect,
@@ -31,9 +31,7 @@ from socialbot.planning.pddl.semantics import (
     TOLERANCE,
     Binding,
     GroundAction,
-    SetValue,
     bindings,
-    bound,
     changes,
     evaluate,
     fluents,
@@ -98,58 +96,41 @@ def _in_order(together: list[PlanEvent]) -> tuple[PlanEvent, ...]:
     return tuple(sorted(together, key=lambda one: (one.edge == "start", one.step)))
 
 
-Key = Predicate | Fluent
-"""Basic predicate or fluent; a derived predicate is replaced by those that it depends on."""
-
-
 @dataclass
-class Reading:
-    """Read set of a condition: predicates with their wanted truth, and groups of other keys."""
+class ReadWriteSets:
+    """Read and write sets of an event. Derived predicates are replaced by those that they depend on.
+
+    Attributes:
+        literals: Predicates that must be true or false.
+        groups: Other keys that a condition, an amount or a duration reads.
+        added, deleted: Predicates that are made true or false; additions override deletions.
+        moved, assigned: Functions that are only increased or decreased, and other changed functions.
+    """
 
     literals: dict[Predicate, bool] = field(default_factory=dict)
     groups: list[frozenset[Key]] = field(default_factory=list)
-
-    @property
-    def keys(self) -> frozenset[Key]:
-        """All keys that are read."""
-        return frozenset(self.literals).union(*self.groups)
-
-
-@dataclass
-class Writing:
-    """Write set of effects; additions override deletions.
-
-    Functions are ``moved`` if they are only increased or decreased, else ``assigned``.
-    """
-
     added: set[Predicate] = field(default_factory=set)
     deleted: set[Predicate] = field(default_factory=set)
     moved: set[Fluent] = field(default_factory=set)
     assigned: set[Fluent] = field(default_factory=set)
 
     @property
-    def keys(self) -> frozenset[Key]:
-        """All keys that are written."""
+    def reads(self) -> frozenset[Key]:
+        return frozenset(self.literals).union(*self.groups)
+
+    @property
+    def writes(self) -> frozenset[Key]:
         return frozenset((*self.added, *self.deleted, *self.moved, *self.assigned))
-
-
-@dataclass
-class ReadWriteSets:
-    """Read and write sets of an event."""
-
-    reading: Reading
-    writing: Writing
 
     def clash(self, other: ReadWriteSets) -> str | None:
         """Return a key for which two simultaneous events interfere; None if there is none."""
-        mine, theirs = self.writing, other.writing
         found = (
-            (self.reading.keys & theirs.keys)
-            | (other.reading.keys & mine.keys)
-            | (mine.added & theirs.deleted)
-            | (mine.deleted & theirs.added)
-            | (mine.assigned & (theirs.assigned | theirs.moved))
-            | (mine.moved & theirs.assigned)
+            (self.reads & other.writes)
+            | (other.reads & self.writes)
+            | (self.added & other.deleted)
+            | (self.deleted & other.added)
+            | (self.assigned & (other.assigned | other.moved))
+            | (self.moved & other.assigned)
         )
         return min(map(str, found), default=None)
 
@@ -164,64 +145,76 @@ class ReadWriteAnalysis:
 
     def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
         """Return the read and write sets of the start or end of an action."""
-        reading = self.reading(action.conditions_at(edge), state)
+        sets = self.reading(action.conditions_at(edge), state)
         effects = action.effects_at(edge)
-        self._read_by_effects(effects, state, {}, reading)
+        self._read_by_effects(effects, state, {}, sets)
         if edge == "start" and action.duration is not None:
             bounds = (action.duration.least, action.duration.most)
-            read = frozenset(fluent for one in bounds if one is not None for fluent in fluents(one))
-            if read:
-                reading.groups.append(read)
-        return ReadWriteSets(reading, _writing(effects, state))
+            _add_group(sets, (fluent for one in bounds if one is not None for fluent in fluents(one)))
+        for effect in triggered(effects, state):
+            match effect:
+                case Add(predicate):
+                    sets.added.add(predicate)
+                case Delete(predicate):
+                    sets.deleted.add(predicate)
+                case NumericEffect(operator, fluent, _):
+                    (sets.moved if operator in ("increase", "decrease") else sets.assigned).add(fluent)
+        sets.moved -= sets.assigned
+        return sets
 
-    def reading(self, formulas: Iterable[Formula], state: PddlState) -> Reading:
+    def reading(self, formulas: Iterable[Formula], state: PddlState) -> ReadWriteSets:
         """Return the read set of formulas."""
-        reading = Reading()
+        sets = ReadWriteSets()
         for formula in formulas:
-            self._read(formula, True, state, {}, reading)
-        return reading
+            self._read(formula, True, state, {}, sets)
+        return sets
 
-    def _read(self, formula: Formula, wanted: bool, state: PddlState, binding: Binding, into: Reading) -> None:
+    def _read(self, formula: Formula, wanted: bool, state: PddlState, binding: Binding, into: ReadWriteSets) -> None:
         match formula:
             case Predicate(name):
                 if name in self._domain.derived:
-                    into.groups.append(state.derivation.bases(bound(formula, binding), state))
+                    into.groups.append(state.derivation.bases(substitute(formula, binding), state))
                 else:
-                    into.literals[bound(formula, binding)] = wanted
+                    into.literals[substitute(formula, binding)] = wanted
             case Not(part):
                 self._read(part, not wanted, state, binding, into)
             case NumericComparison(_, left, right):
                 into.groups.append(frozenset((*fluents(left, binding), *fluents(right, binding))))
-            case Equality():
-                pass
-            case _:
-                parts = list(_parts(formula, state, binding))
-                disjunctive = isinstance(formula, Or) or (
-                    isinstance(formula, Quantified) and formula.quantifier == "exists"
-                )
-                if disjunctive == wanted:
-                    self._read_any(parts, wanted, state, into)
-                else:
-                    for part, inner in parts:
-                        self._read(part, wanted, state, inner, into)
+            case And(parts) | Or(parts):
+                listed = [(part, binding) for part in parts]
+                self._read_parts(listed, wanted, isinstance(formula, Or) == wanted, state, into)
+            case Quantified(quantifier, variables, part):
+                instances = [(part, inner) for inner in bindings(variables, state, binding)]
+                self._read_parts(instances, wanted, (quantifier == "exists") == wanted, state, into)
 
-    def _read_any(self, parts: list[tuple[Formula, Binding]], wanted: bool, state: PddlState, into: Reading) -> None:
-        """Read parts of a disjunction; static parts may decide it."""
-        settled = [self._static_truth(part, state, inner) for part, inner in parts]
-        if wanted in settled:
-            return
-        parts = [part for part, known in zip(parts, settled, strict=True) if known is None]
-        inside = into if len(parts) == 1 else Reading()
+    def _read_parts(
+        self,
+        parts: list[tuple[Formula, Binding]],
+        wanted: bool,
+        any_decides: bool,
+        state: PddlState,
+        into: ReadWriteSets,
+    ) -> None:
+        """Read parts of a formula that are needed all, or of which any decides it; static parts may decide it then."""
+        inside = into
+        if any_decides:
+            settled = [self._static_truth(part, state, inner) for part, inner in parts]
+            if wanted in settled:
+                return
+            parts = [part for part, known in zip(parts, settled, strict=True) if known is None]
+            inside = into if len(parts) == 1 else ReadWriteSets()
         for part, inner in parts:
             self._read(part, wanted, state, inner, inside)
-        if inside is not into and inside.keys:
-            into.groups.append(inside.keys)
+        if inside is not into:
+            _add_group(into, inside.reads)
 
     def _static_truth(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
         """Return the truth of a static formula; None if actions can change it."""
         return truth(formula, _StaticWorld(state, self._changing), binding)  # type: ignore[arg-type]
 
-    def _read_by_effects(self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: Reading) -> None:
+    def _read_by_effects(
+        self, effects: Iterable[Effect], state: PddlState, binding: Binding, into: ReadWriteSets
+    ) -> None:
         """Read the amounts and conditions of effects; the truth of a condition matters either way."""
         for effect in effects:
             match effect:
@@ -230,15 +223,16 @@ class ReadWriteAnalysis:
                         self._read_by_effects(inside, state, inner, into)
                 case ConditionalEffect(condition, inside):
                     if self._static_truth(condition, state, binding) is None:
-                        read = self.reading((substitute(condition, binding),), state).keys
-                        into.groups.append(read)
+                        into.groups.append(self.reading((substitute(condition, binding),), state).reads)
                     self._read_by_effects(inside, state, binding, into)
                 case NumericEffect(_, _, amount):
-                    read = frozenset(fluents(amount, binding))
-                    if read:
-                        into.groups.append(read)
-                case _:
-                    pass
+                    _add_group(into, fluents(amount, binding))
+
+
+def _add_group(sets: ReadWriteSets, keys: Iterable[Key]) -> None:
+    group = frozenset(keys)
+    if group:
+        sets.groups.append(group)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,29 +252,6 @@ class _StaticWorld:
         return self.state.objects(types)
 
 
-def _parts(formula: And | Or | Quantified, state: PddlState, binding: Binding) -> Iterator[tuple[Formula, Binding]]:
-    match formula:
-        case Quantified(_, variables, part):
-            return ((part, inner) for inner in bindings(variables, state, binding))
-        case _:
-            return ((part, binding) for part in formula.parts)
-
-
-def _writing(effects: Iterable[Effect], state: PddlState) -> Writing:
-    writing = Writing()
-    for effect, binding in triggered(effects, state):
-        match effect:
-            case Add(predicate):
-                writing.added.add(bound(predicate, binding))
-            case Delete(predicate):
-                writing.deleted.add(bound(predicate, binding))
-            case NumericEffect(operator, fluent, _):
-                target = writing.moved if operator in ("increase", "decrease") else writing.assigned
-                target.add(bound(fluent, binding))
-    writing.moved -= writing.assigned
-    return writing
-
-
 def _changing(effects: Iterable[Effect]) -> Iterator[str]:
     """Yield the predicates that effects may change, by name."""
     for effect in effects:
@@ -289,8 +260,6 @@ def _changing(effects: Iterable[Effect]) -> Iterator[str]:
                 yield predicate.name
             case UniversalEffect(_, inside) | ConditionalEffect(_, inside):
                 yield from _changing(inside)
-            case _:
-                pass
 
 
 DURATION_S = 0.001
@@ -327,8 +296,7 @@ def validate_plan(
     ]
     if wrong:
         return tuple(wrong)
-    actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
-    return tuple(_Simulation(domain, state, plan, actions, running).run(problem.goal))
+    return tuple(_Simulation(domain, state, plan, running).run(problem.goal))
 
 
 def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
@@ -345,7 +313,7 @@ def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running:
         if not domain.fits(types, parameter.types):
             return f"{step.call}: {name} is a {' or '.join(types)}, no {' or '.join(parameter.types)}"
     if not (math.isfinite(step.start_s) and math.isfinite(step.duration_s)):
-        return f"{step.call}: it has no proper time"
+        return f"{step.call}: its time is not finite"
     if running:
         return None if action.duration is not None else f"{step.call}: it is instantaneous and cannot be running"
     if step.start_s < -EPSILON_S:
@@ -353,25 +321,18 @@ def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running:
     if action.duration is None and step.duration_s > DURATION_S:
         return f"{step.call} is instantaneous and cannot last {step.duration_s:g} s"
     if action.duration is not None and step.duration_s < EPSILON_S:
-        return f"{step.call} lasts no time at all"
+        return f"{step.call} must last longer than 0 s"
     return None
 
 
 class _Simulation:
-    def __init__(
-        self,
-        domain: PddlDomain,
-        state: PddlState,
-        plan: PddlPlan,
-        actions: Sequence[GroundAction],
-        running: Collection[int],
-    ) -> None:
+    def __init__(self, domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Collection[int]) -> None:
         self._state = state
         self._steps = plan.steps
-        self._actions = actions
+        self._actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
         self._running = running
         self._sets = ReadWriteAnalysis(domain)
-        self._timeline = time_points(plan, actions, running)
+        self._timeline = time_points(plan, self._actions, running)
         self._invariants: dict[int, frozenset[Key]] = {}
         """Read sets of the invariants of running steps."""
 
@@ -402,7 +363,7 @@ class _Simulation:
         for index in indexes:
             formulas = self._actions[index].conditions_at("over all")
             if formulas:
-                self._invariants[index] = self._sets.reading(formulas, self._state).keys
+                self._invariants[index] = self._sets.reading(formulas, self._state).reads
                 yield from self._invariant_errors(index, time_s)
 
     def _invariant_errors(self, index: int, time_s: float) -> Iterator[PlanFault]:
@@ -418,13 +379,13 @@ class _Simulation:
         bounds = self._actions[index].duration
         if edge == "end" or bounds is None:
             return
-        least = None if bounds.least is None else evaluate(bounds.least, self._state)
-        most = None if bounds.most is None else evaluate(bounds.most, self._state)
-        if (bounds.least is not None and least is None) or (bounds.most is not None and most is None):
+        least = -math.inf if bounds.least is None else evaluate(bounds.least, self._state)
+        most = math.inf if bounds.most is None else evaluate(bounds.most, self._state)
+        if least is None or most is None:
             yield PlanFault(f"{step.call}: its duration has no value", time_s, index)
-        elif least is not None and step.duration_s < least - DURATION_S - TOLERANCE:
+        elif step.duration_s < least - DURATION_S - TOLERANCE:
             yield PlanFault(f"{step.call} lasts {step.duration_s:g} s, less than {least:g} s", time_s, index)
-        elif most is not None and step.duration_s > most + DURATION_S + TOLERANCE:
+        elif step.duration_s > most + DURATION_S + TOLERANCE:
             yield PlanFault(f"{step.call} lasts {step.duration_s:g} s, more than {most:g} s", time_s, index)
 
     def _apply(self, event: PlanEvent, time_s: float, changed: set[Key]) -> Iterator[PlanFault]:
@@ -436,13 +397,13 @@ class _Simulation:
             yield PlanFault(f"{step.call}: {error.what}", time_s, event.step)
             return
         self._state.apply(made)
-        changed.update(one.fluent if isinstance(one, SetValue) else one.predicate for one in made)
+        changed.update(made)
 
     def _interference(self, point: TimePoint) -> Iterator[PlanFault]:
         if len(point.events) < 2:
             return
-        prints = [(one, self._sets.of(self._actions[one.step], one.edge, self._state)) for one in point.events]
-        for (one, mine), (other, theirs) in itertools.combinations(prints, 2):
+        sets = [(one, self._sets.of(self._actions[one.step], one.edge, self._state)) for one in point.events]
+        for (one, mine), (other, theirs) in itertools.combinations(sets, 2):
             what = mine.clash(theirs)
             if what is not None:
                 first, second = self._steps[one.step].call, self._steps[other.step].call

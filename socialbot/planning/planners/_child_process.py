@@ -107,7 +107,6 @@ class ProcessTime:
         return self._worked + self._slept
 
     def update(self) -> float:
-        """Return the time (s) up to now."""
         now, worked = time.monotonic(), self._worked
         with suppress(OSError):  # it has just ended, or this is not Linux
             worked = sum(map(int, _stat(self._process)[11:13])) / TICKS

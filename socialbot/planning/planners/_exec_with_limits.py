@@ -17,7 +17,6 @@ SIGKILL = 9
 
 
 def main() -> None:
-    """Set the limits and execute the command."""
     memory, cpu, parent = (int(word) for word in sys.argv[1:4])
     command = sys.argv[4:]
     _limit(resource.RLIMIT_AS, memory)
@@ -28,7 +27,7 @@ def main() -> None:
 
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
-        sys.exit("the process that wanted a plan has ended")
+        sys.exit("the parent process has ended")
     try:
         os.execv(command[0], command)
     except OSError as error:

@@ -32,7 +32,6 @@ _VERDICTS = {
 
 
 def main() -> None:
-    """Run the engine and write the answer."""
     engine, domain, problem, timeout_s, answer = sys.argv[1:6]
     verdict, message, steps = _ask(engine, domain, problem, float(timeout_s))
     written = {"verdict": verdict.value, "message": message, "steps": steps}

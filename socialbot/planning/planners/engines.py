@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, files
@@ -14,8 +15,9 @@ from pathlib import Path
 
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
-from socialbot.planning.planners._child_process import ChildExit, guarded, run
+from socialbot.planning.planners._child_process import ChildExit, run
 from socialbot.planning.planners.planner import (
+    CANCELLED,
     DOMAIN_FILE,
     PROBLEM_FILE,
     ChildPlanner,
@@ -44,27 +46,7 @@ _VERDICTS = {
 }
 
 
-class _ProgramPlanner(ChildPlanner):
-    """Planner program with limits; `_answer` interprets its output unless it was cancelled."""
-
-    def _run(self, search: SearchJob, command: list[str], memory_mb: int, grace_s: float = 0.0) -> PlannerAnswer:
-        limited = guarded(command, memory_mb, search.left_s * search.limits.threads + 2.0)
-        ended = run(limited, search.folder, search.left_s + grace_s, search.cancelled)
-        cancelled = PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
-        return replace(cancelled if ended.how == "cancelled" else self._answer(ended, search), seconds=ended.seconds)
-
-    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        raise NotImplementedError
-
-    def _out_of_limits(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer | None:
-        if ended.how == "late":
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
-        if any(word in ended.errors.lower() for word in ("bad_alloc", "out of memory", "memoryerror")):
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
-        return None
-
-
-class Kairos(_ProgramPlanner):
+class Kairos(ChildPlanner):
     """Temporal and numeric planner; deterministic with one thread. Raises InstallationError if it is not installed.
 
     If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
@@ -99,31 +81,30 @@ class Kairos(_ProgramPlanner):
         limits = search.limits
         words = ["--format", "json", "--timeout", str(UNHURRIED_S), "--memory", str(limits.memory_mb)]
         solve = [self.command, "solve", DOMAIN_FILE, PROBLEM_FILE, *words, "--threads", str(limits.threads), *options]
-        return self._run(search, solve, 2 * limits.memory_mb + THREAD_MB * limits.threads)
+        return self.run(search, solve, 2 * limits.memory_mb + THREAD_MB * limits.threads)
 
-    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
+    def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         plans = _plans(ended.output)
         if not plans:
-            return self._without_plan(ended, search.limits)
+            return self._failed(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
         if search.limits.makespan_s is not None and not in_time(best, search.limits.makespan_s):
             return PlannerAnswer(PlannerVerdict.SOLVED, best)  # too long for the caller
         return self._checked(best, search)
 
-    def _without_plan(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
+    def _failed(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer:
         late = replace(ended, how="late") if ended.code == 11 else ended
         out = replace(late, errors="out of memory") if ended.code == 12 else late
         verdict = _VERDICTS.get(ended.code, PlannerVerdict.FAILED)
         message = f"kairos {ended.crash}" if verdict is PlannerVerdict.FAILED else f"kairos: {_reason(ended)}"
-        return self._out_of_limits(out, limits) or PlannerAnswer(verdict, message=message)
+        return self.out_of_limits(out, limits) or PlannerAnswer(verdict, message=message)
 
     def _checked(self, plan: PddlPlan, search: SearchJob) -> PlannerAnswer:
-        """Return the plan if the validator of Kairos accepts it."""
         (search.folder / PLAN_FILE).write_text(str(plan), "utf-8")
         command = [self.command, "validate", DOMAIN_FILE, PROBLEM_FILE, PLAN_FILE]
         ended = run(command, search.folder, VALIDATE_S, search.cancelled)
         if ended.how == "cancelled":
-            return PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
+            return CANCELLED
         if ended.how == "by itself" and ended.code == 0:
             return PlannerAnswer(PlannerVerdict.SOLVED, plan)
         return PlannerAnswer(PlannerVerdict.INVALID, message=f"kairos does not validate its own plan: {_reason(ended)}")
@@ -147,19 +128,22 @@ def _command() -> str:
 
 def _plans(output: str) -> list[PddlPlan]:
     """Return the plans in complete lines of JSON."""
-    return [_plan(json.loads(line)) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
+    written = [json.loads(line) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
+    return [_plan((one["time"], *_called(one["action"]), one["duration"]) for one in plan["steps"]) for plan in written]
 
 
-def _plan(written: dict) -> PddlPlan:
-    steps = []
-    for step in written["steps"]:
-        name, *args = step["action"].strip("()").lower().split()
-        steps.append(PlanStep(_seconds(step["time"]), name, tuple(args), _seconds(step["duration"])))
-    return PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s)))
+def _called(action: str) -> tuple[str, list[str]]:
+    name, *args = action.strip("()").split()
+    return name, args
 
 
-def _seconds(number: float | None) -> float:
-    return round(float(number or 0.0), 6)
+def _plan(steps: Iterable[tuple[float | None, str, list[str], float | None]]) -> PddlPlan:
+    """Return a plan of start times (s), names, objects and durations (s)."""
+    found = (
+        PlanStep(round(float(start or 0), 6), name.lower(), tuple(map(str.lower, args)), round(float(duration or 0), 6))
+        for start, name, args, duration in steps
+    )
+    return PddlPlan(tuple(sorted(found, key=lambda step: step.start_s)))
 
 
 def _reason(ended: ChildExit) -> str:
@@ -173,7 +157,7 @@ _SOLUTION = re.compile(r"^;+ *Solution Found", re.MULTILINE | re.IGNORECASE)
 _STEP = re.compile(r"\s*[0-9.]+\s*:\s*\(")
 
 
-class Popf(_ProgramPlanner):
+class Popf(ChildPlanner):
     """POPF on the PATH, or at ``path``. Raises InstallationError if it is missing.
 
     It supports neither negative conditions nor derived predicates. It calls some solvable problems unsolvable, so this
@@ -195,16 +179,18 @@ class Popf(_ProgramPlanner):
     def search(self, search: SearchJob) -> PlannerAnswer:
         improve = [] if search.target_s is None else ["-n"]
         command = [self.command, *improve, DOMAIN_FILE, PROBLEM_FILE]
-        return self._run(search, command, search.limits.memory_mb)
+        return self.run(search, command, search.limits.memory_mb)
 
-    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
+    def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         plan = _last_plan(ended.output, whole=ended.how == "by itself")
         if plan is not None:
             return PlannerAnswer(PlannerVerdict.SOLVED, plan)
         if ended.how != "late" and "unsolvable" in ended.output.lower():
-            return PlannerAnswer(PlannerVerdict.GAVE_UP, message="popf says that there is no plan, which is no proof")
+            return PlannerAnswer(
+                PlannerVerdict.GAVE_UP, message="popf reports that there is no plan, which is no proof"
+            )
         failed = PlannerAnswer(PlannerVerdict.FAILED, message=f"popf {ended.crash}")
-        return self._out_of_limits(ended, search.limits) or failed
+        return self.out_of_limits(ended, search.limits) or failed
 
 
 def _last_plan(output: str, *, whole: bool) -> PddlPlan | None:
@@ -225,7 +211,7 @@ LIBRARIES_MB = 4000
 """Address space (MB) that the library reserves beside the memory of the engine."""
 
 
-class Unified(_ProgramPlanner):
+class Unified(ChildPlanner):
     """Engine of unified-planning by name. Raises InstallationError without the library.
 
     Its start takes one or two seconds of the timeout, and engines measure elapsed time. Its reader supports less of
@@ -247,25 +233,19 @@ class Unified(_ProgramPlanner):
             return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} does not search for shorter plans")
         worker = [sys.executable, "-m", "socialbot.planning.planners._unified_worker", self.engine]
         command = [*worker, DOMAIN_FILE, PROBLEM_FILE, f"{search.left_s:.3f}", ANSWER_FILE]
-        return self._run(search, command, search.limits.memory_mb + LIBRARIES_MB, GRACE_S)
+        return self.run(search, command, search.limits.memory_mb + LIBRARIES_MB, GRACE_S)
 
-    def _answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        out = self._out_of_limits(ended, search.limits)
+    def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
+        out = self.out_of_limits(ended, search.limits)
         if out is not None:
             return out
         if ended.code != 0:
             return PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name} {ended.crash}")
-        return self._decoded(json.loads((search.folder / ANSWER_FILE).read_text("utf-8")))
-
-    def _decoded(self, written: dict) -> PlannerAnswer:
+        written = json.loads((search.folder / ANSWER_FILE).read_text("utf-8"))
         verdict = PlannerVerdict(written["verdict"])
         if verdict is not PlannerVerdict.SOLVED:
             return PlannerAnswer(verdict, message=f"{self.name}: {written['message']}")
-        steps = [
-            PlanStep(round(start, 6), name.lower(), tuple(arg.lower() for arg in args), round(duration, 6))
-            for start, name, args, duration in written["steps"]
-        ]
-        return PlannerAnswer(verdict, PddlPlan(tuple(sorted(steps, key=lambda step: step.start_s))))
+        return PlannerAnswer(verdict, _plan(written["steps"]))
 
 
 DEFAULT = "kairos"

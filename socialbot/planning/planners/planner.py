@@ -16,6 +16,7 @@ from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.reader import read_problem
 from socialbot.planning.pddl.validation import validate_plan
+from socialbot.planning.planners._child_process import ChildExit, guarded, run
 
 
 class PlannerVerdict(enum.Enum):
@@ -90,6 +91,8 @@ def unsupported_feature(domain: PddlDomain, problem: PddlProblem) -> str | None:
 
 log = logging.getLogger(__name__)
 
+CANCELLED = PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
+
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "problem.pddl"
 
@@ -120,19 +123,17 @@ class SearchJob:
         return replace(self, left_s=max(0.0, self.left_s - answer.seconds))
 
     def good(self, answer: PlannerAnswer) -> bool:
-        """Return whether an answer has a plan that ends in time."""
         return answer.plan is not None and (self.target_s is None or in_time(answer.plan, self.target_s))
 
 
 class ChildPlanner(ABC):
-    """Planner in a child process that reads files. If its first plan is too long, it searches for a shorter one."""
+    """Planner program with limits that reads files. If its first plan is too long, it searches for a shorter one."""
 
     name = ""
 
     def solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event | None = None
     ) -> PlannerAnswer:
-        """Block until there is an answer, or for 0.1 s after another thread has set ``cancelled``."""
         begin = time.monotonic()
         try:
             answer = self._solve(domain, problem, limits, cancelled or threading.Event())
@@ -144,6 +145,25 @@ class ChildPlanner(ABC):
     @abstractmethod
     def search(self, search: SearchJob) -> PlannerAnswer:
         """Run the planner; its plan is not validated yet, and the seconds are those of the time limit."""
+
+    @abstractmethod
+    def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
+        """Interpret the output of the program, which was not cancelled."""
+
+    def run(self, search: SearchJob, command: list[str], memory_mb: int, grace_s: float = 0.0) -> PlannerAnswer:
+        """Run the program within the limits of a search."""
+        limited = guarded(command, memory_mb, search.left_s * search.limits.threads + 2.0)
+        ended = run(limited, search.folder, search.left_s + grace_s, search.cancelled)
+        answer = CANCELLED if ended.how == "cancelled" else self.answer(ended, search)
+        return replace(answer, seconds=ended.seconds)
+
+    def out_of_limits(self, ended: ChildExit, limits: PlannerLimits) -> PlannerAnswer | None:
+        """Return the answer if the program has used up its time or memory; else None."""
+        if ended.how == "late":
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.timeout_s:g} s")
+        if any(word in ended.errors.lower() for word in ("bad_alloc", "out of memory", "memoryerror")):
+            return PlannerAnswer(PlannerVerdict.GAVE_UP, message=f"{self.name} found no plan in {limits.memory_mb} MB")
+        return None
 
     def _solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: threading.Event

@@ -48,7 +48,7 @@ function updateRow(row, item) {
 
 function believed({ id, text, source, since_s }, at) {
   const age = at - since_s;
-  const from = source === 'percept' ? 'seen' : source === 'self' ? 'concluded' : source && `from ${source}`;
+  const from = source === 'self' ? 'inferred' : source === 'percept' ? 'percept' : source && `from ${source}`;
   return { key: id, id, text, more: from, age: ago(age), mark: age < NEW_S ? 'new' : '' };
 }
 

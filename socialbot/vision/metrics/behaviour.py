@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import ActionRequest, Message, PersonDetection, PersonDetections
@@ -28,8 +28,7 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.pipeline import FoundFrame
-
-__all__ = ["OUTCOMES", "Act", "Behaviour", "PersonVisit", "behaviour", "single_node", "visits"]
+from socialbot.vision.metrics.truth import Person
 
 GREET_S = 1.0
 OFFER_S = 1.5
@@ -81,24 +80,7 @@ class Behaviour:
         return {outcome: counts[outcome] for outcome in OUTCOMES[deed]}
 
 
-@dataclass(frozen=True)
-class _WaldoParameters:
-    """Waldo's parameters that the rules need."""
-
-    range_m: float
-    vanish_s: float
-    help_after_s: float
-
-    @classmethod
-    def of(cls, graph: Graph) -> _WaldoParameters:
-        node = graph.placements[0]
-        declared = node.type.parameters()
-        values = (float(node.parameters.get(name, declared[name].default)) for name in cls.__dataclass_fields__)  # type: ignore[arg-type]
-        return cls(*values)
-
-
-@dataclass(frozen=True)
-class _Due:
+class _Due(NamedTuple):
     """Due action: at ``time`` on the ground truth, in time until ``until``, valid from ``begin`` to ``end``."""
 
     time: int
@@ -110,19 +92,27 @@ class _Due:
 
 def single_node(graph: Graph, name: str) -> Graph:
     """A graph of the node called ``name`` alone, fed with detections."""
-    return Graph(name, (graph.placement(name),), inputs=frozenset({DETECTIONS}))
+    return Graph(name, (graph.node(name),), inputs=frozenset({DETECTIONS}))
 
 
 def behaviour(graph: Graph, frames: Sequence[LabelledFrame], found: Iterable[FoundFrame]) -> Behaviour:
     """Score the actions of Waldo's node, the only one of ``graph``, on detections by the ground truth ``frames``."""
-    parameters = _WaldoParameters.of(graph)
+    node = graph.nodes[0]
+    values: dict[str, Any] = {name: each.default for name, each in node.type.parameters().items()}
+    values |= node.parameters
+    range_m, vanish_s, help_after_s = (float(values[name]) for name in ("range_m", "vanish_s", "help_after_s"))
     seen = _acts(graph, (_message(each.stamp, each.width, each.height, each.persons) for each in found))
-    due = _acts(graph, (_message(each.stamp, 1, 1, _ideal(each)) for each in frames))
-    there = visits(frames, parameters.range_m, parameters.vanish_s)
-    near = visits(frames, parameters.range_m + RANGE_SLACK_M, parameters.vanish_s)
+    due = _acts(
+        graph,
+        (_message(each.stamp, 1, 1, (_ideal(person) for person in each.persons if person.counts)) for each in frames),
+    )
+    there = visits(frames, range_m, vanish_s)
+    near = visits(frames, range_m + RANGE_SLACK_M, vanish_s)
+    slack, offer = nanoseconds(HELP_SLACK_S), nanoseconds(OFFER_S)
+    due_offers = [_Due(time, time, time - slack, time + offer, _last_end(there, time)) for time in due["offer"]]
     acts = [
         *_greetings(seen["greeting"], _due_greetings(due["greeting"], there, near), near, frames),
-        *_offers(seen["offer"], _due_offers(due["offer"], there), near, frames, parameters),
+        *_offers(seen["offer"], due_offers, near, frames, help_after_s - HELP_SLACK_S),
     ]
     return Behaviour(tuple(sorted(acts, key=lambda act: (act.time, act.deed))), tuple(there))
 
@@ -153,64 +143,43 @@ def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list
             deed: Deed = "offer" if str(message.arguments[0]).startswith("offer") else "greeting"
             times[deed].append(message.stamp)
 
-    stream = iter(messages)
-    first = next(stream, None)
-    if first is None:
-        return times
-    runner = InlineRunner(graph, start=first.stamp)
-    runner.tap(ACTIONS, note)
-    runner.start()
-    runner.feed(DETECTIONS, first)
-    for message in stream:
+    runner = None
+    for message in messages:
+        if runner is None:
+            runner = InlineRunner(graph, start=message.stamp)
+            runner.tap(ACTIONS, note)
+            runner.start()
         runner.feed(DETECTIONS, message)
-    runner.close()
+    if runner is not None:
+        runner.close()
     return times
 
 
-def _message(stamp: int, width: int, height: int, persons: tuple[PersonDetection, ...]) -> PersonDetections:
-    return PersonDetections(stamp=stamp, frame_id="camera", width=width, height=height, persons=persons)
+def _message(stamp: int, width: int, height: int, persons: Iterable[PersonDetection]) -> PersonDetections:
+    return PersonDetections(stamp=stamp, frame_id="camera", width=width, height=height, persons=tuple(persons))
 
 
-def _ideal(frame: LabelledFrame) -> tuple[PersonDetection, ...]:
-    """Detections of a perfect detector."""
-    return tuple(
-        PersonDetection(
-            x=person.box[0],
-            y=person.box[1],
-            w=person.box[2],
-            h=person.box[3],
-            score=1.0,
-            track_id=person.id,
-            distance_m=person.distance_m,
-        )
-        for person in frame.persons
-        if person.counts
-    )
+def _ideal(person: Person) -> PersonDetection:
+    box = dict(zip("xywh", person.box, strict=True))
+    return PersonDetection(**box, score=1.0, track_id=person.id, distance_m=person.distance_m)
 
 
 def _due_greetings(times: Sequence[int], there: Sequence[PersonVisit], near: Sequence[PersonVisit]) -> list[_Due]:
     result: list[_Due] = []
-    previous = -1
-    for time in times:
+    for previous, time in zip([-1, *times], times, strict=False):
         begun = [visit for visit in there if visit.begin <= time]
         # The visit that a greeting is for began after the last greeting, if any did.
         fresh = [visit for visit in begun if visit.begin > previous]
         onset = min(fresh, key=lambda visit: visit.begin) if fresh else max(begun, key=lambda visit: visit.begin)
         approach = [visit.begin for visit in near if visit.person == onset.person and visit.begin <= onset.begin]
-        end = max([time, *(visit.end for visit in begun)])
-        result.append(
-            _Due(time, onset.begin, max(approach, default=onset.begin), onset.begin + nanoseconds(GREET_S), end)
-        )
-        previous = time
+        until, begin = onset.begin + nanoseconds(GREET_S), max(approach, default=onset.begin)
+        result.append(_Due(time, onset.begin, begin, until, _last_end(there, time)))
     return result
 
 
-def _due_offers(times: Sequence[int], there: Sequence[PersonVisit]) -> list[_Due]:
-    result = []
-    for time in times:
-        end = max([time, *(visit.end for visit in there if visit.begin <= time)])
-        result.append(_Due(time, time, time - nanoseconds(HELP_SLACK_S), time + nanoseconds(OFFER_S), end))
-    return result
+def _last_end(visits: Iterable[PersonVisit], time: int) -> int:
+    """Latest end of the visits that have begun at ``time``."""
+    return max([time, *(visit.end for visit in visits if visit.begin <= time)])
 
 
 def _greetings(
@@ -219,12 +188,8 @@ def _greetings(
     matched, rest = _matched("greeting", times, due)
     yield from matched
     for time in rest:
-        if not _anybody(frames, time):
-            outcome = "nobody"
-        else:
-            close = any(visit.begin <= time <= visit.end + nanoseconds(RECENT_S) for visit in near)
-            outcome = "again" if close else "from afar"
-        yield Act("greeting", outcome, time)
+        outcome = "again" if _current(near, time) else "from afar"
+        yield Act("greeting", outcome if _anybody(frames, time) else "nobody", time)
 
 
 def _offers(
@@ -232,20 +197,21 @@ def _offers(
     due: Sequence[_Due],
     near: Sequence[PersonVisit],
     frames: Sequence[LabelledFrame],
-    parameters: _WaldoParameters,
+    least_s: float,
 ) -> Iterable[Act]:
-    enough = nanoseconds(parameters.help_after_s - HELP_SLACK_S)
     wrong: dict[int, str] = {}
     for time in times:
-        stayed = [time - visit.begin for visit in near if visit.begin <= time <= visit.end + nanoseconds(RECENT_S)]
         if not _anybody(frames, time):
             wrong[time] = "nobody"
-        elif max(stayed, default=0) < enough:
+        elif max((time - visit.begin for visit in _current(near, time)), default=0) < nanoseconds(least_s):
             wrong[time] = "too early"
     matched, rest = _matched("offer", [time for time in times if time not in wrong], due)
     yield from matched
-    yield from (Act("offer", "again", time) for time in rest)
-    yield from (Act("offer", outcome, time) for time, outcome in wrong.items())
+    yield from (Act("offer", wrong.get(time, "again"), time) for time in (*rest, *wrong))
+
+
+def _current(visits: Sequence[PersonVisit], time: int) -> list[PersonVisit]:
+    return [visit for visit in visits if visit.begin <= time <= visit.end + nanoseconds(RECENT_S)]
 
 
 def _matched(deed: Deed, times: Sequence[int], due: Sequence[_Due]) -> tuple[list[Act], list[int]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from socialbot.core.errors import ImageError, SocialbotError, TruthError
+from socialbot.core.errors import ImageError, TruthError
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
 from socialbot.vision.metrics.frames import BagImages, LabelledFrame, LabelledSource
@@ -15,11 +15,6 @@ from socialbot.vision.metrics.matches import Match, Rules, judge
 from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure, run_job
 from socialbot.vision.metrics.scores import FrameMatches, SceneScore, score_scene
 from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
-
-__all__ = [
-    "ClipResult", "DetectorResult", "Evaluation", "EvaluationPlan", "SceneResult", "ScoredImage", "evaluate", "jobs_of",
-    "scene_names", "scored",
-]  # fmt: skip
 
 SPEED_SOURCES = 4
 """Number of sources, from the first, on which the speed is measured."""
@@ -59,7 +54,7 @@ class EvaluationPlan:
 
 @dataclass(frozen=True)
 class ScoredImage:
-    """Frame, detections and the verdicts."""
+    """Frame, detections and their matches."""
 
     frame: LabelledFrame
     found: FoundFrame
@@ -68,7 +63,7 @@ class ScoredImage:
     @property
     def errors(self) -> int:
         """Number of false positives and missed people."""
-        return sum(verdict.kind in ("false", "missed") for verdict in self.matches)
+        return sum(match.kind in ("false", "missed") for match in self.matches)
 
 
 @dataclass(frozen=True)
@@ -125,25 +120,17 @@ def scene_names(sources: Sequence[LabelledSource]) -> list[str]:
 
 
 def evaluate(plan: EvaluationPlan, advance: Advance, say: Callable[[str], None]) -> Evaluation:
-    """Run an evaluation.
-
-    Args:
-        plan: Sources, pipelines and rules.
-        advance: Called with the number of a job and its processed frames.
-        say: Called with a description of the current phase.
+    """Run an evaluation; ``say`` is called with a description of each phase.
 
     Raises:
         SocialbotError: A source or detector is unusable.
     """
     jobs = jobs_of(plan)
     count = len(plan.sources)
-    speeds: list[Speed | None] = []
-    for number, pipeline in enumerate(plan.pipelines):
-        if plan.threads:
-            say(f"measuring the speed of {pipeline.detector}")
-            speeds.append(measure(jobs[number * count : number * count + min(count, SPEED_SOURCES)], plan.threads))
-        else:
-            speeds.append(None)
+    speeds: list[Speed | None] = [None] * len(plan.pipelines)
+    for number, pipeline in enumerate(plan.pipelines if plan.threads else ()):
+        say(f"measuring the speed of {pipeline.detector}")
+        speeds[number] = measure(jobs[number * count : (number + 1) * count][:SPEED_SOURCES], plan.threads)
     say("detecting people")
     found = _run_jobs(jobs, plan, advance)
     say("scoring")
@@ -158,13 +145,12 @@ def _run_jobs(jobs: Sequence[Job], plan: EvaluationPlan, advance: Advance) -> li
         while not progress.empty():
             advance(*progress.get())
 
-    if plan.scheduler is not None:
-        names = [job.name for job in jobs]
-        return run_on_dask(_run_quietly, [(job,) for job in jobs], plan.scheduler, done=done, names=names)
-    progress = multiprocessing.get_context("spawn").SimpleQueue()
     numbered = list(enumerate(jobs))
+    if plan.scheduler is not None:
+        return run_on_dask(_run, numbered, plan.scheduler, done=done, names=[job.name for job in jobs])
+    progress = multiprocessing.get_context("spawn").SimpleQueue()
     return run_in_processes(
-        _run_numbered, numbered, plan.processes, initializer=_set_progress, initargs=(progress,), done=done, poll=drain
+        _run, numbered, plan.processes, initializer=_set_progress, initargs=(progress,), done=done, poll=drain
     )
 
 
@@ -173,16 +159,12 @@ def _set_progress(queue: Any) -> None:
     _progress = queue
 
 
-def _run_numbered(number: int, job: Job) -> Found:
-    def told(done: int) -> None:
-        if done % _PROGRESS_FRAMES == 0:
+def _run(number: int, job: Job) -> Found:
+    def advance(done: int) -> None:
+        if _progress is not None and done % _PROGRESS_FRAMES == 0:
             _progress.put((number, done))
 
-    return run_job(job, told)
-
-
-def _run_quietly(job: Job) -> Found:
-    return run_job(job, lambda done: None)
+    return run_job(job, advance)
 
 
 def jobs_of(plan: EvaluationPlan) -> list[Job]:
@@ -208,32 +190,20 @@ def scored(plan: EvaluationPlan, found: Sequence[Found], speeds: Sequence[Speed 
         TruthError: The stamps of its ground truth match no image.
     """
     count = len(plan.sources)
-    return Evaluation(
-        plan,
-        {
-            pipeline.detector: _detector_result(plan, pipeline, found[number * count : (number + 1) * count], speed)
-            for number, (pipeline, speed) in enumerate(zip(plan.pipelines, speeds, strict=True))
-        },
-    )
+    detectors = {}
+    for number, (pipeline, speed) in enumerate(zip(plan.pipelines, speeds, strict=True)):
+        clips: dict[str, list[ClipResult]] = {}
+        results = found[number * count : (number + 1) * count]
+        for scene, source, result in zip(scene_names(plan.sources), plan.sources, results, strict=True):
+            clips.setdefault(scene, []).append(_clip_result(plan, source, result))
+        scenes = {scene: _scene_result(plan.rules, each) for scene, each in clips.items()}
+        detectors[pipeline.detector] = DetectorResult(pipeline, scenes, speed)
+    return Evaluation(plan, detectors)
 
 
 def _outermost(source: LabelledSource) -> dict[int, tuple[float, float]]:
-    outermost = {}
-    for frame in source.frames:
-        boxes = [*(person.box for person in frame.persons), *frame.ignore]
-        if boxes:
-            outermost[frame.stamp] = (max(x for x, _, _, _ in boxes), max(y for _, y, _, _ in boxes))
-    return outermost
-
-
-def _detector_result(
-    plan: EvaluationPlan, pipeline: PipelineSettings, found: Sequence[Found], speed: Speed | None
-) -> DetectorResult:
-    clips: dict[str, list[ClipResult]] = {}
-    for scene, source, result in zip(scene_names(plan.sources), plan.sources, found, strict=True):
-        clips.setdefault(scene, []).append(_clip_result(plan, source, result))
-    scenes = {scene: _scene_result(plan.rules, results) for scene, results in clips.items()}
-    return DetectorResult(pipeline, scenes, speed)
+    regions = {frame.stamp: (*frame.persons, *frame.ignore) for frame in source.frames}
+    return {stamp: (max(r.x for r in there), max(r.y for r in there)) for stamp, there in regions.items() if there}
 
 
 def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> ClipResult:
@@ -246,34 +216,26 @@ def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> 
             inside = frame.clipped(answer.width, answer.height)
             frames.append(ScoredImage(inside, answer, judge(inside, answer.persons, plan.rules)))
     if source.frames and not frames:
-        raise _nothing_judged(source, found)
+        if not found.frames:
+            raise ImageError(
+                f"none of its images can be read; the first: {found.first_damage or 'there are none'}",
+                where=source.name,
+                remedy="record or copy them again",
+            )
+        raise TruthError(
+            f"no image has the stamp of a frame of its ground truth: the first image has {found.frames[0].stamp}, "
+            f"the first frame {source.frames[0].stamp}",
+            where=source.name,
+            remedy="use the stamps of the image headers, in ns",
+        )
     acted = None
     if plan.waldo is not None and isinstance(source.images, BagImages):
         acted = behaviour(plan.waldo, source.frames, found.frames)
     return ClipResult(source, tuple(frames), acted, len(source.frames) - len(frames), found.damaged, found.first_damage)
 
 
-def _nothing_judged(source: LabelledSource, found: Found) -> SocialbotError:
-    if not found.frames:
-        return ImageError(
-            f"none of its images can be read; the first: {found.first_damage or 'there are none'}",
-            where=source.name,
-            remedy="record or copy them again",
-        )
-    return TruthError(
-        f"no image has the stamp of a frame of its ground truth: the first image has {found.frames[0].stamp}, "
-        f"the first frame {source.frames[0].stamp}",
-        where=source.name,
-        remedy="use the stamps of the image headers, in ns",
-    )
-
-
 def _scene_result(rules: Rules, clips: Sequence[ClipResult]) -> SceneResult:
-    scored: list[FrameMatches] = []
-    raw: list[FrameMatches] = []
-    for clip in clips:
-        for each in clip.frames:
-            block = (clip.source.name, each.frame.block)
-            scored.append(FrameMatches(block, each.matches))
-            raw.append(FrameMatches(block, judge(each.frame, each.found.raw, rules)))
+    frames = [((clip.source.name, each.frame.block), each) for clip in clips for each in clip.frames]
+    scored = [FrameMatches(block, each.matches) for block, each in frames]
+    raw = [FrameMatches(block, judge(each.frame, each.found.raw, rules)) for block, each in frames]
     return SceneResult(score_scene(scored, raw, rules.keys), tuple(clips))

@@ -11,6 +11,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from socialbot.bags.codec import STRING
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
@@ -19,23 +20,20 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
-    LEAST_VISIBLE,
     TRUTH_TOPIC,
     GroundTruth,
+    NotNegative,
+    Person,
+    Region,
     Split,
     TruthObject,
     bag_name,
     load_truth,
+    parse_json,
+    read_json,
     truth_beside,
     truth_from_messages,
 )
-
-__all__ = [
-    "BLOCK_S", "BagImages", "Box", "EncodedImage", "FolderImages", "IgnoreBox", "ImageSequence", "LABELS_FILE",
-    "LabelledFrame", "LabelledImage", "LabelledSource", "Person", "PersonBox", "bag_source", "dump_labels",
-    "image_sources", "load_labels",
-]  # fmt: skip
-
 
 IMAGE_NS = SECOND
 """Distance between the stamps of independent images."""
@@ -74,11 +72,9 @@ class BagImages:
         """Read the images in order. Raises BagError for an unreadable bag."""
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
-            topics = {self.image_topic: self.image_topic}
             info_topic = bag.camera_info_topic_for(self.image_topic)
-            if info_topic is not None:
-                topics[info_topic.name] = info_topic.name
-            for _, message in bag.messages(topics):
+            topics = [self.image_topic, *([info_topic.name] if info_topic else [])]
+            for _, message in bag.messages(dict(zip(topics, topics, strict=True))):
                 if isinstance(message, CameraInfo):
                     info = message
                 elif isinstance(message, (Image, CompressedImage)):
@@ -111,7 +107,6 @@ ImageSequence = BagImages | FolderImages
 
 LABELS_FILE = "persons.json"
 
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 Flag = bool | int | float | None
 """Boolean or level; None is False."""
@@ -122,25 +117,19 @@ FITS = (
 )
 
 
-class PersonBox(msgspec.Struct, frozen=True, kw_only=True):
-    """Labelled person: box in pixels, distance (m) if known, truncation and occlusion."""
+class IgnoreBox(Region, frozen=True, kw_only=True):
+    """Region of the image that is not scored."""
 
-    x: float
-    y: float
     w: Positive
     h: Positive
+
+
+class PersonBox(IgnoreBox, frozen=True, kw_only=True):
+    """Labelled person: distance (m) if known, truncation and occlusion."""
+
     distance_m: NotNegative | None = None
     truncated: Flag = False
     occluded: Flag = False
-
-
-class IgnoreBox(msgspec.Struct, frozen=True, kw_only=True):
-    """Region of the image that is not scored, pixels."""
-
-    x: float
-    y: float
-    w: Positive
-    h: Positive
 
 
 class LabelledImage(msgspec.Struct, frozen=True, kw_only=True):
@@ -156,60 +145,45 @@ class LabelledImage(msgspec.Struct, frozen=True, kw_only=True):
 def load_labels(path: str | Path) -> tuple[LabelledImage, ...]:
     """Load a label file. Raises TruthError, with file and entry, for the first invalid entry."""
     where = str(path)
-    try:
-        entries = msgspec.json.decode(Path(path).read_bytes(), type=list[msgspec.Raw])
-    except OSError as error:
-        raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise TruthError(str(error), where=where, remedy="it must be a JSON list with one entry per image") from error
+    remedy = "it must be a JSON list with one entry per image"
+    entries = parse_json(read_json(path), list[msgspec.Raw], where=where, remedy=remedy)
     if not entries:
         raise TruthError("no images in the list", where=where, remedy=FITS)
-    pictures = [_entry(number, entry, where) for number, entry in enumerate(entries)]
+    images = [_entry(entry, f"{where}: {_name(number, entry)}") for number, entry in enumerate(entries)]
     first: dict[str, int] = {}
-    for number, picture in enumerate(pictures):
-        if picture.image in first:
+    for number, image in enumerate(images):
+        if first.setdefault(image.image, number) != number:
             raise TruthError(
-                f"{picture.image} is listed twice, as entries {first[picture.image]} and {number}",
+                f"{image.image} is listed twice, as entries {first[image.image]} and {number}",
                 where=where,
                 remedy="put all its people into one entry",
             )
-        first[picture.image] = number
-    return tuple(pictures)
+    return tuple(images)
 
 
-def dump_labels(pictures: Sequence[LabelledImage]) -> bytes:
-    """Encode labels for `load_labels`."""
-    return msgspec.json.format(msgspec.json.encode(pictures), indent=2) + b"\n"
-
-
-def _entry(number: int, entry: msgspec.Raw, where: str) -> LabelledImage:
-    try:
-        picture = msgspec.json.decode(entry, type=LabelledImage)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise TruthError(f"{error}", where=f"{where}: {_name(number, entry)}", remedy=FITS) from error
-    numbers = [value for box in (*picture.boxes, *picture.ignore) for value in (box.x, box.y, box.w, box.h)]
-    if numbers and max(numbers) <= 1.0:
+def _entry(entry: msgspec.Raw, where: str) -> LabelledImage:
+    image = parse_json(entry, LabelledImage, where=where, remedy=FITS)
+    regions = [*image.boxes, *image.ignore]
+    if regions and max(max(region.box) for region in regions) <= 1.0:
         raise TruthError(
-            "all numbers of the boxes are at most 1",
-            where=f"{where}: {_name(number, entry)}",
-            remedy="give pixels, not shares of the image",
+            "all numbers of the boxes are at most 1", where=where, remedy="give pixels, not shares of the image"
         )
-    for box in (*picture.boxes, *picture.ignore):
-        if box.x + box.w <= 0 or box.y + box.h <= 0:
+    for region in regions:
+        if region.x + region.w <= 0 or region.y + region.h <= 0:
             raise TruthError(
-                f"the box at {box.x:g}, {box.y:g} lies outside the image",
-                where=f"{where}: {_name(number, entry)}",
+                f"the box at {region.x:g}, {region.y:g} lies outside the image",
+                where=where,
                 remedy="x and y are those of the upper left corner of the box",
             )
-    if not picture.image:
-        raise TruthError("the name of the image is empty", where=f"{where}: {_name(number, entry)}", remedy=FITS)
-    return picture
+    if not image.image:
+        raise TruthError("the name of the image is empty", where=where, remedy=FITS)
+    return image
 
 
 def _name(number: int, entry: msgspec.Raw) -> str:
     """Number and, if readable, image of an entry."""
     try:
-        image = msgspec.json.decode(entry, type=dict).get("image", "")
+        image = msgspec.json.decode(entry, type=dict).get("image")
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         image = ""
     return f"entry {number} ({image})" if image else f"entry {number}"
@@ -218,41 +192,16 @@ def _name(number: int, entry: msgspec.Raw) -> str:
 BLOCK_S = 3.0
 """Length of the blocks for the bootstrap, since consecutive frames are similar."""
 
-_STRING = "std_msgs/msg/String"
-
 Box = tuple[float, float, float, float]
 """x, y, w, h in pixels."""
 
 
 @dataclass(frozen=True)
-class Person:
-    """Ground truth person: box, distance (m) if known, visible share (0 to 1) and id."""
-
-    box: Box
-    distance_m: float | None = None
-    visible: float = 1.0
-    id: str = ""
-
-    @property
-    def counts(self) -> bool:
-        """Whether this person is scored."""
-        return self.visible >= LEAST_VISIBLE
-
-
-@dataclass(frozen=True)
 class LabelledFrame:
-    """Ground truth of one image.
+    """Ground truth of one image, with its ``block`` of the bootstrap.
 
-    Args:
-        stamp: Stamp of the image, ns.
-        name: Display name.
-        block: Block of the bootstrap.
-        persons: People in the image.
-        objects: Objects that may be taken for a person.
-        ignore: Regions that are not scored.
-        complete: Whether ``persons`` are all people in the image.
-        ranged: Whether distances are meaningful.
-        light: State of the lighting.
+    The regions ``ignore`` are not scored. ``complete``: ``persons`` are all people in the image; ``ranged``: distances
+    are meaningful.
     """
 
     stamp: int
@@ -260,17 +209,18 @@ class LabelledFrame:
     block: int
     persons: tuple[Person, ...] = ()
     objects: tuple[TruthObject, ...] = ()
-    ignore: tuple[Box, ...] = ()
+    ignore: tuple[Region, ...] = ()
     complete: bool = True
     ranged: bool = True
     light: str = ""
 
     def clipped(self, width: int, height: int) -> LabelledFrame:
         """Clip the boxes of people to an image of ``width`` x ``height`` pixels."""
-        if not self.persons:
-            return self
-        boxes = clip(np.array([person.box for person in self.persons]), width, height).tolist()
-        people = tuple(replace(person, box=tuple(box)) for person, box in zip(self.persons, boxes, strict=True))
+        boxes = clip(np.array([person.box for person in self.persons]).reshape(-1, 4), width, height).tolist()
+        people = tuple(
+            msgspec.structs.replace(person, **dict(zip("xywh", box, strict=True)))
+            for person, box in zip(self.persons, boxes, strict=True)
+        )
         return replace(self, persons=people)
 
 
@@ -302,10 +252,7 @@ def bag_source(path: Path) -> LabelledSource:
             stamp=frame.stamp,
             name=f"{(frame.stamp - start) / SECOND:.1f} s",
             block=(frame.stamp - start) // nanoseconds(BLOCK_S),
-            persons=tuple(
-                Person((each.x, each.y, each.w, each.h), each.distance_m, each.visible, each.id)
-                for each in frame.persons
-            ),
+            persons=frame.persons,
             objects=(*truth.objects, *frame.objects),
             light=frame.light,
         )
@@ -318,18 +265,16 @@ def _truth_of(bag: Bag) -> GroundTruth:
     beside = truth_beside(bag.path)
     if beside.exists():
         return load_truth(beside)
-    if TRUTH_TOPIC not in [topic.name for topic in bag.topics]:
-        raise TruthError(
-            "no ground truth for this bag",
-            where=str(bag.path),
-            remedy=f"put {beside.name} beside it, or record {TRUTH_TOPIC}",
-        )
-    topic = bag.topic(TRUTH_TOPIC)
-    if topic.type != _STRING:
-        raise TruthError(f"{TRUTH_TOPIC} is {topic.type}", where=str(bag.path), remedy=f"it must be {_STRING}")
+    found = {topic.name: topic.type for topic in bag.topics}.get(TRUTH_TOPIC)
+    where = str(bag.path)
+    if found is None:
+        remedy = f"put {beside.name} beside it, or record {TRUTH_TOPIC}"
+        raise TruthError("no ground truth for this bag", where=where, remedy=remedy)
+    if found != STRING:
+        raise TruthError(f"{TRUTH_TOPIC} is {found}", where=where, remedy=f"it must be {STRING}")
     types = RosbagsTypes()
     messages = bag.raw_messages({TRUTH_TOPIC: TRUTH_TOPIC})
-    return truth_from_messages((types.deserialize(cdr, _STRING).data for _, _, _, cdr in messages), str(bag.path))
+    return truth_from_messages((types.deserialize(cdr, STRING).data for _, _, _, cdr in messages), where)
 
 
 def image_sources(folder: Path, truth: Path | None = None) -> list[LabelledSource]:
@@ -346,38 +291,38 @@ def image_sources(folder: Path, truth: Path | None = None) -> list[LabelledSourc
     path = truth or folder / LABELS_FILE
     if not path.exists() and (folder / path).exists():
         path = folder / path
-    pictures = load_labels(path)
-    missing = [picture.image for picture in pictures if not (folder / picture.image).is_file()]
+    images = load_labels(path)
+    missing = [image.image for image in images if not (folder / image.image).is_file()]
     if missing:
         raise ImageError(
-            f"{len(missing)} of {len(pictures)} images of {path} are missing; the first: {missing[0]}",
+            f"{len(missing)} of {len(images)} images of {path} are missing; the first: {missing[0]}",
             where=str(folder),
             remedy="give the folder that the paths in the list start from by --images",
         )
-    own = folder.resolve().name
     scenes: dict[str, list[LabelledImage]] = {}
-    for picture in pictures:
-        scenes.setdefault(picture.scene or own, []).append(picture)
-    return [_picture_source(folder, scene, listed) for scene, listed in scenes.items()]
+    for image in images:
+        scenes.setdefault(image.scene or folder.resolve().name, []).append(image)
+    return [_folder_source(folder, scene, listed) for scene, listed in scenes.items()]
 
 
-def _picture_source(folder: Path, scene: str, pictures: Sequence[LabelledImage]) -> LabelledSource:
-    ranged = any(box.distance_m is not None for picture in pictures for box in picture.boxes)
+def _folder_source(folder: Path, scene: str, images: Sequence[LabelledImage]) -> LabelledSource:
+    ranged = any(box.distance_m is not None for image in images for box in image.boxes)
     frames = tuple(
         LabelledFrame(
             stamp=number * IMAGE_NS,
-            name=picture.image,
+            name=image.image,
             block=number,
             persons=tuple(
-                Person((box.x, box.y, box.w, box.h), box.distance_m, id=f"{number}.{index}")
-                for index, box in enumerate(picture.boxes)
+                Person(
+                    id=f"{number}.{index}", x=box.x, y=box.y, w=box.w, h=box.h, distance_m=box.distance_m, visible=1.0
+                )
+                for index, box in enumerate(image.boxes)
             ),
-            ignore=tuple((box.x, box.y, box.w, box.h) for box in picture.ignore),
-            complete=picture.complete,
+            ignore=image.ignore,
+            complete=image.complete,
             # Without any distance the camera is unknown as well.
-            ranged=ranged and (not picture.boxes or any(box.distance_m is not None for box in picture.boxes)),
+            ranged=ranged and (not image.boxes or any(box.distance_m is not None for box in image.boxes)),
         )
-        for number, picture in enumerate(pictures)
+        for number, image in enumerate(images)
     )
-    images = FolderImages(str(folder), tuple(picture.image for picture in pictures))
-    return LabelledSource(scene, scene, "", images, frames)
+    return LabelledSource(scene, scene, "", FolderImages(str(folder), tuple(image.image for image in images)), frames)

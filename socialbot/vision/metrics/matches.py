@@ -19,13 +19,9 @@ import numpy as np
 
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import PersonDetection
-from socialbot.vision.detector import iou
-from socialbot.vision.metrics.frames import Box, LabelledFrame, Person
-
-__all__ = [
-    "BANDS", "Band", "CAUSES", "FALSE", "OUTSIDE", "Rules", "SPARED", "UNKNOWN", "Match", "band_key", "judge", "pair",
-    "parse_bands", "ranked",
-]  # fmt: skip
+from socialbot.vision.detector import iou, shared_area
+from socialbot.vision.metrics.frames import Box, LabelledFrame
+from socialbot.vision.metrics.truth import Person, Region
 
 Band = tuple[float, float]
 """From (included) and to (excluded), m."""
@@ -35,8 +31,6 @@ OUTSIDE, UNKNOWN = "outside", "unknown"
 LEAST_IOU = 0.5
 FALSE, SPARED = -1, -2
 """`pair` returns these for a false positive and for a detection that is not scored."""
-
-Kind = Literal["hit", "false", "missed", "spared"]
 
 NEAR_IOU = 0.1  # A false positive is caused by the region it overlaps by this IoU.
 INSIDE = 0.5  # A detection belongs to an object or ignored region that contains this share of it.
@@ -48,8 +42,8 @@ NOTHING_KNOWN = "nothing known"
 CAUSES = {
     POOR_BOX: f"a person is there, but the box overlaps theirs only by {NEAR_IOU:g} to the IoU asked for",
     DOUBLE: "a person is there, and another detection has found them",
-    HARDLY_VISIBLE: "overlaps somebody of whom less than a quarter is visible",
-    NOTHING_KNOWN: "nothing that the truth knows of is there",
+    HARDLY_VISIBLE: "overlaps a person that is less than a quarter visible",
+    NOTHING_KNOWN: "no person or object of the ground truth is there",
 }
 """Meaning of the causes that are not kinds of objects."""
 
@@ -64,30 +58,24 @@ class Rules:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of all bands, nearest first, then "outside" and "unknown"."""
-        return (*map(band_key, self.bands), OUTSIDE, UNKNOWN)
+        """Names of all bands as in ``--bands`` and JSON ("2-10"), nearest first, then "outside" and "unknown"."""
+        return (*map(_key, self.bands), OUTSIDE, UNKNOWN)
 
     def key_of(self, distance_m: float | None) -> str:
         """Name of the band of ``distance_m``."""
         if distance_m is None:
             return UNKNOWN
-        return next((band_key(band) for band in self.bands if band[0] <= distance_m < band[1]), OUTSIDE)
+        return next((_key(band) for band in self.bands if band[0] <= distance_m < band[1]), OUTSIDE)
 
 
 @dataclass(frozen=True)
 class Match:
-    """Result of matching one detection or person.
+    """Result of matching one detection or person ("spared": not scored), in the distance ``band`` of that name.
 
-    Args:
-        kind: "hit" (true positive), "false" (false positive), "missed", or "spared" (not scored).
-        band: Name of the distance band.
-        box: Box of the detection, or of the missed person; empty when matching by presence.
-        score: Score of the detection.
-        person: Id of the matched or missed person.
-        cause: Cause of a false positive.
+    ``box`` is that of the detection or of the missed person; it is empty when matching by presence.
     """
 
-    kind: Kind
+    kind: Literal["hit", "false", "missed", "spared"]
     band: str
     box: Box = (0.0, 0.0, 0.0, 0.0)
     score: float = 0.0
@@ -95,8 +83,7 @@ class Match:
     cause: str = ""
 
 
-def band_key(band: Band) -> str:
-    """Name of a band in ``--bands`` and JSON: "2-10"."""
+def _key(band: Band) -> str:
     return f"{band[0]:g}-{band[1]:g}"
 
 
@@ -106,7 +93,7 @@ def parse_bands(text: str) -> tuple[Band, ...]:
     for nearer, farther in itertools.pairwise(bands):
         if farther[0] < nearer[1]:
             raise ParameterError(
-                f"{band_key(farther)} does not lie beyond {band_key(nearer)}",
+                f"{_key(farther)} does not lie beyond {_key(nearer)}",
                 where="--bands",
                 remedy="list the bands from near to far, without overlap",
             )
@@ -148,7 +135,7 @@ def pair(found: np.ndarray, people: np.ndarray, spared: np.ndarray, least_iou: f
             free[best] = False
             result.append(best)
         else:
-            result.append(SPARED if len(spared) and iou(box, spared).max() >= least_iou else FALSE)
+            result.append(SPARED if iou(box, spared).max(initial=0.0) >= least_iou else FALSE)
     return result
 
 
@@ -164,87 +151,74 @@ def ranked(found: Iterable[PersonDetection]) -> list[PersonDetection]:
 
 def judge(frame: LabelledFrame, found: Iterable[PersonDetection], rules: Rules) -> tuple[Match, ...]:
     """Match the detections of a frame."""
-    return _by_presence(frame, ranked(found), rules) if rules.presence else _by_boxes(frame, ranked(found), rules)
+    return tuple((_by_presence if rules.presence else _by_boxes)(frame, ranked(found), rules))
 
 
-def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Match, ...]:
+def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> Iterable[Match]:
     asked = [person for person in frame.persons if person.counts]
     hidden = [person for person in frame.persons if not person.counts]
-    boxes = _array((each.x, each.y, each.w, each.h) for each in found)
-    pairs = pair(boxes, _array(each.box for each in asked), _array(each.box for each in hidden), rules.least_iou)
-    hit = {who for who in pairs if who >= 0}
-    matches = []
-    for detection, box, who in zip(found, boxes, pairs, strict=True):
+    boxes = box_array(found)
+    pairs = pair(boxes, box_array(asked), box_array(hidden), rules.least_iou)
+    hit = set(pairs)
+    for detection, box, index in zip(found, boxes, pairs, strict=True):
         at = (detection.x, detection.y, detection.w, detection.h)
-        if who >= 0:
-            band = rules.key_of(asked[who].distance_m)
-            matches.append(Match("hit", band, at, detection.score, asked[who].id))
+        if index >= 0:
+            yield Match("hit", rules.key_of(asked[index].distance_m), at, detection.score, asked[index].id)
             continue
-        band = rules.key_of(detection.distance_m if frame.ranged else None)
-        false = who == FALSE and frame.complete and not _within(box, _array(frame.ignore))
+        false = index == FALSE and frame.complete and _share_within(box, frame.ignore).max(initial=0.0) < INSIDE
         cause = _cause(box, frame, asked, hit, hidden) if false else ""
-        matches.append(Match("false" if false else "spared", band, at, detection.score, cause=cause))
+        band = _detected_band(detection, frame, rules)
+        yield Match("false" if false else "spared", band, at, detection.score, cause=cause)
     for number, person in enumerate(asked):
         if number not in hit:
-            matches.append(Match("missed", rules.key_of(person.distance_m), person.box, person=person.id))
-    return tuple(matches)
+            yield Match("missed", rules.key_of(person.distance_m), person.box, person=person.id)
 
 
-def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> tuple[Match, ...]:
+def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> Iterable[Match]:
     """One match for each band with a person or a detection."""
-    there, perhaps, seen = set[str](), set[str](), dict[str, float]()
-    for person in frame.persons:
-        (there if person.counts else perhaps).add(rules.key_of(person.distance_m))
-    ignored = _array(frame.ignore)
-    scored = [each for each in found if not _within(np.array((each.x, each.y, each.w, each.h)), ignored)]
-    for detection in scored:
-        seen.setdefault(rules.key_of(detection.distance_m if frame.ranged else None), detection.score)
+    there = {rules.key_of(person.distance_m) for person in frame.persons if person.counts}
+    perhaps = {rules.key_of(person.distance_m) for person in frame.persons if not person.counts}
+    within = (_share_within(box, frame.ignore).max(initial=0.0) for box in box_array(found))
+    scored = [each for each, share in zip(found, within, strict=True) if share < INSIDE]
+    seen = {_detected_band(each, frame, rules): each.score for each in reversed(scored)}
     if UNKNOWN in there and scored:
         # Any detection finds a person of unknown distance.
         seen[UNKNOWN] = scored[0].score
-    matches = []
     for band in rules.keys:
         if band in there:
-            matches.append(Match("hit", band, score=seen[band]) if band in seen else Match("missed", band))
+            yield Match("hit", band, score=seen[band]) if band in seen else Match("missed", band)
         elif band in seen:
             false = frame.complete and band not in perhaps
-            matches.append(Match("false" if false else "spared", band, score=seen[band]))
-    return tuple(matches)
+            yield Match("false" if false else "spared", band, score=seen[band])
+
+
+def _detected_band(detection: PersonDetection, frame: LabelledFrame, rules: Rules) -> str:
+    return rules.key_of(detection.distance_m if frame.ranged else None)
 
 
 def _cause(
     box: np.ndarray, frame: LabelledFrame, asked: Sequence[Person], hit: set[int], hidden: Sequence[Person]
 ) -> str:
     """Cause of a false positive: the person or object that it overlaps most."""
-    causes = [
-        *((DOUBLE if number in hit else POOR_BOX, person.box) for number, person in enumerate(asked)),
-        *((HARDLY_VISIBLE, person.box) for person in hidden),
-        *((thing.kind, (thing.x, thing.y, thing.w, thing.h)) for thing in frame.objects),
-    ]
+    causes = [DOUBLE if number in hit else POOR_BOX for number in range(len(asked))]
+    causes += [HARDLY_VISIBLE] * len(hidden) + [each.kind for each in frame.objects]
     if not causes:
         return NOTHING_KNOWN
-    overlaps = iou(box, _array(at for _, at in causes))
+    overlaps = iou(box, box_array([*asked, *hidden, *frame.objects]))
     best = int(np.argmax(overlaps))
     if overlaps[best] >= NEAR_IOU:
-        return causes[best][0]
+        return causes[best]
     # A small detection on a large object, such as a head on a poster.
-    things = _array((thing.x, thing.y, thing.w, thing.h) for thing in frame.objects)
-    inside = _inside(box, things)
-    return frame.objects[int(np.argmax(inside))].kind if len(things) and inside.max() >= INSIDE else NOTHING_KNOWN
+    inside = _share_within(box, frame.objects)
+    return frame.objects[int(np.argmax(inside))].kind if inside.max(initial=0.0) >= INSIDE else NOTHING_KNOWN
 
 
-def _within(box: np.ndarray, regions: np.ndarray) -> bool:
-    return bool(len(regions)) and bool(_inside(box, regions).max() >= INSIDE)
-
-
-def _inside(box: np.ndarray, regions: np.ndarray) -> np.ndarray:
-    """Share of ``box`` that lies in each of ``regions`` (n, 4)."""
-    corner = np.maximum(box[:2], regions[:, :2])
-    opposite = np.minimum(box[:2] + box[2:], regions[:, :2] + regions[:, 2:])
+def _share_within(box: np.ndarray, regions: Sequence[Region]) -> np.ndarray:
+    """Share of ``box`` that lies in each of ``regions``."""
     area = box[2] * box[3]
-    shared = np.prod(np.clip(opposite - corner, 0, None), axis=1)
-    return shared / area if area > 0 else np.zeros(len(regions))
+    return shared_area(box, box_array(regions)) / area if area > 0 else np.zeros(len(regions))
 
 
-def _array(boxes: Iterable[Box]) -> np.ndarray:
-    return np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
+def box_array(items: Iterable[Region | PersonDetection]) -> np.ndarray:
+    """Boxes as an array of shape (n, 4)."""
+    return np.array([(each.x, each.y, each.w, each.h) for each in items], dtype=np.float64).reshape(-1, 4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -15,27 +15,12 @@ from socialbot.core.errors import ImageError, ParameterError, TruthError, sugges
 from socialbot.core.messages import CameraInfo, PersonDetection
 from socialbot.graph.node import check_parameters
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.detector import Detections, Detector
+from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.metrics.frames import EncodedImage, ImageSequence
+from socialbot.vision.metrics.frames import ImageSequence
 from socialbot.vision.metrics.workers import run_in_processes
 from socialbot.vision.person_detector import PersonDetector
-from socialbot.vision.pipeline import PersonPipeline, make_pipeline
-
-__all__ = [
-    "Found",
-    "FoundFrame",
-    "Job",
-    "EvaluatedPipeline",
-    "PipelineSettings",
-    "RecordingDetector",
-    "Speed",
-    "Told",
-    "measure",
-    "run_job",
-    "with_changes",
-]
-
+from socialbot.vision.pipeline import PersonPipeline
 
 FLOOR_SHARE = 0.2  # Curves start at this share of the threshold.
 
@@ -54,10 +39,7 @@ class PipelineSettings:
     @property
     def spec(self) -> DetectorSpec:
         """The registered detector. Raises ParameterError for an unknown name."""
-        if self.detector not in DETECTORS:
-            remedy = suggestion(self.detector, DETECTORS)
-            raise ParameterError(f"no detector {self.detector!r}", where="--detector", remedy=remedy)
-        return DETECTORS[self.detector]
+        return DETECTORS[_known("detector", self.detector, DETECTORS, "--detector")]
 
     @property
     def values(self) -> dict[str, Any]:
@@ -93,62 +75,28 @@ def with_changes(pipeline: PipelineSettings, changes: Sequence[str]) -> Pipeline
         detector, dot, name = target.rpartition(".")
         if not equals:
             raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NAME=VALUE")
-        if dot and detector not in DETECTORS:
-            raise ParameterError(f"no detector {detector!r}", where="--set", remedy=suggestion(detector, DETECTORS))
+        if dot:
+            _known("detector", detector, DETECTORS, "--set")
         value = _value(name, text)
         if not dot or detector == pipeline.detector:
             changed[name] = value
     return PipelineSettings(pipeline.detector, changed)
 
 
+def _known(what: str, name: str, names: Collection[str], where: str) -> str:
+    if name not in names:
+        raise ParameterError(f"no {what} {name!r}", where=where, remedy=suggestion(name, names))
+    return name
+
+
 def _value(name: str, text: str) -> Any:
     declared = {key: each for key, each in PersonDetector.parameters().items() if key not in _NOT_SET}
-    if name not in declared:
-        raise ParameterError(f"no setting {name!r}", where="--set", remedy=suggestion(name, declared))
-    kind = type(declared[name].default)
+    kind = type(declared[_known("setting", name, declared, "--set")].default)
     try:
         value = {"true": True, "false": False}.get(text.lower(), text) if kind is bool else kind(text)
     except ValueError as error:
         raise ParameterError(f"{text!r} is not of type {kind.__name__}", where=f"--set {name}") from error
     return declared[name].check(value, where=f"--set {name}")
-
-
-class RecordingDetector:
-    """Detector that runs another one at the threshold ``floor`` and keeps all its boxes in ``seen``.
-
-    It returns the boxes above its own threshold. With greedy suppression these do not depend on the boxes below it.
-    """
-
-    def __init__(self, detector: Detector, floor: float) -> None:
-        self._detector = detector
-        self._floor = floor
-        self.threshold = detector.threshold
-        self.box_width_m = detector.box_width_m
-        self.horizon = detector.horizon
-        self.camera_height = detector.camera_height
-        self.seen = Detections.none()
-
-    def detect(self, image: np.ndarray) -> Detections:
-        """Detect people that reach the threshold."""
-        self._detector.threshold = min(self._floor, self.threshold)
-        self._detector.horizon = self.horizon
-        self._detector.camera_height = self.camera_height
-        self.seen = self._detector.detect(image)
-        return _above(self.seen, self.threshold)
-
-
-class _ReplayDetector:
-    """Detector that returns the recorded boxes of the last image."""
-
-    def __init__(self, recorder: RecordingDetector, floor: float) -> None:
-        self._recorder = recorder
-        self.threshold = floor
-        self.box_width_m = recorder.box_width_m
-        self.horizon = recorder.horizon
-        self.camera_height = recorder.camera_height
-
-    def detect(self, image: np.ndarray) -> Detections:
-        return _above(self._recorder.seen, self.threshold)
 
 
 class EvaluatedPipeline:
@@ -163,23 +111,15 @@ class EvaluatedPipeline:
             InstallationError: A package of the detector is missing.
             ParameterError: Its settings are invalid.
         """
-        spec, floor, values = settings.spec, settings.floor, settings.values
+        self._values = values = settings.values
+        self._floor = settings.floor if recording else None
         own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
-        detector = spec.make(DetectorSettings(threads=threads, **own))
-        tall = values["person_height_m"]
-        self._values = values
-        self._all: PersonPipeline | None = None
-        if recording:
-            detector = RecordingDetector(detector, floor)
-            self._all = PersonPipeline(_ReplayDetector(detector, floor), sure=floor, weak=floor, person_height_m=tall)
-        self._finder = make_pipeline(
-            spec,
-            detector,
+        self._pipeline = PersonPipeline(
+            settings.spec,
+            settings.spec.make(DetectorSettings(threads=threads, **own)),
             tracker=values["tracker"] if consecutive else "none",
             threshold=settings.sure,
-            bridge_s=values["bridge_s"],
-            person_height_m=tall,
-            hide_still=values["hide_still"],
+            **{name: values[name] for name in ("bridge_s", "person_height_m", "hide_still")},
         )
 
     def find(self, image: np.ndarray, stamp: int, info: CameraInfo | None = None) -> tuple[Persons, Persons]:
@@ -187,38 +127,22 @@ class EvaluatedPipeline:
 
         Raises MessageError for an uncalibrated camera.
         """
-        camera = self._camera(info, image.shape[1], image.shape[0])
-        persons = self._finder.find(image, stamp, camera)
-        return persons, self._all.find(image, stamp, camera) if self._all is not None else ()
-
-    def _camera(self, info: CameraInfo | None, width: int, height: int) -> CameraModel:
-        """The camera of pictures of ``width`` x ``height`` pixels, as the node has it."""
-        pose = {"mount_height_m": self._values["mount_height_m"], "pitch_rad": self._values["pitch_rad"]}
-        if info is None:
-            return CameraModel.from_field_of_view(width, height, self._values["hfov_rad"], **pose)
-        camera = CameraModel.from_info(info, **pose)
-        return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
-
-
-def _above(found: Detections, threshold: float) -> Detections:
-    good = found.scores >= threshold
-    return Detections(found.boxes[good], found.scores[good])
-
-
-Told = Callable[[int], None]
-"""Progress callback: number of processed frames."""
+        pose = {name: self._values[name] for name in ("hfov_rad", "mount_height_m", "pitch_rad")}
+        camera = CameraModel.of_images(info, image.shape[1], image.shape[0], **pose)
+        if self._floor is None:
+            return self._pipeline.find(image, stamp, camera), ()
+        # With greedy suppression, boxes above the threshold do not depend on those below it.
+        found = self._pipeline.detect(image, camera, self._floor)
+        good = found.scores >= self._pipeline.threshold
+        persons = self._pipeline.follow(Detections(found.boxes[good], found.scores[good]), image, stamp, camera)
+        return persons, self._pipeline.measured(found, camera)
 
 
 @dataclass(frozen=True)
 class Job:
-    """Work unit: a pipeline on the images of a source.
+    """Work unit: a pipeline on the images of a source, of which ``frames`` are expected.
 
-    Args:
-        name: Display name.
-        images: Images to process.
-        pipeline: Detector and settings.
-        frames: Expected number of images.
-        outermost: Largest x and y of the ground truth boxes by stamp, which must lie inside the image.
+    ``outermost`` are the largest x and y of the ground truth boxes by stamp, which must lie inside the image.
     """
 
     name: str
@@ -248,8 +172,8 @@ class Found:
     first_damage: str = ""
 
 
-def run_job(job: Job, told: Told) -> Found:
-    """Run a job. Raises SocialbotError for unusable images or detectors."""
+def run_job(job: Job, advance: Callable[[int], None]) -> Found:
+    """Run a job, and report the number of processed frames. Raises SocialbotError for unusable images or detectors."""
     # Jobs run in parallel, so one thread each is the fastest.
     cv2.setNumThreads(1)
     pipeline = EvaluatedPipeline(job.pipeline, threads=1, consecutive=job.images.consecutive)
@@ -262,21 +186,17 @@ def run_job(job: Job, told: Told) -> Found:
             damaged, first = damaged + 1, first or str(error)
             continue
         height, width = image.shape[:2]
-        _check_size(job, encoded.stamp, encoded.name, width, height)
+        x, y = job.outermost.get(encoded.stamp, (0.0, 0.0))
+        if x >= width or y >= height:
+            raise TruthError(
+                f"a box begins at {x:g}, {y:g}, outside the image of {width}x{height} pixels",
+                where=encoded.name or f"{job.name}: frame {encoded.stamp}",
+                remedy="check that the boxes belong to this image, in its original size",
+            )
         persons, raw = pipeline.find(image, encoded.stamp, encoded.info)
         frames.append(FoundFrame(encoded.stamp, width, height, persons, raw))
-        told(number)
+        advance(number)
     return Found(tuple(frames), damaged, first)
-
-
-def _check_size(job: Job, stamp: int, name: str, width: int, height: int) -> None:
-    x, y = job.outermost.get(stamp, (0.0, 0.0))
-    if x >= width or y >= height:
-        raise TruthError(
-            f"a box begins at {x:g}, {y:g}, outside the image of {width}x{height} pixels",
-            where=name or f"{job.name}: frame {stamp}",
-            remedy="check that the boxes belong to this image, in its original size",
-        )
 
 
 FRAMES = 80
@@ -313,7 +233,7 @@ def measure(jobs: Sequence[Job], threads: int) -> Speed | None:
 
 
 def _measure(jobs: Sequence[Job], threads: int) -> Speed | None:
-    times = np.array(list(itertools.chain.from_iterable(_times(job, threads, len(jobs)) for job in jobs)))
+    times = np.vstack([np.empty((0, 2)), *(_times(job, threads, len(jobs)) for job in jobs)])
     if not len(times):
         return None
     whole = times.sum(axis=1)
@@ -327,12 +247,14 @@ def _measure(jobs: Sequence[Job], threads: int) -> Speed | None:
     )
 
 
-def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
-    """Seconds for decoding and for the rest, for each measured image of ``job``."""
+def _times(job: Job, threads: int, jobs: int) -> np.ndarray:
+    """Seconds for decoding and for the rest, shape (n, 2), for images from the middle of ``job``, read in advance."""
     cv2.setNumThreads(threads)
     pipeline = EvaluatedPipeline(job.pipeline, threads=threads, consecutive=job.images.consecutive, recording=False)
+    count = max(1, FRAMES // jobs) + WARM_UP
+    begin = max(0, (job.frames - count) // 2)
     times: list[tuple[float, float]] = []
-    for encoded in _stretch(job, max(1, FRAMES // jobs) + WARM_UP):
+    for encoded in list(itertools.islice(job.images.read(), begin, begin + count)):
         begun = time.perf_counter()
         try:
             image = encoded.bgr()
@@ -341,10 +263,4 @@ def _times(job: Job, threads: int, jobs: int) -> list[tuple[float, float]]:
         decoded = time.perf_counter()
         pipeline.find(image, encoded.stamp, encoded.info)
         times.append((decoded - begun, time.perf_counter() - decoded))
-    return times[min(WARM_UP, len(times) // 2) :]
-
-
-def _stretch(job: Job, count: int) -> list[EncodedImage]:
-    """``count`` images from the middle of the job, read in advance."""
-    begin = max(0, (job.frames - count) // 2)
-    return list(itertools.islice(job.images.read(), begin, begin + count))
+    return np.array(times[min(WARM_UP, len(times) // 2) :]).reshape(-1, 2)

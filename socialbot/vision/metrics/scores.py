@@ -10,13 +10,8 @@ import msgspec
 import numpy as np
 
 from socialbot.core.messages import PersonDetection, PersonDetections
-from socialbot.vision.metrics.matches import BANDS, FALSE, OUTSIDE, UNKNOWN, Band, Match, pair, ranked
-from socialbot.vision.metrics.truth import LEAST_VISIBLE, GroundTruth, TruthFrame, TruthPerson
-
-__all__ = [
-    "COVERAGE", "DRAWS", "BandScore", "FrameMatches", "Interval", "PrecisionRecallCurve", "SceneScore", "Score",
-    "ScoredFrame", "Scores", "average_precision", "band_name", "score", "score_scene",
-]  # fmt: skip
+from socialbot.vision.metrics.matches import FALSE, Match, Rules, box_array, pair, ranked
+from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, TruthPerson
 
 
 @dataclass
@@ -75,79 +70,53 @@ class Scores:
 
     Args:
         bands: Scores by band.
-        frames: Number of scored frames.
         missing_frames: Frames with ground truth but without a detections message.
-        unjudged_frames: Detections messages without ground truth.
-        ignored: Number of hardly visible people.
         by_frame: Results of each scored frame.
     """
 
     bands: dict[str, Score] = field(default_factory=dict)
-    frames: int = 0
     missing_frames: int = 0
-    unjudged_frames: int = 0
-    ignored: int = 0
     by_frame: list[ScoredFrame] = field(default_factory=list)
 
     @property
-    def overall(self) -> Score:
-        """Sum of all bands."""
-        return sum(self.bands.values(), Score())
+    def frames(self) -> int:
+        """Number of scored frames."""
+        return len(self.by_frame)
 
 
-def band_name(band: Band) -> str:
-    """Display name of a band: "2-10 m"."""
-    return f"{band[0]:g}-{band[1]:g} m"
-
-
-def score(truth: GroundTruth, detections: Iterable[PersonDetections], bands: Sequence[Band] = BANDS) -> Scores:
+def score(truth: GroundTruth, detections: Iterable[PersonDetections]) -> Scores:
     """Score ``detections`` by ``truth``; the last of several messages with one stamp counts."""
+    rules = Rules()
     answers = {message.stamp: message for message in detections}
-    result = Scores(bands={name: Score() for name in (*map(band_name, bands), OUTSIDE, UNKNOWN)})
+    result = Scores({f"{key} m" if "-" in key else key: Score() for key in rules.keys})
+    bands = dict(zip(rules.keys, result.bands.values(), strict=True))
     for frame in truth.frames:
-        answer = answers.pop(frame.stamp, None)
+        answer = answers.get(frame.stamp)
         if answer is None:
             result.missing_frames += 1
-        else:
-            result.frames += 1
-            scored = _scored(frame, answer.persons)
-            _count(scored, bands, result)
-            result.by_frame.append(scored)
-            result.ignored += sum(person.visible < LEAST_VISIBLE for person in frame.persons)
-    result.unjudged_frames = len(answers)
+            continue
+        scored = _scored(frame, answer.persons)
+        result.by_frame.append(scored)
+        for person in scored.found:
+            bands[rules.key_of(person.distance_m)].tp += 1
+        for detection in scored.false:
+            bands[rules.key_of(detection.distance_m)].fp += 1
+        for person in scored.missed:
+            bands[rules.key_of(person.distance_m)].fn += 1
     return result
 
 
 def _scored(frame: TruthFrame, found: Sequence[PersonDetection]) -> ScoredFrame:
-    counted = [person for person in frame.persons if person.visible >= LEAST_VISIBLE]
-    ignored = [person for person in frame.persons if person.visible < LEAST_VISIBLE]
+    counted = [person for person in frame.persons if person.counts]
+    ignored = [person for person in frame.persons if not person.counts]
     detections = ranked(found)
-    pairs = pair(_boxes(detections), _boxes(counted), _boxes(ignored))
+    pairs = pair(box_array(detections), box_array(counted), box_array(ignored))
     return ScoredFrame(
         frame.stamp,
         found=tuple(person for number, person in enumerate(counted) if number in pairs),
         missed=tuple(person for number, person in enumerate(counted) if number not in pairs),
-        false=tuple(detection for detection, who in zip(detections, pairs, strict=True) if who == FALSE),
+        false=tuple(detection for detection, index in zip(detections, pairs, strict=True) if index == FALSE),
     )
-
-
-def _count(frame: ScoredFrame, bands: Sequence[Band], result: Scores) -> None:
-    for person in frame.found:
-        result.bands[_band_of(person.distance_m, bands)].tp += 1
-    for detection in frame.false:
-        result.bands[_band_of(detection.distance_m, bands)].fp += 1
-    for person in frame.missed:
-        result.bands[_band_of(person.distance_m, bands)].fn += 1
-
-
-def _boxes(persons: Sequence[PersonDetection | TruthPerson]) -> np.ndarray:
-    return np.array([(person.x, person.y, person.w, person.h) for person in persons]).reshape(-1, 4)
-
-
-def _band_of(distance: float | None, bands: Sequence[Band]) -> str:
-    if distance is None:
-        return UNKNOWN
-    return next((band_name(band) for band in bands if band[0] <= distance < band[1]), OUTSIDE)
 
 
 DRAWS = 1000
@@ -213,13 +182,23 @@ def score_scene(scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], key
         raw: Matches of all boxes of the detector down to a low score, for the same frames.
         keys: Names of the bands.
     """
-    names = list(dict.fromkeys(frame.block for frame in scored))
-    index = {name: number for number, name in enumerate(names)}
-    blocks = np.array([index[frame.block] for frame in scored], dtype=np.intp)
-    draws = _draws(len(names))
-    bands = {key: _band_score(scored, raw, blocks, draws, {key}) for key in keys}
-    overall = _band_score(scored, raw, blocks, draws, set(keys))
-    return SceneScore(bands, overall, len(scored), len(names))
+    index = {name: number for number, name in enumerate(dict.fromkeys(frame.block for frame in scored))}
+    count = len(index)
+    draws = np.zeros((DRAWS, 0), dtype=np.int64)
+    if count:
+        draws = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=DRAWS)
+    blocks = [index[frame.block] for frame in scored]
+    found = [
+        [(block, match) for block, frame in zip(blocks, frames, strict=True) for match in frame.matches]
+        for frames in (scored, raw)
+    ]
+
+    def band_score(names: set[str]) -> BandScore:
+        judged, every = ([each for each in matches if each[1].band in names] for matches in found)
+        return _band_score(judged, every, draws)
+
+    bands = {key: band_score({key}) for key in keys}
+    return SceneScore(bands, band_score(set(keys)), len(scored), count)
 
 
 def average_precision(recall: np.ndarray, precision: np.ndarray) -> np.ndarray:
@@ -228,43 +207,26 @@ def average_precision(recall: np.ndarray, precision: np.ndarray) -> np.ndarray:
     return np.sum(np.diff(recall, axis=-1, prepend=0.0) * falling, axis=-1)
 
 
-def _draws(blocks: int) -> np.ndarray:
-    """Bootstrap weights, shape (DRAWS, blocks)."""
-    if not blocks:
-        return np.zeros((DRAWS, 0), dtype=np.int64)
-    return np.random.default_rng(_SEED).multinomial(blocks, np.full(blocks, 1 / blocks), size=DRAWS)
-
-
-def _band_score(
-    scored: Sequence[FrameMatches], raw: Sequence[FrameMatches], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
-) -> BandScore:
+def _band_score(scored: list[tuple[int, Match]], raw: list[tuple[int, Match]], draws: np.ndarray) -> BandScore:
     counts = np.zeros((draws.shape[1], 3), dtype=np.int64)
-    column = {"hit": 0, "false": 1, "missed": 2}
-    causes: Counter[str] = Counter()
-    for block, frame in zip(blocks, scored, strict=True):
-        for verdict in frame.matches:
-            if verdict.band in keys and verdict.kind in column:
-                counts[block, column[verdict.kind]] += 1
-                causes.update([verdict.cause] if verdict.cause else [])
+    kinds = ("hit", "false", "missed")
+    for block, match in scored:
+        if match.kind in kinds:
+            counts[block, kinds.index(match.kind)] += 1
+    causes = Counter(match.cause for _, match in scored if match.cause)
     score = Score(*map(int, counts.sum(axis=0)))
-    curve, area, areas = _curve(raw, blocks, draws, keys)
+    curve, area, areas = _curve(raw, draws)
     intervals: dict[str, Interval] = {}
     if np.count_nonzero(counts.sum(axis=1)) >= LEAST_BLOCKS:
-        intervals = _intervals(score, draws @ counts)
-        if area is not None:
-            intervals["ap"] = _interval(areas, area)
+        hits, false, missed = (draws @ counts).T
+        rates = {
+            "precision": (score.precision, _ratio(hits, hits + false)),
+            "recall": (score.recall, _ratio(hits, hits + missed)),
+            "f1": (score.f1, _ratio(2 * hits, 2 * hits + false + missed)),
+            "ap": (area, areas),
+        }
+        intervals = {name: _interval(values, rate) for name, (rate, values) in rates.items() if rate is not None}
     return BandScore(score, intervals, area, curve, dict(sorted(causes.items(), key=lambda item: (-item[1], item[0]))))
-
-
-def _intervals(score: Score, drawn: np.ndarray) -> dict[str, Interval]:
-    """Intervals of the rates from the TP, FP and FN of each draw, shape (draws, 3)."""
-    hits, false, missed = drawn.T
-    rates = {
-        "precision": (score.precision, _ratio(hits, hits + false)),
-        "recall": (score.recall, _ratio(hits, hits + missed)),
-        "f1": (score.f1, _ratio(2 * hits, 2 * hits + false + missed)),
-    }
-    return {name: _interval(values, rate) for name, (rate, values) in rates.items() if rate is not None}
 
 
 def _interval(values: np.ndarray, figure: float) -> Interval:
@@ -276,43 +238,36 @@ def _interval(values: np.ndarray, figure: float) -> Interval:
     return min(float(low), figure), max(float(high), figure)
 
 
-def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+def _ratio(part: np.ndarray, whole: np.ndarray, empty: float = np.nan) -> np.ndarray:
+    return np.divide(part, whole, out=np.full(part.shape, empty), where=whole > 0)
 
 
 def _curve(
-    raw: Sequence[FrameMatches], blocks: np.ndarray, draws: np.ndarray, keys: set[str]
+    raw: list[tuple[int, Match]], draws: np.ndarray
 ) -> tuple[PrecisionRecallCurve | None, float | None, np.ndarray]:
     """Curve of a band, its area, and the areas of all draws."""
     people = np.zeros(draws.shape[1], dtype=np.int64)
-    found: list[tuple[float, bool, int]] = []
-    for block, frame in zip(blocks, raw, strict=True):
-        for verdict in frame.matches:
-            if verdict.band in keys:
-                people[block] += verdict.kind in ("hit", "missed")
-                if verdict.kind in ("hit", "false"):
-                    found.append((verdict.score, verdict.kind == "hit", int(block)))
+    for block, match in raw:
+        people[block] += match.kind in ("hit", "missed")
     if not people.sum():
         return None, None, np.empty(0)
-    found.sort(key=lambda item: (-item[0], not item[1]))
-    scores = np.array([score for score, _, _ in found], dtype=np.float64)
-    hit = np.array([hit for _, hit, _ in found], dtype=bool)
-    of_block = np.array([block for _, _, block in found], dtype=np.intp)
+    found = [(match.score, match.kind == "hit", block) for block, match in raw if match.kind in ("hit", "false")]
+    scores, hit, blocks = np.array(sorted(found, reverse=True)).reshape(-1, 3).T
     # Detections of equal score give one point of the curve.
     last = np.append(np.diff(scores) != 0, True)[: len(scores)]
-    weights = np.vstack([np.ones(draws.shape[1], dtype=np.int64), draws])
-    areas = np.full(len(weights), np.nan)
-    curve = PrecisionRecallCurve(np.empty(0), np.empty(0), np.empty(0))
-    for number, weight in enumerate(weights):
-        drawn = weight[of_block]
+    areas = np.full(len(draws), np.nan)
+
+    def points(weight: np.ndarray, there: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Recall, precision and area where each block counts ``weight`` times, with ``there`` people."""
+        drawn = weight[blocks.astype(np.intp)]
         hits = np.cumsum(drawn * hit)[last]
-        all_found = np.cumsum(drawn)[last]
-        there = int(weight @ people)
-        if not there:
-            continue
-        precision = np.divide(hits, all_found, out=np.ones(len(hits)), where=all_found > 0)
+        precision = _ratio(hits, np.cumsum(drawn)[last], empty=1.0)
         # Dividing once makes a perfect area exactly 1.
-        areas[number] = average_precision(hits, precision) / there
-        if number == 0:
-            curve = PrecisionRecallCurve(hits / there, precision, scores[last])
-    return curve, float(areas[0]), areas[1:]
+        return hits / there, precision, float(average_precision(hits, precision) / there)
+
+    for number, weight in enumerate(draws):
+        there = int(weight @ people)
+        if there:
+            areas[number] = points(weight, there)[2]
+    recall, precision, area = points(np.ones(draws.shape[1], dtype=np.int64), int(people.sum()))
+    return PrecisionRecallCurve(recall, precision, scores[last]), area, areas

@@ -20,16 +20,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
 from socialbot.core.errors import TruthError
-
-__all__ = [
-    "LEAST_VISIBLE", "TRUTH_TOPIC", "Split", "GroundTruth", "TruthFrame", "TruthMessage", "TruthObject", "TruthPerson",
-    "bag_name", "load_truth", "truth_beside", "truth_from_messages",
-]  # fmt: skip
 
 TRUTH_TOPIC = "/ground_truth/persons"
 """Topic of ground truth in a bag."""
@@ -37,31 +32,49 @@ TRUTH_TOPIC = "/ground_truth/persons"
 LEAST_VISIBLE = 0.25
 """People of whom a smaller share is visible are not scored."""
 
+T = TypeVar("T")
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Split = Literal["", "tune", "held-back"]
 """Use of a recording: for tuning, held back for evaluation, or neither."""
 
 
-class TruthPerson(msgspec.Struct, frozen=True, kw_only=True):
-    """Person in one frame: box (pixels, clipped), horizontal distance (m), visible share (0 to 1)."""
+class Region(msgspec.Struct, frozen=True, kw_only=True):
+    """Box in an image, pixels."""
+
+    x: float
+    y: float
+    w: NotNegative
+    h: NotNegative
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """x, y, w, h."""
+        return self.x, self.y, self.w, self.h
+
+
+class Person(Region, frozen=True, kw_only=True):
+    """Person in one frame: horizontal distance (m) if known, visible share (0 to 1)."""
 
     id: str
-    x: float
-    y: float
-    w: NotNegative
-    h: NotNegative
-    distance_m: NotNegative
+    distance_m: NotNegative | None
     visible: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
+    @property
+    def counts(self) -> bool:
+        """Whether this person is scored."""
+        return self.visible >= LEAST_VISIBLE
 
-class TruthObject(msgspec.Struct, frozen=True, kw_only=True):
-    """Object that may be taken for a person: kind ("coat stand", "poster", "shadow", ...) and box in pixels."""
+
+class TruthPerson(Person, frozen=True, kw_only=True):
+    """Person in one frame, with distance; the box is clipped to the image."""
+
+    distance_m: NotNegative
+
+
+class TruthObject(Region, frozen=True, kw_only=True):
+    """Object that may be taken for a person, such as a "coat stand", "poster" or "shadow"."""
 
     kind: str
-    x: float
-    y: float
-    w: NotNegative
-    h: NotNegative
 
 
 class TruthFrame(msgspec.Struct, frozen=True, kw_only=True):
@@ -85,18 +98,14 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     objects: tuple[TruthObject, ...] = ()
 
 
-class TruthMessage(msgspec.Struct, frozen=True, kw_only=True):
+class TruthMessage(TruthFrame, frozen=True, kw_only=True):
     """Ground truth of one frame in a bag, with all its ``objects``."""
 
     schema: Literal["socialbot/truth_frame"]
     version: Literal[1]
-    stamp: int
     image_topic: str
     scene: str = ""
     split: Split = ""
-    light: str = ""
-    persons: tuple[TruthPerson, ...]
-    objects: tuple[TruthObject, ...] = ()
 
 
 class _Header(msgspec.Struct):
@@ -115,18 +124,29 @@ def truth_beside(bag: Path) -> Path:
     return bag.resolve().with_name(f"{bag_name(bag)}.truth.json")
 
 
+def read_json(path: str | Path) -> bytes:
+    """Read a file. Raises TruthError if that fails."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise TruthError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+
+
+def parse_json(data: bytes | str | msgspec.Raw, kind: type[T], *, where: str, remedy: str, prefix: str = "") -> T:
+    """Parse ``data`` as ``kind``. Raises TruthError, which starts with ``prefix``, if it does not fit."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        raise TruthError(f"{prefix}{error}", where=where, remedy=remedy) from error
+
+
 def load_truth(path: str | Path) -> GroundTruth:
     """Load a ground truth file. Raises TruthError, with the path, if it is invalid."""
-    where = str(path)
-    try:
-        data = Path(path).read_bytes()
-        msgspec.json.decode(data, type=_Header)
-        truth = msgspec.json.decode(data, type=GroundTruth)
-    except OSError as error:
-        raise TruthError(error.strerror or str(error), where=where, remedy="check the path") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise TruthError(str(error), where=where, remedy="it must fit schema socialbot/truth, version 1") from error
-    _check_order(truth.frames, where)
+    data = read_json(path)
+    about: dict[str, Any] = {"where": str(path), "remedy": "it must fit schema socialbot/truth, version 1"}
+    parse_json(data, _Header, **about)
+    truth = parse_json(data, GroundTruth, **about)
+    _check_order(truth.frames, str(path))
     return truth
 
 
@@ -136,34 +156,26 @@ def truth_from_messages(texts: Iterable[str], where: str) -> GroundTruth:
     Raises:
         TruthError: There are none, one is invalid, or they differ in image topic, scene or split.
     """
-    messages = [_truth_message(number, text, where) for number, text in enumerate(texts)]
+    remedy = "it must fit schema socialbot/truth_frame, version 1"
+    messages = tuple(
+        parse_json(text, TruthMessage, where=where, remedy=remedy, prefix=f"message {number}: ")
+        for number, text in enumerate(texts)
+    )
     if not messages:
         raise TruthError("no message with ground truth", where=where, remedy=f"record {TRUTH_TOPIC}")
-    first = messages[0]
-    about = (first.image_topic, first.scene, first.split)
-    for message in messages:
-        if (message.image_topic, message.scene, message.split) != about:
+    first, *_ = descriptions = [
+        f"{message.image_topic}, scene {message.scene!r}, split {message.split!r}" for message in messages
+    ]
+    for message, description in zip(messages, descriptions, strict=True):
+        if description != first:
             raise TruthError(
-                f"frame {message.stamp} is of {message.image_topic}, scene {message.scene!r}, split {message.split!r}, "
-                f"the first of {about[0]}, scene {about[1]!r}, split {about[2]!r}",
+                f"frame {message.stamp} is of {description}, the first of {first}",
                 where=where,
                 remedy="record one scene a bag",
             )
-    frames = tuple(
-        TruthFrame(stamp=message.stamp, persons=message.persons, objects=message.objects, light=message.light)
-        for message in messages
-    )
-    _check_order(frames, where)
-    return GroundTruth(image_topic=first.image_topic, scene=first.scene, split=first.split, frames=frames)
-
-
-def _truth_message(number: int, text: str, where: str) -> TruthMessage:
-    try:
-        return msgspec.json.decode(text, type=TruthMessage)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
-        raise TruthError(
-            f"message {number}: {error}", where=where, remedy="it must fit schema socialbot/truth_frame, version 1"
-        ) from error
+    _check_order(messages, where)
+    about = messages[0]
+    return GroundTruth(image_topic=about.image_topic, scene=about.scene, split=about.split, frames=messages)
 
 
 def _check_order(frames: tuple[TruthFrame, ...], where: str) -> None:

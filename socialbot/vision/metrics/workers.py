@@ -12,8 +12,6 @@ from typing import Any, TypeVar
 from socialbot.core.errors import InstallationError, NodeError, ParameterError, SocialbotError
 from socialbot.core.process import Ending
 
-__all__ = ["run_in_processes", "run_on_dask"]
-
 T = TypeVar("T")
 Arguments = Sequence[tuple[Any, ...]]
 
@@ -71,7 +69,9 @@ def run_in_processes(
                     if done is not None:
                         done(number, results[number])
         except BrokenProcessPool as error:
-            raise NodeError("a process died", where="workers", remedy="is there enough memory? try --jobs 1") from error
+            raise NodeError(
+                "a process crashed", where="workers", remedy="is there enough memory? try --jobs 1"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
@@ -91,9 +91,7 @@ def run_on_dask(
 ) -> list[T]:
     """Call ``function`` for all ``arguments`` on the Dask cluster whose scheduler is at ``address``.
 
-    Args:
-        done: Called with index and result as each call returns.
-        names: Display names of the calls for error messages.
+    ``done`` is called with index and result as each call returns; ``names`` are the names of the calls in errors.
 
     Returns:
         The results in the order of the arguments.

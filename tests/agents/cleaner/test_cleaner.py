@@ -9,7 +9,7 @@ from tests.agents.cleaner.watching import Watched
 ROOMS = ("bathroom", "bedroom", "dock", "kitchen")
 
 
-def test_it_goes_to_the_bedroom_first_and_cleans_all_rooms_in_time():
+def test_cleans_all_rooms_in_time():
     watched = Watched("cleaner")
     watched.run(60)
     assert watched.told("desire_fulfilled") == [
@@ -22,7 +22,7 @@ def test_it_goes_to_the_bedroom_first_and_cleans_all_rooms_in_time():
     assert "(in cleaner dock)" in facts
 
 
-def test_its_actions_last_as_long_as_the_domain_says():
+def test_actions_have_the_durations_of_the_domain():
     watched = Watched("cleaner")
     watched.run(60)
     begun, ended = watched.told("step"), watched.told("step_end")
@@ -31,7 +31,7 @@ def test_its_actions_last_as_long_as_the_domain_says():
     assert watched.names("step").count("(recharge cleaner dock)") == 1
 
 
-def test_it_prepares_nothing_for_what_it_is_doing_already():
+def test_running_plan_causes_no_precondition_desire():
     watched = Watched("cleaner")
     watched.run(60)
     assert watched.names("desire") == [
@@ -42,7 +42,7 @@ def test_it_prepares_nothing_for_what_it_is_doing_already():
     ]
 
 
-def test_one_that_may_be_interrupted_charges_at_once_and_cleans_the_rest_after_that():
+def test_preemption_charges_first_and_cleans_afterwards():
     watched = Watched("cleaner", cleaner={"reschedule_policy": "PREEMPT"})
     watched.run(20)
     # Given up on its way to the kitchen, it knows no longer where it is.
@@ -54,7 +54,7 @@ def test_one_that_may_be_interrupted_charges_at_once_and_cleans_the_rest_after_t
     assert watched.names("desire_dropped").count("clean_rooms") == 0
 
 
-def test_a_desire_that_somebody_gives_it_is_fulfilled_when_it_has_time():
+def test_fulfils_a_desire_received_by_topic():
     watched = Watched("cleaner")
     watched.run(2)
     rest = Desire(name="rest", value=(predicate("rested", "cleaner"),), priority=0.3, deadline=10.0)
@@ -64,6 +64,6 @@ def test_a_desire_that_somebody_gives_it_is_fulfilled_when_it_has_time():
 
 
 @pytest.mark.parametrize("parameter", ["init_bset", "init_dset", "init_reactive_rules_set", "pddl_file"])
-def test_a_file_that_is_not_there_is_named(parameter):
+def test_missing_file_is_named_in_the_error(parameter):
     with pytest.raises(Exception, match=r"nowhere\.yaml"):
         Watched("cleaner", cleaner={parameter: "nowhere.yaml"})

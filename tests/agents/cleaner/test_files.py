@@ -15,7 +15,7 @@ def agent(name: str, domain: str):
     return believing(path, load_beliefs(FOLDER / f"{name}_beliefs.yaml", domain_of(path)))
 
 
-def test_all_rooms_are_cleaned_in_time_with_a_charge_in_between():
+def test_plan_cleans_all_rooms_and_recharges():
     facts = agent("cleaner", "cleaner")
     (desire,) = load_desires(FOLDER / "cleaner_desires.yaml", facts.domain)
     assert not facts.satisfied(desire.precondition)
@@ -28,7 +28,7 @@ def test_all_rooms_are_cleaned_in_time_with_a_charge_in_between():
     assert plan_for(facts, desire).makespan_s <= desire.deadline
 
 
-def test_a_low_battery_makes_it_want_to_recharge():
+def test_low_battery_causes_desire_to_recharge():
     facts = agent("cleaner", "cleaner")
     facts.add(Fact(name="fullcharged", params=("cleaner",)))
     assert settled(facts, FOLDER / "cleaner_rules.yaml") == ["DEL belief (fullcharged cleaner)"]
@@ -40,7 +40,7 @@ def test_a_low_battery_makes_it_want_to_recharge():
     assert [step.action for step in plan_for(facts, go).steps] == ["movetoward", "recharge"]
 
 
-def test_dirt_makes_it_want_to_clean_that_room():
+def test_dirt_causes_desire_to_clean():
     facts = agent("cleaner", "cleaner")
     facts.add(Fact(name="cleaned", params=("kitchen",)))
     facts.add(Fact(name="dirty", params=("kitchen",)))
@@ -49,7 +49,7 @@ def test_dirt_makes_it_want_to_clean_that_room():
     assert "DEL belief (cleaned kitchen)" in followed
 
 
-def test_the_cleaner_of_the_pair_asks_for_both_rooms_at_once_and_cleans_them_when_they_are_swept():
+def test_plan_requests_both_rooms_at_once():
     facts = agent("team_cleaner", "team_cleaner")
     (desire,) = load_desires(FOLDER / "team_cleaner_desires.yaml", facts.domain)
     plan = plan_for(facts, desire)
@@ -60,7 +60,7 @@ def test_the_cleaner_of_the_pair_asks_for_both_rooms_at_once_and_cleans_them_whe
     assert plan.makespan_s <= desire.deadline
 
 
-def test_the_sweeper_sweeps_two_rooms_before_the_cleaner_expects_it():
+def test_plan_of_sweeper_meets_the_deadline_of_the_cleaner():
     facts = agent("sweeper", "sweeper")
     rooms = Desire(name="both", value=tuple(Fact(name="swept", params=(room,)) for room in ("kitchen", "bedroom")))
     assert plan_for(facts, rooms).makespan_s <= 20.1

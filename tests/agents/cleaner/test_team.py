@@ -6,7 +6,7 @@ from socialbot.deliberation.sensing import predicate
 from tests.agents.cleaner.watching import Watched
 
 
-def test_the_sweeper_sweeps_what_the_cleaner_asks_for_and_the_cleaner_cleans_it_then():
+def test_sweeper_sweeps_before_cleaner_cleans():
     watched = Watched("cleaner-sweeper")
     watched.run(60)
     assert watched.told("desire_fulfilled", "sweeper") == [(10.0, "sweep_kitchen"), (20.0, "sweep_bedroom")]
@@ -17,13 +17,13 @@ def test_the_sweeper_sweeps_what_the_cleaner_asks_for_and_the_cleaner_cleans_it_
         assert cleaned >= swept[f"(dosweep sweeper {room})"]
 
 
-def test_what_the_cleaner_asks_has_a_lower_priority_than_the_sweeper_allows_others():
+def test_requested_priority_is_within_the_limit():
     watched = Watched("cleaner-sweeper", sweeper={"desire_pr": "0.25"})
     watched.run(1)
     assert [wish.desire.priority for wish in watched.agent("sweeper").deliberator.desires] == [0.25, 0.25]
 
 
-def test_a_sweeper_that_listens_to_nobody_refuses_and_the_cleaner_says_why_it_gives_up():
+def test_refusal_of_sweeper_fails_the_action_with_its_reason():
     deaf: dict[str, object] = {"desire_w": "", "desire_pr": ""}
     watched = Watched("cleaner-sweeper", sweeper=deaf, cleaner={"exec_plan_tries": 3})
     watched.run(60)
@@ -33,7 +33,7 @@ def test_a_sweeper_that_listens_to_nobody_refuses_and_the_cleaner_says_why_it_gi
     assert "group 'cleaners' may not add desires" in dropped.detail["reason"]
 
 
-def test_a_sweeper_that_does_not_answer_is_waited_for_and_then_given_up(monkeypatch):
+def test_missing_reply_of_sweeper_fails_the_action(monkeypatch):
     monkeypatch.setattr(Sweeper, "on_request", lambda node, message: None)
     watched = Watched("cleaner-sweeper", cleaner={"exec_plan_tries": 2})
     watched.run(60)
@@ -42,7 +42,7 @@ def test_a_sweeper_that_does_not_answer_is_waited_for_and_then_given_up(monkeypa
     assert "no answer from sweeper in 2 s" in dropped.detail["reason"]
 
 
-def test_a_cleaner_that_gives_up_takes_its_wishes_back():
+def test_cancelled_request_withdraws_its_desire():
     watched = Watched("cleaner-sweeper")
     watched.run(5)
     assert [wish.name for wish in watched.agent("sweeper").deliberator.desires] == ["sweep_kitchen", "sweep_bedroom"]

@@ -24,7 +24,7 @@ class Watched:
         self.records.append(message)
 
     def run(self, until_s: float) -> None:
-        """Lets time pass; no node may have failed."""
+        """Advance the time; fail if a node has failed."""
         self.runner.advance(nanoseconds(until_s))
         assert all(not faults.failures for faults in self.runner.faults.values()), self.runner.faults
 

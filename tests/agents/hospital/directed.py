@@ -58,7 +58,8 @@ class Ward:
         def send(receiver, performative, content, mission, in_reply_to):
             self.said.append((receiver, performative, content, mission))
 
-        return Coordinator(send, CoordinatorOptions(**{"proactive": False, **options}), memory)
+        options = {"proactive": False, **options}
+        return Coordinator(send, CoordinatorOptions(**options), memory or CoordinatorMemory())
 
     def send(
         self, sender: str, content, *, mission: str = "", performative: Performative = "inform", receiver=COORDINATOR
@@ -92,7 +93,7 @@ class Ward:
 
     def plan(self, mission: int = 1) -> list[tuple[str, ...]]:
         """What is left of the plan of a mission."""
-        progress = self.coordinator.progress_of[mission]
+        progress = self.coordinator.manager.progress_of[mission]
         return [node.item for node in progress.agenda[progress.position :]]
 
     def label(self, mission: int = 1) -> str:
@@ -115,10 +116,10 @@ class Ward:
         return [what for to, _, what, _ in self.said if isinstance(what, kind) and receiver in (None, to)]
 
     def statuses(self) -> dict[int, str]:
-        return {mission.id: mission.status for mission in self.coordinator.views()}
+        return {mission.id: mission.status for mission in self.coordinator.manager.views()}
 
     def history(self) -> list[tuple[str, ...]]:
-        return [(each.action, *each.args) for each in next(self.coordinator.views()).actions]
+        return [(each.action, *each.args) for each in next(self.coordinator.manager.views()).actions]
 
     def working(self) -> Mapping[str, int]:
         return {name: member.mission for name, member in self.coordinator.memory.members.items() if member.mission}

@@ -17,7 +17,7 @@ from socialbot.runtime.simulated_source import SimulatedSource
 
 
 @dataclass
-class Told:
+class HospitalRun:
     """A run of ``graph`` recorded in ``folder``, with its messages."""
 
     graph: Graph
@@ -36,22 +36,22 @@ class Told:
         return [record for record in self.records if record.kind == kind]
 
 
-def carried_out(graph: Graph, *, bag: Path | None = None) -> Told:
+def carried_out(graph: Graph, *, bag: Path | None = None) -> HospitalRun:
     """Runs ``graph`` inline."""
-    told = Told(graph, Path(mkdtemp()), RunReport(graph))
+    recorded = HospitalRun(graph, Path(mkdtemp()), RunReport(graph))
 
     def observe(topic: str, message: Message) -> None:
-        told.report.observe(topic, message)
-        told.messages.append(message)
+        recorded.report.observe(topic, message)
+        recorded.messages.append(message)
 
-    with RunRecord(told.folder) as record:
-        told.ran = run(
-            graph, SimulatedSource(bag=bag), record, observe, summarize=lambda: told.report.summary().results()
+    with RunRecord(recorded.folder) as record:
+        recorded.ran = run(
+            graph, SimulatedSource(bag=bag), record, observe, summarize=lambda: recorded.report.story().results()
         )
-    return told
+    return recorded
 
 
 @cache
-def paper_run(rate: float, policy: str = "repair") -> Told:
+def paper_run(rate: float, policy: str = "repair") -> HospitalRun:
     """The paper's mission, under a coordinator that does not look ahead."""
     return carried_out(hospital(rate=rate, coordinator={"proactive": False, "policy": policy}))

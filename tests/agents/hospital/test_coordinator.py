@@ -172,7 +172,7 @@ def test_unknown_receiver_and_invalid_content_are_refused():
     ward.send(SPOT, Refusal("no"), receiver="nurse7", performative="refuse")
     assert ward.said == [
         (SPOT, "refuse", Refusal("there is no nurse7"), ""),
-        (SPOT, "refuse", Refusal("a coordinator does nothing about Ready"), ""),
+        (SPOT, "refuse", Refusal("the coordinator does not handle Ready"), ""),
     ]
 
 

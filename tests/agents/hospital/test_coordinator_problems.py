@@ -26,11 +26,11 @@ def test_repaired_plan_equals_listing_4():
     ward.look()
     ward.fail(DIRTY_ROOM)
     assert ward.history() == LISTING_4
-    assert [each.status for each in next(ward.coordinator.views()).actions] == (
+    assert [each.status for each in next(ward.coordinator.manager.views()).actions] == (
         ["done"] * 5 + ["failed"] + ["planned"] * 8
     )
     ward.do(8)
-    assert {each.status for each in next(ward.coordinator.views()).actions[6:]} == {"done"}
+    assert {each.status for each in next(ward.coordinator.manager.views()).actions[6:]} == {"done"}
 
 
 def test_full_replan_starts_with_the_path_to_the_nurse():
@@ -59,11 +59,11 @@ def test_without_recovery_mission_fails_and_team_is_free():
     ward.do(5)
     ward.fail(DIRTY_ROOM)
     assert ward.statuses() == {1: "failed"}
-    assert next(ward.coordinator.views()).actions[-1].status == "failed"
+    assert next(ward.coordinator.manager.views()).actions[-1].status == "failed"
     assert ward.working() == {}
     assert {to for to, _, what, _ in ward.said if isinstance(what, End)} == {SPOT, UVD, NURSE}
     ward.look()
-    assert ward.statuses() == {1: "failed"}, "it is not begun anew"
+    assert ward.statuses() == {1: "failed"}, "it does not start again"
 
 
 def test_finished_agent_is_reassigned_and_agent_without_actions_is_released():
@@ -193,8 +193,8 @@ def test_proactive_coordinator_revises_plan_before_the_problem(change, needed):
     assert ward.history()[:2] == LISTING_3[:2]
     ward.look()
     assert ward.label() == "mission_1_2", "once is enough"
-    assert [view.recoveries for view in ward.coordinator.views()] == [0]
-    assert [view.revisions for view in ward.coordinator.views()] == [1]
+    assert [view.recoveries for view in ward.coordinator.manager.views()] == [0]
+    assert [view.revisions for view in ward.coordinator.manager.views()] == [1]
 
 
 def test_reports_of_both_partners_do_not_skip_actions_before_a_repetition():

@@ -108,7 +108,7 @@ def test_results_are_logged_as_step_ends(reason, outcome):
 @pytest.mark.parametrize(
     ("content", "weight", "text"),
     [
-        (Belief("trigger_a_patrol_room(s, r)"), "word", "gives uvdrobot1 the word for a_patrol_room"),
+        (Belief("trigger_a_patrol_room(s, r)"), "word", "tells uvdrobot1 to start a_patrol_room"),
         (Belief("milestone3"), "", "tells uvdrobot1: milestone3"),
         (Problem("dirty room", ("s", "r"), "a_patrol_room"), "problem", "reports dirty room: a_patrol_room(s, r)"),
     ],

@@ -108,4 +108,4 @@ def test_forged_messages_raise_nothing_and_the_mission_completes(rate, said):
     finally:
         logging.disable(logging.NOTSET)
     assert [(name, fault.first) for name, fault in run.faults.items() if fault.failures] == []
-    assert run.nodes[WORLD].world.room_state("room1").disinfected  # type: ignore[attr-defined]
+    assert run.nodes[WORLD].world.rooms["room1"].disinfected  # type: ignore[attr-defined]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.messages import AclMessage, AclSender, Refusal
+from socialbot.agents.hospital.messages import AclMessage, AclSender, Done, Ready, Refusal
 from socialbot.agents.hospital.robots import Meeting, Rendezvous
 from socialbot.core.clock import ManualClock
 
@@ -14,33 +14,30 @@ MEETING = Meeting("mission_1_1", "a_authenticate_nurse", ("spotrobot1", "nurse1"
 
 
 class Post:
-    """Agents whose words wait until they are brought, those of one sender in their order."""
+    """Agents whose messages wait for delivery, those of one sender in their order."""
 
     def __init__(self, *names: str) -> None:
-        self.words: dict[str, list[tuple[str, str, Meeting]]] = {name: [] for name in names}
+        self.waiting: dict[str, list[AclMessage]] = {name: [] for name in names}
         self.met: list[str] = []
-        self.agents = {name: self._agent(name) for name in names}
+        self.agents = {name: Rendezvous(AclSender(name, ManualClock(), self.post)) for name in names}
 
-    def _agent(self, name: str) -> Rendezvous:
-        def send(word: str):
-            return lambda partner, meeting: self.words[name].append((word, partner, meeting))
-
-        return Rendezvous(send("ready"), send("done"))
+    def post(self, message: AclMessage) -> None:
+        self.waiting[message.sender].append(message)
 
     def arrive(self, name: str, meeting: Meeting = MEETING) -> None:
         partners = [other for other in self.agents if other != name]
         self.agents[name].arrive(meeting, partners, lambda: self.met.append(name))
 
-    def bring(self, sender: str) -> bool:
-        if not self.words[sender]:
-            return False
-        word, partner, meeting = self.words[sender].pop(0)
-        agent = self.agents[partner]
-        (agent.partner_ready if word == "ready" else agent.partner_done)(sender, meeting)
-        return True
+    def bring(self, sender: str) -> None:
+        for message in self.waiting[sender][:1]:
+            self.waiting[sender].remove(message)
+            content, agent = message.content, self.agents[message.receiver]
+            assert isinstance(content, (Ready, Done))
+            process = agent.partner_ready if isinstance(content, Ready) else agent.partner_done
+            process(sender, Meeting(message.mission, content.action, content.args))
 
     def bring_all(self) -> None:
-        while sender := next((name for name, words in self.words.items() if words), None):
+        while sender := next((name for name, messages in self.waiting.items() if messages), None):
             self.bring(sender)
 
 
@@ -51,7 +48,8 @@ def test_first_partner_waits_and_second_answers():
     assert post.met == []
     post.arrive("nurse")
     assert post.met == ["nurse"]
-    assert post.words["nurse"] == [("done", "spot", MEETING)]
+    (answer,) = post.waiting["nurse"]
+    assert (answer.receiver, answer.content, answer.mission) == ("spot", Done(*MEETING[1:]), MEETING.label)
     post.bring_all()
     assert post.met == ["nurse", "spot"]
 

@@ -24,7 +24,7 @@ def progress() -> PlanProgress:
     later.low_battery[SPOT] = True
     revised = planner.revise(later, first.tree, first.plan[2].id)
     assert revised.tree is not None
-    return PlanProgress.of(revised.tree, TEAM)
+    return PlanProgress(revised.tree, TEAM)
 
 
 def test_same_joint_action_may_occur_twice():
@@ -69,12 +69,12 @@ def test_failed_action_is_next_and_marked():
     plan.advance(SPOT, plan.agenda[0].item)
     failed = plan.fail(NURSE, plan.agenda[1].item)
     assert failed is plan.agenda[1]
-    assert [action.status for action in plan.actions(failed=True)][:3] == ["done", "failed", "planned"]
+    assert [action.status for action in plan.executed(failed=True)] == ["done", "failed"]
 
 
 def test_mission_view_has_past_plan_and_tree():
     plan = progress()
-    seen = Mission(7, "urgent", ROOM, past=plan.actions(failed=True)[:1])
+    seen = Mission(7, "urgent", ROOM, past=plan.executed(failed=True))
     shown = view(seen, plan)
     assert (shown.id, shown.priority) == (7, 2)
     assert [action.status for action in shown.actions[:2]] == ["failed", "planned"]

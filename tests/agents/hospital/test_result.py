@@ -12,7 +12,7 @@ from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, MissionRes
 from socialbot.agents.hospital.terminal import TREES, HospitalTerminal, ward_text
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
-from socialbot.agents.hospital.ward.ward import large_ward, paper_ward
+from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.files import load_graph
@@ -80,7 +80,7 @@ def test_ward_of_graph_is_found(graph, ward):
 
 
 def test_mission_result_has_problems_and_duration():
-    told = MissionResults()
+    missions = MissionResults()
     problem = {"problem": "dirty room", "recoveries": 1}
     for message in (
         missions_at(1.0, "waiting"),
@@ -89,48 +89,53 @@ def test_mission_result_has_problems_and_duration():
         missions_at(3.5, "running", **problem),
         missions_at(4.5, "finished", **problem),
     ):
-        told.take(message)
-    results = told.missions[1].results()
+        missions.take(message)
+    results = missions.missions[1].results()
     assert (results["status"], results["took_s"], results["problems"]) == ("finished", 2.5, ["dirty room"])
 
 
-def printed(*things: object) -> str:
-    out = io.StringIO()
-    console = Console(file=out, width=120, color_system=None, highlight=False)
-    for thing in things:
-        console.print(thing)
-    return out.getvalue()
+def console() -> Console:
+    return Console(file=io.StringIO(), width=120, color_system=None, highlight=False)
 
 
-def shown(messages: list, ward=None) -> str:
-    out = io.StringIO()
-    show = HospitalTerminal(Console(file=out, width=120, color_system=None, highlight=False), ward or paper_ward())
+def printed(out: Console) -> list[str]:
+    assert isinstance(out.file, io.StringIO)
+    return out.file.getvalue().splitlines()
+
+
+def listing(ward: Ward, *faults: WorldFault) -> list[str]:
+    """The ward as it is printed after 2 s."""
+    world, out = WardWorld(ward, faults=faults), console()
+    world.advance(2 * SECOND)
+    out.print(ward_text(world.ward, world.state()))
+    return printed(out)
+
+
+def shown(messages: list) -> list[str]:
+    show = HospitalTerminal(out := console(), paper_ward())
     for message in messages:
         show.show(message)
     show.finish()
-    return out.getvalue()
+    return printed(out)
 
 
 def test_small_ward_is_listed_room_by_room():
-    world = WardWorld(paper_ward(), faults=(WorldFault(1.0, "enters", "room2", 9.0), WorldFault(1.0, "dirty", "room1")))
-    world.advance(2 * SECOND)
-    lines = [line.split() for line in printed(ward_text(world.ward, world.state())).splitlines()]
+    printed_lines = listing(paper_ward(), WorldFault(1.0, "enters", "room2", 9.0), WorldFault(1.0, "dirty", "room1"))
+    lines = [line.split() for line in printed_lines]
     assert ["room1", "closed", "dirty", "✗", "infected", "nurse1"] in lines
     assert ["room2", "open", "yes", "✓", "person1"] in lines
     assert ["room4", "open", "yes", "✓", "spot1", "100%,", "uvd1", "100%"] in lines
 
 
 def test_large_ward_is_summarized_in_numbers():
-    world = WardWorld(large_ward(), faults=(WorldFault(1.0, "drains", "uvdrobot2"), WorldFault(1.0, "dirty", "room7")))
-    world.advance(2 * SECOND)
-    text = printed(ward_text(world.ward, world.state()))
+    text = " ".join(listing(large_ward(), WorldFault(1.0, "drains", "uvdrobot2"), WorldFault(1.0, "dirty", "room7")))
     assert text.startswith("51 rooms: 50 disinfected, 1 infected: room")
     assert "not fit: room7" in text
     assert "battery low: uvdrobot2" in text
 
 
 def test_run_is_shown_with_failures_new_plan_and_table():
-    lines = shown(paper_run(100.0).messages).splitlines()
+    lines = shown(paper_run(100.0).messages)
     assert any("✗ a_patrol_room(spotrobot1, room1)" in line for line in lines)
     assert any("✚ a_adapt_room(nurse_disinfected1, room1)" in line for line in lines)
     mission = next(line for line in reversed(lines) if line.startswith("1 ")).split()
@@ -141,6 +146,6 @@ def test_number_of_printed_trees_is_limited():
     records = [made_at(0.0, PLANNED)]
     for number in range(TREES):
         records += [given_up_at(1.0 + number, PLANNED), made_at(1.5 + number, MENDED)]
-    lines = shown(records).splitlines()
+    lines = shown(records)
     assert sum("m_clean(room1)" in line for line in lines) == TREES
     assert sum("more trees" in line for line in lines) == 1

@@ -1,18 +1,14 @@
 from __future__ import annotations
 
-import itertools
 import logging
 
 import pytest
 
 from socialbot.agents.hospital.messages import (
-    TOPIC,
-    AclMessage,
     Belief,
     End,
     Finished,
     InitialTrigger,
-    Performative,
     Plan,
     Problem,
     Refusal,
@@ -24,28 +20,16 @@ from socialbot.agents.hospital.messages import (
 from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import program
 from socialbot.agents.hospital.ward.messages import (
-    CANCELS,
     CLOSED_DOOR,
-    COMMANDS,
     DIRTY_ROOM,
     LOW_BATTERY,
     PERSON_IN_ROOM,
-    RESULTS,
-    STATE,
-    ActionCancel,
-    ActionCommand,
-    ActionResult,
-    AgentState,
-    WardState,
 )
 from socialbot.bdi.agentspeak.loading import check
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, NodeConfig
-from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
-
-CONSTANTS = (NURSE, ROOM, SPOT, UVD)
+from tests.agents.hospital.alone import CONSTANTS, Alone
+from tests.agents.hospital.listings import ROOM, SPOT, UVD
 
 LISTING_1 = """
 +success_a_patrol_room(SpotRobot, NurseDisinfectRoom)
@@ -66,86 +50,6 @@ LISTING_2 = """
 <-
 !a_authorize_disinfect(UvdRobot, SpotRobot).
 """
-
-
-class Alone:
-    """One agent without a world and a coordinator, which the test plays."""
-
-    def __init__(self, kind: type = Spot, name: str = SPOT, **parameters) -> None:
-        placement = NodeConfig(name, kind, parameters)
-        self.name = name
-        self.numbers = itertools.count()
-        self.runner = InlineRunner(Graph("alone", (placement,), inputs=frozenset({TOPIC, RESULTS, STATE})))
-        self.said: list[AclMessage] = []
-        self.commands: list[ActionCommand] = []
-        self.cancels: list[str] = []
-        self.runner.tap(TOPIC, self._hear)
-        self.runner.tap(COMMANDS, lambda _, message: self.commands.append(message))  # type: ignore[arg-type]
-        self.runner.tap(CANCELS, self._cancelled)
-        self.runner.start()
-        self.engine = self.runner.nodes[name].engine  # type: ignore[attr-defined]
-
-    def _hear(self, topic: str, message) -> None:
-        if message.sender == self.name:
-            self.said.append(message)
-
-    def _cancelled(self, topic: str, message) -> None:
-        assert isinstance(message, ActionCancel)
-        self.cancels.append(message.id)
-
-    @property
-    def now(self) -> int:
-        return self.runner.clock.now()
-
-    def tell(
-        self, content, *, sender="coordinator", performative: Performative = "inform", mission="mission_1_1"
-    ) -> AclMessage:
-        message = AclMessage(
-            stamp=self.now, id=f"m{next(self.numbers)}", sender=sender, receiver=self.name, performative=performative,
-            content=content, mission=mission,
-        )  # fmt: skip
-        self.receive(message)
-        return message
-
-    def receive(self, message: AclMessage) -> None:
-        self.runner.feed(TOPIC, message)
-        assert self.runner.faults[self.name].failures == 0, self.runner.faults[self.name].first
-
-    def take_on(self, *plans: str, label: str = "mission_1_1") -> None:
-        """Gives it plans, and has it begin."""
-        texts = tuple(f"@{label}_{number} {text}" for number, text in enumerate(plans))
-        self.tell(Plan(label, texts), mission=label)
-        self.tell(Start(CONSTANTS), performative="request", mission=label)
-
-    def answer(self, outcome, reason: str = "") -> None:
-        """Tells it what became of its latest command."""
-        last = self.commands[-1]
-        result = ActionResult(
-            stamp=self.now, id=last.id, robot=last.robot, action=last.action, args=last.args, outcome=outcome,
-            reason=reason,
-        )  # fmt: skip
-        self.runner.feed(RESULTS, result)
-
-    def see(self, place: str, battery: float = 1.0) -> None:
-        agent = AgentState(
-            name=self.name, kind="x", home="room4", place=place, inside=True, x=0.0, y=0.0, battery=battery
-        )
-        self.runner.feed(STATE, WardState(stamp=self.now, rooms=(), agents=(agent,)))
-
-    def heard(self, kind: type) -> list:
-        return [message.content for message in self.said if isinstance(message.content, kind)]
-
-    def told(self) -> list[tuple[str, str]]:
-        """What it has told others to believe."""
-        return [
-            (message.receiver, message.content.literal) for message in self.said if isinstance(message.content, Belief)
-        ]
-
-    def done(self) -> list[str]:
-        return [command.action for command in self.commands]
-
-    def believes(self, text: str) -> bool:
-        return any(held.belief == parse_literal(text) for held in self.engine.beliefs)
 
 
 GO = (
@@ -178,19 +82,19 @@ def test_programs_pass_the_checker(kind):
 def test_agent_registers_until_confirmed(kind, name, can):
     agent = Alone(kind, f"{name}12")
     agent.runner.advance(nanoseconds(2 * REGISTER_S) + 1)
-    assert len(agent.heard(Register)) == 3
-    assert agent.heard(Register)[0].kind == name
-    assert can in agent.heard(Register)[0].capabilities
+    assert len(agent.contents(Register)) == 3
+    assert agent.contents(Register)[0].kind == name
+    assert can in agent.contents(Register)[0].capabilities
     agent.tell(Register(), performative="agree")
     agent.runner.advance(9 * SECOND)
-    assert len(agent.heard(Register)) == 3
+    assert len(agent.contents(Register)) == 3
 
 
 def test_agent_with_plan_stops_registering():
     spot = going()
-    registered = len(spot.heard(Register))
+    registered = len(spot.contents(Register))
     spot.runner.advance(9 * SECOND)
-    assert len(spot.heard(Register)) == registered
+    assert len(spot.contents(Register)) == registered
 
 
 def test_listing_1_runs_as_printed():
@@ -202,7 +106,7 @@ def test_listing_1_runs_as_printed():
     spot.engine.add_text(f"+go <- a_patrol_room({SPOT}, {ROOM}).")
     spot.tell(Belief("go"))
     spot.answer("success")
-    assert spot.told() == [
+    assert spot.beliefs_sent() == [
         (UVD, "milestone5"),
         (UVD, f"trigger_a_authorize_disinfect({UVD}, {SPOT})"),
     ]  # fmt: skip
@@ -226,8 +130,8 @@ def test_agent_executes_plans_reports_and_forgets_mission():
     assert [(command.action, command.args) for command in spot.commands] == [("a_navigate_to", (SPOT, ROOM))]
     assert not spot.believes("idle")
     spot.answer("success")
-    assert spot.heard(Report) == [Report("success", "a_navigate_to", (SPOT, ROOM))]
-    assert len(spot.heard(Finished)) == 1
+    assert spot.contents(Report) == [Report("success", "a_navigate_to", (SPOT, ROOM))]
+    assert len(spot.contents(Finished)) == 1
     assert spot.believes("idle")
     assert not any(str(held.belief).startswith(("start", "milestone", "initial")) for held in spot.engine.beliefs)
     assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
@@ -251,7 +155,7 @@ def test_action_in_progress_continues_with_new_plans():
     assert (len(spot.commands), spot.cancels) == (1, [])
     spot.answer("success")
     assert spot.said[-1].mission == "mission_1_2"
-    assert len(spot.heard(Finished)) == 1
+    assert len(spot.contents(Finished)) == 1
 
 
 @pytest.mark.parametrize("word", [Stop("something else"), End()])
@@ -259,7 +163,7 @@ def test_stop_aborts_the_mission(word):
     spot = going()
     spot.tell(word, performative="request")
     spot.runner.advance(spot.now + SECOND)
-    assert spot.cancels == [spot.commands[0].id]
+    assert [cancel.id for cancel in spot.cancels] == [spot.commands[0].id]
     assert spot.believes("idle")
     assert not spot.engine.intentions.desires()
 
@@ -282,13 +186,17 @@ def test_message_before_plans_is_kept():
 
 @pytest.mark.parametrize(
     ("plan", "reason"),
-    [("+!go <- ", "a step"), ("@mine +!go <- a_charge(x).", "labelled"), ("+!go <- a_charge(x).", "labelled")],
+    [
+        ("+!go <- ", "a step"),
+        ("@mine +!go <- a_charge(x).", "the label of a plan"),
+        ("+!go <- a_charge(x).", "the label of a plan"),
+    ],
 )
 def test_unparsable_plans_are_refused(plan, reason, caplog):
     caplog.set_level(logging.ERROR, "socialbot")
     spot = Alone()
     spot.tell(Plan("mission_1_1", (plan,)))
-    assert reason in spot.heard(Refusal)[0].reason
+    assert reason in spot.contents(Refusal)[0].reason
     assert spot.said[-1].performative == "refuse"
     assert spot.runner.nodes[SPOT].label == ""  # type: ignore[attr-defined]
 
@@ -307,7 +215,7 @@ def test_unusable_plans_are_refused_and_robot_stays_free(first, second, caplog):
     other = label if "charge" in first else "mission_1_1_1"
     spot.tell(Plan("mission_1_1", (f"@{label} {first}", f"@{other} {second}")))
     spot.runner.advance(SECOND)
-    assert len(spot.heard(Refusal)) == 1
+    assert len(spot.contents(Refusal)) == 1
     assert spot.said[-1].mission == "mission_1_1"
     assert spot.believes("idle")
     assert not any(plan.label.startswith("mission") for plan in spot.engine.library if plan.label)
@@ -321,15 +229,15 @@ def test_duplicate_plan_has_no_effect():
     spot.tell(Belief(f"initial_trigger_a_navigate_to({SPOT}, {ROOM})"))
     spot.receive(message)
     spot.answer("success")
-    assert len(spot.heard(Finished)) == 1
+    assert len(spot.contents(Finished)) == 1
 
 
 @pytest.mark.parametrize(
     ("content", "performative", "sender", "mission", "reason"),
     [
-        (Plan("mission_2_1", ()), "inform", UVD, "mission_2_1", "directs"),
-        (Stop("mine"), "request", UVD, "mission_1_1", "directs"),
-        (Start(CONSTANTS), "request", UVD, "mission_1_1", "directs"),
+        (Plan("mission_2_1", ()), "inform", UVD, "mission_2_1", "only the coordinator"),
+        (Stop("mine"), "request", UVD, "mission_1_1", "only the coordinator"),
+        (Start(CONSTANTS), "request", UVD, "mission_1_1", "only the coordinator"),
         (Plan("mission_2_1", ()), "request", "coordinator", "mission_2_1", "inform"),
         (Start(CONSTANTS), "inform", "coordinator", "mission_1_1", "request"),
         (Belief("milestone9"), "query", UVD, "mission_1_1", "inform"),
@@ -341,11 +249,11 @@ def test_wrong_performative_is_refused_without_effect(content, performative, sen
     caplog.set_level(logging.ERROR, "socialbot")
     spot = going()
     spot.tell(content, performative=performative, sender=sender, mission=mission)
-    assert reason in spot.heard(Refusal)[0].reason
+    assert reason in spot.contents(Refusal)[0].reason
     assert spot.said[-1].receiver == sender
     assert not spot.believes("milestone9")
     spot.answer("success")
-    assert len(spot.heard(Finished)) == 1
+    assert len(spot.contents(Finished)) == 1
 
 
 def test_unsupported_message_is_refused_but_refusal_is_not(caplog):
@@ -353,7 +261,7 @@ def test_unsupported_message_is_refused_but_refusal_is_not(caplog):
     spot = Alone()
     spot.tell(InitialTrigger("disinfect", (ROOM,)), performative="request")
     spot.tell(Refusal("no"), performative="refuse")
-    assert [refusal.reason for refusal in spot.heard(Refusal)] == ["spot does nothing about InitialTrigger"]
+    assert [refusal.reason for refusal in spot.contents(Refusal)] == ["spot does not handle InitialTrigger"]
 
 
 # What it mends by itself
@@ -362,7 +270,7 @@ def test_unsupported_message_is_refused_but_refusal_is_not(caplog):
 def test_dirty_room_is_reported_at_once():
     spot = going()
     spot.answer("failure", DIRTY_ROOM)
-    assert spot.heard(Problem) == [Problem(DIRTY_ROOM, (SPOT, ROOM), "a_navigate_to")]
+    assert spot.contents(Problem) == [Problem(DIRTY_ROOM, (SPOT, ROOM), "a_navigate_to")]
 
 
 def test_spot_opens_closed_door_and_repeats_action():
@@ -373,8 +281,8 @@ def test_spot_opens_closed_door_and_repeats_action():
     spot.answer("success")
     assert spot.done()[2:] == ["a_navigate_to"]
     spot.answer("success")
-    assert spot.heard(Problem) == []
-    assert len(spot.heard(Finished)) == 1
+    assert spot.contents(Problem) == []
+    assert len(spot.contents(Finished)) == 1
 
 
 def test_door_that_stays_closed_is_reported():
@@ -382,7 +290,7 @@ def test_door_that_stays_closed_is_reported():
     spot.see(ROOM)
     spot.answer("failure", CLOSED_DOOR)
     spot.answer("failure", "it is stuck")
-    assert spot.heard(Problem) == [Problem("it is stuck", (SPOT, ROOM), "a_open_door")]
+    assert spot.contents(Problem) == [Problem("it is stuck", (SPOT, ROOM), "a_open_door")]
 
 
 def test_uvd_reports_closed_door():
@@ -390,7 +298,7 @@ def test_uvd_reports_closed_door():
     uvd.take_on("+go <- a_navigate_to(uvdrobot1, room1).")
     uvd.tell(Belief("go"))
     uvd.answer("failure", CLOSED_DOOR)
-    assert uvd.heard(Problem) == [Problem(CLOSED_DOOR, (UVD, ROOM), "a_navigate_to")]
+    assert uvd.contents(Problem) == [Problem(CLOSED_DOOR, (UVD, ROOM), "a_navigate_to")]
 
 
 def test_robot_with_low_battery_charges_and_continues():
@@ -409,9 +317,9 @@ def test_robot_waits_once_for_person_in_room():
     assert uvd.done() == ["a_disinfect_room"]
     uvd.runner.advance(uvd.now + 2 * SECOND)
     assert uvd.done() == ["a_disinfect_room"] * 2
-    assert uvd.heard(Problem) == []
+    assert uvd.contents(Problem) == []
     uvd.answer("failure", PERSON_IN_ROOM)
-    assert len(uvd.heard(Problem)) == 1
+    assert len(uvd.contents(Problem)) == 1
 
 
 def test_without_recovery_failures_are_reported_at_once():
@@ -419,7 +327,7 @@ def test_without_recovery_failures_are_reported_at_once():
     spot.see(ROOM)
     spot.answer("failure", CLOSED_DOOR)
     assert spot.done() == ["a_navigate_to"]
-    assert spot.heard(Problem) == [Problem(CLOSED_DOOR, (SPOT, ROOM), "a_navigate_to")]
+    assert spot.contents(Problem) == [Problem(CLOSED_DOOR, (SPOT, ROOM), "a_navigate_to")]
 
 
 def test_idle_robot_charges_low_battery():

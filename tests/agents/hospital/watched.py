@@ -1,12 +1,11 @@
-"""A hospital that runs inline, and what was said and seen in it."""
+"""A hospital that runs inline, and its messages."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from socialbot.agents.hospital.coordinator import MISSIONS
-from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, MissionView
-from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, STATE, ActionCancel, ActionCommand, WardState
+from socialbot.agents.hospital.messages import AclMessage, Missions, MissionView
+from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, WardState
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
@@ -15,39 +14,32 @@ from socialbot.graph.node import Graph
 W = TypeVar("W", bound="Watched")
 
 
-class Watched:
-    """A run of a graph: what was said and asked for; the missions, their ends (s) and the ward as they were last."""
+class Observer:
+    """Messages of a hospital: speech acts, commands, latest missions with the times of their ends (s), latest ward."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.runner = InlineRunner(graph)
+    def __init__(self) -> None:
         self.said: list[AclMessage] = []
         self.commands: list[ActionCommand] = []
         self.cancels: list[ActionCancel] = []
         self.views: dict[int, MissionView] = {}
         self.ended: dict[int, float] = {}
         self.ward: WardState | None = None
-        self.runner.tap(TOPIC, lambda _, message: self.said.append(message))  # type: ignore[arg-type]
-        self.runner.tap(COMMANDS, lambda _, message: self.commands.append(message))  # type: ignore[arg-type]
-        self.runner.tap(CANCELS, lambda _, message: self.cancels.append(message))  # type: ignore[arg-type]
-        self.runner.tap(MISSIONS, self._see)
-        self.runner.tap(STATE, self._look)
-        self.runner.start()
 
-    def _see(self, topic: str, message: Message) -> None:
-        assert isinstance(message, Missions)
-        for view in message.missions:
-            self.views[view.id] = view
-            if view.status in ("finished", "failed"):
-                self.ended.setdefault(view.id, message.stamp / SECOND)
-
-    def _look(self, topic: str, message: Message) -> None:
-        assert isinstance(message, WardState)
-        self.ward = message
-
-    def until(self: W, second: float) -> W:
-        self.runner.advance(nanoseconds(second))
-        assert not {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
-        return self
+    def observe(self, topic: str, message: Message) -> None:
+        match message:
+            case AclMessage():
+                self.said.append(message)
+            case ActionCommand():
+                self.commands.append(message)
+            case ActionCancel():
+                self.cancels.append(message)
+            case WardState():
+                self.ward = message
+            case Missions():
+                for view in message.missions:
+                    self.views[view.id] = view
+                    if view.status in ("finished", "failed"):
+                        self.ended.setdefault(view.id, message.stamp / SECOND)
 
     def history(self, mission: int = 1) -> list[tuple[str, ...]]:
         return [(each.action, *each.args) for each in self.views[mission].actions]
@@ -58,3 +50,21 @@ class Watched:
     def infected(self) -> list[str]:
         assert self.ward is not None
         return [room.name for room in self.ward.rooms if room.infected]
+
+
+class Watched(Observer):
+    """An inline run of a graph."""
+
+    def __init__(self, graph: Graph, start: int = 0, without: str = "") -> None:
+        super().__init__()
+        self.runner = InlineRunner(graph, start=start)
+        for topic in graph.topics():
+            self.runner.tap(topic, self.observe)
+        if without:
+            self.runner.kill(without)
+        self.runner.start()
+
+    def until(self: W, second: float) -> W:
+        self.runner.advance(nanoseconds(second))
+        assert not {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
+        return self

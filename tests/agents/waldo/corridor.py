@@ -28,8 +28,8 @@ class Corridor:
     """Waldo in a corridor, seen ten times a second; what he does, and when (s)."""
 
     def __init__(self, **parameters: object) -> None:
-        placement = NodeConfig("waldo", WaldoNode, {"vanish_s": 1.5, **parameters})
-        self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({DETECTIONS})))
+        config = NodeConfig("waldo", WaldoNode, {"vanish_s": 1.5, **parameters})
+        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({DETECTIONS})))
         self.node = self.runner.nodes["waldo"]
         self.did: list[tuple[float, str]] = []
         self.said: list[str] = []

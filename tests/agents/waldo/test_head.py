@@ -25,8 +25,8 @@ class Stage:
     """A head in the inline runner, and the trajectories it sends."""
 
     def __init__(self, **parameters: object) -> None:
-        placement = NodeConfig("head", Head, parameters)
-        self.runner = InlineRunner(Graph("test", (placement,), inputs=frozenset({COMMAND, DETECTIONS})))
+        config = NodeConfig("head", Head, parameters)
+        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({COMMAND, DETECTIONS})))
         self.sent: list[JointTrajectory] = []
         self.runner.tap("/head_controller/joint_trajectory", self._note)
         self.runner.start()
@@ -54,7 +54,7 @@ class Stage:
         return [message.stamp / SECOND for message in self.sent]
 
 
-def test_a_trajectory_names_joints_target_and_time_at_the_speed_limit():
+def test_trajectory_has_joints_target_and_duration():
     stage = Stage(pan_joint="neck_yaw", tilt_joint="neck_pitch", max_speed_rad_s=0.5)
     stage.order(1.0, "look", 0.8, -0.2)
     (message,) = stage.sent
@@ -65,7 +65,7 @@ def test_a_trajectory_names_joints_target_and_time_at_the_speed_limit():
     assert message.stamp == SECOND
 
 
-def test_a_new_turn_starts_from_where_the_head_is_by_now():
+def test_new_motion_starts_from_the_present_pose():
     stage = Stage()
     stage.order(1.0, "look", 1.0)
     stage.order(1.5, "look", -1.0)
@@ -74,7 +74,7 @@ def test_a_new_turn_starts_from_where_the_head_is_by_now():
     assert stage.sent[-1].duration_s == pytest.approx(1.0)
 
 
-def test_targets_are_kept_within_the_limits():
+def test_targets_stay_within_limits():
     stage = Stage()
     stage.order(1.0, "look", 9.0, -9.0)
     stage.order(2.0, "look", -9.0, 9.0)
@@ -92,25 +92,25 @@ def test_narrower_limits_turn_the_head_back():
     assert stage.positions[-1] == (0.5, 0.0)
 
 
-def test_tracking_turns_to_the_nearest_person_and_unknown_distances_count_as_far():
+NEAREST = {
+    "nearest; unknown distances are far, unknown bearings ignored": (
+        [person(0.9, None), person(-0.4, 3.0, 0.1), person(0.2, 5.0), person(None, 0.5)], (-0.4, 0.1),
+    ),
+    "NaN is far": ([person(0.4, math.nan), person(0.2, 3.0)], (0.2, 0.0)),
+    "straight ahead if all distances are unknown": (
+        [person(-0.9, None), person(0.2, None), person(0.4, math.nan)], (0.2, 0.0),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("persons", "pose"), NEAREST.values(), ids=list(NEAREST))
+def test_turns_to_the_nearest_person(persons, pose):
     stage = Stage()
-    stage.see(1.0, person(0.9, None), person(-0.4, 3.0, 0.1), person(0.2, 5.0), person(None, 0.5))
-    assert stage.positions == [(-0.4, 0.1)]
+    stage.see(1.0, *persons)
+    assert stage.positions == [pose]
 
 
-def test_a_distance_that_is_no_number_counts_as_far():
-    stage = Stage()
-    stage.see(1.0, person(0.4, math.nan), person(0.2, 3.0))
-    assert stage.positions == [(0.2, 0.0)]
-
-
-def test_of_people_at_unknown_distances_the_one_straight_ahead_is_chosen():
-    stage = Stage()
-    stage.see(1.0, person(-0.9, None), person(0.2, None), person(0.4, math.nan))
-    assert stage.positions == [(0.2, 0.0)]
-
-
-def test_an_unknown_elevation_leaves_the_tilt():
+def test_unknown_elevation_keeps_tilt():
     stage = Stage()
     stage.order(0.5, "look", 0.0, 0.3)
     stage.order(2.0, "track")
@@ -118,7 +118,7 @@ def test_an_unknown_elevation_leaves_the_tilt():
     assert stage.positions[-1] == (0.5, 0.3)
 
 
-def test_a_standing_person_causes_no_stream_of_commands():
+def test_standing_person_causes_one_command():
     stage = Stage()
     for frame in range(100):
         stage.see(1.0 + frame / 30, person(0.5 + 0.014 * math.sin(frame), elevation=0.014 * math.cos(frame)))
@@ -127,7 +127,7 @@ def test_a_standing_person_causes_no_stream_of_commands():
     assert len(stage.sent) == 2
 
 
-def test_a_walking_person_is_followed_with_one_command_a_period():
+def test_walking_person_causes_one_command_per_period():
     stage = Stage()
     for frame in range(91):
         stage.see(1.0 + frame / 30, person(-0.6 + 0.4 * frame / 30))
@@ -138,7 +138,7 @@ def test_a_walking_person_is_followed_with_one_command_a_period():
     assert stage.positions[-1][0] == pytest.approx(0.6, abs=0.031)
 
 
-def test_an_order_within_the_period_is_carried_out_when_it_is_over():
+def test_command_within_a_period_is_delayed():
     stage = Stage()
     stage.order(1.0, "look", 0.5)
     stage.order(1.02, "look", 0.6)
@@ -148,65 +148,64 @@ def test_an_order_within_the_period_is_carried_out_when_it_is_over():
     assert stage.times == [1.0, 1.1]
 
 
-def test_somebody_slightly_nearer_does_not_take_over_but_somebody_much_nearer_does():
+FOLLOWED = {
+    "much nearer person takes over": (
+        [
+            [person(0.5, 2.0)],
+            [person(0.5, 2.0), person(-0.5, 1.6)],
+            [person(0.55, 2.0), person(-0.5, 1.4)],
+            [person(0.55, 1.3), person(-0.5, 1.4)],
+        ],
+        [0.5, -0.5],
+    ),
+    "known distance takes over from unknown": (
+        [[person(0.5, None)], [person(0.5, None), person(-0.1, None)], [person(0.5, None), person(-0.1, 9.0)]],
+        [0.5, -0.1],
+    ),
+    "nearest of the others if the person is gone": (
+        [[person(0.8, 1.0), person(0.0, 3.0), person(-0.8, 2.5)], [person(0.0, 3.0), person(-0.8, 2.5)]],
+        [0.8, -0.8],
+    ),
+    "track passes another person": (
+        [
+            [person(0.3, 3.0, track="t1"), person(0.9, 3.2, track="t2")],
+            [person(0.6, 3.0, track="t1"), person(0.3, 3.2, track="t2")],
+            [person(0.9, 3.0, track="t1"), person(0.6, 3.2, track="t2")],
+        ],
+        [0.3, 0.6, 0.9],
+    ),
+    "track moves far between two frames": (
+        [
+            [person(-0.5, 3.0, track="t1"), person(0.0, 3.2, track="t2")],
+            [person(0.0, 3.2, track="t2"), person(0.7, 3.0, track="t1")],
+        ],
+        [-0.5, 0.7],
+    ),
+    "much nearer person takes over from a track": (
+        [
+            [person(0.3, 3.0, track="t1")],
+            [person(0.3, 3.0, track="t1"), person(-0.3, 2.6, track="t2")],
+            [person(0.3, 3.0, track="t1"), person(-0.3, 2.4, track="t2")],
+        ],
+        [0.3, -0.3],
+    ),
+    "new track id in the same direction": (
+        [[person(0.3, 3.0, track="t1")], [person(0.35, 3.0, track="t3"), person(-0.3, 2.8, track="t2")]],
+        [0.3, 0.35],
+    ),
+}
+
+
+@pytest.mark.parametrize(("frames", "pans"), FOLLOWED.values(), ids=list(FOLLOWED))
+def test_follows_one_person(frames, pans):
     stage = Stage()
-    stage.see(1.0, person(0.5, 2.0))
-    stage.see(2.0, person(0.5, 2.0), person(-0.5, 1.6))
-    assert stage.positions == [(0.5, 0.0)]
-    stage.see(3.0, person(0.55, 2.0), person(-0.5, 1.4))
-    assert stage.positions[-1] == (-0.5, 0.0)
-    stage.see(4.0, person(0.55, 1.3), person(-0.5, 1.4))
-    assert stage.positions[-1] == (-0.5, 0.0)
-
-
-def test_a_person_of_unknown_distance_is_kept_until_one_of_known_distance_comes():
-    stage = Stage()
-    stage.see(1.0, person(0.5, None))
-    stage.see(2.0, person(0.5, None), person(-0.1, None))
-    assert stage.positions == [(0.5, 0.0)]
-    stage.see(3.0, person(0.5, None), person(-0.1, 9.0))
-    assert stage.positions[-1] == (-0.1, 0.0)
-
-
-def test_when_the_followed_person_is_gone_the_nearest_of_the_others_is_next():
-    stage = Stage()
-    stage.see(1.0, person(0.8, 1.0), person(0.0, 3.0), person(-0.8, 2.5))
-    stage.see(2.0, person(0.0, 3.0), person(-0.8, 2.5))
-    assert stage.positions == [(0.8, 0.0), (-0.8, 0.0)]
-
-
-def test_a_track_is_followed_past_somebody_else():
-    stage = Stage()
-    stage.see(1.0, person(0.3, 3.0, track="t1"), person(0.9, 3.2, track="t2"))
-    stage.see(2.0, person(0.6, 3.0, track="t1"), person(0.3, 3.2, track="t2"))
-    stage.see(3.0, person(0.9, 3.0, track="t1"), person(0.6, 3.2, track="t2"))
-    assert stage.positions == [(0.3, 0.0), (0.6, 0.0), (0.9, 0.0)]
-
-
-def test_a_track_is_followed_however_far_it_went_unseen():
-    stage = Stage(same_person_rad=0.2)
-    stage.see(1.0, person(-0.5, 3.0, track="t1"), person(0.0, 3.2, track="t2"))
-    stage.see(1.5, person(0.0, 3.2, track="t2"), person(0.7, 3.0, track="t1"))
-    assert stage.positions[-1] == (0.7, 0.0)
-
-
-def test_who_is_much_nearer_takes_over_from_a_track():
-    stage = Stage()
-    stage.see(1.0, person(0.3, 3.0, track="t1"))
-    stage.see(2.0, person(0.3, 3.0, track="t1"), person(-0.3, 2.6, track="t2"))
-    stage.see(3.0, person(0.3, 3.0, track="t1"), person(-0.3, 2.4, track="t2"))
-    assert stage.positions == [(0.3, 0.0), (-0.3, 0.0)]
-
-
-def test_a_track_that_got_a_new_id_is_known_by_its_direction():
-    stage = Stage()
-    stage.see(1.0, person(0.3, 3.0, track="t1"))
-    stage.see(2.0, person(0.35, 3.0, track="t3"), person(-0.3, 2.8, track="t2"))
-    assert stage.positions == [(0.3, 0.0), (0.35, 0.0)]
+    for second, persons in enumerate(frames, 1):
+        stage.see(second, *persons)
+    assert stage.positions == [(pan, 0.0) for pan in pans]
 
 
 @pytest.mark.parametrize("frames", [True, False], ids=["empty frames", "no frames"])
-def test_with_nobody_there_the_head_holds_and_then_centres(frames):
+def test_head_centres_after_hold_time_without_people(frames):
     stage = Stage()
     stage.see(1.0, person(0.5))
     stage.see(2.9, person(0.5))
@@ -219,7 +218,7 @@ def test_with_nobody_there_the_head_holds_and_then_centres(frames):
     assert stage.times[-1] == pytest.approx(4.9)
 
 
-def test_somebody_who_comes_back_in_time_keeps_the_head():
+def test_person_who_returns_in_time_is_still_followed():
     stage = Stage()
     for second in (1.0, 2.9, 4.8, 6.7):
         stage.see(second, person(0.5))
@@ -228,22 +227,17 @@ def test_somebody_who_comes_back_in_time_keeps_the_head():
     assert stage.times[1:] == [pytest.approx(8.7)]
 
 
-def test_after_centring_the_nearest_is_chosen_afresh():
+@pytest.mark.parametrize("command", ["", "track"])
+def test_selects_the_nearest_person_after_centring_or_a_track_command(command):
     stage = Stage()
     stage.see(1.0, person(0.5, 2.0))
-    stage.see(10.0, person(0.5, 2.0), person(-0.5, 1.9))
-    assert stage.positions == [(0.5, 0.0), (0.0, 0.0), (-0.5, 0.0)]
+    if command:
+        stage.order(2.0, command)
+    stage.see(3.0 if command else 10.0, person(0.5, 2.0), person(-0.5, 1.9))
+    assert stage.positions == [(0.5, 0.0), *([] if command else [(0.0, 0.0)]), (-0.5, 0.0)]
 
 
-def test_told_to_track_again_the_nearest_is_chosen_afresh():
-    stage = Stage()
-    stage.see(1.0, person(0.5, 2.0))
-    stage.order(2.0, "track")
-    stage.see(3.0, person(0.5, 2.0), person(-0.5, 1.9))
-    assert stage.positions == [(0.5, 0.0), (-0.5, 0.0)]
-
-
-def test_centre_and_look_ignore_people_until_told_to_track():
+def test_centre_and_look_ignore_people():
     stage = Stage()
     stage.order(1.0, "look", 0.7, 0.2)
     stage.see(2.0, person(-0.5))
@@ -256,7 +250,7 @@ def test_centre_and_look_ignore_people_until_told_to_track():
     assert stage.positions[-1] == (-0.5, 0.0)
 
 
-def test_told_to_track_with_nobody_there_the_head_holds_and_then_centres():
+def test_track_command_without_people_centres_after_hold_time():
     stage = Stage()
     stage.order(1.0, "look", 0.7)
     stage.order(5.0, "track")
@@ -265,7 +259,7 @@ def test_told_to_track_with_nobody_there_the_head_holds_and_then_centres():
     assert stage.times[-1] == pytest.approx(7.0)
 
 
-def test_looking_somewhere_is_not_undone_by_the_wait_for_people():
+def test_look_command_cancels_centring():
     stage = Stage()
     stage.see(1.0, person(0.5))
     stage.order(2.0, "look", -0.9)
@@ -273,7 +267,7 @@ def test_looking_somewhere_is_not_undone_by_the_wait_for_people():
     assert stage.positions == [(0.5, 0.0), (-0.9, 0.0)]
 
 
-def test_bearings_of_a_camera_on_the_head_are_added_to_the_pose_at_the_frame():
+def test_bearings_of_a_head_camera_are_relative_to_the_pose_at_the_frame():
     stage = Stage(camera_on_head=True)
     stage.see(1.0, person(0.6, elevation=0.2))
     # The head has turned half the way: a person who stands still at 0.6 is now seen at 0.3.
@@ -284,7 +278,7 @@ def test_bearings_of_a_camera_on_the_head_are_added_to_the_pose_at_the_frame():
     assert stage.positions[-1] == (0.4, 0.3)
 
 
-def test_a_camera_on_the_head_settles_on_a_standing_person_whatever_the_delay():
+def test_head_camera_settles_on_a_standing_person():
     stage = Stage(camera_on_head=True)
     pose = Motion(CENTRE, CENTRE, 0, 1.0)
     for frame in range(60):
@@ -309,7 +303,7 @@ steps = st.lists(st.tuples(st.floats(0, 3) | st.floats(0, 0.2), happening), max_
 
 @settings(max_examples=150, deadline=None)
 @given(steps=steps, on_head=st.booleans(), speed=st.floats(0.05, 5))
-def test_limits_and_speed_are_kept_whatever_comes(steps, on_head, speed):
+def test_any_input_keeps_limits_and_speed(steps, on_head, speed):
     stage = Stage(camera_on_head=on_head, max_speed_rad_s=speed)
     now = 0.0
     for wait, what in steps:

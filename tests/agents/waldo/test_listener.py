@@ -27,14 +27,14 @@ class Stage:
         return list(self.sent)
 
 
-def test_speaking_turns_the_head_to_people_and_says_the_sentence():
+def test_speak_publishes_utterance_and_tracking_command():
     assert Stage().act("speak", "greeting", "Hello!") == [
         HeadCommand(stamp=3 * SECOND, mode="track", cause="waldo-9"),
         Utterance(stamp=3 * SECOND, id="say-waldo-9", text="Hello!", key="greeting", cause="waldo-9"),
     ]
 
 
-def test_staying_idle_looks_straight_on_and_says_nothing():
+def test_stay_idle_centres_the_head():
     assert Stage().act("stayIdle") == [HeadCommand(stamp=3 * SECOND, mode="centre", cause="waldo-9")]
 
 
@@ -49,11 +49,11 @@ def test_staying_idle_looks_straight_on_and_says_nothing():
         ("stayIdle", 1),
     ],
 )
-def test_an_action_that_no_actuator_can_do_is_counted_and_harms_nothing(action):
+def test_unknown_action_is_counted_as_fault(action):
     stage = Stage()
     assert stage.act(*action) == []
     faults = stage.runner.faults["listener"]
     assert faults.failures == 1
-    assert f"no actuator does {action[0]}" in faults.first
+    assert f"unknown action {action[0]}" in faults.first
     assert "speak(situation, sentence)" in faults.first
     assert len(stage.act("speak", "greeting", "Hello!")) == 2

@@ -40,7 +40,7 @@ def played(scenes, manners) -> Corridor:
 
 @settings(deadline=None, max_examples=60)
 @given(SCENES, MANNERS)
-def test_whatever_comes_waldo_keeps_his_manners(scenes, manners):
+def test_any_detections_cause_polite_actions(scenes, manners):
     corridor = played(scenes, manners)
     assert corridor.faults == 0
     assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
@@ -86,7 +86,7 @@ def test_whatever_comes_waldo_keeps_his_manners(scenes, manners):
 
 @settings(deadline=None, max_examples=20)
 @given(SCENES, MANNERS)
-def test_the_same_frames_lead_to_the_same_trace(scenes, manners):
+def test_same_frames_give_the_same_trace(scenes, manners):
     first, second = played(scenes, manners), played(scenes, manners)
     assert first.trace == second.trace
     assert first.did == second.did
@@ -99,7 +99,7 @@ VISITORS = st.lists(
 
 @settings(deadline=None, max_examples=60)
 @given(VISITORS, st.sampled_from((1.0, 4.0)))
-def test_whoever_stays_is_offered_help_and_nobody_else(scenes, help_after_s):
+def test_help_is_offered_only_to_people_who_stay(scenes, help_after_s):
     corridor = Corridor(help_after_s=help_after_s)
     for names, frames in scenes:
         corridor.see(*(person(track=name) for name in names), times=frames)
@@ -132,7 +132,7 @@ def test_whoever_stays_is_offered_help_and_nobody_else(scenes, help_after_s):
     st.sampled_from((0.0, 0.3, 0.5, 2.0)),
     st.sampled_from((0.5, 1.5)),
 )
-def test_coming_and_going_are_told_by_the_shares_of_the_frames(scenes, appear_s, vanish_s):
+def test_arrival_and_departure_depend_on_shares_of_frames(scenes, appear_s, vanish_s):
     counts = [int(digit) for repeats, digits in scenes for digit in digits * repeats]
     sensor = PersonSensor(WaldoConfig(appear_s=appear_s, vanish_s=vanish_s, help_after_s=600.0))
     present, changed = None, 0

@@ -1,4 +1,4 @@
-"""Waldo knows who is who by the tracks of the detector."""
+"""Waldo distinguishes people by the tracks of the detector."""
 
 from __future__ import annotations
 
@@ -7,81 +7,46 @@ import pytest
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetections
-from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, Corridor, offers, person
+from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, Corridor, person
+
+DISTANT_BEN = person(FAR, "t2")
+VISITS = {
+    "one person": (
+        [(2,), (20, ANNA), (30,)], [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")],
+    ),
+    "two people together": ([(3, ANNA, BEN)], [(0.5, "greeting_several")]),
+    "new person does not delay the offer": ([(4, ANNA), (12, ANNA, BEN)], [(0.5, "greeting"), (8.5, "offer")]),
+    "new person does not inherit the time of others": (
+        [(4, ANNA), (5, ANNA, BEN), (20, BEN)], [(0.5, "greeting"), (12.2, "offer")],
+    ),
+    "people in turns get no offer": ([(4 * n + 4, person(track=f"t{n}")) for n in range(10)], [(0.5, "greeting")]),
+    "offer counts for all people present": ([(5, ANNA), (30, ANNA, BEN)], [(0.5, "greeting"), (8.5, "offer")]),
+    "late person gets an offer": (
+        [(10, ANNA), (12, ANNA, BEN), (40, BEN)], [(0.5, "greeting"), (8.5, "offer"), (18.2, "offer")],
+    ),
+    "late people together get one offer": (
+        [(10, ANNA), (11, ANNA, BEN), (40, ANNA, BEN, CARL)], [(0.5, "greeting"), (8.5, "offer"), (18.2, "offer")],
+    ),
+    "late person who leaves gets no offer": (
+        [(10, ANNA), (15, ANNA, BEN), (40, ANNA)], [(0.5, "greeting"), (8.5, "offer")],
+    ),
+    "replacement is not greeted": ([(5, ANNA), (14, BEN)], [(0.5, "greeting"), (13.2, "offer")]),
+    "distant person does not count": (
+        [(9, ANNA, DISTANT_BEN), (12, person(FAR, "t1"), BEN)], [(0.5, "greeting"), (8.5, "offer")],
+    ),
+}  # fmt: skip
 
 
-def test_with_tracks_a_visit_is_the_same():
+@pytest.mark.parametrize(("scenes", "did"), VISITS.values(), ids=list(VISITS))
+def test_acts_on_each_track(scenes, did):
     corridor = Corridor()
-    corridor.until(2)
-    corridor.until(20, ANNA)
-    corridor.until(30)
-    assert corridor.did == [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")]
-
-
-def test_who_joins_does_not_restart_the_time_of_who_is_there():
-    corridor = Corridor()
-    corridor.until(4, ANNA)
-    corridor.until(12, ANNA, BEN)
-    assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
-
-
-def test_who_joins_is_not_offered_help_for_the_time_that_another_was_there():
-    corridor = Corridor()
-    corridor.until(4, ANNA)
-    corridor.until(5, ANNA, BEN)
-    corridor.until(20, BEN)
-    assert corridor.did == [(0.5, "greeting"), (12.2, "offer")]
-
-
-def test_people_who_take_turns_are_offered_no_help():
-    corridor = Corridor()
-    for number in range(10):
-        corridor.until(4 * (number + 1), person(track=f"t{number}"))
-    assert corridor.did == [(0.5, "greeting")]
+    for until, *persons in scenes:
+        corridor.until(until, *persons)
+    assert corridor.did == did
     assert corridor.faults == 0
 
 
-def test_who_is_there_while_help_is_offered_to_another_has_heard_it():
-    corridor = Corridor()
-    corridor.until(5, ANNA)
-    corridor.until(30, ANNA, BEN)
-    assert offers(corridor) == [8.5]
-
-
-def test_who_comes_after_the_offer_and_stays_is_offered_help_as_well():
-    corridor = Corridor()
-    corridor.until(10, ANNA)
-    corridor.until(12, ANNA, BEN)
-    corridor.until(40, BEN)
-    assert offers(corridor) == [8.5, 18.2]
-
-
-def test_those_who_come_late_together_are_offered_help_once():
-    corridor = Corridor()
-    corridor.until(10, ANNA)
-    corridor.until(11, ANNA, BEN)
-    corridor.until(40, ANNA, BEN, CARL)
-    assert offers(corridor) == [8.5, 18.2]
-
-
-def test_who_comes_late_and_leaves_is_not_offered_help():
-    corridor = Corridor()
-    corridor.until(10, ANNA)
-    corridor.until(15, ANNA, BEN)
-    corridor.until(40, ANNA)
-    assert offers(corridor) == [8.5]
-
-
-def test_who_comes_when_another_leaves_is_nobody_new_to_greet():
-    corridor = Corridor()
-    corridor.until(5, ANNA)
-    corridor.until(12, BEN)
-    assert corridor.did == [(0.5, "greeting")]
-    corridor.until(14, BEN)
-    assert corridor.did[1:] == [(13.2, "offer")]
-
-
-def test_tracks_that_last_a_moment_are_nobody():
+def test_short_tracks_are_ignored():
     corridor = Corridor()
     corridor.until(2)
     for number in range(100):
@@ -89,32 +54,22 @@ def test_tracks_that_last_a_moment_are_nobody():
     assert corridor.did == [(1.5, "stayIdle")]
 
 
-def test_people_with_tracks_are_greeted_together():
-    corridor = Corridor()
-    corridor.until(3, ANNA, BEN)
-    assert corridor.did == [(0.5, "greeting_several")]
+def sensed(sensor: PersonSensor, tenth: int, *tracks: str) -> list[str]:
+    """Changes of beliefs by the frame at this tenth of a second."""
+    persons = tuple(person(track=track) for track in tracks)
+    changes = sensor.sense(
+        PersonDetections(stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=persons)
+    )
+    return list(map(str, changes)) if isinstance(changes, list) else []
 
 
-def test_who_is_near_is_greeted_and_who_is_far_is_not_waited_for():
-    corridor = Corridor()
-    corridor.until(9, ANNA, person(FAR, "t2"))
-    assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
-    corridor.until(12, person(FAR, "t1"), person(2.0, "t2"))
-    assert len(corridor.did) == 2
-
-
-def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
+def test_clock_reset_begins_a_new_visit():
     sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
-    told: list[str] = []
-    for begin, name in ((50, "t1"), (0, "t2")):
-        for tenth in range(40):
-            frame = PersonDetections(
-                stamp=begin * SECOND + tenth * SECOND // 10, frame_id="c", width=9, height=9,
-                persons=(person(track=name),),
-            )  # fmt: skip
-            sensed = sensor.sense(frame)
-            told += map(str, sensed if isinstance(sensed, list) else ())
-    assert told == ['+present("t1")', "+people(1)", '+personDetected("Yes")', '+present("t2")', '-present("t1")']
+    changes = []
+    for begin, name in ((500, "t1"), (0, "t2")):
+        for tenth in range(begin, begin + 40):
+            changes += sensed(sensor, tenth, name)
+    assert changes == ['+present("t1")', "+people(1)", '+personDetected("Yes")', '+present("t2")', '-present("t1")']
 
 
 @pytest.mark.parametrize(
@@ -122,28 +77,21 @@ def test_a_recording_that_begins_anew_is_another_visit_of_other_people():
     [[0, 1, 2, 3], [0, 0, 1, 2, 2, 2, 3], [0, 2, 1, 3], [3, 0, 1, 2], [1, 0, 1, 3, 2, 0]],
     ids=["as taken", "twice", "swapped", "late by three", "all of it"],
 )
-def test_frames_that_come_twice_or_late_change_nothing_but_when_it_is_noticed(order):
+def test_duplicate_and_late_frames_are_ignored(order):
     """Somebody comes after 3 s and goes after 20 s; frames come in groups of four."""
     sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
-    told: list[str] = []
+    changes = []
     for group in range(0, 240, 4):
         for tenth in (group + each for each in order):
-            there = (person(track="t1"),) if 30 <= tenth < 200 else ()
-            sensed = sensor.sense(
-                PersonDetections(stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=there)
-            )
-            told += map(str, sensed if isinstance(sensed, list) else ())
-    assert told == [
+            changes += sensed(sensor, tenth, *(["t1"] if 30 <= tenth < 200 else []))
+    assert changes == [
         '+personDetected("No")', '+present("t1")', "+people(1)", '+personDetected("Yes")', '+stays("t1")',
         '-stays("t1")', '-present("t1")', '+personDetected("No")',
     ]  # fmt: skip
 
 
-def test_what_is_kept_of_people_does_not_pile_up():
+def test_sensor_memory_is_bounded():
     sensor = PersonSensor(WaldoConfig())
     for tenth in range(3000):
-        frame = PersonDetections(
-            stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(track=f"t{tenth // 10}"),)
-        )
-        sensor.sense(frame)
+        sensed(sensor, tenth, f"t{tenth // 10}")
     assert len(sensor._changed) < 20

@@ -9,82 +9,64 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import ActionRequest, Message
 from tests.agents.waldo.corridor import FAR, GREETING, OFFER, SEVERAL, Corridor, person
 
+SOMEBODY = person()
+VISITS = {
+    "whole visit": (
+        [(2,), (20, SOMEBODY), (30,)],
+        [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")],
+    ),
+    "present from the beginning": ([(5, SOMEBODY)], [(0.5, "greeting")]),
+    "empty corridor": ([(30,)], [(1.5, "stayIdle")]),
+    "one offer during a long visit": ([(60, SOMEBODY)], [(0.5, "greeting"), (8.5, "offer")]),
+    "leaves before the offer": ([(7.0, SOMEBODY), (30,)], [(0.5, "greeting"), (8.2, "stayIdle")]),
+    "returns soon: no greeting, but an offer": (
+        [(5, SOMEBODY), (10,), (25, SOMEBODY)],
+        [(0.5, "greeting"), (6.2, "stayIdle"), (18.2, "offer")],
+    ),
+    "returns after a while: new greeting": (
+        [(5, SOMEBODY), (11.5,), (25, SOMEBODY)],
+        [(0.5, "greeting"), (6.2, "stayIdle"), (11.7, "greeting"), (19.7, "offer")],
+    ),
+    "several people": ([(20, SOMEBODY, person(4.0))], [(0.5, "greeting_several"), (8.5, "offer")]),
+    "second person joins later": ([(3, SOMEBODY), (6, SOMEBODY, SOMEBODY)], [(0.5, "greeting")]),
+    "people beyond the range": (
+        [(5, person(FAR), person(FAR)), (8, person(FAR), person(5.9))],
+        [(1.5, "stayIdle"), (5.2, "greeting")],
+    ),
+    "unknown distance": ([(1, person(None))], [(0.5, "greeting")]),
+}
 
-def test_a_visit_from_beginning_to_end():
+
+@pytest.mark.parametrize(("scenes", "did"), VISITS.values(), ids=list(VISITS))
+def test_acts_on_arrivals_and_departures(scenes, did):
     corridor = Corridor()
-    corridor.until(2)
-    corridor.until(20, person())
-    corridor.until(30)
-    assert corridor.did == [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")]
-    assert corridor.said == [GREETING, OFFER]
+    for until, *persons in scenes:
+        corridor.until(until, *persons)
+    assert corridor.did == did
+    sentences = {"greeting": GREETING, "greeting_several": SEVERAL, "offer": OFFER}
+    assert corridor.said == [sentences[what] for _, what in did if what in sentences]
     assert corridor.faults == 0
 
 
-def test_who_is_there_from_the_beginning_is_greeted_as_soon_as_that_is_sure():
-    corridor = Corridor()
-    corridor.until(5, person())
-    assert corridor.did == [(0.5, "greeting")]
-
-
-def test_nobody_is_left_in_peace_once():
-    corridor = Corridor()
-    corridor.until(30)
-    assert corridor.did == [(1.5, "stayIdle")]
-
-
-@pytest.mark.parametrize("frames", ["1", "11", "1000001", "110000110000", "100100100100"])
-def test_a_flicker_is_nobody(frames):
+@pytest.mark.parametrize(
+    ("frames", "did"),
+    [
+        *((flicker, ["stayIdle"]) for flicker in ("1", "11", "1000001", "110000110000", "100100100100")),
+        ("10" * 100, ["stayIdle", "greeting", "offer"]),
+        ("1111100000000" * 20, ["stayIdle", "greeting", "offer"]),
+        ("1110" + "1" * 20, ["stayIdle", "greeting"]),
+    ],
+)
+def test_filters_flickering_detections(frames, did):
     corridor = Corridor()
     corridor.until(2)
     corridor.pattern(frames)
-    corridor.until(30)
-    assert corridor.did == [(1.5, "stayIdle")]
+    if len(did) == 1:
+        corridor.until(30)
+    assert [what for _, what in corridor.did] == did
 
 
-def test_a_person_seen_in_every_second_frame_is_somebody():
-    corridor = Corridor()
-    corridor.until(2)
-    corridor.pattern("10" * 100)
-    assert [what for _, what in corridor.did] == ["stayIdle", "greeting", "offer"]
-
-
-def test_detections_that_fail_now_and_then_end_no_visit():
-    corridor = Corridor()
-    corridor.until(2)
-    corridor.pattern("1111100000000" * 20)
-    assert [what for _, what in corridor.did] == ["stayIdle", "greeting", "offer"]
-
-
-def test_help_is_offered_once_to_those_who_stay():
-    corridor = Corridor(help_after_s=3.0)
-    corridor.until(60, person())
-    assert corridor.did == [(0.5, "greeting"), (3.5, "offer")]
-
-
-def test_who_leaves_in_time_is_not_offered_help():
-    corridor = Corridor()
-    corridor.until(7.0, person())
-    corridor.until(30)
-    assert corridor.did == [(0.5, "greeting"), (8.2, "stayIdle")]
-
-
-def test_who_comes_back_soon_is_not_greeted_again_but_may_need_help():
-    corridor = Corridor()
-    corridor.until(5, person())
-    corridor.until(10)
-    corridor.until(25, person())
-    assert corridor.did == [(0.5, "greeting"), (6.2, "stayIdle"), (18.2, "offer")]
-
-
-def test_who_comes_back_after_a_while_is_greeted_anew():
-    corridor = Corridor()
-    corridor.until(5, person())
-    corridor.until(11.5)
-    corridor.until(25, person())
-    assert corridor.did == [(0.5, "greeting"), (6.2, "stayIdle"), (11.7, "greeting"), (19.7, "offer")]
-
-
-def test_each_short_absence_counts_by_itself():
+def test_short_absences_do_not_add_up():
     corridor = Corridor()
     for _ in range(4):
         corridor.see(person(), times=30)
@@ -92,41 +74,13 @@ def test_each_short_absence_counts_by_itself():
     assert [what for _, what in corridor.did] == ["greeting", "stayIdle", "stayIdle", "stayIdle", "stayIdle"]
 
 
-def test_several_people_are_greeted_together():
-    corridor = Corridor()
-    corridor.until(20, person(), person(4.0))
-    assert corridor.did == [(0.5, "greeting_several"), (8.5, "offer")]
-    assert corridor.said == [SEVERAL, OFFER]
-
-
-def test_a_second_box_that_flickers_makes_no_company():
+def test_ignores_a_second_box_in_one_frame():
     corridor = Corridor()
     corridor.pattern("112111")
     assert corridor.said == [GREETING]
 
 
-def test_who_joins_later_is_not_greeted_again():
-    corridor = Corridor()
-    corridor.until(3, person())
-    corridor.until(6, person(), person())
-    assert corridor.did == [(0.5, "greeting")]
-
-
-def test_people_far_away_are_left_alone_and_not_counted():
-    corridor = Corridor()
-    corridor.until(5, person(FAR), person(FAR))
-    assert corridor.did == [(1.5, "stayIdle")]
-    corridor.until(8, person(FAR), person(5.9))
-    assert corridor.did[1:] == [(5.2, "greeting")]
-
-
-def test_a_person_whose_distance_is_unknown_counts():
-    corridor = Corridor()
-    corridor.until(1, person(None))
-    assert corridor.did == [(0.5, "greeting")]
-
-
-def test_the_range_belongs_to_it():
+def test_people_at_the_range_limit_count():
     corridor = Corridor(range_m=3.0)
     corridor.until(1, person(3.0))
     assert corridor.did == [(0.5, "greeting")]
@@ -143,7 +97,7 @@ def test_sentences_are_parameters_and_change_while_running():
     assert corridor.said == ["Buongiorno!", "Serve aiuto?"]
 
 
-def test_a_new_time_for_help_counts_from_the_next_visit_on():
+def test_new_help_time_applies_from_the_next_visit():
     corridor = Corridor(regreet_after_s=1.0)
     corridor.until(1, person())
     corridor.node.set_parameter("help_after_s", 2.0)
@@ -155,7 +109,7 @@ def test_a_new_time_for_help_counts_from_the_next_visit_on():
     ]  # fmt: skip
 
 
-def test_a_new_range_counts_at_once():
+def test_new_range_applies_at_once():
     corridor = Corridor()
     corridor.until(3, person(FAR))
     corridor.node.set_parameter("range_m", 10.0)
@@ -164,7 +118,7 @@ def test_a_new_range_counts_at_once():
     assert 3.0 <= corridor.did[1][0] <= 3.5
 
 
-def test_new_times_for_coming_and_going_count_at_once():
+def test_new_arrival_and_departure_times_apply_at_once():
     corridor = Corridor(appear_s=0.0, vanish_s=0.0)
     corridor.see(person())
     corridor.see()
@@ -177,14 +131,7 @@ def test_new_times_for_coming_and_going_count_at_once():
     assert 0.9 <= corridor.did[-1][0] <= 1.3
 
 
-def test_who_has_just_come_has_not_left_because_of_one_frame():
-    corridor = Corridor()
-    corridor.until(2)
-    corridor.pattern("1110" + "1" * 20)
-    assert [what for _, what in corridor.did] == ["stayIdle", "greeting"]
-
-
-def test_a_slow_coming_is_not_confused_with_a_quick_going():
+def test_slow_arrival_does_not_delay_fast_departure():
     # With a long memory for who comes, those who have left must not be taken for those who come.
     corridor = Corridor(appear_s=5.0, vanish_s=1.0)
     corridor.until(10, person())
@@ -195,19 +142,19 @@ def test_a_slow_coming_is_not_confused_with_a_quick_going():
 @pytest.mark.parametrize(
     ("name", "value"), [("help_after_s", 0.0), ("range_m", "far"), ("greeting", 3), ("appear", 1.0)]
 )
-def test_manners_that_are_none_are_refused(name, value):
+def test_refuses_invalid_parameters(name, value):
     with pytest.raises(ParameterError):
         Corridor(**{name: value})
     with pytest.raises(ParameterError):
         Corridor().node.set_parameter(name, value)
 
 
-def test_the_node_has_a_parameter_for_each_of_the_manners():
+def test_each_configuration_value_is_a_parameter():
     defaults = {name: parameter.default for name, parameter in WaldoNode.parameters().items()}
     assert vars(WaldoConfig()).items() <= defaults.items()
 
 
-def test_the_same_alarm_is_not_set_again_with_each_frame(monkeypatch):
+def test_timers_are_not_set_again_with_each_frame(monkeypatch):
     # Cancelled alarms wait until they are due: with a long regreet_after_s they would pile up for hours.
     corridor = Corridor(regreet_after_s=86400.0)
     corridor.until(3)
@@ -220,7 +167,7 @@ def test_the_same_alarm_is_not_set_again_with_each_frame(monkeypatch):
 # Reasons
 
 
-def test_a_greeting_is_led_back_to_the_frame():
+def test_trace_links_greeting_to_frame():
     corridor = Corridor()
     corridor.until(1, person())
     by_id = {record.id: record for record in corridor.trace}
@@ -240,7 +187,7 @@ def test_a_greeting_is_led_back_to_the_frame():
     assert {record.source for record in corridor.trace} == {"waldo"}
 
 
-def test_an_action_carries_the_id_of_its_record():
+def test_action_has_the_id_of_its_trace_record():
     corridor = Corridor()
     actions: list[Message] = []
     corridor.runner.tap("/waldo/actions", lambda _, message: actions.append(message))
@@ -251,7 +198,7 @@ def test_an_action_carries_the_id_of_its_record():
     assert [record.what for record in corridor.trace if record.id == action.id] == ['speak("greeting")']
 
 
-def test_the_mind_is_shown_when_it_changes_and_not_otherwise():
+def test_publishes_mind_only_when_it_changes():
     corridor = Corridor()
     corridor.until(5, person())
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [

@@ -65,12 +65,12 @@ class Hall:
     """The world with some agents, and what came on the topics; the test plays everybody who is not there."""
 
     def __init__(self, *agents: NodeConfig, **world: Any) -> None:
-        placements = (NodeConfig("world", World, {"noise": 0.0, **world}), *agents)
-        inputs = frozenset(topic for placement in placements for topic, _ in placement.subscriptions)
-        self.runner = InlineRunner(Graph("hall", placements, inputs=inputs))
+        configs = (NodeConfig("world", World, {"noise": 0.0, **world}), *agents)
+        inputs = frozenset(topic for config in configs for topic, _ in config.subscriptions)
+        self.runner = InlineRunner(Graph("hall", configs, inputs=inputs))
         self.said: list[tuple[str, Message]] = []
         self.sent = 0
-        for topic in {topic for placement in placements for topic, _ in placement.publications}:
+        for topic in {topic for config in configs for topic, _ in config.publications}:
             self.runner.tap(topic, lambda name, message: self.said.append((name, message)))
         self.runner.start()
         self.until(0.2)
@@ -109,7 +109,7 @@ class Hall:
         return trial
 
     def finish(self, trial: Try, limit_s: float = 20.0) -> str:
-        """Lets time pass until an action has ended, and says how."""
+        """Advance the time until an action ends; return its outcome."""
         end = self.now + limit_s
         while not trial.end and self.now < end:
             self.after(0.1)

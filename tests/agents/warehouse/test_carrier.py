@@ -12,11 +12,11 @@ from tests.agents.warehouse.hall import LAYOUT, boxes, hall_with_carrier, status
 
 
 class TestSensorsOfACarrier:
-    def test_it_knows_where_it_is(self) -> None:
+    def test_place_sensor_reports_bay_or_deposit(self) -> None:
         assert told(Place().tell(status("base", robot="carrier_a"))) == {"(in carrier_a base)"}
         assert told(Place().tell(status("moving", robot="carrier_a"))) == set()
 
-    def test_boxes_over_its_deck_count_as_its_load(self) -> None:
+    def test_load_sensor_counts_boxes_over_the_deck(self) -> None:
         sensor = Load("carrier_a")
         assert sensor.tell(boxes()) is None, "it does not know where it is"
         bay = LAYOUT.bays["base_a"]
@@ -44,14 +44,14 @@ class TestACarrier:
         assert hall.finish(hall.attempt("carrier_a", "carrier_unload", "carrier_a", "deposit")) == "done"
         assert len(hall.of(UnloadCommand)) == 1
 
-    def test_a_move_fails_when_somebody_else_sends_it_away(self) -> None:
+    def test_move_fails_after_another_command(self) -> None:
         hall = hall_with_carrier()
         trial = hall.attempt("carrier_a", "carrier_move", "carrier_a", "deposit", "base")
         hall.after(1.0)
         hall.feed("/carrier_a/cmd_target", MoveCommand(stamp=0, target="deposit"))
-        assert hall.finish(trial) == "somebody has sent it to deposit"
+        assert hall.finish(trial) == "another command has sent carrier_a to deposit"
 
-    def test_comes_when_a_gripper_asks_and_tells_it_when_it_is_there(self) -> None:
+    def test_fulfils_the_request_of_a_gripper_and_replies(self) -> None:
         hall = hall_with_carrier()
         request = hall.request("add", desire=to_be_in("base", 0.6), monitor=True)
         (reply,) = hall.replies(request)
@@ -60,7 +60,7 @@ class TestACarrier:
         assert [reply.state for reply in hall.replies(request)] == ["done", "fulfilled"]
         assert hall.node("carrier_a").status.current_name == "base"
 
-    def test_does_nothing_for_groups_that_may_not_ask(self) -> None:
+    def test_refuses_requests_of_other_groups(self) -> None:
         hall = hall_with_carrier()
         loaded = Fact(name="lb_load_completed", params=("carrier_a",))
         requests = [
@@ -77,7 +77,7 @@ class TestACarrier:
         hall.after(8.0)
         assert hall.node("carrier_a").status.current_name == "deposit"
 
-    def test_gives_a_desire_no_higher_priority_than_its_group_may(self) -> None:
+    def test_limits_the_priority_of_requested_desires(self) -> None:
         hall = hall_with_carrier()
         (reply,) = hall.replies(hall.request("add", desire=to_be_in("base", 0.9)))
         assert (reply.accepted, reply.priority) == (True, 0.6)
@@ -85,7 +85,7 @@ class TestACarrier:
         assert held.desire.priority == 0.6
 
     @pytest.mark.parametrize("policy", ["NO_PREEMPT", "PREEMPT"])
-    def test_busy_with_something_more_urgent_it_comes_afterwards(self, policy: str) -> None:
+    def test_fulfils_a_less_urgent_request_afterwards(self, policy: str) -> None:
         hall = hall_with_carrier(reschedule_policy=policy)
         hall.desire("carrier_a", to_be_in("base", 0.8))
         hall.after(2.0)
@@ -99,9 +99,7 @@ class TestACarrier:
         assert ends == [("go_to_base", "succeeded"), ("go_to_deposit", "succeeded")]
 
     @pytest.mark.parametrize(("policy", "first"), [("NO_PREEMPT", "succeeded"), ("PREEMPT", "aborted")])
-    def test_only_where_it_may_be_preempted_it_drops_what_it_does_for_what_is_more_urgent(
-        self, policy: str, first: str
-    ) -> None:
+    def test_more_urgent_desire_aborts_a_plan_only_with_preemption(self, policy: str, first: str) -> None:
         hall = hall_with_carrier(reschedule_policy=policy)
         hall.request("add", desire=to_be_in("base", 0.6))
         hall.after(2.0)
@@ -111,7 +109,7 @@ class TestACarrier:
         assert ends[0] == ("go_to_base", first)
         assert ("go_to_deposit", "succeeded") in ends
 
-    def test_believes_what_it_is_told_by_those_who_may(self) -> None:
+    def test_permitted_agents_change_its_beliefs(self) -> None:
         hall = hall_with_carrier()
         loaded = Fact(name="lb_load_completed", params=("carrier_a",))
         assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [False]

@@ -17,7 +17,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def world_svg(world: Warehouse, title: str = "") -> str:
-    robots = {name: world.pose(name).position for name in (GRIPPER, *world.scenario.carriers)}
+    robots = {name: world.status(name).current_pos for name in (GRIPPER, *world.scenario.carriers)}
     return FloorDrawing(world.scenario).draw(robots, world.boxes(), title)
 
 

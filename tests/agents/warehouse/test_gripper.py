@@ -25,7 +25,7 @@ class TestSensorsOfTheGripper:
             ("moving", None),
         ],
     )
-    def test_a_carrier_is_in_its_bay_its_deposit_or_between(self, place: str, fact: str | None) -> None:
+    def test_carrier_status_reports_bay_or_deposit(self, place: str, fact: str | None) -> None:
         sensor = CarrierStatus("carrier_a", "base_a", "deposit_a")
         assert told(sensor.tell(status(place, robot="carrier_a"))) == ({fact} if fact else set())
 
@@ -41,12 +41,10 @@ class TestSensorsOfTheGripper:
             (status("moving", start="base_a1", target="base_b1"), None),
         ],
     )
-    def test_the_two_slots_of_a_bay_and_the_way_between_them_are_the_bay(
-        self, percept: MoveStatus, place: str | None
-    ) -> None:
+    def test_slots_of_a_bay_count_as_the_bay(self, percept: MoveStatus, place: str | None) -> None:
         assert told(Whereabouts(SIX.bays).tell(percept)) == ({f"(upon gripper_a {place})"} if place else set())
 
-    def test_boxes_stand_on_each_other_and_the_top_is_clear(self) -> None:
+    def test_top_box_of_a_stack_is_clear(self) -> None:
         facts = told(Boxes(SIX).tell(boxes(box_a1="base_1", box_c2="base_1")))
         assert {
             "(on box_a1 base_1 base_1)", "(on box_c2 box_a1 base_1)", "(in box_a1 base_1)", "(in box_c2 base_1)",
@@ -55,25 +53,25 @@ class TestSensorsOfTheGripper:
         } <= facts  # fmt: skip
         assert not {"(clear base_1)", "(clear box_a1)"} & facts
 
-    def test_a_box_in_the_gripper_is_held_and_in_no_stack(self) -> None:
+    def test_held_box_is_in_no_stack(self) -> None:
         facts = told(Boxes(SIX).tell(boxes(box_a1=GRIPPER)))
         assert {"(holding gripper_a box_a1)", "(holding_boxes gripper_a) = 1"} <= facts
         assert not [fact for fact in facts if fact.startswith(("(on ", "(in "))]
 
-    def test_boxes_went_with_their_carrier_also_when_it_has_unloaded_them(self) -> None:
+    def test_unloaded_boxes_still_belong_to_their_carrier(self) -> None:
         facts = told(Boxes(SIX).tell(boxes(box_a1="carrier_a", box_b1="deposit_b")))
         assert {"(carrier_moving carrier_a box_a1)", "(carrier_moving carrier_b box_b1)"} <= facts
         assert {"(moving_boxes carrier_a) = 1", "(moving_boxes carrier_b) = 0"} <= facts
 
-    def test_a_box_that_has_missed_its_carrier_stands_in_the_bay_and_can_be_taken_from_there(self) -> None:
+    def test_box_in_a_bay_can_be_taken(self) -> None:
         facts = told(Boxes(SIX).tell(boxes(box_a1="base_a")))
         assert {"(on box_a1 base_a base_a)", "(in box_a1 base_a)", "(clear box_a1)", "(stacked base_a) = 1"} <= facts
         assert not {"(clear base_a)", "(carrier_moving carrier_a box_a1)"} & facts
 
-    def test_whether_a_bay_without_a_box_is_clear_is_left_to_the_rules(self) -> None:
+    def test_empty_bay_is_not_reported_as_clear(self) -> None:
         assert not {"(clear base_a)", "(clear base_b)"} & told(Boxes(SIX).tell(boxes()))
 
-    def test_a_box_on_the_floor_is_nowhere(self) -> None:
+    def test_box_on_the_floor_is_not_reported(self) -> None:
         assert not [fact for fact in told(Boxes(SIX).tell(boxes(box_a1="floor"))) if "box_a1" in fact]
 
 
@@ -96,7 +94,7 @@ def carrying(place: str = "base_a") -> Hall:
 
 
 class TestActionsOfTheGripper:
-    def test_a_move_ends_when_the_crane_is_there(self) -> None:
+    def test_move_ends_at_the_target(self) -> None:
         hall = hall_with_gripper()
         trial = hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "base_3")
         assert hall.of(MoveCommand)[-1].target == "base_3"
@@ -106,18 +104,18 @@ class TestActionsOfTheGripper:
         assert 1.5 <= hall.now <= 5.5
         assert hall.node(GRIPPER).is_at("base_3")
 
-    def test_a_move_to_where_it_stands_is_done_at_once(self) -> None:
+    def test_move_to_the_present_place_ends_at_once(self) -> None:
         hall = hall_with_gripper()
         assert hall.finish(hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "start"), 1.0) == "done"
 
-    def test_a_move_fails_when_somebody_else_sends_the_crane_away(self) -> None:
+    def test_move_fails_after_another_command(self) -> None:
         hall = hall_with_gripper()
         trial = hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "base_3")
         hall.after(1.0)
         hall.feed("/gripper_a/cmd_motors_pose", MoveCommand(stamp=0, target="base_1"))
-        assert hall.finish(trial) == "somebody has sent the crane to base_1"
+        assert hall.finish(trial) == "another command has sent gripper_a to base_1"
 
-    def test_a_pickup_lowers_closes_and_lifts_and_waits_for_each(self) -> None:
+    def test_pickup_lowers_closes_and_lifts(self) -> None:
         hall = at("base_1")
         begun = len(hall.said)
         trial = hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")
@@ -130,7 +128,7 @@ class TestActionsOfTheGripper:
         assert commands == ["low"] * 3 + ["close"] * 3 + ["high"] * 3
         assert hall.holder("box_a2") == GRIPPER
 
-    def test_a_pickup_with_closed_fingers_opens_them_first(self) -> None:
+    def test_pickup_opens_closed_fingers_first(self) -> None:
         hall = at("base_1")
         hall.feed("/gripper_a/cmd_gripper_status", GripperStatus(stamp=0, status="close"))
         hall.after(1.0)
@@ -139,13 +137,13 @@ class TestActionsOfTheGripper:
         assert hall.of(GripperStatus, "/gripper_a/cmd_gripper_status")[1].status == "open"
         assert hall.holder("box_a2") == GRIPPER
 
-    def test_a_putdown_leaves_the_box_on_the_stack(self) -> None:
+    def test_putdown_leaves_the_box_on_the_stack(self) -> None:
         hall = carrying("base_3")
         assert hall.finish(hall.attempt(GRIPPER, "gripper_putdown", GRIPPER, "box_a2", "base_3", "base_3")) == "done"
         assert hall.holder("box_a2") == "base_3"
 
     @pytest.mark.parametrize("number", [0, 1])
-    def test_a_box_is_put_into_the_first_or_second_slot_of_a_carrier(self, number: int) -> None:
+    def test_box_is_put_into_a_free_slot_of_the_carrier(self, number: int) -> None:
         hall = carrying()
         hall.node(GRIPPER).boxes_on = lambda carrier: number
         trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
@@ -155,7 +153,7 @@ class TestActionsOfTheGripper:
         assert hall.node(GRIPPER).is_at(f"base_a{number + 1}")
         assert hall.holder("box_a2") == "carrier_a"
 
-    def test_the_carrier_is_told_only_when_the_fingers_are_up_again(self) -> None:
+    def test_carrier_is_informed_after_the_fingers_are_lifted(self) -> None:
         hall = carrying()
         trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
         (first,) = hall.requests()
@@ -166,7 +164,7 @@ class TestActionsOfTheGripper:
             assert hall.now < 40.0
         second = hall.requests()[1]
         assert (second.operation, str(second.belief)) == ("add", "(lb_load_completed carrier_a)")
-        assert hall.node(GRIPPER).motors.current_pos.z > 1.4
+        assert hall.node(GRIPPER).status.current_pos.z > 1.4
         assert hall.node(GRIPPER).fingers == "open"
         hall.after(1.0)
         assert not trial.end, "it waits for the answer"
@@ -183,13 +181,13 @@ class TestActionsOfTheGripper:
                     hall.answer(request, *(answer if request.operation == "add" else ()))
             hall.after(0.1)
 
-    def test_a_carrier_that_refuses_to_know_of_its_load_fails_the_action(self) -> None:
+    def test_action_fails_if_the_carrier_refuses_the_report(self) -> None:
         hall = carrying()
         trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
         self.answer_all(hall, trial, "refused", "grippers may not change beliefs")
         assert trial.end == "carrier_a does not accept the report of its load: grippers may not change beliefs"
 
-    def test_a_carrier_that_does_not_answer_fails_the_action(self) -> None:
+    def test_action_fails_if_the_carrier_does_not_reply(self) -> None:
         hall = carrying()
         trial = hall.attempt(GRIPPER, "gripper_put_on_carrier", GRIPPER, "box_a2", "carrier_a", "base_a")
         assert "no answer from carrier_a in 2 s" in hall.finish(trial, 40.0)
@@ -197,7 +195,7 @@ class TestActionsOfTheGripper:
         assert hall.holder("box_a2") == GRIPPER
 
     @pytest.mark.parametrize("action", ["gripper_pickup", "gripper_putdown", "gripper_put_on_carrier"])
-    def test_an_action_that_is_given_up_lifts_the_fingers(self, action: str) -> None:
+    def test_cancelled_action_lifts_the_fingers(self, action: str) -> None:
         hall = carrying()
         args = {
             "gripper_pickup": ("box_c2", "box_a1", "base_1"),
@@ -211,7 +209,7 @@ class TestActionsOfTheGripper:
         assert hall.of(GripperPose)[-1].pose == "high"
         hall.after(2.0)
         assert hall.of(GripperPose)[-1].pose == "high", "nothing more is told after that"
-        assert hall.node(GRIPPER).motors.current_pos.z == 1.5
+        assert hall.node(GRIPPER).status.current_pos.z == 1.5
 
 
 class TestAskingACarrierToCome:
@@ -221,7 +219,7 @@ class TestAskingACarrierToCome:
         (request,) = hall.requests()
         return hall, trial, request
 
-    def test_it_sends_a_desire_that_is_monitored(self) -> None:
+    def test_sends_a_monitored_desire(self) -> None:
         _, _, request = self.asked()
         assert (request.receiver, request.group, request.operation) == ("carrier_a", "grippers", "add")
         assert request.monitor
@@ -232,7 +230,7 @@ class TestAskingACarrierToCome:
             deadline=6.0,
         )
 
-    def test_it_is_done_when_the_carrier_says_so(self) -> None:
+    def test_ends_when_the_desire_is_fulfilled(self) -> None:
         hall, trial, request = self.asked()
         hall.answer(request)
         hall.after(4.0)
@@ -247,24 +245,24 @@ class TestAskingACarrierToCome:
             ("dropped", "no plan after 8 tries", "carrier_a does not come: no plan after 8 tries"),
         ],
     )
-    def test_it_fails_with_the_reason_of_the_carrier(self, state: RequestState, reason: str, message: str) -> None:
+    def test_fails_with_the_reason_of_the_carrier(self, state: RequestState, reason: str, message: str) -> None:
         hall, trial, request = self.asked()
         hall.answer(request, state, reason)
         assert hall.finish(trial, 1.1) == message
 
-    def test_it_fails_when_no_answer_comes(self) -> None:
+    def test_fails_without_reply(self) -> None:
         hall, trial, request = self.asked()
         assert hall.finish(trial) == "carrier_a does not come: no answer from carrier_a in 2 s"
         assert hall.now < 4.0
         assert len([sent for sent in hall.of(AgentRequest) if sent.id == request.id]) == 4, "it has asked again"
 
-    def test_it_fails_when_the_carrier_takes_too_long(self) -> None:
+    def test_fails_if_the_carrier_takes_too_long(self) -> None:
         hall, trial, request = self.asked()
         hall.answer(request)
         assert hall.finish(trial) == "Too much time waited"
         assert hall.now == pytest.approx(0.2 + 8.0, abs=0.11)
 
-    def test_after_a_restart_it_asks_anew(self) -> None:
+    def test_sends_a_new_request_after_a_restart(self) -> None:
         sent: list[AgentRequest] = []
         for time in (4, 7):
             clock = ManualClock()
@@ -273,7 +271,7 @@ class TestAskingACarrierToCome:
             letters.ask("carrier_a", "add", desire=to_be_in("base", 0.6))
         assert sent[0].id != sent[1].id
 
-    def test_given_up_it_waits_no_longer(self) -> None:
+    def test_cancelled_action_forgets_its_request(self) -> None:
         hall, trial, request = self.asked()
         hall.give_up(GRIPPER, trial)
         assert trial.end == "stopped"

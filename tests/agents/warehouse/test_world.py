@@ -32,7 +32,7 @@ class Story:
     def go(self, place: str) -> None:
         assert self.world.move_crane(place) == ""
         self.wait(6.0)
-        assert self.world.pose(GRIPPER).current_name == place
+        assert self.world.status(GRIPPER).current_name == place
 
     def send(self, carrier: str, target: str, seconds: float = 6.0) -> None:
         assert self.world.move_carrier(carrier, target) == ""
@@ -60,7 +60,7 @@ class Story:
 
     def carried(self, carrier: str) -> tuple[str, ...]:
         boxes = {box.name: box.position for box in self.world.boxes()}
-        deck = self.world.pose(carrier).position
+        deck = self.world.status(carrier).current_pos
         return tuple(sorted(name for name, box in boxes.items() if is_carried(deck, box)))
 
 
@@ -100,14 +100,14 @@ def test_status_has_start_target_and_progress():
     story = Story()
     story.world.move_crane("base_1")
     story.wait(1.2)
-    status = story.world.pose(GRIPPER)
+    status = story.world.status(GRIPPER)
     assert (status.start_name, status.current_name, status.target_name) == ("start", "moving", "base_1")
     assert 0.0 < status.progress < 1.0
     story.wait(2.0)
-    status = story.world.pose(GRIPPER)
-    assert (status.current_name, status.progress, status.left_m) == ("base_1", 1.0, 0.0)
+    status = story.world.status(GRIPPER)
+    assert (status.current_name, status.progress, status.dist) == ("base_1", 1.0, 0.0)
     story.world.move_crane("base_1")
-    assert story.world.pose(GRIPPER) == status, "it is there already"
+    assert story.world.status(GRIPPER) == status, "it is there already"
 
 
 def test_box_released_without_carrier_blocks_the_bay():
@@ -116,13 +116,13 @@ def test_box_released_without_carrier_blocks_the_bay():
     story.put("base_a")
     assert story.holder("box_a2") == "base_a"
     story.send("carrier_a", "base", seconds=10.0)
-    status = story.world.pose("carrier_a")
+    status = story.world.status("carrier_a")
     assert status.current_name == "moving"
     assert 0.6 < status.progress < 1.0
     story.fingers("low", "close", "high")
     assert story.world.held == "box_a2"
     story.wait(6.0)
-    assert story.world.pose("carrier_a").current_name == "base"
+    assert story.world.status("carrier_a").current_name == "base"
 
 
 def test_moving_carrier_stops_before_box_in_its_bay():
@@ -134,7 +134,7 @@ def test_moving_carrier_stops_before_box_in_its_bay():
     story.wait(1.0)
     story.fingers("open")
     story.wait(10.0)
-    assert story.world.pose("carrier_a").current_name == "moving"
+    assert story.world.status("carrier_a").current_name == "moving"
     assert story.holder("box_a2") == "base_a"
 
 
@@ -145,7 +145,7 @@ def test_carrier_that_leaves_early_misses_the_box():
     story.go("base_a1")
     story.fingers("low")
     story.world.advance(36 * SECOND)
-    assert story.world.pose("carrier_a").current_name == "deposit"
+    assert story.world.status("carrier_a").current_name == "deposit"
     assert story.holder("box_a2") == GRIPPER
     story.fingers("open")
     assert story.carried("carrier_a") == ()
@@ -192,10 +192,10 @@ def test_crane_moves_with_lifted_fingers():
     assert low == pytest.approx(0.66)
     story.world.move_crane("base_3")
     story.wait(0.3)
-    assert story.world.pose(GRIPPER).progress == 0.0
+    assert story.world.status(GRIPPER).progress == 0.0
     assert story.world.finger_z > low
     story.wait(0.8)
-    assert story.world.pose(GRIPPER).progress > 0.0
+    assert story.world.status(GRIPPER).progress > 0.0
     assert story.world.finger_z == 1.5
     story.world.set_fingers("low")
     story.wait(0.1)
@@ -220,10 +220,10 @@ def test_stalled_robot_and_silent_sensor_resume():
     story.wait(8.3)
     assert story.world.is_silent("carrier_a")
     assert not story.world.is_silent("carrier_b")
-    assert story.world.pose("carrier_a").current_name == "moving"
+    assert story.world.status("carrier_a").current_name == "moving"
     story.wait(2.8)
     assert not story.world.is_silent("carrier_a")
-    assert story.world.pose("carrier_a").current_name == "base"
+    assert story.world.status("carrier_a").current_name == "base"
 
 
 def test_carrier_sent_away_during_unloading_keeps_its_boxes():
@@ -262,7 +262,7 @@ def test_invalid_command_is_refused_with_reason_and_no_effect(tell):
 
 def state(world: Warehouse) -> list[Any]:
     robots = (GRIPPER, *world.scenario.carriers)
-    return [world.now, world.boxes(), world.finger_z, *(world.pose(robot) for robot in robots)]
+    return [world.now, world.boxes(), world.finger_z, *(world.status(robot) for robot in robots)]
 
 
 PLACES = [*Warehouse().layout.places, "nowhere"]
@@ -313,7 +313,7 @@ def check(world: Warehouse) -> None:
         for b in spots[one + 1 :]:
             assert max(abs(a.x - b.x), abs(a.y - b.y)) > 0.27 or abs(a.z - b.z) > 0.21
     for carrier in SIX.carriers:
-        at = world.pose(carrier).position
+        at = world.status(carrier).current_pos
         riding = [box for box in world.boxes() if box.holder == carrier]
         low = [box for box in riding if box.position.z < 0.4]
         assert all(is_carried(at, box.position) for box in low)

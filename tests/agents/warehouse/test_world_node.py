@@ -31,9 +31,9 @@ class Hall:
     def __init__(self, kind=World, start: int = 1_700_000_000 * SECOND, **parameters) -> None:
         self.start = start
         self.said: dict[str, list[Message]] = {}
-        placement = NodeConfig("world", kind, parameters)
-        self.runner = InlineRunner(Graph("hall", (placement,), inputs=COMMANDS), start=start)
-        for topic, _ in placement.publications:
+        config = NodeConfig("world", kind, parameters)
+        self.runner = InlineRunner(Graph("hall", (config,), inputs=COMMANDS), start=start)
+        for topic, _ in config.publications:
             self.runner.tap(topic, lambda name, message: self.said.setdefault(name, []).append(message))
         self.runner.start()
 

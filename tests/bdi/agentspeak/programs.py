@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
@@ -153,8 +151,3 @@ PLANS = st.builds(
     NOTES.map(lambda notes: tuple(note for note in notes if note is not Atom("atomic"))),
 )
 INFERENCES = st.builds(Inference, LITERALS, CONTEXTS)
-
-
-def bare(plan):
-    """The plan without what stands in its label."""
-    return replace(plan, label=None, atomic=False, priority=0, stage=None, annotations=())

@@ -122,7 +122,7 @@ MISTAKES = {
     "+b[held_for(X)].": "p.asl:1:1: expected a number of seconds in held_for(...)",
     "@l[priority(x)] +b.": "p.asl:1:3: expected an integer, as in priority(3)",
     "@l[stage(1)] +b.": "p.asl:1:3: expected a name, as in stage(night)",
-    "@l +b. @k +b.\n@l +c.": "p.asl:2:1: the label 'l' is taken by the plan in line 1",
+    "@l +b. @k +b.\n@l +c.": "p.asl:2:1: the label 'l' is already used in line 1",
     "@l b.": "p.asl:1:4: expected '+' or '-' and a trigger, found 'b'",
     "9.": "p.asl:1:1: expected a belief, a goal or a plan, found '9'",
     "+b(" + "(" * 5000: "p.asl:1:",

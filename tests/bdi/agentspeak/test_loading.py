@@ -9,14 +9,23 @@ from socialbot.bdi.literals import literal
 from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, said
 
+PRINTED = {
+    "beliefs are found in the order of the text and newer ones before them":
+        ("b(1). b(2). b(3). !g. +!g <- +b(0); .findall(X, b(X), L); .print(L).", ["[0,1,2,3]"]),
+    "the events of beliefs come from last to first and before goals":
+        ("!g(1). b(1). b(2). !g(2). +b(X) <- .print(b, X). +!g(X) <- .print(g, X).", ["b2", "b1", "g1", "g2"]),
+    "goals may have variables":
+        ("!g(X, X, _, [Y | T]). +!g(A, B, C, [1, 2]) <- A = 3; .print(B, C).", ["3_<no-value>"]),
+    "goals without a plan fail": ("!g(1). -!g(X)[error(E)] <- .print(E).", ["no_relevant"]),
+    "rules hold before the plans that use them are compiled":
+        ("!g. +!g : c(X) <- .print(X). b(1). c(X) :- b(X).", ["1"]),
+}  # fmt: skip
 
-def test_beliefs_are_found_in_the_order_of_the_text_and_newer_ones_before_them():
-    assert said("b(1). b(2). b(3). !g. +!g <- +b(0); .findall(X, b(X), L); .print(L).") == ["[0,1,2,3]"]
 
-
-def test_the_events_of_beliefs_come_from_last_to_first_and_before_goals():
-    text = "!g(1). b(1). b(2). !g(2). +b(X) <- .print(b, X). +!g(X) <- .print(g, X)."
-    assert said(text) == ["b2", "b1", "g1", "g2"]
+@pytest.mark.parametrize("name", PRINTED)
+def test_prints(name):
+    text, lines = PRINTED[name]
+    assert said(text) == lines
 
 
 def test_beliefs_and_goals_are_computed():
@@ -29,18 +38,6 @@ def test_beliefs_and_goals_are_computed():
 def test_beliefs_have_the_sources_that_they_are_given():
     mas = Mas(me="a. b[source(bob)]. c[sure]. ~d.").until(0)
     assert mas.beliefs("me") == {"a": ("self",), "b": ("bob",), "c[sure]": ("self",), "~d": ("self",)}
-
-
-def test_goals_may_have_variables():
-    assert said("!g(X, X, _, [Y | T]). +!g(A, B, C, [1, 2]) <- A = 3; .print(B, C).") == ["3_<no-value>"]
-
-
-def test_goals_without_a_plan_fail():
-    assert said("!g(1). -!g(X)[error(E)] <- .print(E).") == ["no_relevant"]
-
-
-def test_rules_hold_before_the_plans_that_use_them_are_compiled():
-    assert said("!g. +!g : c(X) <- .print(X). b(1). c(X) :- b(X).") == ["1"]
 
 
 def test_texts_add_up():
@@ -96,7 +93,7 @@ MISTAKES = {
     "+b(X + 1).": ("1:4", "computes in its arguments"),
     "+!g <- .add_plan({+!h <- .foo}).": ("1:26", "there is no internal action .foo"),
     "+!g <- if (true) { for (b(X)) { .add_plan({+!h <- .foo}) } }.": ("1:51", "there is no internal action .foo"),
-    "+!g <- .count(1, N).": ("1:8", "is put together wrongly"),
+    "+!g <- .count(1, N).": ("1:8", "arguments of .count(1, N) are wrong"),
     "b(1": ("1:4", "expected ',' or ')'"),
     "b(math.foo(1)).": (None, "there is no function math.foo"),
     "b(math.sqrt(-1)).": (None, "cannot be computed"),
@@ -105,7 +102,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("text", MISTAKES)
-def test_a_mistake_is_told_with_its_place(text):
+def test_reports_an_error_with_its_position(text):
     place, what = MISTAKES[text]
     (problem,) = check(text, "me.asl")
     assert what in problem.what
@@ -117,13 +114,13 @@ def test_a_mistake_is_told_with_its_place(text):
         assert under == f"    {' ' * (column - 1)}^"
 
 
-def test_all_mistakes_are_told_in_their_order():
+def test_reports_all_errors_in_source_order():
     text = "+!g <- .a.\na(X) :- .b(X).\n+!h <- .print(1).\n+!i <- .c."
     assert [problem.line for problem in check(text)] == [1, 2, 4]
 
 
 @pytest.mark.parametrize("text", list(MISTAKES))
-def test_nothing_is_added_when_there_is_a_mistake(text):
+def test_adds_nothing_from_a_text_with_an_error(text):
     engine = Engine("me", ManualClock())
     with pytest.raises(AgentSpeakError):
         load(engine, f"ok(1). !start. c(X) :- ok(X). @l +!start <- .print(start).\n{text}")
@@ -134,7 +131,7 @@ def test_nothing_is_added_when_there_is_a_mistake(text):
     load(engine, "@l +!start.")
 
 
-def test_a_label_is_taken_once():
+def test_refuses_a_duplicate_label():
     engine = Engine("me", ManualClock())
     engine.add_text("@l +!g.")
     with pytest.raises(AgentSpeakError, match="the label l is taken") as caught:
@@ -143,7 +140,7 @@ def test_a_label_is_taken_once():
     assert [plan.label for plan in engine.library] == ["l"]
 
 
-def test_a_text_is_checked_against_what_is_there():
+def test_checks_a_text_against_the_library():
     engine = Engine("me", ManualClock())
     engine.add_text("b(X) :- c(X).")
     text = "+!g : b(X) & X > 1 <- .print(X)."
@@ -154,6 +151,6 @@ def test_a_text_without_mistakes_has_none():
     assert check("b(1). a(X) :- b(X). !g. +!g : a(X) <- .print(X).") == []
 
 
-def test_a_mistake_in_a_long_line_with_tabs_points_at_it():
+def test_the_caret_follows_tabs():
     (problem,) = check("+!g\n\t<- .print(a); .foo.")
     assert problem.what.split("\n")[-2:] == ["    \t<- .print(a); .foo.", "    \t              ^"]

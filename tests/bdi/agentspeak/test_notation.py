@@ -10,12 +10,12 @@ from hypothesis import given
 from socialbot.bdi import literals, plans, steps, terms
 from socialbot.bdi import literals as events
 from socialbot.bdi import terms as conditions
-from socialbot.bdi.actions import Action, fail, wait
 from socialbot.bdi.agentspeak import agentspeak, parse_plan, rules
 from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, SingletonBelief, error, source
 from socialbot.bdi.plans import Inference, Plan, atomic, flat, labelled, priority, stage
 from socialbot.bdi.steps import (
     Achieve,
+    Action,
     Do,
     Forget,
     Update,
@@ -23,9 +23,11 @@ from socialbot.bdi.steps import (
     as_long_as,
     ask,
     enter,
+    fail,
     first_of,
     for_each,
     together,
+    wait,
     wait_for,
     when,
 )

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 from socialbot.bdi.agentspeak import (
     agentspeak,
@@ -15,41 +16,21 @@ from socialbot.bdi.agentspeak import (
 from tests.bdi.agentspeak.programs import CONTEXTS, INFERENCES, LITERALS, PLANS, SLOW, TERMS, TRIGGERS
 from tests.bdi.agentspeak.shape import shape
 
-pytestmark = pytest.mark.filterwarnings("ignore:Generating overly large repr")
+KINDS = {
+    "plan": (PLANS, parse_plan),
+    "inference": (INFERENCES, lambda text: parse(text).inferences[0]),
+    "term": (TERMS, parse_term),
+    "literal": (LITERALS, parse_literal),
+    "condition": (CONTEXTS, parse_condition),
+    "event": (TRIGGERS, parse_event),
+}
 
 
+@pytest.mark.filterwarnings("ignore:Generating overly large repr")
+@pytest.mark.parametrize("kind", KINDS)
 @SLOW
-@given(PLANS)
-def test_a_printed_plan_reads_as_the_same_plan(plan):
-    assert shape(parse_plan(agentspeak(plan))) == shape(plan)
-
-
-@SLOW
-@given(INFERENCES)
-def test_a_printed_inference_reads_as_the_same(inference):
-    (read,) = parse(agentspeak(inference)).inferences
-    assert shape(read) == shape(inference)
-
-
-@SLOW
-@given(TERMS)
-def test_a_printed_term_reads_as_the_same(term):
-    assert shape(parse_term(agentspeak(term))) == shape(term)
-
-
-@SLOW
-@given(LITERALS)
-def test_a_printed_literal_reads_as_the_same(literal):
-    assert shape(parse_literal(agentspeak(literal))) == shape(literal)
-
-
-@SLOW
-@given(CONTEXTS)
-def test_a_printed_condition_reads_as_the_same(condition):
-    assert shape(parse_condition(agentspeak(condition))) == shape(condition)
-
-
-@SLOW
-@given(TRIGGERS)
-def test_a_printed_event_reads_as_the_same(event):
-    assert shape(parse_event(agentspeak(event))) == shape(event)
+@given(st.data())
+def test_a_printed_item_parses_to_an_equal_item(kind, data):
+    items, read = KINDS[kind]
+    item = data.draw(items)
+    assert shape(read(agentspeak(item))) == shape(item)

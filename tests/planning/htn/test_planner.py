@@ -129,9 +129,9 @@ def test_arguments_may_be_unhashable():
     [
         ([("m_fetchh", "cup")], TaskFault.UNKNOWN, "did you mean 'm_fetch'?"),
         ([("walk",)], TaskFault.UNKNOWN, "household has no action or task 'walk'"),
-        ([("a_say",)], TaskFault.ARITY, "a_say(), in what was asked for: a_say takes 1 arguments"),
+        ([("a_say",)], TaskFault.ARITY, "a_say(), in the request: a_say takes 1 arguments"),
         ([("m_fetch", "cup", "plate")], TaskFault.ARITY, "here takes 1 arguments"),
-        (["m_rest"], TaskFault.MALFORMED, "'m_rest', in what was asked for, is no task"),
+        (["m_rest"], TaskFault.MALFORMED, "'m_rest', in the request, is no task"),
         ([()], TaskFault.MALFORMED, "is no task"),
     ],
 )

@@ -17,10 +17,11 @@ from socialbot.core.messages import CameraInfo, CompressedImage, PersonDetection
 from socialbot.graph.files import load_graph
 from socialbot.vision.metrics.behaviour import single_node
 from socialbot.vision.metrics.evaluation import DetectorResult, Evaluation, EvaluationPlan, jobs_of, scored
-from socialbot.vision.metrics.frames import LabelledFrame, LabelledSource, Person
+from socialbot.vision.metrics.frames import LabelledFrame, LabelledSource
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import FoundFrame, PipelineSettings, run_job
 from socialbot.vision.metrics.scores import BandScore
+from socialbot.vision.metrics.truth import Person
 from tests.vision.drawn import add_person, corridor
 
 WALDO = single_node(load_graph("waldo"), "bdi_engine")
@@ -31,8 +32,8 @@ TOP = 202
 """Where the head is of somebody 220 pixels high who stands on the floor before Waldo's camera."""
 
 
-def person(x=0.0, *, w=10.0, h=20.0, distance: float | None = 5.0, visible=1.0, who="p") -> Person:
-    return Person((x, 0.0, w, h), distance, visible, who)
+def person(x=0.0, *, w=10.0, h=20.0, distance: float | None = 5.0, visible=1.0, id="p") -> Person:
+    return Person(x=x, y=0.0, w=w, h=h, distance_m=distance, visible=visible, id=id)
 
 
 def seen(x=0.0, *, w=10.0, h=20.0, score=0.5, distance: float | None = 5.0, track="") -> PersonDetection:

@@ -13,7 +13,7 @@ def story(seconds: float, *people):
     """Frames in which people are at a distance from and to a time (s): (who, from, to, distance)."""
     return [
         frame(
-            *(person(100 * n, distance=m, who=who) for n, (who, a, b, m) in enumerate(people) if a <= number / 10 < b),
+            *(person(100 * n, distance=m, id=who) for n, (who, a, b, m) in enumerate(people) if a <= number / 10 < b),
             number=number,
         )
         for number in range(round(10 * seconds))
@@ -39,7 +39,7 @@ def counts(truth, detections, deed):
 A = ("a", 5, 20, 3.0)
 
 
-def test_a_detector_without_fault():
+def test_detector_without_fault():
     truth = story(30, A)
     acted = behaviour(WALDO, truth, sight(30, A))
     assert acted.count("greeting") == {
@@ -51,40 +51,40 @@ def test_a_detector_without_fault():
     assert (offer.time - START) / 1e9 == pytest.approx(13.5, abs=0.7)
 
 
-def test_somebody_who_is_seen_late_is_greeted_late():
+def test_late_detection_gives_a_late_greeting():
     truth = story(30, A)
     assert counts(truth, sight(30, ("a", 8, 20, 3.0)), "greeting") == {"late": 1}
 
 
-def test_somebody_who_is_never_seen_is_missed():
+def test_missing_detection_gives_a_missed_greeting():
     truth = story(30, A)
     assert counts(truth, sight(30), "greeting") == {"missed": 1}
     assert counts(truth, sight(30), "offer") == {"missed": 1}
 
 
-def test_a_ghost_is_nobody():
+def test_greeting_of_a_false_positive_goes_to_nobody():
     truth = story(40)
     assert counts(truth, sight(40, A), "greeting") == {"nobody": 1}
     assert counts(truth, sight(40, A), "offer") == {"nobody": 1}
 
 
-def test_a_ghost_before_the_visitor_comes_leads_to_an_early_offer():
+def test_false_positive_before_the_visit_gives_an_early_offer():
     truth = story(30, ("a", 10, 28, 3.0))
     # Seen from 4 s on, so that help is offered at 12.5 s, when A has been there for 2.5 s.
     assert counts(truth, sight(30, ("a", 4, 28, 3.0)), "offer")["too early"] == 1
 
 
-def test_somebody_far_away_is_greeted_from_afar():
+def test_greeting_of_a_distant_person_is_from_afar():
     truth = story(20, ("a", 5, 18, 12.0))
     assert counts(truth, sight(20, ("a", 5, 18, 4.0)), "greeting") == {"from afar": 1}
 
 
-def test_a_greeting_as_somebody_comes_near_is_in_time():
+def test_greeting_during_the_approach_is_in_time():
     truth = story(20, ("a", 5, 7, 6.6), ("a", 7, 18, 5.0))
     assert counts(truth, sight(20, ("a", 5, 18, 5.5)), "greeting") == {"in time": 1}
 
 
-def test_whoever_is_lost_from_sight_for_long_is_greeted_again():
+def test_lost_person_is_greeted_again():
     stays = ("a", 5, 40, 3.0)
     truth = story(40, stays)
     broken = sight(40, ("a", 5, 15, 3.0), ("b", 28, 40, 3.0))
@@ -106,10 +106,10 @@ def test_visits():
     assert times == [("a", 10, 79), ("a", 140, 159)]
 
 
-def test_hardly_visible_people_are_not_there():
+def test_hardly_visible_people_are_not_present():
     assert visits([frame(person(visible=0.2))], 6.0, 2.5) == []
 
 
-def test_an_empty_recording():
+def test_empty_recording():
     acted = behaviour(WALDO, [], [])
     assert (acted.acts, acted.visits) == ((), ())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import ImageError, ParameterError, SocialbotError, TruthError
-from socialbot.runs.evaluation_figures import content
+from socialbot.runs.evaluation_tables import content
 from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan, evaluate, scene_names
 from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
@@ -47,7 +47,7 @@ def test_processes_do_not_change_the_figures(bag, tmp_path):
     assert here == content(carried_out(sources, processes=1)) == content(carried_out(sources, processes=2))
 
 
-def test_progress_is_told_up_to_the_last_frame(bag):
+def test_progress_is_reported_up_to_the_last_frame(bag):
     told = []
     plan = EvaluationPlan((bag_source(bag),), (HOG,), processes=1)
     evaluate(plan, lambda job, frames: told.append((job, frames)), lambda what: None)
@@ -71,7 +71,7 @@ def test_without_tracking_people_may_stand_anywhere(bag):
     assert not any(person.track_id for each in plain.clips[0].frames for person in each.found.persons)
 
 
-def test_without_tracking_the_pipeline_finds_what_scores_enough(bag):
+def test_pipeline_without_tracking_applies_the_threshold(bag):
     plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
     for each in plain.clips[0].frames:
         sure = [person for person in each.found.raw if person.score >= HOG.sure]
@@ -91,7 +91,7 @@ def test_pictures_are_not_tracked(tmp_path):
     assert not any(person.track_id for each in frames for person in each.found.persons)
 
 
-def test_labels_that_do_not_fit_their_picture(tmp_path):
+def test_labels_that_do_not_fit_their_image(tmp_path):
     folder = drawn_pictures(tmp_path / "room")
     path = folder / "persons.json"
     entries = json.loads(path.read_text())
@@ -101,7 +101,7 @@ def test_labels_that_do_not_fit_their_picture(tmp_path):
         evaluated(image_sources(folder))
 
 
-def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
+def test_labels_that_go_on_beyond_the_image_are_cut_off(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
     path = folder / "persons.json"
     entries = json.loads(path.read_text())
@@ -113,7 +113,7 @@ def test_labels_that_go_on_beyond_the_picture_are_cut_off(tmp_path):
     assert second == (600, 0, 40, 150)
 
 
-def test_damaged_pictures_are_counted_and_left_out(tmp_path):
+def test_damaged_images_are_counted_and_left_out(tmp_path):
     folder = drawn_pictures(tmp_path / "room")
     (folder / "1.png").write_bytes(b"no picture")
     clip = evaluated(image_sources(folder)).detectors["hog"].scenes["room"].clips[0]
@@ -145,7 +145,7 @@ def test_footage_that_has_gone(tmp_path):
     assert caught.value.remedy
 
 
-def test_the_speed_is_measured_when_asked_for(bag):
+def test_speed_is_measured_on_request(bag):
     speed = carried_out([bag_source(bag)], threads=1).detectors["hog"].speed
     assert speed is not None
     assert (speed.frames, speed.threads) == (12 - 5, 1)
@@ -153,7 +153,7 @@ def test_the_speed_is_measured_when_asked_for(bag):
     assert 0 < speed.frames_per_s < 1000
 
 
-def test_the_speed_of_a_few_pictures(tmp_path):
+def test_speed_of_a_few_images(tmp_path):
     speed = carried_out(image_sources(drawn_pictures(tmp_path / "room", 1)), threads=1).detectors["hog"].speed
     assert speed is not None
     assert speed.frames == 1
@@ -167,7 +167,7 @@ def test_scenes_with_several_splits_are_not_mixed(tmp_path):
     assert scene_names([one, third]) == ["hall", "stairs"]
 
 
-def test_what_the_json_says(bag):
+def test_contents_of_the_json(bag):
     said = content(evaluated([bag_source(bag)]))
     band = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]
     assert band["tp"] + band["fn"] == 12
@@ -213,7 +213,7 @@ def test_settings_that_do_not_fit(change, word):
         with_changes(HOG, [change])
 
 
-def test_a_cluster_gives_the_same_figures(bag, tmp_path):
+def test_cluster_gives_the_same_figures(bag, tmp_path):
     distributed = pytest.importorskip("distributed")
     other = drawn_bag(tmp_path, "other", seed=50)
     sources = [bag_source(bag), bag_source(other)]
@@ -228,7 +228,7 @@ def test_a_cluster_gives_the_same_figures(bag, tmp_path):
     assert content(there) == content(evaluated(sources))
 
 
-def test_a_scheduler_that_does_not_answer(bag, monkeypatch):
+def test_scheduler_that_does_not_answer(bag, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("socialbot.vision.metrics.workers.CONNECT_S", 0.5)
     with pytest.raises(ParameterError, match="no Dask scheduler answers"):

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from socialbot.core.errors import TruthError
-from socialbot.vision.metrics.frames import IgnoreBox, LabelledImage, PersonBox, dump_labels, load_labels
+from socialbot.vision.metrics.frames import IgnoreBox, LabelledImage, PersonBox, load_labels
 
 BOX = {"x": 10, "y": 20.5, "w": 30, "h": 90, "distance_m": None, "truncated": False, "occluded": True}
 GOOD = {"image": "a.jpg", "complete": False, "boxes": [BOX], "ignore": [{"x": 0, "y": 0, "w": 50, "h": 5}]}
@@ -19,7 +20,7 @@ def load(tmp_path, content):
     return load_labels(path)
 
 
-def test_a_good_list(tmp_path):
+def test_good_list(tmp_path):
     (picture,) = load(tmp_path, [GOOD])
     assert picture == LabelledImage(
         image="a.jpg",
@@ -29,7 +30,7 @@ def test_a_good_list(tmp_path):
     )
 
 
-def test_what_may_be_missing(tmp_path):
+def test_optional_fields_of_labels(tmp_path):
     (picture,) = load(tmp_path, [{"image": "a.jpg", "boxes": [{"x": 1, "y": 2, "w": 3, "h": 4}]}])
     assert picture.complete
     assert picture.boxes[0].distance_m is None
@@ -56,14 +57,14 @@ def test_what_may_be_missing(tmp_path):
         ([3], "entry 0"),
     ],
 )
-def test_what_does_not_fit_is_an_error_that_names_the_entry(tmp_path, content, words):
+def test_invalid_entry_is_refused(tmp_path, content, words):
     with pytest.raises(TruthError, match=f"(?s){words}") as caught:
         load(tmp_path, content)
     assert "persons.json" in str(caught.value)
     assert caught.value.remedy
 
 
-def test_a_missing_file(tmp_path):
+def test_missing_file(tmp_path):
     with pytest.raises(TruthError, match=r"none\.json: No such file"):
         load_labels(tmp_path / "none.json")
 
@@ -94,9 +95,9 @@ lists = st.lists(
 
 
 @given(lists)
-def test_lists_come_back_as_they_were_written(tmp_path_factory, pictures):
+def test_labels_survive_a_round_trip(tmp_path_factory, pictures):
     path = tmp_path_factory.mktemp("labels") / "persons.json"
-    path.write_bytes(dump_labels(pictures))
+    path.write_bytes(msgspec.json.encode(pictures))
     assert load_labels(path) == tuple(pictures)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import ParameterError
 from socialbot.vision.metrics.matches import Rules, judge, parse_bands
-from socialbot.vision.metrics.truth import TruthObject
+from socialbot.vision.metrics.truth import Region, TruthObject
 from tests.vision.metrics.scenes import frame, person, seen
 
 RULES = Rules()
@@ -27,44 +27,44 @@ def thing(kind, x=0.0, *, w=10.0, h=20.0):
     return TruthObject(kind=kind, x=x, y=0, w=w, h=h)
 
 
-def test_bands_as_they_are_written():
+def test_parses_bands():
     assert parse_bands("0-2, 2-10,10-20") == ((0, 2), (2, 10), (10, 20))
     assert Rules(parse_bands("0.5-3.5")).keys == ("0.5-3.5", "outside", "unknown")
 
 
 @pytest.mark.parametrize("text", ["", "2", "2-", "a-b", "3-2", "2-2", "-1-2", "0-inf", "0-2,1-3", "2-10,0-2"])
-def test_what_are_no_bands(text):
+def test_refuses_invalid_bands(text):
     with pytest.raises(ParameterError, match="--bands"):
         parse_bands(text)
 
 
-def test_hits_and_misses_go_by_the_true_distance_and_false_alarms_by_the_detectors():
+def test_hits_use_the_true_distance_and_false_positives_the_detected_one():
     matches = judge(frame(person(0, distance=1.9), person(100, distance=15)), [seen(0, distance=7), seen(300)], RULES)
     assert kinds(matches) == [("false", "2-10"), ("hit", "0-2"), ("missed", "10-20")]
 
 
-def test_people_of_unknown_distance_have_a_row_of_their_own():
+def test_people_of_unknown_distance_are_a_band():
     matches = judge(frame(person(0, distance=None), person(100, distance=None)), [seen(0)], RULES)
     assert kinds(matches) == [("hit", "unknown"), ("missed", "unknown")]
 
 
-def test_where_distances_mean_nothing_false_alarms_have_none():
+def test_false_positives_without_ranges_have_no_distance():
     assert kinds(judge(frame(ranged=False), [seen(distance=3)], RULES)) == [("false", "unknown")]
 
 
-def test_the_overlap_that_is_asked_for():
+def test_least_overlap_is_configurable():
     off = seen(3)  # IoU 7 / 13
     assert kinds(judge(frame(person()), [off], RULES)) == [("hit", "2-10")]
     assert kinds(judge(frame(person()), [off], Rules(least_iou=0.6))) == [("false", "2-10"), ("missed", "2-10")]
 
 
-def test_in_a_frame_that_is_not_complete_nothing_is_a_false_alarm():
+def test_incomplete_frame_has_no_false_positives():
     matches = judge(frame(person(0), person(100), complete=False), [seen(0), seen(300)], RULES)
     assert kinds(matches) == [("hit", "2-10"), ("missed", "2-10"), ("spared", "2-10")]
 
 
-def test_ignored_boxes_absorb_what_lies_in_them():
-    ignoring = frame(person(0), ignore=((200.0, 0.0, 100.0, 100.0),))
+def test_detections_in_ignored_boxes_are_not_scored():
+    ignoring = frame(person(0), ignore=(Region(x=200, y=0, w=100, h=100),))
     detections = [seen(0), seen(210), seen(250), seen(194), seen(196)]
     matches = judge(ignoring, detections, RULES)
     # The one at 194 lies in it by 4 of its 10 pixels, that at 196 by 6.
@@ -72,11 +72,11 @@ def test_ignored_boxes_absorb_what_lies_in_them():
     assert kinds(matches).count(("spared", "2-10")) == 3
 
 
-def test_people_in_an_ignored_box_who_have_a_label_are_asked_for():
-    assert kinds(judge(frame(person(0), ignore=((0, 0, 50, 50),)), [], RULES)) == [("missed", "2-10")]
+def test_labelled_people_in_an_ignored_box_are_scored():
+    assert kinds(judge(frame(person(0), ignore=(Region(x=0, y=0, w=50, h=50),)), [], RULES)) == [("missed", "2-10")]
 
 
-def test_why_there_are_false_alarms():
+def test_causes_of_false_positives():
     busy = frame(
         person(0), person(100, visible=0.1), objects=(thing("coat stand", 200), thing("poster", 300, w=200, h=200))
     )
@@ -92,39 +92,39 @@ def test_why_there_are_false_alarms():
     assert found == ["double", "hardly visible person", "coat stand", "poster", "nothing known"]
 
 
-def test_a_poor_box_is_one_round_somebody_whom_nothing_else_finds():
+def test_poor_box_of_a_missed_person():
     matches = judge(frame(person(0)), [seen(5)], RULES)
     assert causes(matches) == ["poor box"]
     assert kinds(matches) == [("false", "2-10"), ("missed", "2-10")]
 
 
-def test_a_person_in_front_of_a_thing_is_the_likelier_cause():
+def test_person_goes_before_an_object_as_cause():
     assert causes(judge(frame(person(0), objects=(thing("shadow", 8),)), [seen(4)], RULES)) == ["poor box"]
 
 
-def test_hardly_visible_people_are_spared():
+def test_hardly_visible_people_are_not_matched():
     assert kinds(judge(frame(person(visible=0.1)), [seen()], RULES)) == [("spared", "2-10")]
     assert kinds(judge(frame(person(visible=0.1)), [], RULES)) == []
 
 
-def test_presence_asks_whether_somebody_is_in_the_band():
+def test_presence_matches_bands():
     two = frame(person(0, distance=3), person(100, distance=4), person(200, distance=15))
     assert kinds(judge(two, [seen(500, distance=9)], PRESENCE)) == [("hit", "2-10"), ("missed", "10-20")]
     assert kinds(judge(frame(), [seen(distance=1), seen(50, distance=1)], PRESENCE)) == [("false", "0-2")]
     assert kinds(judge(frame(), [], PRESENCE)) == []
 
 
-def test_presence_leaves_bands_alone_where_somebody_is_hardly_visible():
+def test_presence_does_not_score_bands_with_hardly_visible_people():
     assert kinds(judge(frame(person(visible=0.1)), [seen()], PRESENCE)) == [("spared", "2-10")]
 
 
-def test_presence_takes_anybody_for_people_of_unknown_distance():
+def test_presence_matches_any_detection_with_unknown_distance():
     unranged = frame(person(0, distance=None), ranged=False)
     assert kinds(judge(unranged, [seen(300, distance=7)], PRESENCE)) == [("hit", "unknown")]
     assert kinds(judge(unranged, [], PRESENCE)) == [("missed", "unknown")]
 
 
-def test_presence_has_the_score_of_the_best():
+def test_presence_has_the_best_score():
     (verdict,) = judge(frame(person()), [seen(score=0.3), seen(50, score=0.8)], PRESENCE)
     assert verdict.score == 0.8
 
@@ -137,13 +137,13 @@ frames = st.builds(
     st.lists(persons, max_size=5),
     st.booleans(),
     st.booleans(),
-    st.lists(st.tuples(places, places, sizes, sizes), max_size=2),
+    st.lists(st.builds(Region, x=places, y=places, w=sizes, h=sizes), max_size=2),
 )
 
 
 @settings(deadline=None)
 @given(frames, st.lists(detections, max_size=6))
-def test_everybody_who_counts_is_hit_or_missed_once_and_every_detection_judged_once(truth, found):
+def test_every_person_and_detection_is_matched_once(truth, found):
     matches = judge(truth, found, RULES)
     count = {kind: sum(verdict.kind == kind for verdict in matches) for kind in ("hit", "missed", "false", "spared")}
     assert count["hit"] + count["missed"] == sum(each.counts for each in truth.persons)
@@ -154,7 +154,7 @@ def test_everybody_who_counts_is_hit_or_missed_once_and_every_detection_judged_o
 
 @settings(deadline=None)
 @given(frames, st.lists(detections, max_size=6), st.randoms(use_true_random=False), st.booleans())
-def test_the_order_of_detections_does_not_matter(truth, found, random, presence):
+def test_order_of_detections_does_not_matter(truth, found, random, presence):
     rules = Rules(presence=presence)
     shuffled = list(found)
     random.shuffle(shuffled)
@@ -163,7 +163,7 @@ def test_the_order_of_detections_does_not_matter(truth, found, random, presence)
 
 @settings(deadline=None)
 @given(frames, st.lists(detections, max_size=6), st.floats(0, 1))
-def test_the_verdicts_on_surer_detections_do_not_depend_on_less_sure_ones(truth, found, threshold):
+def test_matches_do_not_depend_on_lower_scores(truth, found, threshold):
     def of_detections(matches):
         # Why something is a false alarm may depend on who else is found.
         return [replace(each, cause="") for each in matches if each.kind != "missed" and each.score >= threshold]

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from socialbot.runs.evaluation_figures import PAPER, paper_scene
 from socialbot.runs.evaluation_page import page as page_of
-from socialbot.runs.evaluation_tables import markdown, show, write_markdown
+from socialbot.runs.evaluation_tables import PAPER, markdown, paper_scene, show, write_markdown
 from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.matches import Rules
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
@@ -73,7 +72,7 @@ def checked(text):
     return checker
 
 
-def test_the_page_needs_nothing_from_elsewhere(evaluation):
+def test_page_needs_nothing_from_elsewhere(evaluation):
     checker = checked(page(evaluation))
     assert checker.outside == []
 
@@ -82,14 +81,14 @@ def test_names_are_shown_as_they_are(evaluation):
     assert "<room>" in "".join(checked(page(evaluation)).texts)
 
 
-def test_the_page_shows_what_the_evaluation_says(evaluation):
+def test_page_shows_the_evaluation(evaluation):
     text = "".join(checked(page(evaluation)).texts)
     f1 = evaluation.detectors["hog"].scenes["scene1"].score.bands["2-10"].score.f1
     assert f"{f1:.3f}" in text
     assert "0.593" in text  # the paper's
 
 
-def test_the_page_looks_like_all_others_and_has_every_part(evaluation):
+def test_page_looks_like_all_others_and_has_every_part(evaluation):
     html = page(evaluation)
     assert headings(html) == [
         "F1 by distance",
@@ -104,7 +103,7 @@ def test_the_page_looks_like_all_others_and_has_every_part(evaluation):
     assert html.count('class="plot"') == 2  # precision over recall, for each scene with people
 
 
-def test_the_worst_frames_are_shown_with_what_was_missed(blind):
+def test_worst_frames_are_shown_with_missed_people(blind):
     text = page(blind)
     checked(text)
     assert text.count("<image ") == 1  # the frames are within a second of each other
@@ -112,7 +111,7 @@ def test_the_worst_frames_are_shown_with_what_was_missed(blind):
     assert "data:image/jpeg;base64," in text
 
 
-def test_the_page_is_the_same_every_time(blind):
+def test_page_is_the_same_every_time(blind):
     assert page(blind) == page(blind)
 
 
@@ -123,14 +122,14 @@ def test_presence_has_no_row_of_the_paper(tmp_path):
     checked(text)
 
 
-def test_by_presence_nothing_is_said_of_causes_which_it_does_not_know(evaluation, tmp_path):
+def test_presence_has_no_causes(evaluation, tmp_path):
     by_presence = evaluated([bag_source(drawn_bag(tmp_path, frames=1))], rules=Rules(presence=True))
     for told, heading in ((page, "Where false positives come from"), (markdown, "False positives by cause")):
         assert heading in told(evaluation)
         assert heading not in told(by_presence)
 
 
-def test_the_summary_has_the_bands_of_every_detector(evaluation):
+def test_summary_has_the_bands_of_every_detector(evaluation):
     hog = evaluation.detectors["hog"]
     other = with_band(hog, "scene1", "outside", BandScore(Score(tp=0, fp=7, fn=0)))
     none = with_band(hog, "scene1", "outside", BandScore(Score()))
@@ -140,7 +139,7 @@ def test_the_summary_has_the_bands_of_every_detector(evaluation):
     assert [cells[1] for cells in rows if cells][:5] == ["0-2 m", "2-10 m", "10-20 m", "outside", "all"]
 
 
-def test_it_says_where_people_were_tracked(evaluation, blind, tmp_path):
+def test_page_names_tracked_sources(evaluation, blind, tmp_path):
     mixed = "hog with tracking (single images without)"
     assert mixed in page(evaluation)
     assert "hog without tracking" in page(blind)
@@ -149,7 +148,7 @@ def test_it_says_where_people_were_tracked(evaluation, blind, tmp_path):
     assert "hog without tracking" in page(evaluated(image_sources(pictures)))
 
 
-def test_errors_whose_pictures_are_gone_are_still_errors(tmp_path):
+def test_errors_whose_images_are_gone_are_still_errors(tmp_path):
     folder = drawn_pictures(tmp_path / "room", 1)
     result = evaluated(image_sources(folder), BLIND)
     (folder / "0.png").write_bytes(b"rubbish")
@@ -158,7 +157,7 @@ def test_errors_whose_pictures_are_gone_are_still_errors(tmp_path):
     assert "cannot be read any more" in text
 
 
-def test_the_tables_say_the_same(evaluation):
+def test_tables_agree_with_the_json(evaluation):
     console = Console(width=150, record=True, file=__import__("io").StringIO())
     show(evaluation, console)
     text = console.export_text()
@@ -168,7 +167,7 @@ def test_the_tables_say_the_same(evaluation):
     assert "<room>" in text
 
 
-def test_the_document_says_the_same(evaluation, tmp_path):
+def test_document_agrees_with_the_json(evaluation, tmp_path):
     write_markdown(evaluation, tmp_path / "new")
     text = (tmp_path / "new" / "evaluation.md").read_text()
     f1 = evaluation.detectors["hog"].scenes["scene1"].score.bands["2-10"].score.f1
@@ -190,7 +189,7 @@ def test_scenes_of_the_paper():
     assert paper_scene("corridor") is paper_scene("scene12") is paper_scene("scene3") is None
 
 
-def test_the_papers_table_three_follows_from_its_table_two():
+def test_papers_table_three_follows_from_its_table_two():
     rates = {
         (scene, band): (score.precision, score.recall, score.f1)
         for scene, bands in PAPER.items()

@@ -49,25 +49,25 @@ def test_average_precision_of_a_known_curve():
     assert result.curve.scores.tolist() == [0.9, 0.8, 0.7]
 
 
-def test_detections_of_one_score_come_together():
+def test_detections_of_equal_score_give_one_point():
     assert scored([false(0.5), hit(0.5)]).bands["2-10"].ap == scored([hit(0.5), false(0.5)]).bands["2-10"].ap == 0.5
 
 
-def test_the_curve_is_the_detectors_and_the_score_the_pipelines():
+def test_curve_is_the_detectors_and_the_score_the_pipelines():
     result = scored([hit()], raw=[[hit(0.9), false(0.1)]]).bands["2-10"]
     assert result.score.precision == 1
     assert result.curve is not None
     assert result.curve.precision[-1] == 0.5
 
 
-def test_a_band_without_people_has_no_average_precision():
+def test_band_without_people_has_no_average_precision():
     result = scored(*[[false(band="0-2")]] * 4).bands["0-2"]
     assert (result.ap, result.curve, result.score.precision) == (None, None, 0.0)
     assert "ap" not in result.intervals
     assert "recall" not in result.intervals
 
 
-def test_a_detector_that_finds_nobody_has_an_average_precision_of_nothing():
+def test_average_precision_without_detections_is_zero():
     assert scored([missed()]).bands["2-10"].ap == 0.0
 
 
@@ -88,7 +88,7 @@ def test_perfect_detections_are_perfect():
     assert set(band.intervals.values()) == {(1.0, 1.0)}
 
 
-def test_the_interval_of_independent_frames_is_as_wide_as_theory_has_it():
+def test_interval_of_independent_frames_is_as_wide_as_theory_has_it():
     # 400 frames, in each a hit with a chance of 0.8: 95 % lie within 1.96 * sqrt(.8 * .2 / 400) = 0.039 of it.
     frames = [[hit()] if n % 5 else [missed()] for n in range(400)]
     low, high = scored(*frames).bands["2-10"].intervals["recall"]
@@ -130,7 +130,7 @@ def test_rates_lie_between_none_and_all_and_within_their_intervals(frames):
 
 @settings(deadline=None, max_examples=40)
 @given(scenes, st.randoms(use_true_random=False))
-def test_the_order_of_verdicts_does_not_matter(frames, random):
+def test_order_of_matches_does_not_matter(frames, random):
     shuffled = [list(each) for each in frames]
     for each in shuffled:
         random.shuffle(each)
@@ -142,7 +142,7 @@ def test_the_order_of_verdicts_does_not_matter(frames, random):
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=20))
-def test_average_precision_lies_between_the_curve_and_one(points):
+def test_average_precision_is_between_the_curve_and_one(points):
     recall = np.sort([recall for recall, _ in points])
     precision = np.array([precision for _, precision in points])
     area = float(average_precision(recall, precision))

@@ -9,7 +9,7 @@ from socialbot.vision.metrics.frames import bag_source, image_sources
 from tests.vision.metrics.scenes import START, drawn_bag, drawn_pictures
 
 
-def test_a_bag_with_its_truth_beside_it(corridor):
+def test_bag_with_its_truth_beside_it(corridor):
     source = bag_source(corridor)
     assert (source.name, source.scene, source.split, len(source.frames)) == ("corridor", "corridor", "", 420)
     blocks = [frame.block for frame in source.frames]
@@ -18,7 +18,7 @@ def test_a_bag_with_its_truth_beside_it(corridor):
     assert sum(len(frame.persons) for frame in source.frames) == 399
 
 
-def test_the_truth_in_a_bag_says_the_same_as_the_truth_beside_it(tmp_path):
+def test_truth_in_a_bag_equals_truth_beside_it(tmp_path):
     beside = bag_source(drawn_bag(tmp_path, "one", scene="hall", split="tune"))
     inside = bag_source(drawn_bag(tmp_path, "two", beside=False, inside=True, scene="hall", split="tune"))
     assert (inside.scene, inside.split) == ("hall", "tune")
@@ -38,12 +38,12 @@ def test_objects_of_the_recording_are_in_every_frame(tmp_path):
 
 
 @pytest.mark.parametrize("beside", [True, False])
-def test_what_follows_a_dot_belongs_to_the_name_of_a_folder(tmp_path, beside):
+def test_dot_belongs_to_the_name_of_a_folder(tmp_path, beside):
     bags = [drawn_bag(tmp_path, name, frames=1, beside=beside, inside=not beside) for name in ("run.1", "run.2")]
     assert [bag_source(bag).name for bag in bags] == ["run.1", "run.2"]
 
 
-def test_a_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
+def test_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
     folder = drawn_bag(tmp_path, frames=1)
     (file,) = folder.glob("*.mcap")
     alone = file.rename(tmp_path / "run.1.mcap")
@@ -51,7 +51,7 @@ def test_a_single_file_is_called_by_its_name_without_the_suffix(tmp_path):
     assert bag_source(alone).name == "run.1"
 
 
-def test_a_bag_without_truth(tmp_path):
+def test_bag_without_truth(tmp_path):
     with pytest.raises(TruthError, match=r"clip: no ground truth.*\n.*clip\.truth\.json"):
         bag_source(drawn_bag(tmp_path, beside=False))
 
@@ -64,7 +64,7 @@ def test_truth_of_another_topic(tmp_path):
         bag_source(bag)
 
 
-def test_labelled_pictures(tmp_path):
+def test_labelled_images(tmp_path):
     (source,) = image_sources(drawn_pictures(tmp_path / "hall"))
     assert (source.name, source.scene) == ("hall", "hall")
     assert [frame.name for frame in source.frames] == ["0.png", "1.png", "2.png"]
@@ -93,7 +93,7 @@ def test_images_that_are_missing(tmp_path):
         image_sources(folder)
 
 
-def test_stamps_are_those_of_the_pictures(tmp_path):
+def test_stamps_are_those_of_the_images(tmp_path):
     source = bag_source(drawn_bag(tmp_path, frames=3))
     assert [encoded.stamp for encoded in source.images.read()] == [frame.stamp for frame in source.frames]
     assert source.frames[0].stamp == START

@@ -28,14 +28,14 @@ def load(tmp_path, content):
     return load_truth(path)
 
 
-def test_a_good_file(tmp_path):
+def test_good_file(tmp_path):
     truth = load(tmp_path, GOOD)
     assert truth.image_topic == "/camera/image_raw"
     assert [frame.stamp for frame in truth.frames] == [10, 20]
     assert truth.frames[1].persons == (TruthPerson(id="p1", x=1, y=2.5, w=3, h=4, distance_m=5, visible=1.0),)
 
 
-def test_what_may_be_said_besides(tmp_path):
+def test_optional_fields_of_truth(tmp_path):
     thing = {"kind": "coat stand", "x": 1, "y": 2, "w": 3, "h": 4}
     frames = [{"stamp": 10, "persons": [], "light": "sun", "objects": [{**thing, "kind": "shadow"}]}]
     truth = load(tmp_path, {**GOOD, "scene": "scene2", "split": "held-back", "objects": [thing], "frames": frames})
@@ -45,7 +45,7 @@ def test_what_may_be_said_besides(tmp_path):
     assert truth.frames[0].light == "sun"
 
 
-def test_what_need_not_be_said(tmp_path):
+def test_defaults_of_truth(tmp_path):
     truth = load(tmp_path, GOOD)
     assert (truth.scene, truth.split, truth.objects) == ("", "", ())
     assert (truth.frames[0].objects, truth.frames[0].light) == ((), "")
@@ -92,14 +92,14 @@ PERSON = ("frames", 1, "persons", 0)
         (changed("objects", value=[{"x": 1, "y": 2, "w": 3, "h": 4}]), "kind"),
     ],
 )
-def test_what_does_not_fit_is_an_error_that_names_the_file(tmp_path, content, word):
+def test_invalid_file_is_refused(tmp_path, content, word):
     with pytest.raises(TruthError, match=word) as caught:
         load(tmp_path, content)
     assert "corridor.truth.json" in str(caught.value)
     assert caught.value.remedy
 
 
-def test_a_missing_file(tmp_path):
+def test_missing_file(tmp_path):
     with pytest.raises(TruthError, match=r"none\.json: No such file"):
         load_truth(tmp_path / "none.json")
 
@@ -143,7 +143,7 @@ def test_truth_from_the_messages_of_a_bag():
         ([MESSAGE, {**MESSAGE, "stamp": 20, "image_topic": "/other"}], "/other"),
     ],
 )
-def test_messages_that_do_not_fit_are_errors_that_name_the_bag(messages, word):
+def test_invalid_messages_are_refused(messages, word):
     with pytest.raises(TruthError, match=word) as caught:
         from_messages(*messages)
     assert "hall.bag" in str(caught.value)

@@ -15,7 +15,7 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def die(number: int) -> int:
+def crash(number: int) -> int:
     os._exit(number)
 
 
@@ -24,24 +24,24 @@ def dawdle(seconds: float) -> float:
     return seconds
 
 
-def test_results_come_in_the_order_of_the_arguments():
+def test_results_are_in_the_order_of_the_arguments():
     assert run_in_processes(dawdle, [(0.3,), (0.0,), (0.1,)], 2) == [0.3, 0.0, 0.1]
     assert run_in_processes(double, [], 2) == []
 
 
-def test_results_are_told_as_they_come():
+def test_results_are_reported_as_they_come():
     told = []
     run_in_processes(double, [(3,), (4,)], 1, done=lambda number, result: told.append((number, result)))
     assert told == [(0, 6), (1, 8)]
 
 
-def test_a_process_that_dies_is_an_error():
-    with pytest.raises(NodeError, match="died") as caught:
-        run_in_processes(die, [(3,)], 1)
+def test_crashed_process_is_an_error():
+    with pytest.raises(NodeError, match="crashed") as caught:
+        run_in_processes(crash, [(3,)], 1)
     assert caught.value.remedy
 
 
-def test_an_error_ends_what_is_still_going_on():
+def test_error_cancels_running_calls():
     def refuse(number: int, result: float) -> None:
         raise TruthError("no")
 
@@ -57,7 +57,7 @@ def send(value: Found | TruthError) -> Found:
     return value
 
 
-def test_what_is_found_and_what_is_wrong_travel_between_processes():
+def test_results_and_errors_are_pickled():
     frames: tuple[FoundFrame, ...] = (found(),)
     there = Found(frames, 1, "damaged")
     assert run_in_processes(send, [(there,)], 1) == [there]

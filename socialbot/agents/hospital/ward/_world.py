@@ -6,9 +6,12 @@ import itertools
 import math
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
 
 from socialbot.agents.base._simulation import SimulatedWorld, WorldFault
-from socialbot.agents.hospital.ward._state import Activity, Journey, RoomModel, WardAgent
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CANCELLED,
@@ -26,14 +29,18 @@ from socialbot.agents.hospital.ward.messages import (
     WardState,
 )
 from socialbot.agents.hospital.ward.ward import (
-    JOINT,
+    ANYWHERE,
+    EFFECTS,
+    JOINT_ACTIONS,
     PAPER,
     POWERED,
     ROBOTS,
     ROLES,
     ActionDurations,
+    Journey,
     Position,
     Ward,
+    WardMember,
     drawn_problems,
     length,
 )
@@ -47,6 +54,60 @@ CHARGE_STEP = 0.1
 """Step of a charge."""
 
 
+@dataclass
+class Activity:
+    """An action in progress, or one that waits for a partner.
+
+    ``ids`` are the id and time (ns) of the command, by agent.
+    """
+
+    action: str
+    args: tuple[str, ...]
+    ids: dict[str, tuple[str, int]] = field(default_factory=dict)
+    due: int = -1
+    then: Callable[[], None] = lambda: None
+    over: bool = False
+
+    @property
+    def waits(self) -> bool:
+        return self.action in JOINT_ACTIONS and len(self.ids) < len(self.args)
+
+    def __str__(self) -> str:
+        return f"{self.action}({', '.join(self.args)})"
+
+
+@dataclass
+class WardAgent:
+    """State of a robot or a nurse."""
+
+    member: WardMember
+    place: str
+    position: Position
+    chance: random.Random
+    inside: bool = True
+    battery: float = 1.0
+    activity: Activity | None = None
+    journey: Journey | None = None
+
+    def at(self, time: int) -> Position:
+        return self.journey.left(time)[0] if self.journey else self.position
+
+    def state(self, time: int) -> AgentState:
+        """Value of its sensor."""
+        position = self.at(time)
+        return AgentState(
+            name=self.member.name,
+            kind=self.member.kind,
+            home=self.member.home,
+            place=self.place,
+            inside=self.inside,
+            x=round(position.x, 3),
+            y=round(position.y, 3),
+            battery=round(self.battery, 4),
+            busy=str(self.activity or ""),
+        )
+
+
 class WardWorld(SimulatedWorld):
     """Simulated ward. Commands take effect at the time that `advance` reached.
 
@@ -55,14 +116,8 @@ class WardWorld(SimulatedWorld):
     partner. A person who enters stops ultraviolet light, a nurse who leaves the ward stops her action, and a robot with
     a low battery stops an action that needs power. Nurses use a screen in their rooms.
 
-    Args:
-        ward: Static description.
-        seed: Seed of problems and durations.
-        rate: Percentage of infections with a problem.
-        noise: Largest relative deviation of durations; 0.1 is 10 %.
-        faults: Faults beside the problems.
-        durations: Nominal durations of actions.
-        start: Start time, ns.
+    ``rate`` is the percentage of infections with a problem, ``noise`` the largest relative deviation of durations, and
+    ``start`` the time in ns. ``faults`` are added to the problems.
     """
 
     def __init__(
@@ -81,23 +136,21 @@ class WardWorld(SimulatedWorld):
         self.durations = durations
         self.noise = noise
         self.problems = drawn_problems(ward, seed, rate)
-        self.rooms = {room.name: RoomModel(door_open=room.name not in ward.closed) for room in ward.rooms}
-        self.agents = {
-            member.name: WardAgent(
-                member,
-                member.home,
-                ward.room_by_name[member.home].centre,
-                random.Random(f"ward {seed} {member.name}"),
-            )
-            for member in ward.members
+        self.rooms = {
+            room.name: RoomState(name=room.name, door_open=room.name not in ward.closed, cleaned=True, disinfected=True)
+            for room in ward.rooms
         }
+        self.agents: dict[str, WardAgent] = {}
+        for member in ward.members:
+            home, chance = ward.room_by_name[member.home], random.Random(f"ward {seed} {member.name}")
+            self.agents[member.name] = WardAgent(member, home.name, home.centre, chance)
         self.changes = 0
         """Number of changes of rooms and agents, without movements."""
         self._results: list[ActionResult] = []
         self._people = itertools.count(1)
         self._faulty: dict[tuple[str, str], int] = {}
         for time_s, room in ward.infections:
-            self._after(time_s, lambda room=room: self._infect(room))
+            self._after(time_s, lambda room=room: self.change_room(room, disinfected=False))
         for fault in (*self.problems, *faults):
             self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self.advance(start)
@@ -109,8 +162,9 @@ class WardWorld(SimulatedWorld):
         if refusal := self._refusal(robot, action, args):
             self._report(id, robot, action, args, self.now, refusal)
             return
-        agent = self.agents[robot]
-        agent.activity = activity = self._partners_task(robot, action, args) or Activity(action, args, {})
+        activities = (agent.activity for agent in self.agents.values())
+        waiting = (each for each in activities if each and each.waits and (each.action, each.args) == (action, args))
+        activity = self.agents[robot].activity = next(waiting, None) or Activity(action, args)
         activity.ids[robot] = (id, self.now)
         self.changes += 1
         self._begin(activity)
@@ -135,8 +189,8 @@ class WardWorld(SimulatedWorld):
             return f"there is no action {action!r}"
         if len(args) != len(roles) or not all(map(self._plays, args, roles)):
             return f"{action} takes {', '.join(roles)}, not {', '.join(args) or 'nothing'}"
-        if robot not in (args if action in JOINT else args[:1]):
-            return f"{robot} cannot do what {args[0]} does"
+        if robot not in (args if action in JOINT_ACTIONS else args[:1]):
+            return f"{robot} cannot execute an action of {args[0]}"
         activity = self.agents[robot].activity
         return f"{robot} is busy with {activity}" if activity else ""
 
@@ -148,43 +202,21 @@ class WardWorld(SimulatedWorld):
         kind = self.agents[name].member.kind
         return role in ("agent", kind) or (role == "robot" and kind in ROBOTS)
 
-    def _partners_task(self, robot: str, action: str, args: tuple[str, ...]) -> Activity | None:
-        """The activity of a partner that waits for this joint action."""
-        tasks = (self.agents[name].activity for name in args if name != robot and name in self.agents)
-        return next(
-            (
-                activity
-                for activity in tasks
-                if activity and activity.waits and (activity.action, activity.args) == (action, args)
-            ),
-            None,
-        )
-
     # State
 
-    def is_silent(self, sensor: str) -> bool:
-        """Whether the sensor of a room, robot or nurse, or `STATE_SENSOR`, is silent."""
-        return self.now < self._faulty.get(("silent", sensor), self.now)
-
-    def is_slow(self, sensor: str) -> bool:
-        """Whether such a sensor is slow."""
-        return self.now < self._faulty.get(("slow", sensor), self.now)
+    def is_faulty(self, fault: Literal["silent", "slow"], sensor: str) -> bool:
+        """Whether the sensor of a room, robot or nurse, or `STATE_SENSOR`, has this fault."""
+        return self.now < self._faulty.get((fault, sensor), self.now)
 
     def state(self) -> WardState:
         """True state of the ward, independent of its sensors."""
-        return WardState(
-            stamp=self.now,
-            rooms=tuple(self.room_state(name) for name in self.rooms),
-            agents=tuple(self.agent_state(name) for name in self.agents),
-        )
+        agents = tuple(agent.state(self.now) for agent in self.agents.values())
+        return WardState(stamp=self.now, rooms=tuple(self.rooms.values()), agents=agents)
 
-    def room_state(self, name: str) -> RoomState:
-        """True state of a room. Raises KeyError for an unknown name."""
-        return self.rooms[name].state(name)
-
-    def agent_state(self, name: str) -> AgentState:
-        """True state of a robot or nurse. Raises KeyError for an unknown name."""
-        return self.agents[name].state(self.now)
+    def change_room(self, room: str, **changes: Any) -> None:
+        """Change the state of a room."""
+        self.rooms[room] = msgspec.structs.replace(self.rooms[room], **changes)
+        self.changes += 1
 
     # Actions
 
@@ -205,21 +237,14 @@ class WardWorld(SimulatedWorld):
 
     def _inside(self, activity: Activity) -> tuple[str, ...]:
         """The agents that have to be inside the room: none for a door or a radio message."""
-        if activity.action in ("a_navigate_to", "a_open_door", "a_charge", "a_authorize_disinfect", "a_infected_room"):
-            return ()
-        return tuple(activity.ids)
+        return () if activity.action == "a_open_door" or activity.action in ANYWHERE else tuple(activity.ids)
 
     def _obstacle(self, activity: Activity) -> str:
         """The reason why the action cannot be executed; checked at its start and at its end."""
         absent = [name for name in activity.args if name in self.agents and self.agents[name].place == AWAY]
         if absent and activity.action != "a_navigate_to":
             return NURSE_ABSENT
-        if activity.waits or activity.action in (
-            "a_navigate_to",
-            "a_charge",
-            "a_authorize_disinfect",
-            "a_infected_room",
-        ):
+        if activity.waits or activity.action in ANYWHERE:
             return ""
         first, last = activity.args[0], activity.args[-1]
         room = last if last in self.rooms else self.agents[last].place
@@ -239,22 +264,15 @@ class WardWorld(SimulatedWorld):
 
     def _do(self, activity: Activity) -> None:
         """Complete an action with its effects."""
-        room = self.rooms.get(activity.args[-1], RoomModel())
-        reason = self._obstacle(activity)
+        room, reason = activity.args[-1], self._obstacle(activity)
         if not reason:
-            self._use_battery(activity)
-            match activity.action:
-                case "a_patrol_room":
-                    reason = self._unfit(activity.args[-1])
-                case "a_open_door":
-                    room.door_open = True
-                case "a_adapt_room":
-                    room.cleaned = True
-                    room.people.clear()
-                case "a_disinfect_room":
-                    room.disinfected = True
-                case "a_infected_room":
-                    room.disinfected = False
+            for name in activity.args:
+                if name in self.agents:
+                    self._discharge(self.agents[name], self.durations.battery_of.get(activity.action, 0.0))
+            if activity.action == "a_patrol_room":
+                reason = self._unfit(room)
+            elif activity.action in EFFECTS:
+                self.change_room(room, **EFFECTS[activity.action])
         self._end(activity, reason)
 
     def _depart(self, activity: Activity, agent: WardAgent) -> None:
@@ -322,11 +340,6 @@ class WardWorld(SimulatedWorld):
         if agent.place == CORRIDOR and (room := self.ward.room_at(agent.position)):
             agent.place, agent.inside = room, True
 
-    def _use_battery(self, activity: Activity) -> None:
-        for name in activity.args:
-            if name in self.agents:
-                self._discharge(self.agents[name], self.durations.battery_of.get(activity.action, 0.0))
-
     def _discharge(self, agent: WardAgent, amount: float) -> None:
         if agent.member.kind in ROBOTS:
             agent.battery = max(agent.battery - amount, 0.0)
@@ -376,18 +389,14 @@ class WardWorld(SimulatedWorld):
     def _seconds(self, agent: WardAgent, action: str) -> float:
         return self.durations.seconds.get(action, 0.0) * self._factor(agent)
 
-    def _infect(self, room: str) -> None:
-        self.rooms[room].disinfected = False
-        self.changes += 1
-
     def _apply_fault(self, fault: WorldFault) -> None:
         self.changes += 1
         seconds = fault.duration_s or 0.0
         match fault.kind:
             case "dirty":
-                self.rooms[fault.target].cleaned = False
+                self.change_room(fault.target, cleaned=False)
             case "closes":
-                self.rooms[fault.target].door_open = False
+                self.change_room(fault.target, door_open=False)
             case "drains":
                 self._drain(self.agents[fault.target])
             case "enters":
@@ -411,16 +420,15 @@ class WardWorld(SimulatedWorld):
 
     def _person_enters(self, room: str, seconds: float) -> None:
         person = f"person{next(self._people)}"
-        people = self.rooms[room].people
-        people.append(person)
+        self.change_room(room, people=tuple(sorted((*self.rooms[room].people, person))))
         for agent in self.agents.values():
             if agent.activity and agent.activity.action == "a_disinfect_room" and agent.activity.args[-1] == room:
                 self._end(agent.activity, PERSON_IN_ROOM)
 
         def walk_out() -> None:
+            people = self.rooms[room].people
             if person in people:
-                people.remove(person)
-                self.changes += 1
+                self.change_room(room, people=tuple(name for name in people if name != person))
 
         self._after(seconds, walk_out)
 
@@ -443,13 +451,10 @@ class WardWorld(SimulatedWorld):
         if activity is None or activity.waits:
             return
         for name in activity.ids:
-            self._pause(self.agents[name], pause)
+            agent, journey = self.agents[name], self.agents[name].journey
+            if journey and self.now < journey.end:
+                self._discharge(agent, journey.made(self.now) * self.durations.battery_per_m)
+                begin = max(self.now, journey.begin) + pause
+                agent.journey = Journey(journey.left(self.now), begin, journey.end + pause)
         activity.due += pause
         self._arm(activity)
-
-    def _pause(self, agent: WardAgent, pause: int) -> None:
-        """Pause the movement of an agent for ``pause`` ns."""
-        journey = agent.journey
-        if journey and self.now < journey.end:
-            self._discharge(agent, journey.made(self.now) * self.durations.battery_per_m)
-            agent.journey = Journey(journey.left(self.now), max(self.now, journey.begin) + pause, journey.end + pause)

@@ -23,7 +23,6 @@ CLOSED_DOOR = "closed door"
 LOW_BATTERY = "low battery"
 PERSON_IN_ROOM = "person in the room"
 NURSE_ABSENT = "nurse absent"
-PROBLEMS = (DIRTY_ROOM, CLOSED_DOOR, LOW_BATTERY, PERSON_IN_ROOM, NURSE_ABSENT)
 """Reasons of failures that are due to the state of the ward."""
 
 PARTNER_ABSENT = "partner absent"

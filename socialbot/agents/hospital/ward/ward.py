@@ -8,17 +8,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from socialbot.agents.base._simulation import FaultSyntax, WorldFault
-from socialbot.agents.hospital.ward.messages import (
-    CLOSED_DOOR,
-    DIRTY_ROOM,
-    LOW_BATTERY,
-    NURSE_ABSENT,
-    PERSON_IN_ROOM,
-    PROBLEMS,
-)
+from socialbot.agents.base._simulation import WorldFault, parse_world_faults
 
 SPOT = "spotrobot"
 UVD = "uvdrobot"
@@ -32,6 +24,9 @@ CORRIDOR_M = 2.4
 """Width of a corridor."""
 ROOMS_A_SIDE = 9
 """Rooms on each side of a corridor of a large ward."""
+
+PROBLEMS = ("dirty", "closes", "drains", "enters", "leaves")
+"""Kinds of faults that cause a problem in a mission."""
 
 
 class Position(NamedTuple):
@@ -87,8 +82,9 @@ class Ward:
     """The static description of a ward.
 
     ``closed`` are the doors that are closed at the start. ``infections`` are times (s) with rooms that need
-    disinfection from then on. The problem of an infection is one of ``problems``. It appears ``window_s`` (first,
-    last) after the infection, but not before the start. ``spine_x`` is the corridor that joins the others.
+    disinfection from then on. The problem of an infection is a fault of a kind in ``problems``. It appears
+    ``window_s`` (first, last) after the infection, but not before the start. ``spine_x`` is the corridor that joins the
+    others.
     """
 
     name: str
@@ -140,18 +136,39 @@ class Ward:
         """The y of the middle of each corridor, sorted."""
         return tuple(sorted({room.corridor_y for room in self.rooms}))
 
-    def distance(self, start: str, target: str) -> float:
-        """Path length between the middles of two rooms, m."""
-        if start == target:
-            return 0.0
-        end = self.room_by_name[target]
-        points = self.way(self.room_by_name[start].centre, start, target)
-        return length((*points, end.door, end.centre))
-
 
 def length(points: tuple[Position, ...]) -> float:
     """Length of a path, m."""
     return sum(math.dist(here, there) for here, there in pairwise(points))
+
+
+@dataclass
+class Journey:
+    """Movement along ``points`` from ``begin`` to ``end`` (ns)."""
+
+    points: tuple[Position, ...]
+    begin: int
+    end: int
+
+    def made(self, time: int) -> float:
+        """Distance covered at ``time``, m."""
+        if time >= self.end:
+            return length(self.points)
+        return length(self.points) * max(time - self.begin, 0) / (self.end - self.begin)
+
+    def left(self, time: int) -> tuple[Position, ...]:
+        """The rest of the path at ``time``."""
+        if time >= self.end:
+            return self.points[-1:]
+        made = self.made(time)
+        for number, (here, there) in enumerate(pairwise(self.points), start=1):
+            whole = math.dist(here, there)
+            if made < whole:
+                share = made / whole
+                turned = Position(here.x + (there.x - here.x) * share, here.y + (there.y - here.y) * share)
+                return (turned, *self.points[number:])
+            made -= whole
+        return self.points[-1:]
 
 
 def paper_ward() -> Ward:
@@ -171,7 +188,7 @@ def paper_ward() -> Ward:
         dock="room4",
         closed=frozenset({"room1"}),
         infections=((1.0, "room1"),),
-        problems=(DIRTY_ROOM,),
+        problems=("dirty",),
         window_s=(-1.0, -1.0),
         spine_x=0.0,
     )
@@ -229,10 +246,19 @@ ROLES: dict[str, tuple[str, ...]] = {
     "a_infected_room": (NURSE, "room"),
 }
 """Arguments of the actions: a kind of agent, any ``agent``, any ``robot``, or a ``room``."""
-JOINT = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
+JOINT_ACTIONS = frozenset({"a_authenticate_nurse", "a_authorize_patrol", "a_authorize_disinfect"})
 """Actions of both agents in their arguments. The first argument executes any other action."""
 POWERED = frozenset({"a_navigate_to", "a_patrol_room", "a_disinfect_room"})
 """Actions that a robot with a low battery cannot execute."""
+ANYWHERE = frozenset({"a_navigate_to", "a_charge", "a_authorize_disinfect", "a_infected_room"})
+"""Actions that do not take place in a room."""
+EFFECTS: dict[str, dict[str, Any]] = {
+    "a_open_door": {"door_open": True},
+    "a_adapt_room": {"cleaned": True, "people": ()},
+    "a_disinfect_room": {"disinfected": True},
+    "a_infected_room": {"disinfected": False},
+}
+"""Changes of the room by a finished action."""
 
 
 @dataclass(frozen=True)
@@ -295,15 +321,6 @@ STATE_SENSOR = "state"
 SLOW_S = 2.0
 """Period of a slow sensor."""
 
-PROBLEM_OF = {
-    "dirty": DIRTY_ROOM,
-    "closes": CLOSED_DOOR,
-    "drains": LOW_BATTERY,
-    "enters": PERSON_IN_ROOM,
-    "leaves": NURSE_ABSENT,
-}
-"""Problem that a fault causes, by its kind."""
-
 STAY_S = (5.0, 15.0)
 """Shortest and longest stay of a person in a room, and absence of a nurse."""
 
@@ -328,7 +345,7 @@ def parse_faults(text: str, ward: Ward) -> tuple[WorldFault, ...]:
         "2 dirty room1; 3 closes room2; 4 drains spotrobot1; 5 enters room1 10; "
         "6 leaves nurse_disinfected1 10; 7 silent uvdrobot1 5; 8 slow state 5; 9 stalls uvdrobot1 3"
     )
-    return FaultSyntax(targets, ("enters", "leaves", "stalls", "silent", "slow"), examples).parse(text)
+    return parse_world_faults(text, targets, ("enters", "leaves", "stalls", "silent", "slow"), examples)
 
 
 def drawn_problems(ward: Ward, seed: int, rate: float) -> tuple[WorldFault, ...]:
@@ -352,12 +369,6 @@ def _problem(ward: Ward, room: str, chance: random.Random, infected_s: float) ->
     stay_s = round(chance.uniform(*STAY_S), 1)
     robot = chance.choice(ward.robots or ("",))
     nurse = next((member.name for member in ward.members if (member.kind, member.home) == (NURSE, room)), "")
-    possible = {
-        DIRTY_ROOM: WorldFault(time_s, "dirty", room),
-        CLOSED_DOOR: WorldFault(time_s, "closes", room),
-        PERSON_IN_ROOM: WorldFault(time_s, "enters", room, stay_s),
-        **({LOW_BATTERY: WorldFault(time_s, "drains", robot)} if robot else {}),
-        **({NURSE_ABSENT: WorldFault(time_s, "leaves", nurse, stay_s)} if nurse else {}),
-    }
-    kinds = [kind for kind in ward.problems if kind in possible]
-    return possible[chance.choice(kinds)] if kinds else possible[DIRTY_ROOM]
+    targets = {"dirty": room, "closes": room, "drains": robot, "enters": room, "leaves": nurse}
+    kind = chance.choice([kind for kind in ward.problems if targets[kind]])
+    return WorldFault(time_s, kind, targets[kind], stay_s if kind in ("enters", "leaves") else None)

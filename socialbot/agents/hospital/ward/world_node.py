@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import (
@@ -30,8 +30,6 @@ from socialbot.agents.hospital.ward.ward import (
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
-
-S = TypeVar("S", RoomState, AgentState)
 
 
 class HospitalWorld(Node):
@@ -136,25 +134,29 @@ class HospitalWorld(Node):
 
     def _publish_state(self) -> None:
         world = self.world
-        slow = world.is_slow(STATE_SENSOR) and world.now - self._published_at < nanoseconds(SLOW_S)
-        if world.is_silent(STATE_SENSOR) or slow:
+        slow = world.is_faulty("slow", STATE_SENSOR) and world.now - self._published_at < nanoseconds(SLOW_S)
+        if world.is_faulty("silent", STATE_SENSOR) or slow:
             return
         self._published, self._published_at = world.changes, world.now
-        rooms = (self._seen_by(room, world.room_state) for room in world.rooms if not world.is_silent(room))
-        agents = (self._seen_by(agent, world.agent_state) for agent in world.agents if not world.is_silent(agent))
-        self.state.publish(WardState(stamp=world.now, rooms=tuple(rooms), agents=tuple(agents)))
+        true = world.state()
+        rooms, agents = tuple(self._sensed(true.rooms)), tuple(self._sensed(true.agents))
+        self.state.publish(WardState(stamp=world.now, rooms=rooms, agents=agents))
 
-    def _seen_by(self, who: str, look: Callable[[str], S]) -> S:
-        """Value of the sensor of a room or agent; an old one for a slow sensor."""
+    def _sensed(self, values: Iterable[RoomState | AgentState]) -> Iterator[Any]:
+        """Values of the sensors that are not silent; old ones for slow sensors."""
         now = self.world.now
-        if not self.world.is_slow(who):
-            self._seen.pop(who, None)
-            return look(who)
-        since, seen = self._seen.get(who, (now, look(who)))
-        if now - since >= nanoseconds(SLOW_S):
-            since, seen = now, look(who)
-        self._seen[who] = since, seen
-        return seen  # type: ignore[return-value]
+        for value in values:
+            if self.world.is_faulty("silent", value.name):
+                continue
+            if self.world.is_faulty("slow", value.name):
+                since, seen = self._seen.get(value.name, (now, value))
+                if now - since >= nanoseconds(SLOW_S):
+                    since, seen = now, value
+                self._seen[value.name] = since, seen
+                value = seen
+            else:
+                self._seen.pop(value.name, None)
+            yield value
 
 
 def ward_of(parameters: Mapping[str, Any]) -> Ward:

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.ward._world import WardWorld
-from socialbot.agents.hospital.ward.messages import PROBLEMS
 from socialbot.agents.hospital.ward.ward import (
-    PROBLEM_OF,
+    PROBLEMS,
     drawn_problems,
     large_ward,
     paper_ward,
@@ -99,7 +98,7 @@ def test_problems_of_large_ward_are_spread_over_rooms_kinds_and_time(rate):
     problems = [problem for seed in range(300) for problem in drawn_problems(LARGE, seed, rate)]
     draws, share = 300 * 50, rate / 100.0
     assert abs(len(problems) - draws * share) <= 2.6 * (draws * share * (1 - share)) ** 0.5
-    kinds = Counter(PROBLEM_OF[problem.kind] for problem in problems)
+    kinds = Counter(problem.kind for problem in problems)
     if rate:
         assert set(kinds) == set(PROBLEMS)
         assert max(kinds.values()) < 1.2 * min(kinds.values())

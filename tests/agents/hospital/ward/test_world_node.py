@@ -22,7 +22,7 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from tests.agents.hospital.listings import ROOM, SPOT, UVD
+from tests.agents.hospital.listings import ROOM, SPOT
 
 
 def spot_in(state: WardState) -> AgentState:
@@ -115,16 +115,6 @@ def test_invalid_command_is_answered_and_logged(caplog):
         house.tell(1.0, "a", "robot9", "a_charge")
     assert [result.reason for result in house.results] == ["there is no 'robot9'"]
     assert "there is no 'robot9'" in caplog.text
-
-
-def test_joint_actions_need_both_partners():
-    house = House(faults="0 closes room2")
-    for robot in (UVD, SPOT):
-        stamp = house.start + SECOND
-        command = ActionCommand(stamp=stamp, id=robot, robot=robot, action="a_authorize_disinfect", args=(UVD, SPOT))
-        house.runner.feed(COMMANDS, command)
-    house.until(2.0)
-    assert [(result.id, result.outcome) for result in house.results] == [(UVD, "success"), (SPOT, "success")]
 
 
 def test_silent_sensor_omits_its_room_or_robot_and_silent_state_publishes_nothing():

@@ -1,4 +1,4 @@
-"""Replay the world side of a bag to agents: recorded sensor messages, triggered by the commands of the agents."""
+"""Play a bag to a graph: map its topics to inputs, and replay recorded messages in response to commands."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from typing import Any, Protocol
 
 import msgspec
 
-from socialbot.bags.reader import Bag, Skipped
+from socialbot.bags.codec import carries, ros_type
+from socialbot.bags.reader import IMAGE_TYPES, Bag, Skipped
 from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import GraphError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.process import Ending
+from socialbot.graph.health import health_topics
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Delivery, Graph
 
@@ -29,18 +32,64 @@ SLACK_S = 0.2
 """Time (s) after a command that may contain its cause: the clocks of processes differ by a step."""
 
 
-def commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
+def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
+    """Map input topics of ``graph`` (without its sources) from ``bag``: bag topic to graph topic.
+
+    The image topic and its CameraInfo map to the image inputs. Other inputs need the same topic name and type.
+
+    Raises:
+        BagError: The image topic is missing or ambiguous.
+        GraphError: No topic fits.
+    """
+    inputs = _inputs(graph)
+    feeds: dict[str, str] = {}
+    if takes_images(graph):
+        chosen = bag.choose_image_topic(image_topic)
+        for source in filter(None, (chosen, bag.camera_info_topic_for(chosen.name))):
+            target = next((topic for topic, kind in inputs.items() if ros_type(kind) == source.type), None)
+            if target is not None:
+                feeds[source.name] = target
+            elif source is chosen:
+                remedy = "add an image_converter to the graph"
+                raise GraphError(f"no input takes {source.type}", where=graph.name, remedy=remedy)
+    for topic in bag.topics:
+        kind = inputs.get(topic.name)
+        if kind is not None and topic.name not in feeds.values() and carries(topic.type, kind):
+            feeds[topic.name] = topic.name
+    if not feeds:
+        raise GraphError(
+            f"no topic of {bag.path} fits its inputs",
+            where=graph.name,
+            remedy=f"the inputs are {', '.join(sorted(inputs)) or 'empty'}; "
+            f"the bag has {', '.join(topic.name for topic in bag.topics)}",
+        )
+    return feeds
+
+
+def takes_images(graph: Graph) -> bool:
+    """Whether ``graph`` (without its sources) has image inputs."""
+    return any(ros_type(kind) in IMAGE_TYPES for kind in _inputs(graph).values())
+
+
+def _inputs(graph: Graph) -> dict[str, type[Message]]:
+    """Unpublished topics of the graph, with their types."""
+    published = {topic for config in graph.nodes for topic, _ in config.publications}
+    published.update(topic for config in graph.nodes for topic in health_topics(graph, config.name))
+    return {topic: kind for topic, kind in graph.topics().items() if topic not in published}
+
+
+def recorded_commands(bag: Bag, graph: Graph) -> dict[str, type[Message]]:
     """Command topics of ``graph`` in ``bag``: published by a node, and without subscribers.
 
     Latched topics and traces report states, so they are no commands.
     """
-    heard = {topic for placement in graph.placements for topic, _ in placement.subscriptions}
+    subscribed = {topic for config in graph.nodes for topic, _ in config.subscriptions}
     names = {topic.name for topic in bag.topics if topic.count}
     return {
         topic: port.message_type
-        for placement in graph.placements
-        for topic, port in placement.publications
-        if topic in names and topic not in heard
+        for config in graph.nodes
+        for topic, port in config.publications
+        if topic in names and topic not in subscribed
         if port.message_type is not TraceRecord and port.delivery is not Delivery.LATCHED
     }
 
@@ -57,7 +106,7 @@ class CommandMatcher:
 
     def take(self, topic: str, recorded: Message) -> bool:
         """Match a recorded command with a current one; each matches once."""
-        given = self._given.get(self._content(topic, self.as_now(recorded)))
+        given = self._given.get(self._content(topic, self.as_current(recorded)))
         if not given:
             return False
         self._ids[getattr(recorded, "id", "")] = given.popleft()
@@ -67,7 +116,7 @@ class CommandMatcher:
         """Whether a recorded message has the id of a matched command."""
         return bool(self._ids.get(getattr(recorded, "id", "")))
 
-    def as_now(self, recorded: Message, late: int = 0) -> Message:
+    def as_current(self, recorded: Message, late: int = 0) -> Message:
         """Shift the stamp of a recorded message by ``late`` (ns), and insert the current id of its command."""
         id = self._ids.get(getattr(recorded, "id", ""))
         changes = {"stamp": recorded.stamp + late, **({"id": id} if id else {})}
@@ -88,22 +137,22 @@ class WorldScript:
     ``feeds`` maps bag topics to graph topics.
 
     Attributes:
-        told: The command topics and their types.
+        commands: The command topics and their types.
         sent: The number of messages sent.
         unanswered: The number of recorded commands without a match at the timeout.
     """
 
     def __init__(self, bag: Bag, feeds: Mapping[str, str], graph: Graph) -> None:
-        self.told = commands(bag, graph)
+        self.commands = recorded_commands(bag, graph)
         self.sent = 0
         self.unanswered = 0
-        topics = dict(zip(self.told, self.told, strict=True))
+        topics = dict(zip(self.commands, self.commands, strict=True))
         self._messages = bag.messages({**feeds, **topics}, graph.topics())
         self._ahead: deque[tuple[str, Message]] = deque()
         self._held: dict[str, list[tuple[str, Message]]] = {}
         ids = (getattr(message, "id", "") for _, message in bag.messages(topics, graph.topics()))
         self._to_come = set(filter(None, ids))
-        self._commands = CommandMatcher()
+        self._matcher = CommandMatcher()
         self._late = 0
         self._read()
 
@@ -112,16 +161,16 @@ class WorldScript:
         """Time of the next message or command; None at the end."""
         return self._ahead[0][1].stamp + self._late if self._ahead else None
 
-    def hear(self, topic: str, message: Message) -> None:
-        self._commands.give(topic, message)
+    def give_command(self, topic: str, message: Message) -> None:
+        self._matcher.give(topic, message)
 
-    def say(self, now: int) -> Iterator[tuple[str, Message]]:
+    def due_messages(self, now: int) -> Iterator[tuple[str, Message]]:
         """Yield the messages due at ``now``, up to the next unmatched command."""
         while self._ahead:
             topic, message = self._ahead[0]
             id = getattr(message, "id", "")
-            if topic in self.told:
-                if not self._commands.take(topic, message):
+            if topic in self.commands:
+                if not self._matcher.take(topic, message):
                     return
                 yield from self._past(now)
             elif message.stamp + self._late > now:
@@ -131,15 +180,15 @@ class WorldScript:
                 if id in self._to_come:  # its command has a later stamp: the clocks of processes differ by a step
                     self._held.setdefault(id, []).append((topic, message))
                 else:
-                    yield self._said(topic, message)
+                    yield self._sent(topic, message)
 
-    def wait(self, now: int) -> Iterator[tuple[str, Message]]:
+    def overdue_messages(self, now: int) -> Iterator[tuple[str, Message]]:
         """Yield messages while a command is overdue.
 
         Its cause may follow it in the bag. After `COMMAND_TIMEOUT_S` the replay skips the command.
         """
         topic, command = self._ahead[0]
-        if topic not in self.told:  # it has been given meanwhile
+        if topic not in self.commands:  # it has been given meanwhile
             return
         if now - command.stamp - self._late >= nanoseconds(COMMAND_TIMEOUT_S):
             log.warning("%s: a recorded command was not given: %s", topic, command)
@@ -149,9 +198,9 @@ class WorldScript:
         while self._ahead[-1][1].stamp <= command.stamp + nanoseconds(SLACK_S) and self._read():
             pass
         for each in list(self._ahead):
-            if each[0] not in self.told and self._commands.knows(each[1]):
+            if each[0] not in self.commands and self._matcher.knows(each[1]):
                 self._ahead.remove(each)
-                yield self._said(*each)
+                yield self._sent(*each)
                 return
 
     def _past(self, now: int) -> Iterator[tuple[str, Message]]:
@@ -162,11 +211,11 @@ class WorldScript:
         id = getattr(command, "id", "")
         self._to_come.discard(id)
         for each in self._held.pop(id, ()):
-            yield self._said(*each)
+            yield self._sent(*each)
 
-    def _said(self, topic: str, message: Message) -> tuple[str, Message]:
+    def _sent(self, topic: str, message: Message) -> tuple[str, Message]:
         self.sent += 1
-        return topic, self._commands.as_now(message, self._late)
+        return topic, self._matcher.as_current(message, self._late)
 
     def _next(self) -> None:
         self._ahead.popleft()
@@ -193,20 +242,20 @@ class ReplayStage(Protocol):
         """Deliver the messages, and advance the time."""
         ...
 
-    def say(self, topic: str, message: Message) -> None: ...
+    def send(self, topic: str, message: Message) -> None: ...
 
 
 def play(script: WorldScript, stage: ReplayStage, ending: Ending) -> None:
     """Play ``script`` to its end, or until a stop request."""
     while (due := script.due) is not None and not ending.asked:
         stage.advance(max(due, stage.now))
-        for topic, message in script.say(stage.now):
-            stage.say(topic, message)
+        for topic, message in script.due_messages(stage.now):
+            stage.send(topic, message)
         stage.advance(stage.now)
         if script.due is not None and script.due <= stage.now:  # a command is not given yet
             stage.advance(stage.now + nanoseconds(STEP_S))
-            for topic, message in script.wait(stage.now):
-                stage.say(topic, message)
+            for topic, message in script.overdue_messages(stage.now):
+                stage.send(topic, message)
 
 
 class InlineStage:
@@ -215,12 +264,13 @@ class InlineStage:
     def __init__(self, runner: InlineRunner, script: WorldScript) -> None:
         self._runner = runner
         self._script = script
-        for topic in script.told:
-            runner.tap(topic, self._hear)
+        for topic in script.commands:
+            runner.tap(topic, self._on_command)
 
     def begin(self) -> None:
-        """Send the messages of the start."""
-        self._go_on()
+        """Send the messages that are due, such as the recorded reaction to a command."""
+        for topic, message in self._script.due_messages(self.now):
+            self.send(topic, message)
 
     @property
     def now(self) -> int:
@@ -230,17 +280,12 @@ class InlineStage:
     def advance(self, until: int) -> None:
         self._runner.advance(until)
 
-    def say(self, topic: str, message: Message) -> None:
+    def send(self, topic: str, message: Message) -> None:
         self._runner.enqueue(topic, message)
 
-    def _hear(self, topic: str, message: Message) -> None:
-        self._script.hear(topic, message)
-        self._go_on()
-
-    def _go_on(self) -> None:
-        """Send the recorded reaction to a command at once."""
-        for topic, message in self._script.say(self.now):
-            self.say(topic, message)
+    def _on_command(self, topic: str, message: Message) -> None:
+        self._script.give_command(topic, message)
+        self.begin()
 
 
 class PlaybackResult(msgspec.Struct):

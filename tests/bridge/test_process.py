@@ -1,0 +1,92 @@
+"""Channel between a process and its supervisor, and run locks."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from socialbot.bridge.process import CHANNEL_VARIABLE, SupervisorChannel, channel_pair, own_channel
+from socialbot.bridge.run_announcer import locked_runs, run_lock
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[SupervisorChannel, SupervisorChannel]]:
+    """The ends of the supervisor and of the process."""
+    ours, end = channel_pair()
+    theirs = SupervisorChannel(end)
+    yield ours, theirs
+    ours.close()
+    theirs.close()
+
+
+def test_messages_arrive_in_order(ends):
+    ours, theirs = ends
+    assert ours.receive() == []
+    theirs.send("head", "starting")
+    theirs.send("head", "active")
+    assert ours.receive() == [("head", "starting"), ("head", "active")]
+    ours.send("head", "deactivate")
+    assert theirs.wait() == ("head", "deactivate")
+
+
+def test_a_channel_is_broken_when_the_other_end_is_closed(ends):
+    ours, theirs = ends
+    theirs.send("head", "active")
+    theirs.close()
+    assert ours.receive() == [("head", "active")]
+    assert ours.broken
+    assert ours.wait() is None
+    ours.send("head", "deactivate")
+
+
+def test_sending_never_blocks(ends):
+    ours, theirs = ends
+    for _ in range(20_000):
+        theirs.send("head", "active")
+    assert not theirs.broken
+    assert 0 < len(ours.receive()) < 20_000
+
+
+def test_a_process_takes_its_channel_from_the_environment():
+    ours, end = channel_pair()
+    number = os.dup(end.fileno())
+    os.set_inheritable(number, True)
+    end.close()
+    environment = {CHANNEL_VARIABLE: str(number)}
+    theirs = own_channel(environment)
+    assert theirs is not None
+    assert environment == {}
+    assert not os.get_inheritable(number)
+    theirs.send("head", "active")
+    assert ours.receive() == [("head", "active")]
+    theirs.close()
+    ours.close()
+    assert own_channel({}) is None
+
+
+HOLD = "from socialbot.bridge.run_announcer import run_lock\nwith run_lock('abc'): print(); input()"
+
+
+def test_a_lock_is_listed_in_its_domain_until_it_is_released(monkeypatch: pytest.MonkeyPatch):
+    before = locked_runs()
+    with run_lock("0123456789abcdef"):
+        assert locked_runs() == {**before, "0123456789abcdef": os.getpid()}
+        with monkeypatch.context() as elsewhere:
+            elsewhere.setenv("ROS_DOMAIN_ID", "7")
+            assert "0123456789abcdef" not in locked_runs()
+    assert locked_runs() == before
+
+
+def test_the_lock_of_a_killed_process_is_released():
+    before = locked_runs()
+    holder = subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert holder.stdout is not None
+    holder.stdout.readline()
+    assert locked_runs() == {**before, "abc": holder.pid}
+    holder.kill()
+    holder.wait()
+    assert locked_runs() == before
