@@ -15,7 +15,8 @@ from socialbot._old_names import OldNamesFinder, old_modules
 from socialbot.core.clock import SECOND
 from socialbot.runtime.bag_source import graph_of
 
-RUN = Path(__file__).parent / "data" / "run_0_1"
+DATA = Path(__file__).parent / "data"
+RUN = DATA / "run_0_1"
 
 
 def fresh(module: str) -> object:
@@ -78,6 +79,17 @@ def test_every_old_module_has_a_home_and_every_old_name_a_new_one():
             module = importlib.import_module(f"socialbot.{old}")
             lost += [home for home in homes if PathFinder.find_spec(f"socialbot.{home}", _folder(home)) is None]
             lost += [f"{old}.{name}" for name in names if not hasattr(module, name)]
+    assert lost == []
+
+
+def test_every_name_in_the_documentation_and_examples_of_the_last_release_is_found():
+    lost = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for line in (DATA / "old_names.txt").read_text("utf-8").splitlines():
+            old, _, names = line.partition(": ")
+            module = importlib.import_module(old)
+            lost += [f"{old}.{name}" for name in names.split() if not hasattr(module, name)]
     assert lost == []
 
 
