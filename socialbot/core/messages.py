@@ -197,6 +197,10 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     ``elevation_rad`` upwards, from the camera's forward direction in the horizontal plane (REP-103); both point to the
     head. ``distance_m`` is horizontal, ``distance_std_m`` its standard error. ``track_id`` identifies a person across
     frames; it is empty without a tracker. With ``unseen_s`` above 0 the box is a prediction of that age.
+
+    ``facing_rad`` is the angle between where the person faces and the direction to the camera: 0 towards the camera,
+    pi with the back turned. ``approach_mps`` is the speed towards the camera, negative for a person who moves away.
+    For a person without a distance, ``distance_source`` is "unknown".
     """
 
     x: float
@@ -210,6 +214,10 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     bearing_rad: float | None = None
     elevation_rad: float | None = None
     unseen_s: Share = 0.0
+    facing_rad: Share | None = None
+    approach_mps: float | None = None
+    posture: Literal["unknown", "standing", "seated"] = "unknown"
+    distance_source: Literal["unknown", "image", "depth", "lidar"] = "unknown"
 
 
 class PersonDetections(Structured, frozen=True, kw_only=True):
