@@ -1,4 +1,4 @@
-"""Process settings: exit on signals, and memory management of malloc."""
+"""Process settings: exit on signals or with the parent process, limits, and memory management of malloc."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -53,6 +54,17 @@ class Ending:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def with_parent(command: Sequence[str], *, limits: tuple[int, int] | None = None) -> list[str]:
+    """Return a command that runs ``command``, an absolute path with arguments, and is killed with this process.
+
+    Args:
+        command: The program.
+        limits: Address space (bytes) and processor time (s).
+    """
+    script = str(Path(__file__).with_name("_exec_with_parent.py"))
+    return [sys.executable, "-I", "-S", script, str(os.getpid()), *map(str, limits or ()), "--", *command]
 
 
 MXFAST, TRIM_THRESHOLD, TOP_PAD, MMAP_THRESHOLD = 1, -1, -2, -3

@@ -19,6 +19,7 @@ import psutil
 
 from socialbot.bridge.environment import PROFILE_VARIABLE
 from socialbot.core.errors import InstallationError
+from socialbot.core.process import with_parent
 from socialbot.runtime._processes import RestartBackoff, RestartPolicy, how_it_ended, in_time
 
 log = logging.getLogger("socialbot.network")
@@ -116,7 +117,6 @@ def _is_running(states: Any) -> bool:
 
 PROGRAM = "fast-discovery-server"
 ENDED_S = 3.0
-EXEC_WITH_PARENT = Path(__file__).with_name("exec_with_parent.py")  # script that ends a program with its parent process
 
 
 class DiscoveryServer:
@@ -182,7 +182,7 @@ class DiscoveryServer:
             # Profiles apply to nodes only.
             variables = {name: value for name, value in os.environ.items() if name != PROFILE_VARIABLE}
             self._process = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(EXEC_WITH_PARENT), str(os.getpid()), self._program, *self._arguments],
+                with_parent([self._program, *self._arguments]),
                 env=variables,
                 stdin=subprocess.DEVNULL,
                 stdout=output,

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.planning.planners._child_process import MAX_OUTPUT, guarded, run
+from socialbot.core.process import with_parent
+from socialbot.planning.planners._child_process import MAX_OUTPUT, run
 from tests.planning import busy
 
 pytestmark = busy.in_turn
@@ -113,13 +114,13 @@ def test_a_program_that_is_not_there_is_an_error_of_the_system(tmp_path):
 
 
 def test_the_guard_limits_memory_and_time_and_becomes_the_program(tmp_path):
-    command = guarded(["/bin/sh", "-c", "ulimit -v; ulimit -t; ulimit -c; echo $$"], 100, 7.2)
+    command = with_parent(["/bin/sh", "-c", "ulimit -v; ulimit -t; ulimit -c; echo $$"], limits=(100_000_000, 8))
     ended = run(command, tmp_path, SOON_S, threading.Event())
     assert ended.output.split()[:3] == [str(100_000_000 // 1024), "8", "0"]
 
 
 def test_the_guard_does_not_begin_when_its_parent_has_ended(tmp_path):
-    command = guarded(["/bin/sh", "-c", "echo begun"], 100, 7.0)
+    command = with_parent(["/bin/sh", "-c", "echo begun"], limits=(100_000_000, 7))
     command[command.index(str(os.getpid()))] = "1"
     ended = run(command, tmp_path, SOON_S, threading.Event())
     assert ended.output == ""
@@ -131,8 +132,9 @@ def test_a_child_is_killed_with_its_parent(tmp_path):
     code = f"""if True:
         import threading
         from pathlib import Path
-        from socialbot.planning.planners._child_process import guarded, run
-        command = guarded(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], 1000, 1000)
+        from socialbot.planning.planners._child_process import run
+        from socialbot.core.process import with_parent
+        command = with_parent(["/bin/sh", "-c", "echo $$ > pid; exec sleep 1000"], limits=(1_000_000_000, 1000))
         run(command, Path({str(tmp_path)!r}), 1000, threading.Event())
     """
     parent = subprocess.Popen([sys.executable, "-c", code])

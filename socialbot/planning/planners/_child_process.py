@@ -6,12 +6,10 @@ load of the machine does not change the result.
 
 from __future__ import annotations
 
-import math
 import os
 import selectors
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -23,12 +21,10 @@ from typing import Literal
 POLL_S = 0.02
 MAX_OUTPUT = 16_000_000
 """Bytes of output that are kept, from its end."""
-MB = 1_000_000
 RUNNABLE = "R"
 """State of a process that runs or waits for a processor."""
 TICKS = os.sysconf("SC_CLK_TCK")
 """Clock ticks per second in the processor times of Linux."""
-_GUARD = str(Path(__file__).with_name("_exec_with_limits.py"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +55,6 @@ class ChildExit:
             return f"was killed by {signal.Signals(-self.code).name}"
         except ValueError:
             return f"was killed by signal {-self.code}"
-
-
-def guarded(command: Sequence[str], memory_mb: int, cpu_s: float) -> list[str]:
-    """Return a command with limits of address space and processor time, which is killed with this process."""
-    limits = (str(memory_mb * MB), str(math.ceil(cpu_s)), str(os.getpid()))
-    return [sys.executable, "-I", "-S", _GUARD, *limits, *command]
 
 
 def run(command: Sequence[str], folder: Path, timeout_s: float, cancelled: threading.Event) -> ChildExit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import logging
+import math
 import tempfile
 import threading
 import time
@@ -13,10 +14,11 @@ from pathlib import Path
 from typing import Protocol
 
 from socialbot.core.errors import PlanningError
+from socialbot.core.process import with_parent
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.reader import read_problem
 from socialbot.planning.pddl.validation import validate_plan
-from socialbot.planning.planners._child_process import ChildExit, guarded, run
+from socialbot.planning.planners._child_process import ChildExit, run
 
 
 class PlannerVerdict(enum.Enum):
@@ -152,7 +154,8 @@ class ChildPlanner(ABC):
 
     def run(self, search: SearchJob, command: list[str], memory_mb: int, grace_s: float = 0.0) -> PlannerAnswer:
         """Run the program within the limits of a search."""
-        limited = guarded(command, memory_mb, search.left_s * search.limits.threads + 2.0)
+        cpu_s = math.ceil(search.left_s * search.limits.threads + 2.0)
+        limited = with_parent(command, limits=(memory_mb * 1_000_000, cpu_s))
         ended = run(limited, search.folder, search.left_s + grace_s, search.cancelled)
         answer = CANCELLED if ended.how == "cancelled" else self.answer(ended, search)
         return replace(answer, seconds=ended.seconds)
