@@ -82,37 +82,7 @@ __all__ = [
     "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "variables",
 ]  # fmt: skip
 
-_MODULES = {
-    "socialbot.agents.base.agent_node": "AgentNode",
-    "socialbot.agents.base.deliberating": "Deliberating",
-    "socialbot.bags.reader": "Bag open_bag",
-    "socialbot.bags.writer": "BagWriter",
-    "socialbot.bdi": (
-        "ANYTHING Action Atom Belief Engine Goal Library Literal LongAction Plan Record Sensor "
-        "SingletonBelief ThreadAction ThreadSensor Trace Variable action variables"
-    ),
-    "socialbot.bdi.literals": "Event",
-    "socialbot.bdi.society": "Society",
-    "socialbot.core.clock": "SECOND Clock ManualClock nanoseconds",
-    "socialbot.core.errors": "GraphError MessageError ParameterError SocialbotError",
-    "socialbot.core.messages": (
-        "ActionRequest CameraInfo CompressedImage HeadCommand Health Image Message PersonDetection "
-        "PersonDetections SpeechStatus Structured TraceRecord Utterance"
-    ),
-    "socialbot.core.registry": "AgentPackage",
-    "socialbot.deliberation.actions": "PlanAction",
-    "socialbot.deliberation.sensing": "FactSensor fluent instance predicate",
-    "socialbot.graph.files": "dump_graph load_graph parse_graph",
-    "socialbot.graph.inline": "InlineRunner",
-    "socialbot.graph.node": "Context Delivery Graph Input Node NodeConfig Output Parameter Timer",
-    "socialbot.planning.htn.planner": "TaskPlanner",
-    "socialbot.planning.pddl.reader": "read_domain read_problem",
-    "socialbot.planning.planners.engines": "make_planner",
-    "socialbot.runs.folder": "RecordedRun open_run",
-    "socialbot.runtime.bag_source": "replay",
-    "socialbot.runtime.run": "RunResult",
-}
-__getattr__ = _lazy_exports(__name__, _MODULES)
+__getattr__ = _lazy_exports(__name__)
 _install_old_names()
 
 

@@ -4,28 +4,38 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from typing import Any
 
 
-def lazy_exports(package: str, modules: Mapping[str, str]) -> Callable[[str], object]:
-    """Return a module-level ``__getattr__`` for ``package``.
+def lazy_exports(package: str) -> Callable[[str], object]:
+    """Return a module-level ``__getattr__`` for the package called ``package``.
 
-    Args:
-        package: ``__name__`` of the package.
-        modules: Exported names of each module, separated by spaces.
+    It imports a name of ``__all__`` on its first use, from the module that the ``if TYPE_CHECKING:`` block of the
+    package imports it from.
     """
-    homes = {name: module for module, names in modules.items() for name in names.split()}
 
     def __getattr__(name: str) -> object:  # noqa: N807 - the name that Python looks up
-        if name not in homes:
+        if name not in sys.modules[package].__all__:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes[name]), name)
+        value = getattr(import_module(_homes(package)[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 
     return __getattr__
+
+
+@cache
+def _homes(package: str) -> dict[str, str]:
+    """Return the modules of the names that the ``if TYPE_CHECKING:`` block of a package imports."""
+    import ast
+    from inspect import getsource
+
+    blocks = (part for part in ast.parse(getsource(sys.modules[package])).body if isinstance(part, ast.If))
+    imports = (part for block in blocks for part in block.body if isinstance(part, ast.ImportFrom))
+    return {each.name: part.module for part in imports if part.module for each in part.names}
 
 
 class RenamedAttribute:

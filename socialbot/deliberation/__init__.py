@@ -1,9 +1,9 @@
 """Deliberation on the engine: desires with deadlines, rules, and plans that are executed and repaired."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from socialbot.bdi.trace import SENTENCES
+from socialbot.core.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from socialbot.deliberation._fact_index import parse_fact, parse_facts
@@ -34,16 +34,7 @@ __all__ = [
     "restore_mind", "save_mind", "sensed_by",
 ]  # fmt: skip
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name on its first use, as other rooms only need the messages."""
-    if name in __all__:
-        modules = "messages _fact_index options facts rules actions sensing deliberator requests files"
-        for module in modules.split():
-            found = import_module(f"{__name__}.{module}")
-            if name in vars(found):
-                return vars(found)[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_exports(__name__)
 
 
 SENTENCES.update(

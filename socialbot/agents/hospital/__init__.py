@@ -47,14 +47,4 @@ __all__ = [
     "HospitalCoordinator", "Nurse", "Spot", "Uvd", "WardState", "WorldAction", "names_of",
 ]  # fmt: skip
 
-__getattr__ = lazy_exports(
-    __name__,
-    {
-        "socialbot.agents.hospital.coordinator": "HospitalCoordinator",
-        "socialbot.agents.hospital.robot_node": "HospitalAgent Nurse Spot Uvd",
-        "socialbot.agents.hospital.robots": "WorldAction names_of",
-        "socialbot.agents.hospital.ward.messages": (
-            "PERSON_IN_ROOM STATE ActionCancel ActionCommand ActionResult WardState"
-        ),
-    },
-)
+__getattr__ = lazy_exports(__name__)

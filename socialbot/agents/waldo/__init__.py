@@ -23,11 +23,4 @@ AGENT = AgentPackage(
 
 __all__ = ["AGENT", "Head", "Listener", "WaldoNode", "personDetected", "speak"]  # fmt: skip
 
-__getattr__ = lazy_exports(
-    __name__,
-    {
-        "socialbot.agents.waldo.head": "Head",
-        "socialbot.agents.waldo.nodes": "Listener WaldoNode",
-        "socialbot.agents.waldo.waldo": "personDetected speak",
-    },
-)
+__getattr__ = lazy_exports(__name__)
