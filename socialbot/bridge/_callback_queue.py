@@ -15,7 +15,7 @@ from typing import Any
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.health import HealthMonitor
-from socialbot.graph.node import Delivery, Input
+from socialbot.graph.node import Delivery, Input, Timer
 
 MAX_WAITING = 16  # maximum number of waiting messages per stream; older ones are dropped
 OVERTAKEN_S = 1.0
@@ -85,14 +85,6 @@ class InputQueue:
             self.skipped += 1
 
 
-@dataclass(eq=False)
-class PendingTimer:
-    callback: Callable[[], None] | None
-
-    def cancel(self) -> None:
-        self.callback = None
-
-
 class CallbackQueue:
     """Callbacks of one node. Any thread may add them; the thread of the node takes them.
 
@@ -108,7 +100,7 @@ class CallbackQueue:
         self._calls: deque[Callable[[], None]] = deque()
         self._expected = 0
         self._when_idle: Callable[[], None] | None = None
-        self._timers: list[tuple[int, int, PendingTimer]] = []
+        self._timers: list[tuple[int, int, Timer]] = []
         self._sequence = itertools.count()
         self.closed = False
         self._health: HealthMonitor | None = None
@@ -159,9 +151,9 @@ class CallbackQueue:
             self._when_idle = callback
             self._changed.notify()
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
+    def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         """Add a call at the node time ``time`` (ns)."""
-        timer = PendingTimer(callback)
+        timer = Timer(callback)
         with self._changed:
             heapq.heappush(self._timers, (time, next(self._sequence), timer))
             self._changed.notify()

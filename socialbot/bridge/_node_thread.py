@@ -11,14 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.bridge._callback_queue import CallbackQueue, InputQueue, PendingTimer
+from socialbot.bridge._callback_queue import CallbackQueue, InputQueue
 from socialbot.bridge.diagnostics import Connection, NodeStatistics, restarts, unconnected
 from socialbot.bridge.transport import is_power_of_ten
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.health import BEAT_S, HealthMonitor
-from socialbot.graph.node import Node, NodeConfig, Output, outcome
+from socialbot.graph.node import Node, NodeConfig, Output, Timer, outcome
 
 R = TypeVar("R")
 
@@ -84,7 +84,7 @@ class _NodeContext:
     def call_soon(self, callback: Callable[[], None]) -> None:
         self.queue.call_soon(callback)
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> PendingTimer:
+    def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         return self.queue.call_at(time, callback)
 
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:

@@ -13,8 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bags import codec
-from socialbot.cli._options import BagArgument, ParentOption, plain_table
-from socialbot.cli._progress import bar
+from socialbot.cli._options import BagArgument, ParentOption, bar, plain_table
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CompressedImage, Image

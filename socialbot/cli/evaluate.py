@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from socialbot.cli._progress import bar
+from socialbot.cli._options import bar
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:

@@ -38,7 +38,6 @@ def replay(
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
-    from socialbot.cli._progress import bar
     from socialbot.cli._runs import print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
@@ -69,7 +68,7 @@ def replay(
                     write_page(console, record, title)
                     raise
             if video and topic is not None and record.detections:
-                with bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
+                with options.bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
                     write_video(opened, topic, record, source.truth, folder / "annotated.mp4", advance)
     print_outcome(console, result)
     write_page(console, record, title)

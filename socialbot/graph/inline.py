@@ -19,7 +19,7 @@ from socialbot.core.clock import ManualClock, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, outcome
+from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Timer, outcome
 
 log = logging.getLogger("socialbot.graph.inline")
 
@@ -41,14 +41,6 @@ class Faults:
         self.first = self.first or f"{type(error).__name__}: {error}"
 
 
-class _Timer:
-    def __init__(self, callback: Callable[[], None]) -> None:
-        self.callback: Callable[[], None] | None = callback
-
-    def cancel(self) -> None:
-        self.callback = None
-
-
 class _Context:
     def __init__(self, runner: InlineRunner, config: NodeConfig) -> None:
         self.name = config.name
@@ -68,7 +60,7 @@ class _Context:
         if self.alive:
             self._runner.take(self._topics[port.name], message, port.delivery)
 
-    def call_at(self, time: int, callback: Callable[[], None]) -> _Timer:
+    def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)
 
     def begin_health(self, node: Node) -> None:
@@ -129,7 +121,7 @@ class InlineRunner:
         self._queue: deque[tuple[str, Message]] = deque()
         self.heard: set[str] = set()
         """Topics with a listener."""
-        self._timers: list[tuple[int, bool, int, _Timer]] = []
+        self._timers: list[tuple[int, bool, int, Timer]] = []
         self._sequence = itertools.count()
         for config in graph.nodes:
             self._make(config)
@@ -209,7 +201,7 @@ class InlineRunner:
                 self._drain()
         self.clock.set(time)
 
-    def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+    def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> Timer:
         """Call ``callback`` at ``time`` (ns) of simulated time.
 
         Timers with equal times fire in order of creation, those of simulators ``last``, as `run` feeds a bag after
@@ -217,9 +209,9 @@ class InlineRunner:
         """
         return self.schedule(time, callback, last=last)
 
-    def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> _Timer:
+    def schedule(self, time: int, callback: Callable[[], None], *, last: bool = False) -> Timer:
         """Schedule a timer of the runner; see `call_at`."""
-        timer = _Timer(callback)
+        timer = Timer(callback)
         heapq.heappush(self._timers, (time, last, next(self._sequence), timer))
         return timer
 

@@ -190,12 +190,15 @@ class Parameter(Generic[V]):
         return value  # type: ignore[return-value]
 
 
-class Timer(Protocol):
-    """A pending call."""
+class Timer:
+    """A pending call; the runner makes it unless its ``callback`` is None."""
+
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self.callback: Callable[[], None] | None = callback
 
     def cancel(self) -> None:
         """Cancel the call; no effect after it was made."""
-        ...
+        self.callback = None
 
 
 class Context(Protocol):

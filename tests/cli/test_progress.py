@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
-from socialbot.cli._progress import bar
+from socialbot.cli._options import bar
 
 SHOWN = """
-from socialbot.cli._progress import bar
+from socialbot.cli._options import bar
 with bar("writing [b]", "images", 8) as advance:
     advance(3)
 print("done")

@@ -12,7 +12,7 @@ AGENT = AgentPackage(
     },
     graphs={"cleaner": "graph.yaml", "cleaner-sweeper": "pair.yaml"},
     demos={
-        "cleaner": "socialbot.agents.cleaner.demo:cleaner",
-        "cleaner-sweeper": "socialbot.agents.cleaner.demo:cleaner_sweeper",
+        "cleaner": "socialbot.agents.cleaner.cleaner:cleaner",
+        "cleaner-sweeper": "socialbot.agents.cleaner.cleaner:cleaner_sweeper",
     },
 )

@@ -10,7 +10,8 @@ from socialbot.core.clock import SECOND
 from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire
 from socialbot.deliberation.sensing import predicate
-from socialbot.graph.node import Parameter
+from socialbot.graph.files import load_graph
+from socialbot.graph.node import Graph, Parameter
 
 FOLDER = Path(__file__).parent
 
@@ -141,3 +142,13 @@ class Sweeper(Deliberating):
     desire_ck = Parameter("cleaners", "groups that may check its desires", fixed=True)
     desire_w = Parameter("cleaners", "groups that may change its desires", fixed=True)
     desire_pr = Parameter("0.6", "the highest priority that each group of desire_w may give", fixed=True)
+
+
+def cleaner() -> tuple[str, Graph]:
+    """A robot cleans rooms, and recharges when its battery runs low."""
+    return "The cleaner", load_graph("cleaner")
+
+
+def cleaner_sweeper() -> tuple[str, Graph]:
+    """A robot cleans rooms that another one sweeps at its request."""
+    return "Cleaner and sweeper", load_graph("cleaner-sweeper")
