@@ -18,11 +18,18 @@ from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
     BoxMarkers,
     CameraInfo,
+    CompressedDepth,
     CompressedImage,
+    DepthImage,
+    DepthInfo,
     Image,
     JointTrajectory,
     Message,
+    PointCloud,
+    PointField,
     Structured,
+    Transform,
+    Transforms,
     Utterance,
 )
 from socialbot.core.registry import message_types
@@ -34,9 +41,15 @@ STRING = "std_msgs/msg/String"
 
 ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
     {
+        # The last class of a type is the one that `decodable_types` gives.
+        DepthImage: "sensor_msgs/msg/Image",
         Image: "sensor_msgs/msg/Image",
+        CompressedDepth: "sensor_msgs/msg/CompressedImage",
         CompressedImage: "sensor_msgs/msg/CompressedImage",
+        DepthInfo: "sensor_msgs/msg/CameraInfo",
         CameraInfo: "sensor_msgs/msg/CameraInfo",
+        PointCloud: "sensor_msgs/msg/PointCloud2",
+        Transforms: "tf2_msgs/msg/TFMessage",
         JointTrajectory: "trajectory_msgs/msg/JointTrajectory",
         BoxMarkers: "visualization_msgs/msg/ImageMarker",
         Structured: STRING,
@@ -182,11 +195,23 @@ def _floats(numbers: Any) -> tuple[float, ...]:
     return tuple(map(float, numbers))
 
 
-_FIELDS: Mapping[type[Message], Mapping[str, Callable[[Any], Any] | None]] = {
+_FIELDS: dict[type[Message], Mapping[str, Callable[[Any], Any] | None]] = {
     Image: {"height": None, "width": None, "encoding": None, "is_bigendian": bool, "step": None, "data": _bytes},
     CompressedImage: {"format": None, "data": _bytes},
     CameraInfo: {"width": None, "height": None, "distortion_model": None, "k": _floats, "d": _floats},
+    PointCloud: {
+        "height": None,
+        "width": None,
+        "fields": lambda fields: tuple(
+            PointField(each.name, each.offset, each.datatype, each.count) for each in fields
+        ),
+        "is_bigendian": bool,
+        "point_step": None,
+        "row_step": None,
+        "data": _bytes,
+    },
 }
+_FIELDS |= {DepthImage: _FIELDS[Image], CompressedDepth: _FIELDS[CompressedImage], DepthInfo: _FIELDS[CameraInfo]}
 """Fields that have the same name in ROS, and how they are converted from ROS."""
 
 
@@ -221,6 +246,33 @@ def _decode_boxes(message_type: type[Message], ros: Any, stamp: int) -> BoxMarke
     return BoxMarkers(stamp=stamp, frame_id=ros.header.frame_id, boxes=tuple(boxes))
 
 
+def _decode_transforms(message_type: type[Message], ros: Any, stamp: int) -> Transforms:
+    def one(each: Any) -> Transform:
+        at, turn = each.transform.translation, each.transform.rotation
+        return Transform(
+            stamp=each.header.stamp.sec * SECOND + each.header.stamp.nanosec,
+            parent=each.header.frame_id.lstrip("/"),
+            child=each.child_frame_id.lstrip("/"),
+            translation=(at.x, at.y, at.z),
+            rotation=(turn.x, turn.y, turn.z, turn.w),
+        )
+
+    return Transforms(stamp=stamp, transforms=tuple(map(one, ros.transforms)))
+
+
+def _encode_transforms(message: Transforms, name: str, types: TypeFactory) -> Any:
+    def one(each: Transform) -> Any:
+        translation = types.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", each.translation, strict=True)))
+        rotation = types.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", each.rotation, strict=True)))
+        transform = types.make("geometry_msgs/msg/Transform", translation=translation, rotation=rotation)
+        header = _header(types, each.stamp, each.parent)
+        return types.make(
+            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=each.child, transform=transform
+        )
+
+    return types.make(name, transforms=[one(each) for each in message.transforms])
+
+
 def _array(numbers: tuple[float, ...]) -> np.ndarray:
     return np.array(numbers, np.float64)
 
@@ -236,10 +288,13 @@ def _duration(types: TypeFactory, seconds: float) -> Any:
     return types.make("builtin_interfaces/msg/Duration", sec=whole, nanosec=rest)
 
 
-def _encode_fields(message: Image | CompressedImage | CameraInfo, name: str, types: TypeFactory) -> Any:
+def _encode_fields(message: Image | CompressedImage | CameraInfo | PointCloud, name: str, types: TypeFactory) -> Any:
     fields = {field: getattr(message, field) for field in _FIELDS[type(message)]}
     if isinstance(message, Image):
         fields["is_bigendian"] = int(message.is_bigendian)
+    elif isinstance(message, PointCloud):
+        parts = [msgspec.structs.asdict(field) for field in message.fields]
+        fields |= {"fields": [types.make("sensor_msgs/msg/PointField", **part) for part in parts], "is_dense": False}
     elif isinstance(message, CameraInfo):
         fields |= _camera_fields(message, types)
     return types.make(name, header=_header(types, message.stamp, message.frame_id), **fields)
@@ -307,11 +362,13 @@ def _encode_boxes(markers: BoxMarkers, name: str, types: TypeFactory) -> Any:
 _DECODERS: Mapping[type[Message], Callable[[type[Message], Any, int], Message]] = {
     **dict.fromkeys(_FIELDS, _decode_fields),
     JointTrajectory: _decode_trajectory,
+    Transforms: _decode_transforms,
     BoxMarkers: _decode_boxes,
 }
 _ENCODERS: Mapping[type[Message], Callable[[Any, str, TypeFactory], Any]] = {
     **dict.fromkeys(_FIELDS, _encode_fields),
     JointTrajectory: _encode_trajectory,
+    Transforms: _encode_transforms,
     BoxMarkers: _encode_boxes,
 }
 

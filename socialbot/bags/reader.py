@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import heapq
+import itertools
 import logging
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -23,12 +24,13 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bags import codec
-from socialbot.bags.repair import Receptions, Stamps, salvage
+from socialbot.bags.cameras import ImageKind, best, camera_of, image_kind
+from socialbot.bags.repair import Receptions, Stamps, clock_offsets, salvage
 from socialbot.bags.types import PACKAGE, RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, suggestion
-from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Structured
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, PointCloud, Structured
 from socialbot.core.yaml import check_depth
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
@@ -39,6 +41,11 @@ T = TypeVar("T")
 Reader = Ros1Reader | Ros2Reader
 
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
+SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
+"""Types whose header has the time of a measurement; latched types may be older than their reception."""
+
+SHORTEST_S = 0.01
+"""Shortest duration of a bag from which rates are computed: one frame and its camera_info arrive together."""
 
 _STORAGE = (".mcap", ".db3")
 _REPAIRS = {
@@ -107,6 +114,8 @@ class Bag(AbstractContextManager["Bag"]):
         self.skipped: dict[str, Skipped] = {}
         self._readers = readers
         self._connections = [connection for reader in readers for connection in reader.connections]
+        self._kinds: dict[str, ImageKind] = {}
+        self._offsets: dict[str, int] | None = None
         topics: dict[str, BagTopic] = {}
         for each in self._connections:
             before = topics.get(each.topic)
@@ -131,8 +140,59 @@ class Bag(AbstractContextManager["Bag"]):
 
     @property
     def image_topics(self) -> tuple[BagTopic, ...]:
-        """Topics with raw or compressed images."""
-        return tuple(topic for topic in self.topics if topic.type in IMAGE_TYPES and topic.count)
+        """Topics with raw or compressed pictures, colour first and infrared last, without depth images."""
+        kinds = {topic: self.image_kind(topic) for topic in self._filled(*IMAGE_TYPES)}
+        return tuple(
+            sorted(
+                (topic for topic, kind in kinds.items() if kind is not ImageKind.DEPTH), key=lambda each: kinds[each]
+            )
+        )
+
+    @property
+    def preferred_image_topics(self) -> tuple[str, ...]:
+        """The best image topic of each camera with images of the best kind."""
+        kinds = {topic.name: self.image_kind(topic) for topic in self.image_topics}
+        return tuple(best(kinds)) if kinds else ()
+
+    @property
+    def depth_topics(self) -> tuple[BagTopic, ...]:
+        """Topics with depth images, raw or compressed."""
+        return tuple(topic for topic in self._filled(*IMAGE_TYPES) if self.image_kind(topic) is ImageKind.DEPTH)
+
+    def image_kind(self, topic: BagTopic) -> ImageKind:
+        """Kind of the images on ``topic``, from its name and its first image."""
+        if topic.name not in self._kinds:
+            kind = codec.decodable_types()[topic.type]
+            first = self._first(topic.name)
+            message = None
+            if first is not None:
+                try:
+                    message = codec.decode(kind, deserialize(first[0], first[2]))
+                except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
+                    log.debug("%s: the first image of %s cannot be read: %s", self.path, topic.name, error)
+            self._kinds[topic.name] = image_kind(topic.name, message)
+        return self._kinds[topic.name]
+
+    def _filled(self, *types: str) -> list[BagTopic]:
+        return [topic for topic in self.topics if topic.type in types and topic.count]
+
+    def _first(self, name: str) -> tuple[Connection, int, bytes] | None:
+        """First message of a topic, with its connection and time of reception; None if there is none."""
+        found = []
+        for reader in self._readers:
+            wanted = [connection for connection in reader.connections if connection.topic == name]
+            try:
+                found += list(itertools.islice(reader.messages(wanted), 1)) if wanted else []
+            except Exception as error:  # noqa: BLE001 - reading the topic itself reports the damage
+                log.debug("%s: %s cannot be read: %s", self.path, name, error)
+        timed = [each for each in found if isinstance(each[1], int)]  # a column of SQLite holds anything
+        return min(timed, key=lambda each: each[1], default=None)
+
+    def rate_hz(self, topic: BagTopic) -> float | None:
+        """Messages of ``topic`` per second of the bag; None for one message, or a bag shorter than `SHORTEST_S`."""
+        if topic.count < 2 or self.duration_s < SHORTEST_S:
+            return None
+        return (topic.count - 1) / self.duration_s
 
     def topic(self, name: str) -> BagTopic:
         """Return the topic ``name``. Raises BagError if the bag has none."""
@@ -159,31 +219,46 @@ class Bag(AbstractContextManager["Bag"]):
         )
 
     def choose_image_topic(self, wanted: str | None = None) -> BagTopic:
-        """Return the ``wanted`` image topic, or the only one.
+        """Return the ``wanted`` image topic, or else the best one of the only camera.
+
+        Colour is preferred to grey and infrared images, rectified to raw ones of one camera, and raw to compressed.
 
         Raises:
-            BagError: There is none, there are several and none is ``wanted``, or the wanted one has no images.
+            BagError: There is none, there are several cameras and none is ``wanted``, or the wanted one has no images.
         """
-        names = [topic.name for topic in self.image_topics]
+        topics = self.image_topics
+        names = [topic.name for topic in topics]
+        if wanted is None and names:
+            chosen = self.preferred_image_topics
+            if len(chosen) > 1:
+                raise self._refused(f"the bag has {len(names)} image topics", f"choose one of {', '.join(names)}")
+            if len(names) > 1:
+                others = ", ".join(name for name in names if name != chosen[0])
+                log.info("%s: images are taken from %s, not from %s", self.path, chosen[0], others)
+            return self.topic(chosen[0])
+        if wanted in names:
+            return self.topic(wanted)
+        if wanted is not None and wanted in (topic.name for topic in self.depth_topics):
+            remedy = f"choose one of {', '.join(names)}" if names else "record a colour image as well"
+            raise self._refused(f"{wanted} has depth images, not pictures", remedy)
         if not names:
+            depth = " but those of depth" if self.depth_topics else ""
             remedy = f"record an image topic; the bag has {', '.join(self._names())}"
-            raise self._refused("the bag has no images", remedy)
-        if wanted is None and len(names) > 1:
-            raise self._refused(f"the bag has {len(names)} image topics", f"choose one of {', '.join(names)}")
-        wanted = wanted or names[0]
-        if wanted not in names:
-            known = wanted in self._names()
-            what = f"{wanted} is {self.topic(wanted).type}" if known else f"no topic {wanted!r} in the bag"
-            raise self._refused(what, suggestion(wanted, names))
-        return self.topic(wanted)
+            raise self._refused(f"the bag has no images{depth}", remedy)
+        assert wanted is not None
+        known = wanted in self._names()
+        what = f"{wanted} is {self.topic(wanted).type}" if known else f"no topic {wanted!r} in the bag"
+        if known and not self.topic(wanted).count:
+            what = f"{wanted} has no messages"
+        raise self._refused(what, suggestion(wanted, names))
 
     def camera_info_topic_for(self, image_topic: str) -> BagTopic | None:
         """CameraInfo topic in the namespace of ``image_topic``, if the bag has one.
 
         ``/camera/image_raw`` and ``/camera/image_raw/compressed`` both belong to ``/camera/camera_info``.
         """
-        infos = {t.name.rpartition("/")[0]: t for t in self.topics if t.type == codec.ROS_TYPES[CameraInfo] and t.count}
-        namespace = image_topic.rpartition("/")[0]
+        infos = {topic.name.rpartition("/")[0]: topic for topic in self._filled(codec.ROS_TYPES[CameraInfo])}
+        namespace = camera_of(image_topic)
         return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
 
     def messages(
@@ -214,7 +289,7 @@ class Bag(AbstractContextManager["Bag"]):
         Raises:
             BagError: The file is truncated.
         """
-        stamps = self._stamps(name)
+        stamps = self.stamps(name)
         times = Receptions(str(self.path))
         for file, connection, time, data in self._read_files([name]):
             ros_message = self._attempt(connection, functools.partial(deserialize, connection, data))
@@ -223,8 +298,31 @@ class Bag(AbstractContextManager["Bag"]):
             if header is not None:
                 yield MessageLocation(stamps.next(header, received), file, name, time)
 
-    def _stamps(self, name: str) -> Stamps:
-        return Stamps(name, set_right=self.topic(name).type in IMAGE_TYPES)
+    def stamps(self, name: str) -> Stamps:
+        """New correction of the header stamps of the topic ``name``.
+
+        All sensors of a bag share one clock, so that images and depth stay synchronous.
+        """
+        if self.topic(name).type not in SENSOR_TYPES:
+            return Stamps(name)
+        if self._offsets is None:
+            stamped = self._filled(*SENSOR_TYPES, codec.ROS_TYPES[CameraInfo])
+            lags = {topic.name: self._first_lag(topic.name) for topic in stamped}
+            self._offsets = clock_offsets({name: lag for name, lag in lags.items() if lag is not None})
+        return Stamps(name, offset=self._offsets.get(name, 0), repeats=False)
+
+    def _first_lag(self, name: str) -> int | None:
+        """Time (ns) from the header stamp of the first message of a topic to its reception; None without a stamp."""
+        first = self._first(name)
+        if first is None:
+            return None
+        connection, time, data = first
+        try:
+            stamp = codec.header_stamp(deserialize(connection, data))
+        except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
+            log.debug("%s: the first message of %s cannot be read: %s", self.path, name, error)
+            return None
+        return time - stamp if stamp else None
 
     def message_at(self, place: MessageLocation) -> Message | None:
         """Read the message at one of `locations`, with its stamp; None if it is damaged. Raises BagError."""
@@ -264,7 +362,7 @@ class Bag(AbstractContextManager["Bag"]):
         return self.skipped
 
     def _decoded(self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]]) -> Iterator[tuple[str, Message]]:
-        stamps = {name: self._stamps(name) for name in topics}
+        stamps = {name: self.stamps(name) for name in topics}
 
         def decode(connection: Connection, time: int, data: bytes) -> Message:
             ros_message = deserialize(connection, data)

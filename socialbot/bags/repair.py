@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -140,6 +141,9 @@ def _tail(whole: int, chunks: list[_Chunk]) -> bytes:
 log = logging.getLogger("socialbot.bags")
 
 CLOCKS_APART_S = 1.0
+"""Smallest clock offset that is corrected if stamps lie in the future."""
+MAX_LAG_S = 5.0
+"""Longest time from an image to its reception on one machine; a longer one means that a clock is wrong."""
 LEAP_S = 3600.0
 """Maximum pause; a longer one means that the clock was set during the recording."""
 
@@ -167,24 +171,25 @@ class Receptions:
 class Stamps:
     """Correction of the header stamps of one topic to plausible times on the clock of the reception.
 
-    ``set_right`` removes a clock offset of the sender above ``CLOCKS_APART_S`` at its first message. Use it for images
-    only: latched messages are older than their reception.
+    Args:
+        topic: Name for warnings.
+        offset: Clock offset (ns) to add, from `clock_offsets`.
+        repeats: Whether a stamp may repeat; images need different stamps.
     """
 
-    def __init__(self, topic: str, *, set_right: bool) -> None:
+    def __init__(self, topic: str, *, offset: int = 0, repeats: bool = True) -> None:
         self._topic = topic
-        self._set_right = set_right
+        self._offset = offset
+        self._repeats = repeats
         self._stamp: int | None = None
-        self._offset = 0
         self._time = 0
         self._warned = False
+        if offset:
+            log.warning("%s: the clock of the sender is %.1f s off; corrected", topic, -offset / SECOND)
 
     def next(self, header: int, time: int) -> int:
         """Correct the stamp (ns) ``header`` of a message received at ``time``."""
         last = self._stamp
-        if self._set_right and last is None and header > 0 and abs(time - header) > nanoseconds(CLOCKS_APART_S):
-            self._offset = time - header
-            log.warning("%s: the clock of the sender is %.1f s off; corrected", self._topic, -self._offset / SECOND)
         if header > 0:
             header += self._offset
         why = ""
@@ -192,6 +197,8 @@ class Stamps:
             why = "are zero"
         elif last is not None and header < last:
             why = "go backwards"
+        elif last is not None and header == last and not self._repeats:
+            why = "repeat"
         elif header - time > nanoseconds(CLOCKS_APART_S):
             why = "lie in the future"
         if why and not self._warned:
@@ -200,3 +207,23 @@ class Stamps:
         stamp = header if not why else time if last is None else last + max(time - self._time, 0)
         self._stamp, self._time = stamp, time
         return stamp
+
+
+def clock_offsets(lags: Mapping[str, int]) -> dict[str, int]:
+    """Clock offset (ns) to add to the stamps of each topic: that of its machine, or 0.
+
+    Topics with similar lags come from one machine. Its clock is wrong if its fastest topic arrives before its stamp, or
+    more than `MAX_LAG_S` after it: processing in the robot delays images by a second or two.
+
+    Args:
+        lags: Time (ns) from the header stamp to the reception of the first message, by topic.
+    """
+    offsets: dict[str, int] = {}
+    machine: list[int] = []
+    for topic, lag in sorted(lags.items(), key=lambda each: each[1]):
+        if machine and lag - machine[-1] > nanoseconds(MAX_LAG_S):
+            machine = []
+        machine.append(lag)
+        is_right = -nanoseconds(CLOCKS_APART_S) <= machine[0] <= nanoseconds(MAX_LAG_S)
+        offsets[topic] = 0 if is_right else machine[0]
+    return offsets

@@ -51,7 +51,7 @@ from socialbot.bridge.transport import (
     subscription_qos,
 )
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
-from socialbot.core.errors import MessageError, NodeError, SocialbotError
+from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.health import health_topics
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
@@ -223,7 +223,13 @@ class NodeHost:
             self._senders[port.name] = sender
             self._connections.append(publisher_connection(self._graph, topic, sender.publisher))
         for topic, port in self._config.subscriptions:
-            kind = self._transport.message_class(port.message_type)
+            try:
+                kind = self._transport.message_class(port.message_type)
+            except InstallationError as error:
+                if not port.optional:
+                    raise
+                self._ros.get_logger().info(f"the input {port.name} is not used: {error.what}")
+                continue
             qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
             name = self._ros.resolve_topic_name(topic)
             receiver = self._transport.receiver(name, latched=port.delivery is Delivery.LATCHED)

@@ -152,6 +152,6 @@ def live_image_topic(graph: Graph) -> tuple[str, type[Image] | type[CompressedIm
     published = {topic for config in graph.nodes for topic, _ in config.publications}
     found: list[tuple[str, type[Image] | type[CompressedImage]]] = []
     for topic, kind in graph.topics().items():
-        if issubclass(kind, (Image, CompressedImage)):
+        if kind is Image or kind is CompressedImage:
             found.append((topic, kind))
     return min(found, key=lambda each: (each[0] not in published, each[1] is Image), default=None)

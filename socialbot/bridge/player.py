@@ -16,8 +16,7 @@ from typing import Any
 
 from socialbot.bags.codec import ROS_TYPES, STRING, decodable_types, decode, raw_stamp, with_stamp
 from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
-from socialbot.bags.reader import IMAGE_TYPES, Bag, RosbagsTypes
-from socialbot.bags.repair import Stamps
+from socialbot.bags.reader import IMAGE_TYPES, SENSOR_TYPES, Bag, RosbagsTypes
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import await_graph, not_connected
@@ -31,8 +30,8 @@ from socialbot.bridge.transport import (
     subscription_qos,
 )
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import MessageError, NodeError
-from socialbot.core.messages import CameraInfo, Health, Message
+from socialbot.core.errors import InstallationError, MessageError, NodeError
+from socialbot.core.messages import CameraInfo, CompressedDepth, DepthImage, Health, Message, Transforms
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
 from socialbot.graph.node import Delivery, Graph
@@ -96,22 +95,30 @@ class BagPlayer:
         from rosgraph_msgs.msg import Clock
 
         self._bag = bag
-        self._topics = topics
         self._playing = playing
         self._ending = ending
         graph = playing.await_graph
         self._transport = open_transport(form="json" if graph is None else graph.wire)
-        self._stamps: dict[str, Stamps] = {}
         self._clock_type = Clock
         self._clock = ros.create_publisher(Clock, "/clock", 10)
         self._senders: dict[str, Sender] = {}
         self._encoded: set[str] = set()
         kinds = {} if graph is None else graph.topics()
+        self._topics = topics = _installed(bag, topics)
+        sensors = (
+            {} if graph is None else {name: topic for name, topic in topics.items() if _is(bag, name, SENSOR_TYPES)}
+        )
+        self._stamps = {topic: bag.stamps(name) for name, topic in sensors.items()}
+        self._images = {
+            topic
+            for name, topic in topics.items()
+            if _is(bag, name, IMAGE_TYPES) and kinds.get(topic) not in (DepthImage, CompressedDepth)
+        }
         self._types = RosbagsTypes()
         for name, topic in topics.items():
             recorded = bag.topic(name).type
             wanted = self._transport.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
-            publisher = ros.create_publisher(wanted, topic, publisher_qos(_delivery(recorded)))
+            publisher = ros.create_publisher(wanted, topic, publisher_qos(_delivery(topic, recorded)))
             self._senders[topic] = self._transport.sender(publisher)
             if wanted is not message_class(recorded) or (self._transport.sealed and recorded == STRING):
                 self._encoded.add(topic)
@@ -120,7 +127,6 @@ class BagPlayer:
         self._subscriptions: dict[str, Subscription[Any]] = {}
         if topic := playing.paced_by:
             self._subscriptions[topic] = self._transport.subscribe(ros, topic, kinds[topic], self._answers.note)
-        self._images = any(bag.topic(name).type in IMAGE_TYPES for name in topics)
         self._now = bag.start
         self._begun = 0.0
 
@@ -135,11 +141,10 @@ class BagPlayer:
             self._pass_time(at)
             if self._ending.asked:
                 return played
-            image = ros_type in IMAGE_TYPES
-            if image and self._playing.await_graph is not None:
+            image = topic in self._images
+            if topic in self._stamps:
                 # The stamp that `Bag.messages` gives the message, for equal input in both runners.
-                stamps = self._stamps.setdefault(topic, Stamps(topic, set_right=True))
-                stamp = stamps.next(raw_stamp(cdr), at)
+                stamp = self._stamps[topic].next(raw_stamp(cdr), at)
                 cdr = cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
             self._publish(topic, ros_type, cdr, at)
             played.sent += image or not self._images
@@ -252,10 +257,26 @@ def _connections(
     ]
 
 
-def _delivery(ros_type: str) -> Delivery:
-    if ros_type == ROS_TYPES[CameraInfo]:
+def _delivery(topic: str, ros_type: str) -> Delivery:
+    if ros_type == ROS_TYPES[CameraInfo] or topic == "/tf_static":
         return Delivery.LATCHED
-    return Delivery.NEWEST if ros_type in IMAGE_TYPES else Delivery.EVERY
+    return Delivery.NEWEST if ros_type in SENSOR_TYPES else Delivery.EVERY
+
+
+def _is(bag: Bag, name: str, types: tuple[str, ...]) -> bool:
+    return bag.topic(name).type in types
+
+
+def _installed(bag: Bag, topics: Mapping[str, str]) -> Mapping[str, str]:
+    """Leave out transforms if their package is not installed: they are not among the ROS wheels of socialbot."""
+    try:
+        message_class(ROS_TYPES[Transforms])
+    except InstallationError as error:
+        left = {name: topic for name, topic in topics.items() if not _is(bag, name, (ROS_TYPES[Transforms],))}
+        if len(left) < len(topics):
+            log.warning("transforms are not played: %s", error.what)
+        return left
+    return topics
 
 
 CLOCK_STEP_S = 0.1

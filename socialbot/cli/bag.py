@@ -75,7 +75,7 @@ def info(
 
     console = Console(highlight=False)
     with open_bag(path) as opened:
-        images = {topic.name: _picture(opened, topic) for topic in opened.image_topics}
+        images = {topic.name: _picture(opened, topic) for topic in (*opened.image_topics, *opened.depth_topics)}
         break_off = None
         try:
             if not quick:
@@ -186,8 +186,8 @@ def _table(opened: Bag, images: Mapping[str, str], *, checked: bool) -> Table:
         # Short names of known types keep the line within 80 characters.
         known = topic.type in codec.decodable_types()
         kind = topic.type.rpartition("/")[2] if known else topic.type.replace("/msg/", "/")
-        rate = f"{(topic.count - 1) / opened.duration_s:.1f}" if topic.count > 1 and opened.duration_s > 0 else ""
-        cells = [f"[bold]{escape(topic.name)}[/]", kind, str(topic.count), rate]
+        rate = opened.rate_hz(topic)
+        cells = [f"[bold]{escape(topic.name)}[/]", kind, str(topic.count), "" if rate is None else f"{rate:.1f}"]
         if checked:
             skipped = opened.skipped.get(topic.name)
             cells.append(f"[red]{skipped.count}[/]" if skipped else "0")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -53,8 +54,7 @@ def replay(
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
     with open_bag(bag) as opened:
-        topics = [topic.name for topic in opened.image_topics] if takes_images else []
-        chosen = image_topic or _ask_image_topic(topics)
+        chosen = image_topic or _ask_image_topic(opened.preferred_image_topics if takes_images else ())
         source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth))
         topic = opened.choose_image_topic(chosen).name if takes_images else None
         with RunRecord(folder) as record:
@@ -75,7 +75,7 @@ def replay(
     result.check()
 
 
-def _ask_image_topic(names: list[str]) -> str | None:
+def _ask_image_topic(names: Sequence[str]) -> str | None:
     """Ask on a terminal which of several image topics to use."""
     if len(names) < 2 or not sys.stdin.isatty():
         return None

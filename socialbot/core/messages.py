@@ -80,6 +80,59 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     distortion_model: str = "plumb_bob"
 
 
+class DepthImage(Image, frozen=True, kw_only=True):
+    """Depth image (sensor_msgs/Image): 16UC1 or mono16 in mm, or 32FC1 in m, along the optical axis.
+
+    0, NaN and infinity mean that there is no measurement.
+    """
+
+
+class CompressedDepth(CompressedImage, frozen=True, kw_only=True):
+    """Depth image of compressed_depth_image_transport, or 16-bit PNG (sensor_msgs/CompressedImage)."""
+
+
+class DepthInfo(CameraInfo, frozen=True, kw_only=True):
+    """Intrinsics of a depth camera (sensor_msgs/CameraInfo)."""
+
+
+class PointField(msgspec.Struct, frozen=True):
+    """Field of the points of a cloud (sensor_msgs/PointField); ``offset`` in bytes, ``datatype`` as in ROS."""
+
+    name: str
+    offset: int
+    datatype: int
+    count: int = 1
+
+
+class PointCloud(Message, frozen=True, kw_only=True):
+    """Points of a lidar or depth camera (sensor_msgs/PointCloud2); ``data`` is a flat uint8 array."""
+
+    frame_id: str
+    height: int
+    width: int
+    fields: tuple[PointField, ...]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: np.ndarray
+
+
+class Transform(msgspec.Struct, frozen=True, kw_only=True):
+    """Pose of the frame ``child`` in the frame ``parent``: x, y, z in m, and a quaternion x, y, z, w."""
+
+    stamp: int
+    parent: str
+    child: str
+    translation: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+class Transforms(Message, frozen=True, kw_only=True):
+    """Transforms on /tf or /tf_static (tf2_msgs/TFMessage)."""
+
+    transforms: tuple[Transform, ...]
+
+
 class JointTrajectory(Message, frozen=True, kw_only=True):
     """Target of some joints (trajectory_msgs/JointTrajectory with a single point).
 

@@ -133,7 +133,7 @@ def write_video(
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
     captions = _Captions(record, bag.start)
     writer: cv2.VideoWriter | None = None
-    size = (0, 0)
+    size, rate = (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
     for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
         advance(number)
         assert isinstance(message, (Image, CompressedImage))
@@ -144,7 +144,7 @@ def write_video(
         stamp = message.stamp
         frame = draw(pixels, detections.get(stamp), people.get(stamp, ()), captions.at(stamp))
         if writer is None:
-            writer, size = _open_writer(path, frame, _rate_hz(bag, image_topic)), frame.shape[1::-1]
+            writer, size = _open_writer(path, frame, rate), frame.shape[1::-1]
         writer.write(frame if frame.shape[1::-1] == size else cv2.resize(frame, size))
     if writer is None:
         raise BagError("the bag has no image for a video", where=str(bag.path))
@@ -165,11 +165,6 @@ class _Captions:
         belief = f"believes {self._beliefs[count - 1].what}" if count else ""
         spoken = [f'says: "{each.text}"' for each in self._utterances if 0 <= stamp - each.stamp < SPOKEN_FOR_NS]
         return [f"{(stamp - self._start) / SECOND:6.1f} s   {belief}", *spoken[-1:]]
-
-
-def _rate_hz(bag: Bag, image_topic: str) -> float:
-    count = bag.topic(image_topic).count
-    return (count - 1) / bag.duration_s if count > 1 and bag.duration_s > 0 else DEFAULT_RATE_HZ
 
 
 def _open_writer(path: Path, frame: np.ndarray, rate_hz: float) -> cv2.VideoWriter:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.bags.repair import MAGIC, salvage
+from socialbot.bags.repair import MAGIC, clock_offsets, salvage
 from socialbot.core.clock import SECOND
 from tests.bags.making_bags import RAW, START, contents, make_with_rosbags, picture, times
 
@@ -58,9 +58,39 @@ def test_clock_offset_of_the_sender_is_corrected(tmp_path: Path, apart: int, cap
     assert len([record for record in caplog.records if "clock" in record.message]) == 1
 
 
-def test_transport_delay_is_not_corrected(tmp_path: Path) -> None:
-    stamps = [stamp - SECOND // 2 for stamp in times(3)]
+@pytest.mark.parametrize("lag_ms", [500, 999, 1001, 1400, 4000])
+def test_lag_of_processing_is_not_corrected(tmp_path: Path, lag_ms: int, caplog: pytest.LogCaptureFixture) -> None:
+    stamps = [stamp - lag_ms * 1_000_000 for stamp in times(3)]
     assert stamps_of(tmp_path / "bag", stamps) == stamps
+    assert not caplog.records
+
+
+def test_sensors_of_one_machine_have_one_clock() -> None:
+    lags = {"/info": 0.05, "/rgb": 1.0, "/depth": 1.4, "/scan": 5.2, "/lab": 40.0, "/lab/depth": 41.0, "/ahead": -7.5}
+    offsets = clock_offsets({topic: round(lag * SECOND) for topic, lag in lags.items()})
+    expected = {"/lab": 40.0, "/lab/depth": 40.0, "/ahead": -7.5}
+    assert offsets == {topic: round(expected.get(topic, 0) * SECOND) for topic in lags}
+
+
+def test_wrong_clock_leaves_colour_and_depth_synchronous(tmp_path: Path) -> None:
+    """The stamps of one instant stay equal, although the two images arrive with different lags."""
+    wrong, depth = 3600 * SECOND, "/camera/depth/image_raw"
+    images = [
+        (topic, time + lag, picture(time - wrong))
+        for time in times(4)
+        for topic, lag in ((RAW, 10**9), (depth, 14 * 10**8))
+    ]
+    bag = make_with_rosbags(tmp_path / "bag", sorted(images, key=lambda each: each[1]))
+    found = contents(bag, RAW, depth)
+    expected = [time + 10**9 for time in times(4)]
+    assert [message.stamp for topic, message in found if topic == RAW] == expected
+    assert [message.stamp for topic, message in found if topic == depth] == expected
+    assert [message.stamp for _, message in contents(bag, depth)] == expected, "also if it is read alone"
+
+
+def test_images_have_different_stamps(tmp_path: Path) -> None:
+    begin, tenth = times(1)[0], SECOND // 10
+    assert stamps_of(tmp_path / "bag", [begin] * 4) == [begin + index * tenth for index in range(4)]
 
 
 YEAR = 365 * 24 * 3600 * SECOND
@@ -100,4 +130,4 @@ def test_single_backward_stamp_does_not_affect_others(tmp_path: Path) -> None:
     tenth, begin = SECOND // 10, times(1)[0]
     stamps = [begin + stamp for stamp in (1 * tenth, 2 * tenth, 2 * tenth - 1, 4 * tenth, 4 * tenth)]
     found = [stamp - begin for stamp in stamps_of(tmp_path / "bag", stamps)]
-    assert found == [1 * tenth, 2 * tenth, 3 * tenth, 4 * tenth, 4 * tenth]
+    assert found == [1 * tenth, 2 * tenth, 3 * tenth, 4 * tenth, 5 * tenth]
