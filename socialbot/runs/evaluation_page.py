@@ -21,6 +21,7 @@ from socialbot.runs.evaluation_tables import (
     paper_tables,
     rate,
     summary_table,
+    tracking_table,
 )
 from socialbot.runs.pages import (
     Chart,
@@ -56,6 +57,10 @@ PAPER_NOTE = (
 CURVES_NOTE = (
     "Lines: the detector alone, at every threshold. Dots: the pipeline as it runs, with tracking and its own "
     "threshold, which may lie off the line. Diamonds: the paper."
+)
+TRACKING_NOTE = (
+    "Metrics of the MOTChallenge, for whole recordings. Pairs need an IoU of 0.5; HOTA is a mean over 19 thresholds. "
+    "Switches: a person's track changed. Fragments: a person's track was interrupted."
 )
 BEHAVIOUR_NOTE = (
     "Waldo's node runs on the detections and on the ground truth. What it does on the truth is due. In time means "
@@ -97,6 +102,7 @@ def page(evaluation: Evaluation) -> Page:
             Section("Beside the paper", _titled(paper_tables(evaluation)) if by_boxes else "", PAPER_NOTE),
             Section("In full", _titled(full)),
             Section("Precision and recall", _curves(evaluation), CURVES_NOTE),
+            Section("Tracking", _tracking(evaluation), TRACKING_NOTE),
             Section("Where false positives come from", _causes(evaluation) if by_boxes else ""),
             Section("What Waldo does with it", _behaviour(evaluation), BEHAVIOUR_NOTE),
             Section("The worst frames", _worst_frames(evaluation)),
@@ -135,6 +141,11 @@ def _curves(evaluation: Evaluation) -> Markup:
 
 def _causes(evaluation: Evaluation) -> Markup:
     return causes_table(evaluation, explained=True).html() or Markup('<p class="note">There are none.</p>')
+
+
+def _tracking(evaluation: Evaluation) -> Markup:
+    table = tracking_table(evaluation)
+    return table.html() if table.rows else Markup()
 
 
 def _behaviour(evaluation: Evaluation) -> Markup:

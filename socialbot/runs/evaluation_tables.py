@@ -23,6 +23,7 @@ from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Eval
 from socialbot.vision.metrics.frames import BLOCK_S
 from socialbot.vision.metrics.matches import CAUSES
 from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Interval, PrecisionRecallCurve, Score
+from socialbot.vision.metrics.tracks import TrackingScore
 
 COLOURS = ("#0b7fb0", "#c06a10", "#4f8a2a", "#a558a0", "#8a7015")
 """Colours of the detectors in their order, for light and dark backgrounds."""
@@ -198,6 +199,42 @@ def causes_table(evaluation: Evaluation, *, explained: bool = False) -> Table:
     return Table(("cause", *columns, *(("meaning",) if explained else ())), rows, "False positives by cause")
 
 
+TRACKING = MappingProxyType(
+    {
+        "hota": "HOTA",
+        "deta": "DetA",
+        "assa": "AssA",
+        "idf1": "IDF1",
+        "idp": "IDP",
+        "idr": "IDR",
+        "mota": "MOTA",
+        "motp": "MOTP",
+    }
+)
+"""Rates of `TrackingScore` and their usual names."""
+
+TRACKING_COUNTS = ("switches", "fragments", "false", "missed", "people", "tracks", "mostly_tracked", "mostly_lost")
+
+
+def tracking_table(evaluation: Evaluation, *, full: bool = True) -> Table:
+    """Tracking metrics by detector and scene, for recordings; without ``full`` only the most important ones."""
+    rates = [key for key in TRACKING if full or key not in ("idp", "idr", "motp")]
+    counts = TRACKING_COUNTS if full else TRACKING_COUNTS[:6]
+    rows = [
+        [
+            name,
+            scene,
+            *((rate(getattr(score, key)), "best" if key in ("hota", "idf1", "mota") else "r") for key in rates),
+            *(getattr(score, key) for key in counts),
+        ]
+        for name, result in evaluation.detectors.items()
+        for scene, each in result.scenes.items()
+        if (score := each.tracking) is not None
+    ]
+    heads = ("detector", "scene", *(TRACKING[key] for key in rates), *(key.replace("_", " ") for key in counts))
+    return Table(heads, _without_repeats(rows), "Tracking")
+
+
 def behaviour_clips(evaluation: Evaluation) -> Iterator[tuple[str, ClipResult]]:
     """Detector name and clip of each clip whose behaviour was evaluated."""
     for name, result in evaluation.detectors.items():
@@ -301,6 +338,7 @@ def show(evaluation: Evaluation, console: Console) -> None:
     tables = [
         *(detector_table(evaluation, name, intervals=False) for name in evaluation.detectors),
         *paper_tables(evaluation),
+        tracking_table(evaluation, full=False),
         causes_table(evaluation),
         behaviour_table(evaluation),
     ]
@@ -329,8 +367,7 @@ def markdown(evaluation: Evaluation) -> str:
     tables = [table for table in paper_tables(evaluation) if table.rows]
     tables += [detector_table(evaluation, name, intervals=True) for name in evaluation.detectors]
     tables += [] if evaluation.plan.rules.presence else [causes_table(evaluation)]
-    behaviour = behaviour_table(evaluation)
-    tables += [behaviour] if behaviour.rows else []
+    tables += [table for table in (tracking_table(evaluation), behaviour_table(evaluation)) if table.rows]
     parts = [part for table in tables for part in (f"**{table.title}**", _markdown(table))]
     speeds = [f"- {name}: {result.speed}" for name, result in evaluation.detectors.items() if result.speed is not None]
     return "\n\n".join([*parts, *(["\n".join(speeds)] if speeds else [])]) + "\n"
@@ -402,6 +439,7 @@ def _detector(result: DetectorResult) -> dict[str, Any]:
                 "overall": _band(scene.score.overall),
                 "frames": scene.score.frames,
                 "blocks": scene.score.blocks,
+                "tracking": _tracking(scene.tracking),
                 "clips": {clip.source.name: _clip(clip) for clip in scene.clips},
             }
             for name, scene in result.scenes.items()
@@ -420,8 +458,13 @@ def _clip(clip: ClipResult) -> dict[str, Any]:
         "frames": len(clip.frames),
         "missing_frames": clip.missing_frames,
         "damaged": clip.damaged,
+        "tracking": _tracking(clip.tracking),
         "behaviour": None if acted is None else {f"{deed}s": acted.count(deed) for deed in OUTCOMES},
     }
+
+
+def _tracking(score: TrackingScore | None) -> dict[str, Any] | None:
+    return score and {key: getattr(score, key) for key in (*TRACKING, "loca", "hits", *TRACKING_COUNTS)}
 
 
 def _band(band: BandScore) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +16,7 @@ from socialbot.vision.metrics.frames import BagImages, LabelledFrame, LabelledSo
 from socialbot.vision.metrics.matches import Match, Rules, judge
 from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure, run_job
 from socialbot.vision.metrics.scores import FrameMatches, SceneScore, score_scene
+from socialbot.vision.metrics.tracks import TrackingScore, tracked_frame, tracking_score
 from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
 
 SPEED_SOURCES = 4
@@ -68,7 +71,10 @@ class ScoredImage:
 
 @dataclass(frozen=True)
 class ClipResult:
-    """Result for one source; ``missing_frames`` have ground truth but no image."""
+    """Result for one source; ``missing_frames`` have ground truth but no image.
+
+    ``tracking`` is None for single images and for a pipeline without a tracker.
+    """
 
     source: LabelledSource
     frames: tuple[ScoredImage, ...]
@@ -76,6 +82,7 @@ class ClipResult:
     missing_frames: int
     damaged: int
     first_damage: str
+    tracking: TrackingScore | None = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,12 @@ class SceneResult:
 
     score: SceneScore
     clips: tuple[ClipResult, ...]
+
+    @property
+    def tracking(self) -> TrackingScore | None:
+        """Tracking score of all clips; None if nothing was tracked."""
+        scores = [clip.tracking for clip in self.clips if clip.tracking is not None]
+        return functools.reduce(operator.add, scores) if scores else None
 
 
 @dataclass(frozen=True)
@@ -195,7 +208,7 @@ def scored(plan: EvaluationPlan, found: Sequence[Found], speeds: Sequence[Speed 
         clips: dict[str, list[ClipResult]] = {}
         results = found[number * count : (number + 1) * count]
         for scene, source, result in zip(scene_names(plan.sources), plan.sources, results, strict=True):
-            clips.setdefault(scene, []).append(_clip_result(plan, source, result))
+            clips.setdefault(scene, []).append(_clip_result(plan, pipeline, source, result))
         scenes = {scene: _scene_result(plan.rules, each) for scene, each in clips.items()}
         detectors[pipeline.detector] = DetectorResult(pipeline, scenes, speed)
     return Evaluation(plan, detectors)
@@ -206,7 +219,7 @@ def _outermost(source: LabelledSource) -> dict[int, tuple[float, float]]:
     return {stamp: (max(r.x for r in there), max(r.y for r in there)) for stamp, there in regions.items() if there}
 
 
-def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> ClipResult:
+def _clip_result(plan: EvaluationPlan, pipeline: PipelineSettings, source: LabelledSource, found: Found) -> ClipResult:
     answers = {frame.stamp: frame for frame in found.frames}
     frames = []
     for frame in source.frames:
@@ -231,7 +244,16 @@ def _clip_result(plan: EvaluationPlan, source: LabelledSource, found: Found) -> 
     acted = None
     if plan.waldo is not None and isinstance(source.images, BagImages):
         acted = behaviour(plan.waldo, source.frames, found.frames)
-    return ClipResult(source, tuple(frames), acted, len(source.frames) - len(frames), found.damaged, found.first_damage)
+    tracking = None
+    if pipeline.tracked and source.images.consecutive:
+        tracking = tracking_score(
+            # As labelled: other tools do not clip boxes to the image.
+            tracked_frame(frame, answers[frame.stamp].persons, source.least_visible)
+            for frame in source.frames
+            if frame.stamp in answers
+        )
+    missing = len(source.frames) - len(frames)
+    return ClipResult(source, tuple(frames), acted, missing, found.damaged, found.first_damage, tracking)
 
 
 def _scene_result(rules: Rules, clips: Sequence[ClipResult]) -> SceneResult:

@@ -20,6 +20,7 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
+    LEAST_VISIBLE,
     TRUTH_TOPIC,
     GroundTruth,
     NotNegative,
@@ -226,13 +227,17 @@ class LabelledFrame:
 
 @dataclass(frozen=True)
 class LabelledSource:
-    """Images and their ground truth ``frames`` in order of stamps; ``split`` is their intended use."""
+    """Images and their ground truth ``frames`` in order of stamps; ``split`` is their intended use.
+
+    ``least_visible`` is the visible share from which a person counts in the tracking metrics.
+    """
 
     name: str
     scene: str
     split: Split
     images: ImageSequence
     frames: tuple[LabelledFrame, ...]
+    least_visible: float = LEAST_VISIBLE
 
 
 def bag_source(path: Path) -> LabelledSource:

@@ -53,16 +53,20 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Person(Region, frozen=True, kw_only=True):
-    """Person in one frame: horizontal distance (m) if known, visible share (0 to 1)."""
+    """Person in one frame: horizontal distance (m) if known, visible share (0 to 1).
+
+    A person with ``ignore`` is never scored, and neither is a detection of them.
+    """
 
     id: str
     distance_m: NotNegative | None
     visible: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+    ignore: bool = False
 
     @property
     def counts(self) -> bool:
         """Whether this person is scored."""
-        return self.visible >= LEAST_VISIBLE
+        return not self.ignore and self.visible >= LEAST_VISIBLE
 
 
 class TruthPerson(Person, frozen=True, kw_only=True):
