@@ -45,8 +45,15 @@ def test_optional_fields_of_truth(tmp_path):
     assert truth.frames[0].light == "sun"
 
 
+def test_facing_and_posture_of_a_person(tmp_path):
+    person = {**GOOD["frames"][1]["persons"][0], "facing_rad": 1.57, "posture": "seated"}
+    truth = load(tmp_path, {**GOOD, "frames": [{"stamp": 10, "persons": [person]}]})
+    assert (truth.frames[0].persons[0].facing_rad, truth.frames[0].persons[0].posture) == (1.57, "seated")
+
+
 def test_defaults_of_truth(tmp_path):
     truth = load(tmp_path, GOOD)
+    assert (truth.frames[1].persons[0].facing_rad, truth.frames[1].persons[0].posture) == (None, "unknown")
     assert (truth.scene, truth.split, truth.objects) == ("", "", ())
     assert (truth.frames[0].objects, truth.frames[0].light) == ((), "")
 
