@@ -258,9 +258,8 @@ class Node:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls._inputs = {**cls._inputs, **_own(cls, Input)}
-        cls._outputs = {**cls._outputs, **_own(cls, Output)}
-        cls._parameters = {**cls._parameters, **_own(cls, Parameter)}
+        cls._inputs, cls._outputs = _declared(cls, Input), _declared(cls, Output)
+        cls._parameters = _declared(cls, Parameter)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Check and set ``parameters``. Raises ParameterError."""
@@ -346,8 +345,10 @@ def outcome(work: Callable[[], R]) -> R | Exception:
         return error
 
 
-def _own(cls: type, kind: type) -> dict[str, Any]:
-    return {name: value for name, value in vars(cls).items() if isinstance(value, kind)}
+def _declared(cls: type, kind: type) -> dict[str, Any]:
+    """Return the ports or parameters of a class and its base classes, those of base classes first."""
+    pairs = (pair for base in reversed(cls.__mro__) for pair in vars(base).items())
+    return {name: value for name, value in pairs if isinstance(value, kind)}
 
 
 def check_parameters(node_type: type[Node], given: Mapping[str, object], *, where: str) -> dict[str, Any]:

@@ -93,6 +93,17 @@ def test_a_node_inherits_ports_and_parameters_and_may_change_them():
     assert "gain" not in Echo.parameters()
 
 
+def test_a_node_with_two_base_classes_has_the_ports_of_both():
+    class Blinking(Node):
+        lamp = Output(Utterance, "/lamp")
+
+    class BlinkingEcho(Blinking, Echo):
+        pass
+
+    assert list(BlinkingEcho.inputs()) == ["heard"]
+    assert list(BlinkingEcho.outputs()) == ["say", "status", "lamp"]
+
+
 def test_an_input_delivers_to_its_method_and_to_that_of_a_subclass():
     heard = []
 

@@ -42,7 +42,7 @@ from socialbot.bdi.plans import Plan
 from socialbot.bdi.terms import Variable
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
-from socialbot.graph.node import Context, Delivery, Input, Output, Parameter
+from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 
 REGISTER_S = 0.25
 """Time until another registration, if neither an answer nor plans arrive."""
@@ -54,19 +54,52 @@ CANCEL_DELAY_S = 0.2
 _X = Variable("X")
 
 
-class HospitalAgent(AgentNode):
+class HospitalMember(Node):
+    """Robot or nurse: it registers with the coordinator, and commands actions to the world."""
+
+    heard = Input(AclMessage, TOPIC)
+    results = Input(ActionResult, RESULTS)
+    said = Output(AclMessage, TOPIC)
+    commands = Output(ActionCommand, COMMANDS)
+    cancels = Output(ActionCancel, CANCELS)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        self._sender = acl.AclSender(name, context.clock, self.said.publish)
+        self._registered = False
+        super().__init__(name, context, parameters)
+
+    def registration(self) -> acl.Register:
+        """The kind of the agent and its actions."""
+        raise NotImplementedError
+
+    def register(self, in_reply_to: str = "") -> None:
+        """Register, again and again until an answer arrives."""
+        if in_reply_to or not self._registered:
+            self._sender.send(COORDINATOR, "request", self.registration(), in_reply_to=in_reply_to)
+            if not in_reply_to:
+                self.call_after(REGISTER_S, self.register)
+
+    def next_command(self) -> str:
+        """An id for a command."""
+        return f"{self.name}-action-{self._sender.next_id()}"
+
+    def command(self, id: str, action: str, args: tuple[str, ...]) -> None:
+        """Command an action."""
+        self.commands.publish(ActionCommand(stamp=self.clock.now(), id=id, robot=self.name, action=action, args=args))
+
+    def cancel(self, id: str) -> None:
+        """Cancel the action of a command."""
+        self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+
+
+class HospitalAgent(HospitalMember, AgentNode):
     """Agent that executes plans of the coordinator; its name is that of the node."""
 
     keeps_mind = False
     kind: ClassVar[str] = ""
     """Name of its program: ``spot``, ``uvd`` or ``nurse``."""
 
-    heard = Input(AclMessage, TOPIC)
-    results = Input(ActionResult, RESULTS)
     state = Input(WardState, STATE, Delivery.LATCHED)
-    said = Output(AclMessage, TOPIC)
-    commands = Output(ActionCommand, COMMANDS)
-    cancels = Output(ActionCancel, CANCELS)
     actions = Output(ActionRequest, "~/actions")
     mind = Output(Mind, "~/mind", Delivery.LATCHED)
     trace = Output(TraceRecord, "~/trace")
@@ -77,7 +110,6 @@ class HospitalAgent(AgentNode):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self.label = ""
         """Label of its plans."""
-        self._sender = acl.AclSender(name, context.clock, self.said.publish)
         self._labels: list[str] = []
         self._early_messages: list[AclMessage] = []
         self._uncompiled: list[CompiledPlan] = []
@@ -85,9 +117,8 @@ class HospitalAgent(AgentNode):
         """Message with its latest plans."""
         self._in_progress: dict[str, WorldAction] = {}
         self._to_cancel: dict[tuple[str, tuple[str, ...]], str] = {}
-        self._registered = False
-        self._rendezvous = Rendezvous(self._sender)
         super().__init__(name, context, parameters)
+        self._rendezvous = Rendezvous(self._sender)
 
     def build(self) -> Engine:
         engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
@@ -110,20 +141,16 @@ class HospitalAgent(AgentNode):
     def start(self) -> None:
         self.engine.run_until_idle()
         super().start()
-        self._register()
+        self.register()
 
-    def _register(self, in_reply_to: str = "") -> None:
-        if self._registered and not in_reply_to:
-            return
+    def registration(self) -> acl.Register:
         capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
         kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
-        self._sender.send(COORDINATOR, "request", acl.Register(kind, capable), in_reply_to=in_reply_to)
-        if not in_reply_to:
-            self.call_after(REGISTER_S, self._register)
+        return acl.Register(kind, capable)
 
     # Messages
 
-    @heard
+    @HospitalMember.heard
     def on_heard(self, message: AclMessage) -> None:
         """Process a message, and refuse an invalid one."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:
@@ -135,7 +162,7 @@ class HospitalAgent(AgentNode):
         match message.content:
             case acl.Register():
                 if message.performative == "query":
-                    self._register(message.id)
+                    self.register(message.id)
                 else:
                     self._registered = True
             case acl.Plan() as content:
@@ -285,19 +312,11 @@ class HospitalAgent(AgentNode):
         for other in list(self._to_cancel.values()):
             self._cancel(other)
         self._to_cancel.clear()
-        id = id or f"{self.name}-action-{self._sender.next_id()}"
+        id = id or self.next_command()
         known = id in self._in_progress
         self._in_progress[id] = world_action
         if not known:
-            self.commands.publish(
-                ActionCommand(
-                    stamp=self.clock.now(),
-                    id=id,
-                    robot=self.name,
-                    action=world_action.action,
-                    args=world_action.arguments,
-                )
-            )
+            self.command(id, world_action.action, world_action.arguments)
 
     def cancel_later(self, world_action: WorldAction) -> None:
         """Cancel an action after a short time, unless it is wanted again."""
@@ -314,9 +333,9 @@ class HospitalAgent(AgentNode):
 
     def _cancel(self, id: str) -> None:
         if self._in_progress.pop(id, None) is not None:
-            self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+            self.cancel(id)
 
-    @results
+    @HospitalMember.results
     def on_result(self, message: ActionResult) -> None:
         world_action = self._in_progress.pop(message.id, None)
         if message.robot != self.name or world_action is None:

@@ -31,15 +31,10 @@ from socialbot.agents.hospital.missions import (
     view,
 )
 from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
-from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
+from socialbot.agents.hospital.robot_node import HospitalMember, Nurse, Spot, Uvd
 from socialbot.agents.hospital.robots import as_literal, names_of
 from socialbot.agents.hospital.ward.messages import (
-    CANCELS,
-    COMMANDS,
-    RESULTS,
     STATE,
-    ActionCancel,
-    ActionCommand,
     ActionResult,
     WardState,
 )
@@ -179,44 +174,30 @@ class ScriptedCoordinator(Node):
         self.missions.publish(Missions(stamp=self.clock.now(), missions=(*self._over, *running)))
 
 
-class ScriptedAgent(Node):
+class ScriptedAgent(HospitalMember):
     """Executes single actions, and reports their results."""
 
     kind: ClassVar[str] = ""
     """Its kind in the ward."""
 
-    heard = Input(AclMessage, TOPIC)
-    results = Input(ActionResult, RESULTS)
-    said = Output(AclMessage, TOPIC)
-    commands = Output(ActionCommand, COMMANDS)
-    cancels = Output(ActionCancel, CANCELS)
-
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._sender = acl.AclSender(name, self.clock, self.said.publish)
-        self._registered = False
         self._missions: dict[str, str] = {}
         """Missions of the actions in progress, by command."""
 
     def start(self) -> None:
-        self._register()
+        self.register()
 
-    def _register(self, in_reply_to: str = "") -> None:
-        if self._registered and not in_reply_to:
-            return
-        self._sender.send(
-            COORDINATOR, "request", acl.Register(self.kind, actions_of(self.kind)), in_reply_to=in_reply_to
-        )
-        if not in_reply_to:
-            self.call_after(REGISTER_S, self._register)
+    def registration(self) -> acl.Register:
+        return acl.Register(self.kind, actions_of(self.kind))
 
-    @heard
+    @HospitalMember.heard
     def on_heard(self, message: AclMessage) -> None:
         if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
             return
         match message.content:
             case acl.Register() if message.performative == "query":
-                self._register(message.id)
+                self.register(message.id)
             case acl.Register():
                 self._registered = True
             case acl.Plan(plans=(action,)):
@@ -230,7 +211,7 @@ class ScriptedAgent(Node):
         """Cancel the actions of a mission."""
         for id in [id for id, other in self._missions.items() if other == mission]:
             del self._missions[id]
-            self.cancels.publish(ActionCancel(stamp=self.clock.now(), id=id))
+            self.cancel(id)
 
     def _do(self, text: str, message: AclMessage) -> None:
         try:
@@ -238,15 +219,11 @@ class ScriptedAgent(Node):
         except SocialbotError as error:
             self._sender.send(message.sender, "refuse", acl.Refusal(str(error)), message.mission, message.id)
             return
-        id = f"{self.name}-action-{self._sender.next_id()}"
+        id = self.next_command()
         self._missions[id] = message.mission
-        self.commands.publish(
-            ActionCommand(
-                stamp=self.clock.now(), id=id, robot=self.name, action=action.functor, args=names_of(action.args)
-            )
-        )
+        self.command(id, action.functor, names_of(action.args))
 
-    @results
+    @HospitalMember.results
     def on_result(self, message: ActionResult) -> None:
         mission = self._missions.pop(message.id, None)
         if mission is None:
