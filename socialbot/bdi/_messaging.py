@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed, Failure, Intention, Pause, Request
+from socialbot.bdi.intentions import Failed, Failure, Intention, Pause, subgoal
 from socialbot.bdi.literals import Event, Literal, literal_from_key, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
@@ -20,7 +20,6 @@ from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
-    from socialbot.bdi.library import Trigger
     from socialbot.bdi.society import Society
 
 PERFORMATIVES = (
@@ -169,7 +168,7 @@ def _apply(agent: Engine, act: str, content: Any, said_by: Any, cause: Any) -> N
                 if added is not None:
                     agent.interpreter.events.append((added, args, (*notes, Atom("signal")), cause))
             case "achieve":
-                agent.intentions.adopt(_request(agent.library.triggers[f"+!{key}"], args, notes, cause))
+                agent.intentions.adopt(subgoal(agent.library.triggers[f"+!{key}"], args, notes, cause))
             case "unachieve":
                 goals.drop_goal(agent, literal)
 
@@ -208,11 +207,7 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
     if found is not None or trigger is None or not trigger.plans:
         answer(found)
     else:
-        agent.intentions.adopt(_request(trigger, query.args, _notes(query, said_by), cause), ended)
-
-
-def _request(trigger: Trigger, args: tuple[Any, ...], notes: Any, cause: Any) -> Request:
-    return (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, notes, cause)
+        agent.intentions.adopt(subgoal(trigger, query.args, _notes(query, said_by), cause), ended)
 
 
 class AnswerPause(Pause):

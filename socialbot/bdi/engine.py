@@ -15,11 +15,11 @@ from socialbot.bdi._explain import why_not
 from socialbot.bdi._interpreter import Interpreter, Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import PERCEPT, SELF, Belief, Change, Goal, Literal, source
+from socialbot.bdi.literals import SELF, Belief, Change, Goal, Literal, source_notes
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor
 from socialbot.bdi.steps import Action
-from socialbot.bdi.terms import Atom, conjunction
+from socialbot.bdi.terms import conjunction
 from socialbot.bdi.trace import Sink, TraceWriter
 from socialbot.core.clock import SECOND, Clock
 
@@ -174,7 +174,7 @@ class Engine:
         if item is None or item[0].base is not self.beliefs:
             item = self.interpreter.admit(belief)
         if source != "self" or cause or since is not None:
-            item = (item[0], item[1], belief.annotations + _source(source), cause, since)
+            item = (item[0], item[1], belief.annotations + source_notes(source), cause, since)
         self._inbox.append(item)
         if self.wake is not None and not self.interpreter.signalled:
             self.interpreter.signal()
@@ -270,7 +270,3 @@ class Engine:
             self.interpreter.events.append((trigger, goal.args, notes, cause))
         else:
             self.intentions.adopt_within((SUBGOAL, trigger, goal.args, notes, cause), limit_s)
-
-
-def _source(name: str) -> tuple[object, ...]:
-    return PERCEPT if name == "percept" else SELF if name == "self" else (source(Atom(name)),)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from socialbot.bdi.literals import Annotation, Goal, Literal, error, error_msg, literal_from_key
 from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.terms import Atom, Variable
-from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
+from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._explain import Level
@@ -325,6 +325,11 @@ def _shown(term: Any) -> Any:
 def origin_of(plan: CompiledPlan | None) -> str:
     """Source location of a plan, if known."""
     return "" if plan is None or plan is KEPT or plan.plan.origin is None else str(plan.plan.origin)
+
+
+def subgoal(trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> Request:
+    """Request for a goal, whose arguments may be unbound."""
+    return (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, notes, cause)
 
 
 def once(result: Any) -> Body:

@@ -312,6 +312,11 @@ PERCEPT = (source(Atom("percept")),)
 """Annotations of the agent's own conclusions and of percepts."""
 
 
+def source_notes(name: str) -> tuple[Literal, ...]:
+    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent."""
+    return PERCEPT if name == "percept" else SELF if name == "self" else (source(Atom(name)),)
+
+
 def ground(term: object) -> bool:
     """Whether a term has no variables."""
     if isinstance(term, tuple):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bdi._explain import later_request
 from socialbot.bdi.belief_base import Annotations, Args, Fact, HoldTimer
-from socialbot.bdi.intentions import EVENT, OPEN, SUBGOAL, Intention, Request
+from socialbot.bdi.intentions import EVENT, Intention, Request, subgoal
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.terms import Atom, show
@@ -309,7 +309,7 @@ def _pursue(
         trigger = Trigger(key, (plan,))
     opened = not closed(event[0])
     if trigger.goal and (suspended or opened):
-        engine.intentions.adopt_later((SUBGOAL | OPEN if opened else SUBGOAL, trigger, *event), suspended=suspended)
+        engine.intentions.adopt_later(subgoal(trigger, *event), suspended=suspended)
     elif trigger.goal or trigger.plans:
         engine.interpreter.events.append((trigger, *event))
 

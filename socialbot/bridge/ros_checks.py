@@ -80,7 +80,7 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
     except NodeError as error:
         remedy = f"see the other findings on ROS; or reinstall the wheels: pip install --force-reinstall {_pins()}"
         return Finding(name, "error", f"rclpy cannot be imported: {error.what}", remedy)
-    found = {wheel: version for wheel in WHEELS if (version := _version(wheel)) is not None}
+    found = {wheel: version for wheel in WHEELS if (version := installed_version(wheel)) is not None}
     if not found:
         distribution = variables.get("ROS_DISTRO", "of unknown name")
         if distribution == "jazzy":
@@ -281,7 +281,8 @@ CHECKS: tuple[Check, ...] = (
 )  # fmt: skip
 
 
-def _version(distribution: str) -> str | None:
+def installed_version(distribution: str) -> str | None:
+    """Return the version of an installed package; None without one."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -289,7 +290,7 @@ def _version(distribution: str) -> str | None:
 
 
 def _wheels_installed() -> bool:
-    return _version("ros-rclpy") is not None
+    return installed_version("ros-rclpy") is not None
 
 
 def _pins() -> str:

@@ -14,12 +14,12 @@ from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak, parse_condition, parse_event, parse_literal, parse_term
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.intentions import OPEN, SUBGOAL
+from socialbot.bdi.intentions import subgoal
 from socialbot.bdi.literals import SELF, Change, Literal, literal
 from socialbot.bdi.saving import read, restore, write
 from socialbot.bdi.terms import names_in, show
 from socialbot.bdi.trace import Record, Trace, as_text, tee
-from socialbot.bdi.unification import Var, closed, resolve
+from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
 from socialbot.core.errors import ParameterError, SocialbotError
 
@@ -207,7 +207,7 @@ class Shell:
         variables: dict[str, Any] = {}
         args = opened(goal.args, variables)
         trigger = self.engine.library.triggers[f"+!{goal.key}"]
-        request = (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, goal.annotations or SELF, "")
+        request = subgoal(trigger, args, goal.annotations or SELF, "")
 
         def ended(failure: Any) -> None:
             found = {name: resolve(value) for name, value in variables.items() if not isinstance(resolve(value), Var)}

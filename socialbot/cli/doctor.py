@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +20,7 @@ from rich.console import Console
 from rich.text import Text
 
 from socialbot.bridge import ros_checks
-from socialbot.bridge.ros_checks import Check, Finding
+from socialbot.bridge.ros_checks import Check, Finding, installed_version
 from socialbot.cli._options import JsonOption, many
 from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
 
@@ -62,11 +61,11 @@ def python() -> Finding:
 def packages() -> Finding:
     """Check that the packages of every command are installed, and no conflicting ones."""
     name = "packages"
-    found = {package: _version(package) for package in _PACKAGES}
+    found = {package: installed_version(package) for package in _PACKAGES}
     missing = [package for package, version in found.items() if version is None]
     if missing:
         return Finding(name, "error", f"not installed: {', '.join(missing)}", f"pip install {' '.join(missing)}")
-    if _version("lark") is not None and _version("lark-parser") is not None:
+    if installed_version("lark") is not None and installed_version("lark-parser") is not None:
         remedy = "pip uninstall lark lark-parser; pip install lark-parser"
         return Finding(name, "warning", "lark conflicts with the lark-parser of the ROS wheels", remedy)
     return Finding(name, "ok", ", ".join(f"{package} {version}" for package, version in found.items()))
@@ -82,7 +81,7 @@ def opencv() -> Finding:
         return Finding(name, "error", f"cannot be imported: {error}", remedy)
     if int(cv2.__version__.split(".")[0]) >= 5 or not hasattr(cv2, "HOGDescriptor"):
         return Finding(name, "error", f"{cv2.__version__} has no HOG detector for people", remedy)
-    installed = [wheel for wheel in _OPENCV_WHEELS if _version(wheel) is not None]
+    installed = [wheel for wheel in _OPENCV_WHEELS if installed_version(wheel) is not None]
     if len(installed) > 1:
         others = " ".join(wheel for wheel in installed if wheel != OPENCV)
         text = f"several wheels overwrite each other: {', '.join(installed)}"
@@ -99,7 +98,7 @@ def network() -> Finding:
         nanodet(0.5)
     except SocialbotError as error:
         return Finding(name, "error", error.what, f"{error.remedy}; or set person_detector.detector=hog")
-    return Finding(name, "ok", f"NanoDet runs on onnxruntime {_version('onnxruntime')}")
+    return Finding(name, "ok", f"NanoDet runs on onnxruntime {installed_version('onnxruntime')}")
 
 
 def speech() -> Finding:
@@ -119,7 +118,7 @@ def sound_device() -> Finding:
     from socialbot.speech.playback import find_player
 
     name = "sound device"
-    if _version("miniaudio") is None:
+    if installed_version("miniaudio") is None:
         return Finding(name, "warning", "miniaudio is not installed: no sound", "pip install socialbot[speech]")
     if find_player() is None:
         remedy = "connect a loudspeaker; in a container: docker run --device /dev/snd; join the group 'audio'"
@@ -160,13 +159,6 @@ def runs_folder(folder: Path = Path("runs")) -> Finding:
 
 FIRST_CHECKS: tuple[Check, ...] = (python, packages)
 LAST_CHECKS: tuple[Check, ...] = (opencv, network, speech, sound_device, cameras, runs_folder)
-
-
-def _version(distribution: str) -> str | None:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _picture_size(device: Path) -> tuple[int, int] | None:

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from socialbot.bdi import Atom, Engine
-from socialbot.bdi.literals import PERCEPT, SELF, source
+from socialbot.bdi.literals import SELF, source_notes
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._fact_index import FactIndex, has_wildcards, near, signature_of
 from socialbot.deliberation._matching import clauses_of, fitting, mismatch
@@ -103,7 +103,7 @@ class FactBase(FactIndex):
         before = self.current(fact)
         if fact.pddl_type == INSTANCE and not fact.type:
             return False
-        self.engine.beliefs.add(self._relation(fact), _args(fact), _notes(source), cause)
+        self.engine.beliefs.add(self._relation(fact), _args(fact), source_notes(source), cause)
         if fact.pddl_type == INSTANCE:
             self._assumed.discard(fact.name)
         return self.current(fact) != before
@@ -338,7 +338,3 @@ def _args(fact: Fact) -> tuple[Any, ...]:
         return objects
     whole = fact.value == int(fact.value)
     return (*objects, int(fact.value) if whole else fact.value)
-
-
-def _notes(name: str) -> tuple[Any, ...]:
-    return SELF if name == "self" else PERCEPT if name == "percept" else (source(Atom(name)),)

@@ -14,7 +14,7 @@ from socialbot.graph.status import SILENT_S, NodeStatus
 from socialbot.runs.difference import PLACES
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import Narrator
-from socialbot.runs.pages import Chart, Section, Series, charts, folded, settings, table
+from socialbot.runs.pages import Chart, Section, Series, charts, folded, rate, settings, table
 from socialbot.runs.record import NodeReport
 from socialbot.runs.run import RunView
 from socialbot.runs.story import RequestRecord, Story
@@ -61,22 +61,18 @@ def band_section(results: Mapping[str, Any]) -> Section:
     if not known:
         return Section("Detection by distance", "")
     rows = [
-        [name, *(band[key] for key in ("tp", "fp", "fn")), *((_rate(band[key]), "r") for key in _RATES)]
+        [name, *(band[key] for key in ("tp", "fp", "fn")), *((rate(band[key]), "r") for key in _RATES)]
         for name, band in known.items()
     ]
     heads = ("distance", "found", "false", "missed", *_RATES.values())
     drawn = {name: band for name, band in known.items() if "-" in name and band["tp"] + band["fn"] + band["fp"]}
     rates = tuple(
-        Series(label, [(n, band[rate]) for n, band in enumerate(drawn.values())], colour)
-        for colour, (rate, label) in enumerate(_RATES.items())
+        Series(label, [(n, band[key]) for n, band in enumerate(drawn.values())], colour)
+        for colour, (key, label) in enumerate(_RATES.items())
     )
     chart = Chart("Precision, recall and F1 by distance", rates, y_range=(0.0, 1.02), categories=tuple(drawn))
     note = f"{results['scores'].get('frames', 0)} frames with ground truth, at an IoU of 0.5."
     return Section("Detection by distance", charts([chart] if len(drawn) > 1 else []) + table(heads, rows), note)
-
-
-def _rate(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
 
 
 def event_section(run: RunView) -> Section:

@@ -19,7 +19,6 @@ from socialbot.runs.evaluation_tables import (
     curve_charts,
     detector_table,
     paper_tables,
-    rate,
     summary_table,
     tracking_table,
 )
@@ -33,6 +32,7 @@ from socialbot.runs.pages import (
     Table,
     charts,
     part,
+    rate,
     render,
     spread,
     thumbnail,

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from socialbot.runs.pages import Cell, Table, render, write_file
+from socialbot.runs.pages import Cell, Table, rate, render, write_file
 from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
@@ -51,11 +51,6 @@ def paper_scene(name: str) -> str | None:
 
 
 RATES = ("precision", "recall", "f1")
-
-
-def rate(value: float | None) -> str:
-    """A rate as text; "-" for None."""
-    return "-" if value is None else f"{value:.3f}"
 
 
 def metres(band: str) -> str:

@@ -194,6 +194,11 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[Cell]]) -> Markup:
     return Table(heads, rows).html()
 
 
+def rate(value: float | None) -> str:
+    """Return a rate as text; "-" for None."""
+    return "-" if value is None else f"{value:.3f}"
+
+
 def settings(values: Mapping[str, object]) -> Markup:
     """Return a table of names and values; empty without any."""
     return table(("", ""), [(name, (str(value), "code")) for name, value in values.items()])

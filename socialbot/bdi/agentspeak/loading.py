@@ -27,7 +27,7 @@ from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
 from socialbot.bdi.compiler._plans import compile_inference, compile_plan
 from socialbot.bdi.compiler._runtime import div, mod
 from socialbot.bdi.compiler._terms import function_of
-from socialbot.bdi.intentions import OPEN, SUBGOAL, Failed
+from socialbot.bdi.intentions import Failed, subgoal
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal
 from socialbot.bdi.plans import Inference, Origin, Plan, parts_of
@@ -97,7 +97,7 @@ class _InitialGoal:
         if closed(self.args):
             self.engine.interpreter.events.append((trigger, self.args, self.notes, ""))
         else:
-            self.engine.intentions.adopt((SUBGOAL | OPEN, trigger, self.args, self.notes, ""))
+            self.engine.intentions.adopt(subgoal(trigger, self.args, self.notes, ""))
 
 
 def _with_source(notes: tuple[Any, ...]) -> tuple[Any, ...]:
