@@ -1,4 +1,4 @@
-"""Every worker has a DDS domain of its own, and speaks to this machine only."""
+"""Each test worker has its own DDS domain, on this machine only: ROS_DOMAIN_ID and those after it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ FIRST_DOMAIN = 20
 
 def pytest_configure(config: pytest.Config) -> None:
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-    os.environ["ROS_DOMAIN_ID"] = str(FIRST_DOMAIN + int(worker))
+    first = int(os.environ.get("ROS_DOMAIN_ID", FIRST_DOMAIN))
+    os.environ["ROS_DOMAIN_ID"] = str(first + int(worker))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
 

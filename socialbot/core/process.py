@@ -15,12 +15,25 @@ from types import FrameType
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+_exit_requested = False
+
+
 def exit_on_signals() -> None:
-    """Exit with code 0 on signals, including pending ones; later signals have no effect."""
+    """Exit with code 0 on signals, including pending ones; later signals have no effect.
+
+    Python drops the exit inside a destructor or a weak reference callback, which each import runs. The next `Ending`
+    then takes the request over.
+    """
     atexit.register(_ignore_signals)
     for number in ENDING_SIGNALS:
-        signal.signal(number, lambda *_: sys.exit(0))
+        signal.signal(number, _exit)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+
+
+def _exit(signum: int, frame: FrameType | None) -> None:
+    global _exit_requested
+    _exit_requested = True
+    sys.exit(0)
 
 
 def _ignore_signals() -> None:
@@ -30,10 +43,10 @@ def _ignore_signals() -> None:
 
 
 class Ending:
-    """Stop request by SIGINT, SIGTERM or the exit of the parent process."""
+    """Stop request by SIGINT, SIGTERM or the exit of the parent process; also a request that `exit_on_signals` lost."""
 
     def __init__(self, parent: int | None = None) -> None:
-        self._asked = False
+        self._asked = _exit_requested
         self._parent = parent
 
     @property

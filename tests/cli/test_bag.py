@@ -25,7 +25,7 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image, Utteranc
 from tests.system.running import eventually
 
 START = 1_700_000_000 * SECOND
-DOMAIN = 40 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+DOMAIN = int(os.environ["ROS_DOMAIN_ID"]) + 20
 
 
 def run(*arguments: str) -> str:

@@ -22,10 +22,32 @@ slow = Slow()
 """
 
 
-@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
-def test_who_is_asked_again_while_going_ends_well_all_the_same(asked):
+SIGNAL_IN_DESTRUCTOR = """
+import os, sys
+from socialbot.core.process import Ending, exit_on_signals
+
+class Signalling:
+    def __del__(self):
+        os.kill(os.getpid(), int(sys.argv[1]))
+
+exit_on_signals()
+Signalling()
+with Ending().on_signals() as ending:
+    print("asked" if ending.asked else "not asked")
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_second_signal_during_a_slow_exit_keeps_exit_code_0(number):
     with subprocess.Popen([sys.executable, "-c", SLOW_TO_GO], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "going\n"
-        process.send_signal(asked)
-        assert process.wait(30) == 0
+        process.send_signal(number)
+        assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_lost_in_a_destructor_ends_the_next_wait(number):
+    command = [sys.executable, "-c", SIGNAL_IN_DESTRUCTOR, str(int(number))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "asked\n"
