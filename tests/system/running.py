@@ -19,8 +19,11 @@ import msgspec
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.cli.main import main
 
-PATIENCE_S = 15.0
-"""Time for a command to end after a signal."""
+PATIENCE_S = 60.0
+"""Time for a command to end after a signal, also on a busy machine."""
+
+CALIBRATION_PERIOD_S = 1.0
+"""Period of the camera calibration in the corridor bag."""
 
 
 def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
@@ -86,13 +89,17 @@ def eventually(holds: Callable[[], bool], timeout_s: float = 20.0) -> bool:
     return True
 
 
-def cut(bag: Path, out: Path, begin_s: float, end_s: float) -> Path:
-    """Copy the images of a part of ``bag`` to a new bag."""
+def cut(bag: Path, out: Path, begin_s: float, end_s: float, *, every: int = 1) -> Path:
+    """Copy a part of ``bag`` to a new bag, with the camera calibration. ``every`` 3 keeps one image of three."""
     with open_bag(bag) as source, BagWriter(out) as target:
-        topics = {topic.name: topic.name for topic in source.topics}
-        for topic, message in source.messages(topics):
-            begun = (message.stamp - source.start) / 1e9 >= begin_s or topic.endswith("camera_info")
-            if begun and (message.stamp - source.start) / 1e9 < end_s:
+        images = 0
+        for topic, message in source.messages({topic.name: topic.name for topic in source.topics}):
+            time_s = (message.stamp - source.start) / 1e9
+            is_image = not topic.endswith("camera_info")
+            if time_s >= end_s or time_s < (begin_s if is_image else begin_s - CALIBRATION_PERIOD_S):
+                continue
+            images += is_image
+            if not is_image or (images - 1) % every == 0:
                 target.write(topic, message, message.stamp)
     return out
 
