@@ -25,10 +25,10 @@ def second_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
 
 def test_second_run_shows_failure_and_new_plan(second_run):
     lines = second_run[0].splitlines()
-    told = [line[11:].strip() for line in lines if " s  " in line[:12]]
-    assert any("gives up plan 1 for sort_boxes" in line for line in told)
-    assert any("makes a new plan for sort_boxes" in line for line in told)
-    assert sum("for gripper_a_cometo_base" in line and "→ asks" in line for line in told) == 4
+    events = [line[11:].strip() for line in lines if " s  " in line[:12]]
+    assert any("gives up plan 1 for sort_boxes" in line for line in events)
+    assert any("makes a new plan for sort_boxes" in line for line in events)
+    assert sum("for gripper_a_cometo_base" in line and "→ asks" in line for line in events) == 4
     assert any(line.startswith("gripper_a: sort_boxes fulfilled after") for line in lines)
     assert "deposit_c: box_c1, box_c2" in lines
 
@@ -55,7 +55,7 @@ def test_its_page_has_the_film_and_the_plans(second_run):
 
 def test_replayed_bag_gives_the_same_decisions(second_run, tmp_path):
     _, folder = second_run
-    done = socialbot("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "again")
+    done = socialbot_here("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
     decisions = results(tmp_path / "again")["decisions"]
     assert decisions["exact"], decisions
@@ -68,7 +68,7 @@ def test_replayed_bag_gives_the_same_decisions(second_run, tmp_path):
 def test_other_parameters_give_other_decisions(second_run, tmp_path):
     _, folder = second_run
     patient = "carrier_c.init_reactive_rules_set=carrier_rules.yaml"
-    done = socialbot("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "other", "--set", patient)
+    done = socialbot_here("replay", folder / "bag", "--runner", "inline", "--out", tmp_path / "other", "--set", patient)
     assert done.returncode == 0, done.stderr
     assert not results(tmp_path / "other")["decisions"]["exact"]
     assert "Decisions differ from the recorded ones: carrier_c" in done.stdout
@@ -76,7 +76,7 @@ def test_other_parameters_give_other_decisions(second_run, tmp_path):
 
 @pytest.mark.parametrize("run", [1, 2])
 def test_committed_bags_give_their_recorded_decisions(run, tmp_path):
-    done = socialbot("replay", BAGS / f"warehouse_run{run}", "--runner", "inline", "--out", tmp_path / "run")
+    done = socialbot_here("replay", BAGS / f"warehouse_run{run}", "--runner", "inline", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
     found = results(tmp_path / "run")["decisions"]
     assert found["difference"] == ""

@@ -1,4 +1,4 @@
-"""Faulty and slow nodes."""
+"""Faulty and slow nodes, and a graph for them."""
 
 from __future__ import annotations
 
@@ -78,3 +78,17 @@ class Watch(Node):
     def on_image(self, image: Image) -> None:
         with Path(self.record).open("a", encoding="utf-8") as file:
             file.write(f"{image.stamp} {self.clock.now()}\n")
+
+
+def detector_graph(detector: str, folder: Path) -> Path:
+    """Write the file of a graph with the class ``detector`` of this module."""
+    graph = folder / "graph.yaml"
+    graph.write_text(
+        f"name: {detector}\n"
+        "inputs: [/camera/image_raw, /camera/image_raw/compressed]\n"
+        "paced_by: /humans/bodies/detections\n"
+        "nodes:\n"
+        "  image_converter: {type: image_converter}\n"
+        f"  detector: {{type: 'tests.system.nodes:{detector}'}}\n"
+    )
+    return graph

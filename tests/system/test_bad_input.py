@@ -1,4 +1,4 @@
-"""Bad input gets one clear message with a remedy and its exit code, or is counted and passed over."""
+"""Bad input gives one clear message with a remedy and an exit code, or is counted and skipped."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 
 from socialbot.bags.reader import BagWriter
 from socialbot.core.messages import CompressedImage, Image, Message, Utterance
+from tests.system.nodes import detector_graph
 from tests.system.running import results, socialbot, socialbot_here
 
 START = 1_700_000_000_000_000_000
@@ -40,7 +41,7 @@ def bag_of(path: Path, topics: dict[str, list[Callable[[int], Message]]]) -> Pat
 
 
 def refuse(*arguments: object, code: int, by: Callable[..., CompletedProcess[str]] = socialbot_here) -> str:
-    """What socialbot says, which must be a mistake with that exit ``code``, told without a traceback."""
+    """Run a command that must fail with exit ``code`` and no traceback; return its standard error."""
     done = by(*arguments)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
@@ -89,7 +90,7 @@ def test_replays_the_readable_part_of_a_truncated_bag(corridor: Path, tmp_path: 
     bag = tmp_path / "cut.mcap"
     source = next(corridor.glob("*.mcap"))
     bag.write_bytes(source.read_bytes()[: source.stat().st_size // 8])
-    done = socialbot(*replay_inline(bag, tmp_path))
+    done = socialbot(*replay_inline(bag, tmp_path, "--graph", detector_graph("Detector", tmp_path)))
     assert done.returncode == 0, done.stderr
     assert "truncated" in done.stdout + done.stderr
     found = results(tmp_path / "run")
@@ -122,15 +123,15 @@ def test_counts_and_skips_invalid_images(tmp_path: Path, topic: str, bad: Callab
     assert done.returncode == 0, done.stderr
     found = results(tmp_path / "run")
     assert found["frames"] == 3
-    fate = found["nodes"]["image_converter"]
-    assert fate["failures"] == 2
-    assert any(word in fate["first_failure"] for word in words.split("|"))
+    node = found["nodes"]["image_converter"]
+    assert node["failures"] == 2
+    assert any(word in node["first_failure"] for word in words.split("|"))
     assert "image_converter: failed 2 of 5 times" in done.stdout
 
 
 def test_only_invalid_images_are_an_error(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "bag", {"/camera/image_raw": [lambda stamp: raw(stamp, encoding="yuv999")] * 3})
-    text = refuse(*replay_inline(bag, tmp_path), code=6, by=socialbot)
+    text = refuse(*replay_inline(bag, tmp_path), code=6)
     assert "yuv999" in text
     assert results(tmp_path / "run")["frames"] == 0
 
@@ -173,7 +174,7 @@ def test_bad_parameters_on_the_command_line(corridor: Path, tmp_path: Path) -> N
 
 def test_never_overwrites_a_run(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "bag", {"/camera/image_raw": [raw] * 3})
-    assert socialbot(*replay_inline(bag, tmp_path)).returncode == 0
+    assert socialbot_here(*replay_inline(bag, tmp_path)).returncode == 0
     before = (tmp_path / "run" / "trace.jsonl").read_bytes()
     assert "--out" in refuse(*replay_inline(bag, tmp_path), code=4)
     assert (tmp_path / "run" / "trace.jsonl").read_bytes() == before
@@ -189,5 +190,8 @@ def test_an_invalid_truth_is_an_error(corridor: Path, tmp_path: Path) -> None:
 
 @pytest.mark.ros
 def test_a_missing_camera_is_an_error(tmp_path: Path) -> None:
-    text = refuse("up", "--camera", tmp_path / "no-such-video.mp4", "--out", tmp_path / "run", code=7, by=socialbot)
+    graph = tmp_path / "graph.yaml"
+    graph.write_text("name: eye\nnodes:\n  camera: {type: camera}\n")
+    missing = tmp_path / "no-such-video.mp4"
+    text = refuse("up", graph, "--camera", missing, "--out", tmp_path / "run", code=7, by=socialbot)
     assert "no-such-video.mp4" in text

@@ -21,7 +21,7 @@ from socialbot.bridge.security import new_key
 from socialbot.core.messages import CompressedImage, TraceRecord
 from socialbot.vision.images import bgr_from_compressed
 from tests.runtime.deployments import PLACES
-from tests.system.running import eventually
+from tests.system.running import PATIENCE_S, eventually
 from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
 
 pytestmark = pytest.mark.ros
@@ -35,8 +35,8 @@ parameters:
   bdi_engine: {{greeting: Hallo}}
   speech: {{playback: 'off'}}
 """
-FILM_S = (6.0, 12.0)
-"""The part of the corridor in which somebody comes."""
+FILM_S = (8.0, 12.0)
+"""The part of the corridor in which a person is near."""
 
 
 @pytest.fixture
@@ -66,19 +66,19 @@ def half(host: Host, folder: Path, *options: object) -> Iterator[subprocess.Pope
     try:
         yield process
         process.send_signal(signal.SIGINT)
-        assert process.wait(15) == 0, (folder / f"{host.name}.log").read_text()
+        assert process.wait(PATIENCE_S) == 0, (folder / f"{host.name}.log").read_text()
     finally:
         if process.poll() is None:
             process.kill()
             process.wait()
 
 
-def told(folder: Path, address: str, kind: str) -> list[TraceRecord]:
-    """What one machine has recorded of a kind."""
+def records(folder: Path, address: str, kind: str) -> list[TraceRecord]:
+    """Records of one kind in the trace of one machine."""
     trace = folder / address / "trace.jsonl"
     lines = trace.read_bytes().splitlines() if trace.exists() else []
-    records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
-    return [record for record in records if record.kind == kind]
+    found = (msgspec.json.decode(line, type=TraceRecord) for line in lines)
+    return [record for record in found if record.kind == kind]
 
 
 def logs(folder: Path) -> str:
@@ -86,16 +86,16 @@ def logs(folder: Path) -> str:
 
 
 def speaks_and_sees(folder: Path) -> bool:
-    spoken = any(one.what == "finished" for one in told(folder, ROBOT, "speech"))
-    return spoken and len(told(folder, WORKSTATION, "detection")) > 10
+    spoken = any(one.what == "finished" for one in records(folder, ROBOT, "speech"))
+    return spoken and len(records(folder, WORKSTATION, "detection")) > 10
 
 
 def check_run(folder: Path, sent: tuple[int, int]) -> None:
     """The robot has greeted by what the workstation has seen and decided; no raw picture was on the cable."""
-    assert told(folder, ROBOT, "utterance")[0].what == "Hallo"
+    assert records(folder, ROBOT, "utterance")[0].what == "Hallo"
     assert list((folder / ROBOT / "speech").glob("001-hallo.wav"))
     assert not list((folder / WORKSTATION / "speech").glob("*"))
-    frames = told(folder, WORKSTATION, "detection")
+    frames = records(folder, WORKSTATION, "detection")
     assert any(frame.what == "1 person" for frame in frames)
     robot, workstation = sent
     assert workstation < robot < 640 * 480 * len(frames)
@@ -108,7 +108,7 @@ def test_two_machines_run_one_graph(folder: Path) -> None:
     with (folder / "waldo.yaml").open("a") as page:
         page.write("security: {keys: keys}\n")
     with two_hosts() as hosts, half(hosts.workstation, folder), half(hosts.robot, folder, "--machine", "robot"):
-        assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+        assert eventually(lambda: speaks_and_sees(folder), 120), logs(folder)
         check_run(folder, hosts.sent_bytes())
 
 
@@ -118,7 +118,7 @@ def test_the_workstation_may_start_later(folder: Path) -> None:
         sleep(20.0)
         assert robot.poll() is None
         with half(hosts.workstation, folder):
-            assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+            assert eventually(lambda: speaks_and_sees(folder), 120), logs(folder)
             check_run(folder, hosts.sent_bytes())
 
 
@@ -136,12 +136,12 @@ def test_the_network_of_the_robot_may_start_later(folder: Path, missing: str) ->
             log = folder / f"{hosts.robot.name}.log"
             assert eventually(lambda: "is down on this machine" in log.read_text(), 20), logs(folder)
             sleep(5.0)
-            assert told(folder, WORKSTATION, "detection") == []
+            assert records(folder, WORKSTATION, "detection") == []
             if missing == "cable":
                 hosts.mend()
             else:
                 hosts.robot.run("ip", *(word.format("add") for word in address))
-            assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+            assert eventually(lambda: speaks_and_sees(folder), 120), logs(folder)
             assert "restart everything" in log.read_text()
             assert list((folder / ROBOT / "speech").glob("001-hallo.wav"))
 
@@ -149,16 +149,16 @@ def test_the_network_of_the_robot_may_start_later(folder: Path, missing: str) ->
 @pytest.mark.slow
 def test_finds_nodes_restarted_while_the_link_was_down(folder: Path) -> None:
     with two_hosts() as hosts, half(hosts.workstation, folder), half(hosts.robot, folder) as robot:
-        assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
+        assert eventually(lambda: speaks_and_sees(folder), 120), logs(folder)
         hosts.cut()
         sleep(2.0)
         [camera] = [child for child in psutil.Process(robot.pid).children(recursive=True) if child.name() == "camera"]
         camera.kill()
         log = folder / f"{hosts.robot.name}.log"
         assert eventually(lambda: "camera is back" in log.read_text(), 20), logs(folder)
-        before = len(told(folder, WORKSTATION, "detection"))
+        before = len(records(folder, WORKSTATION, "detection"))
         hosts.mend()
-        assert eventually(lambda: len(told(folder, WORKSTATION, "detection")) > before + 10, 30), logs(folder)
+        assert eventually(lambda: len(records(folder, WORKSTATION, "detection")) > before + 10, 30), logs(folder)
         assert "camera is started again, because a service came up after it" in log.read_text()
         assert "restart everything" not in log.read_text()
 
@@ -185,8 +185,8 @@ def test_the_machine_of_the_discovery_server_runs_it(folder: Path) -> None:
             os.kill(first, signal.SIGKILL)
             assert eventually(lambda: bool(servers(robot)) and servers(robot) != [first]), logs(folder)
             with half(hosts.workstation, folder) as workstation:
-                assert eventually(lambda: speaks_and_sees(folder), 60), logs(folder)
-                assert told(folder, ROBOT, "utterance")[0].what == "Hallo"
+                assert eventually(lambda: speaks_and_sees(folder), 120), logs(folder)
+                assert records(folder, ROBOT, "utterance")[0].what == "Hallo"
                 assert servers(workstation) == []
             [last] = servers(robot)
         assert not Path(f"/proc/{last}").exists()

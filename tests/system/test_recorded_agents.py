@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import results, socialbot
+from tests.system.running import results, socialbot, socialbot_here
 
 pytestmark = pytest.mark.ros
 
@@ -39,7 +39,7 @@ def test_the_bag_of_a_hospital_demo_gives_the_same_decisions_inline(tmp_path: Pa
 
 def test_a_demo_writes_its_page_and_bag(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    done = socialbot("demo", "cleaner-sweeper", "--runner", "ros", "--bag", "--out", folder, timeout_s=200.0)
+    done = socialbot_here("demo", "cleaner-sweeper", "--runner", "ros", "--bag", "--out", folder)
     assert done.returncode == 0, done.stderr + done.stdout
     assert results(folder)["reached"]
     assert (folder / "report.html").exists()

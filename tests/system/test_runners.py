@@ -47,7 +47,7 @@ def test_ros_does_the_same_within_a_frame_period(
     visit: Path, inline: Path, tmp_path: Path, hosting: tuple[str, ...]
 ) -> None:
     folder = tmp_path / "ros"
-    done = socialbot("replay", visit, "--runner", "ros", "--rate", 2, "--out", folder, *OPTIONS, *hosting)
+    done = socialbot_here("replay", visit, "--runner", "ros", "--rate", 2, "--out", folder, *OPTIONS, *hosting)
     assert done.returncode == 0, done.stderr
     expected, found = actions(inline), actions(folder)
     assert [action[1:] for action in found] == [action[1:] for action in expected]

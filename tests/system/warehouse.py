@@ -1,4 +1,4 @@
-"""The warehouse over DDS in simulated time that waits for its processes, and what is seen of it from outside."""
+"""Run the warehouse over DDS in simulated time, which waits for its processes, and collect its messages."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
 
 GRIPPER = "gripper_a"
-STEP_S = 0.2
-"""Time goes in steps of this, as the world reports: most of what a run costs is to tell all processes the time."""
+STEP_S = 0.5
+"""Step of the simulated time and period of the world. Each step waits for all processes, so short ones cost most."""
 DESIRES = ("desire", "desire_fulfilled", "desire_dropped")
 SEEN = (TraceRecord, PlanExecutionInfo, BeliefSet, BoxPositions)
 
 
 class Seen:
-    """What came on the topics so far."""
+    """Messages received so far."""
 
     def __init__(self) -> None:
         self.records: list[TraceRecord] = []
@@ -47,7 +47,7 @@ class Seen:
                 self.boxes = {box.name: box.holder for box in message.boxes}
 
     def of(self, kind: str, source: str = "", what: str = "", **detail: Any) -> list[TraceRecord]:
-        """The records of a kind, of one agent, about something, with such details."""
+        """Records of ``kind``; of all agents and subjects unless given."""
         return [
             record
             for record in self.records
@@ -58,12 +58,12 @@ class Seen:
         ]
 
     def ended(self, desire: str, source: str = GRIPPER) -> str:
-        """How a desire of an agent has ended; an empty text if it has not."""
+        """Record kind with which a desire ended; empty if it has not ended."""
         found = [record.kind for record in self.records if record.source == source and record.what == desire]
         return next((kind for kind in found if kind in ("desire_fulfilled", "desire_dropped")), "")
 
     def done(self) -> bool:
-        """Whether all desires that there were have ended, that to sort the boxes among them."""
+        """Whether all desires have ended, including the one to sort the boxes."""
         latest = {(record.source, record.what): record.kind for record in self.records if record.kind in DESIRES}
         return latest.get((GRIPPER, "sort_boxes"), "desire") != "desire" and "desire" not in latest.values()
 
@@ -73,7 +73,7 @@ class Seen:
         return [Counter(step.split("(")[1].split()[0] for step in record.detail["steps"]) for record in starts]
 
     def story(self) -> str:
-        """What happened, for whoever has to find out why it went wrong."""
+        """Text of the main records, for failure messages."""
         kinds = ("desire", "desire_fulfilled", "desire_dropped", "plan_start", "plan_end", "step", "step_end",
                  "planning", "request", "refused", "failure", "silent", "heard")  # fmt: skip
         return "\n".join(
@@ -86,35 +86,35 @@ class Seen:
 
 @dataclass(frozen=True)
 class Live:
-    """A graph that runs: its processes, with their logs in ``folder``, its time, and how its nodes fare."""
+    """A running graph: processes, log folder, simulated time and node statistics."""
 
     folder: Path
     seen: Seen
     ros: Any
     launch: Launch
-    fates: LatestStatistics
+    statistics: LatestStatistics
     time: SimClock
 
     def kill(self, node: str) -> None:
-        """Ends the process of a node as a crash would; the time does not wait for it any more."""
+        """Kill the process of a node. The simulated time no longer waits for it."""
         self.time.awaited.remove(node)
         os.kill(self.launch.pids[node], signal.SIGKILL)
 
     def start(self, node: str) -> None:
-        """Starts it again. The time stands still until it is there."""
+        """Start the process again. The simulated time waits for it."""
         self.launch.start(node, ["node", "--graph", str(self.folder / "graph.yaml"), "--sim-time", node])
         self.time.awaited.add(node)
 
 
 @contextmanager
 def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[Live]:
-    """Brings the graph up, in a process a node or one for all, at the moment when its time begins."""
-    seen, fates = Seen(), LatestStatistics(graph)
+    """Bring the graph up to the start of its simulated time."""
+    seen, statistics = Seen(), LatestStatistics(graph)
     topics = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, SEEN)}
-    with observe_graph(topics, seen.observe, fates.note) as onlooker:
+    with observe_graph(topics, seen.observe, statistics.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder, sim_time=True, composed=composed) as launch:
-            keeper = SimClock(onlooker.ros, [config.name for config in graph.nodes], step_s=STEP_S)
+            clock = SimClock(onlooker.ros, [config.name for config in graph.nodes], step_s=STEP_S)
 
             def failed() -> bool:
                 launch.check()
@@ -123,4 +123,4 @@ def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[
             connections = onlooker.connections(graph)
             missing = await_graph(onlooker.ros, graph, connections, timeout_s=60.0, ended=failed)
             assert not missing, missing
-            yield Live(folder, seen, onlooker.ros, launch, fates, keeper)
+            yield Live(folder, seen, onlooker.ros, launch, statistics, clock)

@@ -47,7 +47,9 @@ def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
             yield heard, launch
 
 
-@pytest.mark.parametrize(("rate", "listing"), [(0.0, LISTING_3), (100.0, LISTING_4)])
+@pytest.mark.parametrize(
+    ("rate", "listing"), [pytest.param(0.0, LISTING_3, marks=pytest.mark.slow), (100.0, LISTING_4)]
+)
 def test_mission_completes_over_dds(rate: float, listing: list, tmp_path: Path):
     with over_dds(HOSPITAL.with_parameters({"world": {"rate": rate}}), tmp_path) as (heard, launch):
         assert eventually(heard.done, timeout_s=60.0), heard.views
