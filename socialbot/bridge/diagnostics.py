@@ -57,7 +57,12 @@ class DiagnosticsPublisher:
 
     def publish_dead(self, nodes: Mapping[str, Mapping[str, str]]) -> None:
         """Publish the values of nodes without a process: ``state``, ``restarts`` and ``last_error``."""
-        self.publish([_dead_status(name, values) for name, values in nodes.items()])
+        statuses = []
+        for name, values in nodes.items():
+            state, error = values["state"], values["last_error"]
+            text = f"{state}: the process {error}" if error else state
+            statuses.append(_status(name, "STALE" if state == "ended" else "ERROR", text, values))
+        self.publish(statuses)
 
     def _seal(self, status: Any) -> None:
         if self._stream is not None:
@@ -244,19 +249,18 @@ class DiagnosticsReporter:
             self._counted_at, self._counts = now, counts
         if is_due or missing != self._missing:
             self._missing = missing
-            self._publisher.publish([self._status(state, missing)])
+            self._publisher.publish([self._current_status(state, missing)])
 
     def _count(self) -> dict[str, float]:
         statistics = self._statistics
         return {"call_hz": statistics.calls, "publish_hz": statistics.published, "cpu_percent": 100 * _cpu_s()}
 
-    def _status(self, state: str, missing: str) -> Any:
+    def _current_status(self, state: str, missing: str) -> Any:
         statistics, inputs = self._statistics, self._inputs()
         call_mean, call_p50, call_p99 = duration_stats(statistics.durations)
         age_mean, _, age_p99 = duration_stats(statistics.ages)
         publication, block = statistics.take_longest_publication()
         values: dict[str, Any] = {
-            "machine": machine(),
             "state": state,
             "restarts": restarts(),
             "last_error": os.environ.get(LAST_ERROR_VARIABLE, ""),
@@ -281,27 +285,14 @@ class DiagnosticsReporter:
         }
         failing = statistics.failures or statistics.refused
         summary = "refused messages" if failing else "running" if state == "active" else state
-        status = message_class("diagnostic_msgs/msg/DiagnosticStatus")
-        return status(
-            level=status.WARN if failing or missing else status.OK,
-            name=self._ros.get_name(),
-            message=statistics.first_failure or summary,
-            hardware_id=machine(),
-            values=[_key_value(key, value) for key, value in values.items()],
-        )
+        level = "WARN" if failing or missing else "OK"
+        return _status(self._ros.get_name(), level, statistics.first_failure or summary, values)
 
 
-def _dead_status(name: str, values: Mapping[str, str]) -> Any:
-    from diagnostic_msgs.msg import DiagnosticStatus
-
-    state, error = values["state"], values["last_error"]
-    return DiagnosticStatus(
-        level=DiagnosticStatus.STALE if state == "ended" else DiagnosticStatus.ERROR,
-        name=name,
-        message=f"{state}: the process {error}" if error else state,
-        hardware_id=machine(),
-        values=[_key_value(key, value) for key, value in {"machine": machine(), **values}.items()],
-    )
+def _status(name: str, level: str, text: str, values: Mapping[str, Any]) -> Any:
+    kind = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+    pairs = [_key_value(key, value) for key, value in {"machine": machine(), **values}.items()]
+    return kind(level=getattr(kind, level), name=name, message=text, hardware_id=machine(), values=pairs)
 
 
 def restarts() -> int:

@@ -127,8 +127,8 @@ def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
         log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)
 
 
-def check_domain(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Raise GraphError unless ROS_DOMAIN_ID is a valid domain."""
+def ros_domain(environment: MutableMapping[str, str] = os.environ) -> int:
+    """Return the ROS domain. Raises GraphError unless ROS_DOMAIN_ID is a valid one."""
     domain = environment.get("ROS_DOMAIN_ID") or "0"
     if not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
         raise GraphError(
@@ -136,11 +136,12 @@ def check_domain(environment: MutableMapping[str, str] = os.environ) -> None:
             where="ROS_DOMAIN_ID",
             remedy=f"set it to a number from 0 to {HIGHEST_DOMAIN}",
         )
+    return int(domain)
 
 
 def require_ros() -> None:
     """Raise InstallationError if ROS 2 is missing for this Python, and GraphError for an invalid domain."""
-    check_domain()
+    ros_domain()
     if importlib.util.find_spec("rclpy") is None:
         raise InstallationError(
             "ROS 2 is not installed for this Python",

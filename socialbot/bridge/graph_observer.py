@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from socialbot.bridge.diagnostics import (
     subscription_connection,
     unconnected,
 )
-from socialbot.bridge.environment import spinning_node, wait_for
+from socialbot.bridge.environment import ros_domain, spinning_node, wait_for
 from socialbot.bridge.transport import observer_qos, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
@@ -136,7 +135,7 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
         if taken := known & alive:
             raise NodeError(
                 f"nodes with these names are running already: {', '.join(sorted(taken))}",
-                where=f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
+                where=f"ROS domain {ros_domain()}",
                 remedy="stop them, or set ROS_DOMAIN_ID to another number (0 to 101)",
             )
         wait_s = STATUS_PERIOD_S if known else DISCOVERY_S

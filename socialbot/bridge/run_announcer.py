@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from socialbot.bridge.diagnostics import machine
+from socialbot.bridge.environment import ros_domain
 from socialbot.bridge.transport import is_power_of_ten, open_transport
 from socialbot.core.clock import WallClock
 from socialbot.core.messages import DownRequest, UpState, UpStatus
@@ -167,15 +168,11 @@ _NAME = re.compile(r"@socialbot/up/(\d+)/([\da-f]+)/(\d+)$", re.MULTILINE)
 def run_lock(run: str) -> Iterator[None]:
     """Hold the lock of ``run`` in the ROS domain of this process. The kernel releases it if the process ends."""
     with closing(socket.socket(socket.AF_UNIX)) as lock:
-        lock.bind(f"\0socialbot/up/{_domain()}/{run}/{os.getpid()}")
+        lock.bind(f"\0socialbot/up/{ros_domain()}/{run}/{os.getpid()}")
         yield
 
 
 def locked_runs() -> Mapping[str, int]:
     """Process ids of the live runs in this ROS domain and computer, by run id."""
     found = _NAME.findall(SOCKETS.read_text("utf-8", errors="replace"))
-    return {run: int(pid) for domain, run, pid in found if int(domain) == _domain()}
-
-
-def _domain() -> int:
-    return int(os.environ.get("ROS_DOMAIN_ID") or 0)
+    return {run: int(pid) for domain, run, pid in found if int(domain) == ros_domain()}

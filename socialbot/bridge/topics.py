@@ -22,7 +22,7 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from socialbot.bags.codec import ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.environment import POLL_S, wait_for
+from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
 from socialbot.bridge.transport import matching_qos, message_class, open_transport
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Structured
@@ -304,11 +304,7 @@ def _missing(end: str, name: str, found: Collection[str]) -> GraphError:
     others = "" if visible else ", nor of any other topic"
     start = "start a graph; if one runs, use its ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE"
     remedy = suggestion(name, visible) if visible else start
-    return GraphError(f"no {end} of {name}{others}", where=_domain(), remedy=remedy)
-
-
-def _domain() -> str:
-    return f"domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+    return GraphError(f"no {end} of {name}{others}", where=f"domain {ros_domain()}", remedy=remedy)
 
 
 STEADY_S = 0.5  # time for which all discovered subscribers must be connected; discovery may still be running
@@ -382,5 +378,7 @@ def _subscribed_form(ros: Any, name: str, kind: type[Structured]) -> WireForm | 
 def _no_subscriber(ros: Any, name: str, type_name: str) -> GraphError:
     topics = {topic.name: topic for topic in list_topics(ros) if topic.subscribers}
     if name in topics:
-        return GraphError(f"the type of {name} is {', '.join(topics[name].types)}, not {type_name}", where=_domain())
+        return GraphError(
+            f"the type of {name} is {', '.join(topics[name].types)}, not {type_name}", where=f"domain {ros_domain()}"
+        )
     return _missing("subscriber", name, topics)

@@ -18,7 +18,7 @@ import numpy as np
 
 from socialbot.bags.codec import STRING, TypeFactory, decode, encode, ros_type, typed_messages
 from socialbot.bags.types import PACKAGE
-from socialbot.bridge.environment import KEYS_VARIABLE, check_domain, has_keys
+from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import Delivery, WireForm
@@ -316,8 +316,7 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
             where=WINDOW_VARIABLE,
             remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
-    check_domain(environment)
-    domain = int(environment.get("ROS_DOMAIN_ID") or "0")
+    domain = ros_domain(environment)
     return Seal(load_keys(Path(folder), name), realm=f"ROS domain {domain}", window_s=window_s)
 
 

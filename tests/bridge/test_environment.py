@@ -119,7 +119,7 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
 @pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5"])
 def test_refuses_invalid_domains(domain: str) -> None:
     with pytest.raises(GraphError, match="not a ROS domain"):
-        environment.check_domain({"ROS_DOMAIN_ID": domain})
+        environment.ros_domain({"ROS_DOMAIN_ID": domain})
 
 
 OURS = ["--graph", "waldo", "head"]
