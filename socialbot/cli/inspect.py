@@ -18,9 +18,8 @@ from socialbot.core.process import Ending
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
     from socialbot.runs.record import RunTrace
-    from socialbot.runs.run import CommandSender, ImageSource
+    from socialbot.runs.run import CommandSender, ImageSource, LiveRun
     from socialbot.runs.serving import Serving
-    from socialbot.runtime.live_run import LiveRun
 
 
 HostOption = Annotated[str, typer.Option(help="Address to serve on; other than loopback, it needs a token.")]
@@ -70,7 +69,7 @@ def attached(file: str, machine: str | None) -> Iterator[tuple[LiveRun, CommandS
     from socialbot.bridge.graph_observer import observe_graph
     from socialbot.core.clock import WallClock
     from socialbot.runs.record import with_event_log
-    from socialbot.runtime.live_run import LiveRun
+    from socialbot.runs.run import LiveRun
     from socialbot.runtime.run import observed_topics
 
     graph, names = join(file, machine)
@@ -114,9 +113,8 @@ def watched(
     """
     from socialbot.runs.bag_images import pictures_of
     from socialbot.runs.report import recorded
-    from socialbot.runs.run import NoCommands
+    from socialbot.runs.run import LiveRun, NoCommands
     from socialbot.runs.serving import Address, serving, token_given
-    from socialbot.runtime.live_run import LiveRun
 
     with ExitStack() as stack:
         images: ImageSource | None = None

@@ -9,7 +9,7 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.runs.record import RunRecord, RunTrace
-from socialbot.runtime.live_run import LiveRun
+from socialbot.runs.run import LiveRun
 from socialbot.runtime.run import observed_topics
 
 START = 1_700_000_000 * SECOND

@@ -9,9 +9,9 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph
+from socialbot.runs import run as live_run
+from socialbot.runs.run import LiveRun
 from socialbot.runs.why import explain
-from socialbot.runtime import live_run
-from socialbot.runtime.live_run import LiveRun
 from tests.runs.runs import START, frame, waldo_heard_by
 
 MINUTES = 40

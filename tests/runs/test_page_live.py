@@ -18,10 +18,10 @@ from playwright.sync_api import Browser, expect
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph
+from socialbot.runs import run as live_run
 from socialbot.runs.folder import open_run
+from socialbot.runs.run import LiveRun
 from socialbot.runs.serving import Address, serving
-from socialbot.runtime import live_run
-from socialbot.runtime.live_run import LiveRun
 from tests.runs.browsing import Visit, chromium
 from tests.runs.runs import START, greeting, waldo_at_work
 

@@ -18,12 +18,11 @@ from socialbot.core.messages import AgentAnswer, TraceRecord
 from socialbot.graph.files import load_graph
 from socialbot.runs import _server as server_module
 from socialbot.runs import narration as log
+from socialbot.runs import run as live_run
 from socialbot.runs._server import COOKIE, PageServer
 from socialbot.runs.folder import open_run
-from socialbot.runs.run import Picture, RunView
+from socialbot.runs.run import LiveRun, Picture, RunView
 from socialbot.runs.serving import Address, _listening
-from socialbot.runtime import live_run
-from socialbot.runtime.live_run import LiveRun
 from tests.runs.runs import START, greeting, waldo_at_work
 
 HOME = "http://127.0.0.1:8765"
