@@ -21,7 +21,6 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._action_executor import IsSensed
 from socialbot.deliberation._fact_index import signature_of
-from socialbot.deliberation._matching import fitting
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
 from socialbot.planning.pddl.domain import PddlDomain
 
@@ -101,7 +100,10 @@ class FactSensor(Sensor):
     def _believe(self, facts_of_percept: dict[tuple[int, str, tuple[str, ...]], Fact], cause: str) -> None:
         facts, problems = self.deliberator.facts, []
         for prototype in self.prototypes:
-            for held in list(fitting(prototype, facts)):
+            name = "" if prototype.pddl_type == INSTANCE else prototype.name
+            table = facts.table(prototype.pddl_type, name).facts
+            known = sorted((fact for fact in table.values() if fits(fact, prototype)), key=lambda fact: fact.identity)
+            for held in known:
                 if held.identity not in facts_of_percept:
                     facts.remove(held, cause)
         for fact in facts_of_percept.values():

@@ -63,6 +63,19 @@ def test_a_percept_says_all_that_holds_of_its_kind():
     assert office.facts.current(p("lit")) is None
 
 
+def test_a_percept_ends_all_facts_that_its_prototypes_fit():
+    class FewLevels(Levels):
+        prototypes = (fluent("level", "[ab]"),)
+
+    office, sensor = Office(), FewLevels()
+    join(office, sensor)
+    show(office, sensor, n("level", "a", value=1), n("level", "b", value=2))
+    office.believe("level c = 3")
+    show(office, sensor, n("level", "b", value=2))
+    held = [name for name in "abc" if office.facts.current(n("level", name)) is not None]
+    assert held == ["b", "c"]
+
+
 def test_a_percept_that_says_nothing_changes_nothing():
     office, sensor = Office(), Levels()
     join(office, sensor)
