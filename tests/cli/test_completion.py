@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
 from socialbot.cli._options import graph_names, paths, run_folders
+from socialbot.cli.main import command
 
 
 @pytest.fixture
@@ -18,12 +22,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def completion_request(line: str) -> dict[str, str]:
+    """Environment in which bash asks to complete the last word of ``line``."""
+    return {"_SOCIALBOT_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+
+
 def offered(line: str, folder: Path) -> list[str]:
-    """What bash gets to complete the last word of ``line``."""
-    asked = {"_SOCIALBOT_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    """The completions that the command ``socialbot`` offers."""
     done = subprocess.run(
         [Path(sys.executable).with_name("socialbot")],
-        env={**os.environ, **asked},
+        env={**os.environ, **completion_request(line)},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -35,9 +43,18 @@ def offered(line: str, folder: Path) -> list[str]:
 
 def test_completes_commands_graphs_and_nodes(folder: Path):
     assert offered("socialbot repl", folder) == ["replay"]
-    assert offered("socialbot up ware", folder) == ["warehouse"]
-    assert offered("socialbot node --graph hospital coord", folder) == ["coordinator"]
-    assert "speech" not in offered("socialbot node speech ", folder)
+    assert offered_here("socialbot up ware") == ["warehouse"]
+    assert offered_here("socialbot node --graph hospital coord") == ["coordinator"]
+    assert "speech" not in offered_here("socialbot node speech ")
+
+
+def offered_here(line: str) -> list[str]:
+    """As `offered`, in this process."""
+    output = StringIO()
+    request = patch.dict(os.environ, completion_request(line))
+    with request, redirect_stdout(output), pytest.raises(SystemExit, match="0"):
+        command().main([], "socialbot")
+    return output.getvalue().split()
 
 
 def test_completes_graph_files(folder: Path):
@@ -68,4 +85,4 @@ def test_completes_unreadable_paths_without_error(folder: Path):
 
 
 def test_completes_no_nodes_of_an_unreadable_graph(folder: Path):
-    assert offered("socialbot node --graph nothing.yaml x", folder) == []
+    assert offered_here("socialbot node --graph nothing.yaml x") == []

@@ -208,7 +208,7 @@ def held(literal: FactCondition, binding: dict[str, str], facts: FactIndex) -> l
 
 
 @given(st.lists(CLAUSES, min_size=1, max_size=2), FACTS)
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_matches_are_those_that_trying_everything_finds(clauses, held_facts):
     facts, condition = index(*held_facts), dnf(*clauses)
     found = matches(condition, facts)

@@ -303,7 +303,7 @@ CONDITIONS = st.lists(CLAUSES, min_size=1, max_size=2)
 
 
 @given(st.lists(CONDITIONS, min_size=1, max_size=3), st.lists(st.tuples(FACTS, FACTS), max_size=6))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_only_new_matches_fire(conditions, turns):
     base = FactBase(Engine("any", ManualClock()), YARD)
     for name, kind in [("box_a", "box"), ("base_1", "base"), ("carrier_a", "carrier")]:

@@ -337,7 +337,7 @@ def check_mutations(seed: int) -> None:
         return
     answer = Kairos().solve(known, asked, limits)
     assert answer.verdict not in (PlannerVerdict.FAILED, PlannerVerdict.INVALID), answer.message
-    assert time.monotonic() - begin < 10.0
+    assert time.monotonic() - begin < 120.0  # both limits are processor time
 
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
