@@ -253,7 +253,8 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
 
     ``facing_rad`` is the angle between where the person faces and the direction to the camera: 0 towards the camera,
     pi with the back turned. ``approach_mps`` is the speed towards the camera, negative for a person who moves away.
-    For a person without a distance, ``distance_source`` is "unknown".
+    ``face`` is the box of the face, empty if none was found in this image. For a person without a distance,
+    ``distance_source`` is "unknown".
     """
 
     x: float
@@ -267,6 +268,7 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     bearing_rad: float | None = None
     elevation_rad: float | None = None
     unseen_s: Share = 0.0
+    face: tuple[float, ...] = ()
     facing_rad: Share | None = None
     approach_mps: float | None = None
     posture: Literal["unknown", "standing", "seated"] = "unknown"

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.errors import ParameterError
 from socialbot.vision._hog import HogDetector
 from socialbot.vision.detector import Detections, Detector, select
 from socialbot.vision.network import (
@@ -25,6 +23,7 @@ from socialbot.vision.network import (
     View,
     band,
     fitting,
+    included_model,
     whole,
 )
 
@@ -156,7 +155,7 @@ def _choice(name: str, value: str, choices: Sequence[str]) -> str:
 
 SHA256 = "093cbca46692a6ea044d76dac09d42e201f387c3bd2edaba530976dc64820a42"
 """Checksum of the NanoDet weights."""
-_FILE = "nanodet.onnx"
+FILE = "nanodet.onnx"
 _WHOLES = ((416 * 320, 0), (256 * 192, 48), (160 * 120, 70))
 """Views of the whole image: pixels, and least height of a box.
 
@@ -174,7 +173,9 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
     """
     # Parallel views are faster than parallel operators: 22 ms against 30 with two threads.
     side_by_side = min(threads, len(_WHOLES) + 1)
-    network = OnnxModel(weights(), threads=threads // side_by_side, where=f"socialbot/vision/models/{_FILE}")
+    network = OnnxModel(
+        included_model(FILE, SHA256), threads=threads // side_by_side, where=f"socialbot/vision/models/{FILE}"
+    )
     return NetworkDetector(
         network,
         LAYOUTS["nanodet"],
@@ -185,24 +186,6 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
         classes=1,
         threads=side_by_side,
     )
-
-
-def weights() -> bytes:
-    """The NanoDet file. Raises InstallationError if it is missing or its checksum is wrong."""
-    file = resources.files("socialbot.vision") / "models" / _FILE
-    remedy = "reinstall socialbot: pip install --force-reinstall socialbot"
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise InstallationError(error.strerror or str(error), where=str(file), remedy=remedy) from error
-    digest = hashlib.sha256(data).hexdigest()
-    if digest != SHA256:
-        raise InstallationError(
-            f"wrong weights: {len(data)} bytes with sha256 {digest}, expected {SHA256}",
-            where=str(file),
-            remedy=remedy,
-        )
-    return data
 
 
 def _views(width: int, height: int, horizon: float) -> Sequence[View]:
@@ -243,12 +226,14 @@ class DetectorSpec:
         weak: Score from which a detection continues a track.
         make: Builds the detector with its threshold at ``sure``. It raises InstallationError for a missing package
             and ParameterError for invalid settings.
+        faces: Whether the faces of its people are searched, which needs onnxruntime.
     """
 
     name: str
     sure: float
     weak: float
     make: Callable[[DetectorSettings], Detector]
+    faces: bool = True
 
 
 def _hog(settings: DetectorSettings) -> Detector:
@@ -307,7 +292,7 @@ DETECTORS: Mapping[str, DetectorSpec] = {
     spec.name: spec
     for spec in (
         DetectorSpec("nanodet", 0.45, 0.25, _nanodet),
-        DetectorSpec("hog", 0.55, 0.3, _hog),
+        DetectorSpec("hog", 0.55, 0.3, _hog, faces=False),
         DetectorSpec("onnx", 0.4, 0.2, _onnx),
     )
 }

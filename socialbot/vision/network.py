@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import cv2
@@ -114,6 +116,24 @@ def _session(model: Path | bytes, threads: int, where: str):
             where=where,
             remedy="export the detector to ONNX again, for the processor",
         ) from error
+
+
+def included_model(file: str, sha256: str) -> bytes:
+    """The content of an included ONNX ``file``. Raises InstallationError if it is missing or its checksum is wrong."""
+    path = resources.files("socialbot.vision") / "models" / file
+    remedy = "reinstall socialbot: pip install --force-reinstall socialbot"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InstallationError(error.strerror or str(error), where=str(path), remedy=remedy) from error
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != sha256:
+        raise InstallationError(
+            f"wrong weights: {len(data)} bytes with sha256 {digest}, expected {sha256}",
+            where=str(path),
+            remedy=remedy,
+        )
+    return data
 
 
 def _first(error: Exception) -> str:

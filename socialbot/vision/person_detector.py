@@ -44,6 +44,7 @@ class PersonDetector(Node):
     tracker = Parameter("kalman", "tracker", choices=TRACKERS, fixed=True)
     bridge_s = Parameter(BRIDGE_S, "how long a lost track is still published, s", minimum=0.0, maximum=2.0)
     hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
+    faces = Parameter(True, "search the faces of near people; needs a tracker, not with hog", fixed=True)
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
     mount_height_m = Parameter(1.62, "height of the camera above the floor, m", minimum=0.05, maximum=10.0)
     pitch_rad = Parameter(0.052, "downward tilt of the camera, rad", minimum=-1.0, maximum=1.0)
@@ -67,7 +68,9 @@ class PersonDetector(Node):
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
         detector = self._spec.make(DetectorSettings(**settings))
-        self._pipeline = PersonPipeline(self._spec, detector, tracker=self.tracker, bridge_s=self.bridge_s)
+        self._pipeline = PersonPipeline(
+            self._spec, detector, tracker=self.tracker, bridge_s=self.bridge_s, faces=self.faces
+        )
         for parameter in ("threshold", "person_height_m", "hide_still"):
             self.on_parameter(parameter)
         self._info: CameraInfo | None = None

@@ -6,7 +6,7 @@ The node and the evaluation share it, so the evaluation measures the code that r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
+from socialbot.vision.faces import Attention, FaceFinder
 from socialbot.vision.tracking import Track, Tracker, cut_off
 
 TRACKERS = ("kalman", "none")
@@ -35,6 +36,7 @@ class TrackState:
     figure: Figure
     range: Range | None
     stamp: int
+    attention: Attention = field(default_factory=Attention)
 
 
 class PersonPipeline:
@@ -50,6 +52,7 @@ class PersonPipeline:
         bridge_s: Longest time to publish a lost track, s.
         person_height_m: Usual height of a person, m.
         hide_still: Whether tracks that never move are removed; needs a tracker.
+        faces: Whether faces of tracked people are searched; detectors without ``spec.faces`` never do.
     """
 
     def __init__(
@@ -62,10 +65,12 @@ class PersonPipeline:
         bridge_s: float = BRIDGE_S,
         person_height_m: float = 1.70,
         hide_still: bool = True,
+        faces: bool = False,
     ) -> None:
         self.person_height_m = person_height_m
         self.tracker = Tracker(spec.sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
         self.hide_still = hide_still
+        self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
         self._static_objects = StaticObjectFilter()
         self._spec = spec
         self._detector = detector
@@ -110,6 +115,12 @@ class PersonPipeline:
         self._stamp = stamp_ns
         oldest = stamp_ns - round(_REMEMBERED_S * SECOND)
         self._known = {name: person for name, person in self._known.items() if person.stamp >= oldest}
+        for track in tracks:
+            if track.id not in self._known:
+                self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
+        if self._faces is not None:
+            attention = {name: person.attention for name, person in self._known.items()}
+            self._faces.look(image_bgr, stamp_ns, tracks, attention)
         return tuple(self._person(track, stamp_ns, camera) for track in _with_hidden_feet(tracks))
 
     def measured(self, found: Detections, camera: CameraModel) -> tuple[PersonDetection, ...]:
@@ -134,6 +145,9 @@ class PersonPipeline:
             margin = max(_SLIMMEST * h - w, 0.0) / 2
             x, right = max(x - margin, 0.0), min(x + w + margin, float(camera.width))
             w = right - x
+        attention = self._known[track.id].attention if track.id else Attention()
+        if track.id and distance is not None and not track.unseen_s:
+            attention.walk(stamp_ns, distance.value, bearing)
         return PersonDetection(
             x=x,
             y=y,
@@ -146,6 +160,9 @@ class PersonPipeline:
             bearing_rad=bearing,
             elevation_rad=elevation,
             unseen_s=track.unseen_s,
+            face=attention.face.box if attention.face is not None else (),
+            facing_rad=attention.facing_rad(stamp_ns),
+            approach_mps=attention.approach_mps(),
         )
 
     def _anybody(self) -> Stature:
@@ -155,9 +172,7 @@ class PersonPipeline:
         self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel
     ) -> tuple[Estimate | None, float]:
         """Distance and height of a tracked person."""
-        known = self._known.get(track.id)
-        if known is None:
-            known = self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
+        known = self._known[track.id]
         seconds = (stamp_ns - known.stamp) / SECOND
         known.stamp = stamp_ns
         if known.range is not None:

@@ -7,7 +7,8 @@ import pytest
 
 from socialbot.core.errors import ParameterError
 from socialbot.vision.detector import iou
-from socialbot.vision.detectors import DETECTORS, DetectorSettings, weights
+from socialbot.vision.detectors import DETECTORS, FILE, SHA256, DetectorSettings
+from socialbot.vision.network import included_model
 from tests.vision.drawn import add_person, corridor
 from tests.vision.networks import constant_network, echo_network, strict_network, yolov8_rows
 
@@ -82,7 +83,7 @@ def test_settings_that_do_not_fit_are_one_clear_error(model, changes, expected):
 
 def test_included_weights_work_as_an_onnx_model(tmp_path):
     file = tmp_path / "nanodet.onnx"
-    file.write_bytes(weights())
+    file.write_bytes(included_model(FILE, SHA256))
     picture = corridor()
     box = add_person(picture, 300, 150, 200)
     found = DETECTORS["onnx"].make(settings(file, layout="nanodet", classes=1)).detect(picture)

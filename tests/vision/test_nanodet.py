@@ -9,11 +9,13 @@ import pytest
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import InstallationError
 from socialbot.core.messages import CompressedImage
-from socialbot.vision import detectors as module
+from socialbot.vision import detectors
+from socialbot.vision import network as module
 from socialbot.vision.detector import iou
-from socialbot.vision.detectors import SHA256, nanodet, weights
+from socialbot.vision.detectors import FILE, SHA256, nanodet
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import load_truth
+from socialbot.vision.network import included_model
 from tests.vision.drawn import corridor as empty_room
 
 
@@ -71,7 +73,7 @@ def test_images_of_any_shape(finder, shape):
 
 
 def test_missing_weights_are_an_error_with_a_remedy(monkeypatch):
-    monkeypatch.setattr(module, "_FILE", "elsewhere.onnx")
+    monkeypatch.setattr(detectors, "FILE", "elsewhere.onnx")
     with pytest.raises(
         InstallationError, match=r"models/elsewhere\.onnx: No such file(.|\n)*remedy: reinstall socialbot"
     ):
@@ -80,10 +82,10 @@ def test_missing_weights_are_an_error_with_a_remedy(monkeypatch):
 
 def test_changed_weights_are_refused(monkeypatch, tmp_path):
     (tmp_path / "models").mkdir()
-    (tmp_path / "models" / "nanodet.onnx").write_bytes(weights()[:-1] + b"\0")
+    (tmp_path / "models" / "nanodet.onnx").write_bytes(included_model(FILE, SHA256)[:-1] + b"\0")
     monkeypatch.setattr(module.resources, "files", lambda package: tmp_path)
     with pytest.raises(InstallationError, match=f"wrong weights(.|\n)*expected {SHA256}(.|\n)*reinstall"):
-        weights()
+        included_model(FILE, SHA256)
 
 
 def test_notice_names_the_model_file():

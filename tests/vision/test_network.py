@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.vision.detectors import weights
-from socialbot.vision.network import OnnxModel
+from socialbot.vision.detectors import FILE, SHA256
+from socialbot.vision.network import OnnxModel, included_model
 from tests.vision.networks import echo_network, strict_network
 
 
@@ -91,7 +91,7 @@ def test_threads_sleep_between_images():
     data = np.zeros((3, 320, 416), np.float32)
     tasks = Path("/proc/self/task")
     before = {task.name for task in tasks.iterdir()}
-    network = OnnxModel(weights(), threads=3)
+    network = OnnxModel(included_model(FILE, SHA256), threads=3)
     network.run(data)
     added = {task.name for task in tasks.iterdir()} - before
     # The thread that calls works as well.
@@ -104,5 +104,5 @@ def test_threads_sleep_between_images():
 
 def test_answers_do_not_depend_on_the_number_of_threads():
     data = np.random.default_rng(0).normal(size=(3, 160, 224)).astype(np.float32)
-    answers = [OnnxModel(weights(), threads=threads).run(data)[0] for threads in (1, 2, 4)]
+    answers = [OnnxModel(included_model(FILE, SHA256), threads=threads).run(data)[0] for threads in (1, 2, 4)]
     assert answers[0].tobytes() == answers[1].tobytes() == answers[2].tobytes()
