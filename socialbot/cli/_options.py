@@ -95,15 +95,6 @@ def expect_no_machine(machine: str | None) -> None:
         raise ParameterError("only deployments have machines", where="--machine", remedy="give a deployment file")
 
 
-def read_text(file: Path, error: type[SocialbotError]) -> str:
-    """Read a file, or raise ``error``."""
-    try:
-        return file.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
-        raise error(f"cannot be read: {reason}", where=str(file), remedy="check the path") from problem
-
-
 def plain_table(*columns: str, right: Sequence[str] = ()) -> Table:
     """Return a table without lines. Columns of ``columns`` fold long texts, numbers in the columns ``right`` do not."""
     from rich.table import Table

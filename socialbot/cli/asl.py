@@ -16,9 +16,10 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from socialbot.cli._options import many, read_text
+from socialbot.cli._options import many
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ParameterError, RuleError
+from socialbot.core.paths import read_text
 from socialbot.core.process import ENDING_SIGNALS, Ending
 
 if TYPE_CHECKING:

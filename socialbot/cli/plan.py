@@ -13,8 +13,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from socialbot.cli._options import JsonOption, read_text
+from socialbot.cli._options import JsonOption
 from socialbot.core.errors import NodeError, PlanningError
+from socialbot.core.paths import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

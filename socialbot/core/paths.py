@@ -1,6 +1,6 @@
-"""Confinement of file paths from parameters, graphs and messages to allowed folders.
+"""Text files, and confinement of file paths from parameters, graphs and messages to allowed folders.
 
-These are the working directory and the folders in ``SOCIALBOT_FOLDERS`` (separated as in PATH).
+The allowed folders are the working directory and the folders in ``SOCIALBOT_FOLDERS`` (separated as in PATH).
 """
 
 from __future__ import annotations
@@ -9,9 +9,18 @@ import os
 from collections.abc import MutableMapping, Sequence
 from pathlib import Path
 
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import ParameterError, SocialbotError
 
 FOLDERS_VARIABLE = "SOCIALBOT_FOLDERS"
+
+
+def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check the path") -> str:
+    """Return the text of a UTF-8 file. Raises an ``error`` if it cannot be read."""
+    try:
+        return file.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
+        raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem
 
 
 def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:

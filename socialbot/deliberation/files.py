@@ -39,6 +39,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
+from socialbot.core.paths import read_text
 from socialbot.core.yaml import line_of, load_yaml, plain
 from socialbot.deliberation._fact_index import FactIndex, near
 from socialbot.deliberation._matching import unfit_condition
@@ -121,9 +122,7 @@ class _File:
 
     def items(self, kind: Any) -> tuple[Any, ...]:
         try:
-            page = load_yaml(YAML(typ="rt"), Path(self._path).read_text("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise PlanningError(f"cannot read it: {error}", where=str(self._path)) from error
+            page = load_yaml(YAML(typ="rt"), read_text(Path(self._path), PlanningError))
         except MarkedYAMLError as error:
             line = error.problem_mark.line + 1 if error.problem_mark else 1
             self.fail(f"no valid YAML: {error.problem}", line, 'write names with * or {x} in quotes: "*", "{x}"')

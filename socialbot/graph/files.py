@@ -39,12 +39,7 @@ def load_graph(name: str) -> Graph:
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name)
     path = Path(name)
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise GraphError(
-            f"cannot read the graph: {error}", where=name, remedy=suggestion(name, registry.graph_names())
-        ) from error
+    text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))
     folder = path.resolve().parent
     paths.allow(folder)
     _look_in(folder)

@@ -16,6 +16,7 @@ from socialbot.bags.reader import Bag, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.paths import read_text
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
@@ -195,10 +196,7 @@ def graph_of(bag: Path) -> Graph:
     path = bag / BAG_GRAPH
     if not path.is_file():
         return load_graph("waldo")
-    try:
-        return parse_graph(path.read_text("utf-8"), where=str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise GraphError(f"cannot read the graph: {error}", where=str(path), remedy="give one with --graph") from error
+    return parse_graph(read_text(path, GraphError, remedy="give one with --graph"), where=str(path))
 
 
 def find_truth(bag: Bag, given: Path | None = None) -> GroundTruth | None:

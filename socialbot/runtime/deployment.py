@@ -248,10 +248,7 @@ def is_deployment(name: str) -> bool:
 
 def load_deployment(path: Path) -> Deployment:
     """Load a deployment file, whose folder nodes may read and write. Raises GraphError or ParameterError."""
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise GraphError(f"cannot read the deployment: {error}", where=str(path)) from error
+    text = paths.read_text(path, GraphError)
     folder = path.resolve().parent
     paths.allow(folder)
     return parse_deployment(text, where=str(path), folder=folder)

@@ -395,7 +395,7 @@ def test_invalid_files_are_errors_with_file_and_line(files, file, old, new, wher
     ("parameters", "error", "what"),
     [
         ({"pddl_file": ""}, PlanningError, "no domain"),
-        ({"pddl_file": "nowhere.pddl"}, PlanningError, "cannot read the domain"),
+        ({"pddl_file": "nowhere.pddl"}, PlanningError, "cannot be read"),
         ({"init_dset": "nowhere.yaml"}, PlanningError, "nowhere.yaml"),
         ({"desire_pr": "0.6, 0.7"}, ParameterError, "2 priorities for 1 groups"),
         ({"desire_pr": "high"}, ParameterError, "'high' is no priority"),

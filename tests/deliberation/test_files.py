@@ -418,10 +418,10 @@ def test_mistakes_are_errors_with_file_and_line(write, load, text, line, what, r
 
 
 def test_a_missing_file_is_an_error(tmp_path):
-    with pytest.raises(PlanningError, match="cannot read it"):
+    with pytest.raises(PlanningError, match="cannot be read"):
         load_beliefs(tmp_path / "nothing.yaml", YARD)
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(PlanningError, match="cannot read it"):
+    with pytest.raises(PlanningError, match="cannot be read"):
         load_rules(tmp_path / "bytes.yaml", YARD)
 
 

@@ -191,7 +191,7 @@ def test_a_missing_file_and_one_that_is_no_text_are_explained(tmp_path):
         load_graph("wald")
     binary = tmp_path / "g.yaml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(GraphError, match="cannot read the graph"):
+    with pytest.raises(GraphError, match="cannot be read"):
         load_graph(str(binary))
 
 

@@ -118,7 +118,7 @@ def test_an_error_in_the_graph_names_the_graph_file(tmp_path: Path):
 
 
 def test_an_unreadable_file_is_an_error(tmp_path: Path):
-    with pytest.raises(GraphError, match="cannot read the deployment"):
+    with pytest.raises(GraphError, match="cannot be read"):
         load_deployment(tmp_path / "none.yaml")
 
 

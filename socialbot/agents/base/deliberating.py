@@ -180,12 +180,8 @@ class Deliberating(AgentNode):
         if not self.pddl_file:
             raise PlanningError("the agent has no domain", where=self.name, remedy="set its parameter pddl_file")
         path = self.path("pddl_file")
-        try:
-            return read_domain(path.read_text("utf-8"), where=str(path))
-        except (OSError, UnicodeDecodeError) as error:
-            raise PlanningError(
-                f"cannot read the domain: {error}", where=str(path), remedy="set pddl_file of the agent to its domain"
-            ) from error
+        remedy = "set pddl_file of the agent to its domain"
+        return read_domain(paths.read_text(path, PlanningError, remedy=remedy), where=str(path))
 
     def beliefs_at_first(self) -> Sequence[Fact]:
         """Initial beliefs; by default from the file ``init_bset``."""
