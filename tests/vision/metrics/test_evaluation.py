@@ -30,20 +30,37 @@ def bag(tmp_path_factory):
     return drawn_bag(tmp_path_factory.mktemp("bag"), scene="hall", split="tune")
 
 
-def test_drawn_people_are_found(bag):
-    result = evaluated([bag_source(bag)])
-    score = result.detectors["hog"].scenes["hall"].score
+@pytest.fixture(scope="module")
+def tracked(bag) -> Evaluation:
+    """Evaluation of the bag with tracking."""
+    return evaluated([bag_source(bag)])
+
+
+@pytest.fixture(scope="module")
+def untracked(bag) -> Evaluation:
+    """Evaluation of the bag without tracking."""
+    return evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"]))
+
+
+@pytest.fixture(scope="module")
+def two_bags(tmp_path_factory):
+    """Two short bags, and the content of their evaluation in this process."""
+    folder = tmp_path_factory.mktemp("two")
+    sources = [bag_source(drawn_bag(folder, name, seed=seed, frames=4)) for name, seed in (("one", 0), ("other", 50))]
+    return sources, content(evaluated(sources))
+
+
+def test_drawn_people_are_found(tracked):
+    score = tracked.detectors["hog"].scenes["hall"].score
     assert score.bands["2-10"].score.tp + score.bands["2-10"].score.fn == 12
     assert score.bands["2-10"].score.tp >= 10
     assert score.overall.ap is not None
     assert score.overall.ap >= 0.8
-    assert result.scenes == ("hall",)
+    assert tracked.scenes == ("hall",)
 
 
-def test_processes_do_not_change_the_figures(bag, tmp_path):
-    other = drawn_bag(tmp_path, "other", seed=50)
-    sources = [bag_source(bag), bag_source(other)]
-    here = content(evaluated(sources))
+def test_processes_do_not_change_the_figures(two_bags):
+    sources, here = two_bags
     assert here == content(carried_out(sources, processes=1)) == content(carried_out(sources, processes=2))
 
 
@@ -55,25 +72,23 @@ def test_progress_is_reported_up_to_the_last_frame(bag):
     assert (0, 5) in told
 
 
-def test_raw_detections_are_the_same_whatever_tracking_makes_of_them(bag):
-    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
+def test_raw_detections_do_not_depend_on_tracking(bag, tracked):
+    scene = tracked.detectors["hog"].scenes["hall"]
     other = evaluated([bag_source(bag)], with_changes(HOG, ["hide_still=false", "bridge_s=1.0"]))
     frames = other.detectors["hog"].scenes["hall"].clips[0].frames
-    assert [each.found.raw for each in tracked.clips[0].frames] == [each.found.raw for each in frames]
+    assert [each.found.raw for each in scene.clips[0].frames] == [each.found.raw for each in frames]
 
 
-def test_without_tracking_people_may_stand_anywhere(bag):
-    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
-    tracked = evaluated([bag_source(bag)]).detectors["hog"].scenes["hall"]
-    counts = [sum(len(each.found.raw) for each in scene.clips[0].frames) for scene in (plain, tracked)]
+def test_without_tracking_people_may_stand_anywhere(tracked, untracked):
+    with_tracks, without = (each.detectors["hog"].scenes["hall"].clips[0].frames for each in (tracked, untracked))
+    counts = [sum(len(each.found.raw) for each in frames) for frames in (without, with_tracks)]
     assert counts[0] > counts[1] > 0
-    assert all(person.track_id for each in tracked.clips[0].frames for person in each.found.persons)
-    assert not any(person.track_id for each in plain.clips[0].frames for person in each.found.persons)
+    assert all(person.track_id for each in with_tracks for person in each.found.persons)
+    assert not any(person.track_id for each in without for person in each.found.persons)
 
 
-def test_pipeline_without_tracking_applies_the_threshold(bag):
-    plain = evaluated([bag_source(bag)], with_changes(HOG, ["tracker=none"])).detectors["hog"].scenes["hall"]
-    for each in plain.clips[0].frames:
+def test_pipeline_without_tracking_applies_the_threshold(untracked):
+    for each in untracked.detectors["hog"].scenes["hall"].clips[0].frames:
         sure = [person for person in each.found.raw if person.score >= HOG.sure]
         assert list(each.found.persons) == sure
 
@@ -167,8 +182,8 @@ def test_scenes_with_several_splits_are_not_mixed(tmp_path):
     assert scene_names([one, third]) == ["hall", "stairs"]
 
 
-def test_contents_of_the_json(bag):
-    said = content(evaluated([bag_source(bag)]))
+def test_contents_of_the_json(tracked):
+    said = content(tracked)
     band = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]
     assert band["tp"] + band["fn"] == 12
     assert band["f1"] == pytest.approx(2 * band["tp"] / (2 * band["tp"] + band["fp"] + band["fn"]))
@@ -179,12 +194,11 @@ def test_contents_of_the_json(bag):
 
 
 @pytest.mark.parametrize(("points", "kept"), [(0, 0), (1, 1), (200, 200), (399, 200), (1000, 200)])
-def test_curves_are_thinned_in_the_json_but_keep_their_ends(bag, points, kept):
-    result = evaluated([bag_source(bag)])
-    hog = result.detectors["hog"]
+def test_curves_are_thinned_in_the_json_but_keep_their_ends(tracked, points, kept):
+    hog = tracked.detectors["hog"]
     recall = np.arange(points) / 1000
     band = replace(hog.scenes["hall"].score.bands["2-10"], curve=PrecisionRecallCurve(recall, recall, recall))
-    said = content(replace(result, detectors={"hog": with_band(hog, "hall", "2-10", band)}))
+    said = content(replace(tracked, detectors={"hog": with_band(hog, "hall", "2-10", band)}))
     curve = said["detectors"]["hog"]["scenes"]["hall"]["bands"]["2-10"]["curve"]
     assert [len(set(column)) for column in curve.values()] == [len(column) for column in curve.values()] == [kept] * 3
     assert (curve["recall"][:1], curve["recall"][-1:]) == (recall[:1].tolist(), recall[-1:].tolist())
@@ -213,10 +227,9 @@ def test_settings_that_do_not_fit(change, word):
         with_changes(HOG, [change])
 
 
-def test_cluster_gives_the_same_figures(bag, tmp_path):
+def test_cluster_gives_the_same_figures(two_bags, tmp_path):
     distributed = pytest.importorskip("distributed")
-    other = drawn_bag(tmp_path, "other", seed=50)
-    sources = [bag_source(bag), bag_source(other)]
+    sources, here = two_bags
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
     ) as cluster:
@@ -225,7 +238,7 @@ def test_cluster_gives_the_same_figures(bag, tmp_path):
         shutil.rmtree(tmp_path / "gone")
         with pytest.raises(SocialbotError, match="no such file or folder"):
             carried_out([gone], scheduler=cluster.scheduler_address)
-    assert content(there) == content(evaluated(sources))
+    assert content(there) == here
 
 
 def test_scheduler_that_does_not_answer(bag, monkeypatch):
