@@ -39,7 +39,7 @@ class Threads(Lab):
             self.engine.run_until_idle()
             if so():
                 return
-            assert self.posted.wait(5), "nothing comes"
+            assert self.posted.wait(60), "nothing comes"
         raise AssertionError("it never came so")
 
 
@@ -62,7 +62,7 @@ class TestThreads:
     def test_the_plan_goes_on_in_the_thread_of_the_engine_when_the_action_has_returned(self):
         lab = Threads(go() >> [block(), do("done")], +p(X) >> [do("meanwhile")])
         lab.tell(go())
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
         lab.tell(+p(1))
         assert lab.done == ["meanwhile"]
         lab.gate.set()
@@ -82,7 +82,7 @@ class TestThreads:
     def test_a_time_limit_asks_it_to_stop_and_waits_until_it_has(self):
         lab = Threads(go() >> [block().within(1)], -go()[error(E)] >> [do(E)])
         lab.tell(go())
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
         lab.clock.advance(1)
         lab.settle(lambda: lab.done)
         assert lab.done == [Atom("timeout")]
@@ -92,8 +92,8 @@ class TestThreads:
         lab = Threads(go(X) >> [block(), do(X)])
         lab.engine.interpreter.pool = Pool(2)
         lab.tell(*(go(n) for n in range(5)))
-        assert lab.begun.acquire(timeout=5)
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
+        assert lab.begun.acquire(timeout=60)
         assert not lab.begun.acquire(timeout=0.02)
         lab.gate.set()
         lab.settle(lambda: len(lab.done) == 5)
@@ -103,7 +103,7 @@ class TestThreads:
         lab = Threads(go() >> [block()], sub() >> [block().within(1), do("no")], -sub() >> [do("late")])
         lab.engine.interpreter.pool = Pool(1)
         lab.tell(go(), sub())
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
         lab.clock.advance(1)
         lab.engine.run_until_idle()
         assert lab.done == ["late"]
@@ -114,7 +114,7 @@ class TestThreads:
     def test_a_dropped_one_that_returns_late_is_harmless(self):
         lab = Threads(go() >> [block(), do("no")])
         lab.tell(go())
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
         lab.engine.intentions.drop(next(iter(lab.engine.intentions)))
         lab.settle(lambda: lab.kinds("dropped"))
         assert lab.done == []
@@ -148,9 +148,9 @@ class TestThreads:
         thread = threading.Thread(target=engine.run)
         thread.start()
         engine.achieve(go())
-        assert done.wait(5)
+        assert done.wait(60)
         engine.stop()
-        thread.join(5)
+        thread.join(60)
         pool = engine.interpreter.pool
         assert pool is not None
         assert eventually(lambda: pool._threads == 0)
@@ -217,7 +217,7 @@ class TestCoroutines:
     def test_it_is_cancelled_and_waited_for(self):
         lab = Threads(go() >> [first_of([fetch("rest")], [wait(1)]), do("after")])
         lab.tell(go())
-        assert lab.begun.acquire(timeout=5)
+        assert lab.begun.acquire(timeout=60)
         lab.clock.advance(1)
         lab.settle(lambda: lab.done)
         assert lab.gate.is_set()

@@ -185,7 +185,7 @@ class Line(ThreadSensor):
         self.ended = threading.Event()
 
     def read(self):
-        item = self.line.get(timeout=10)
+        item = self.line.get(timeout=60)
         if isinstance(item, Exception):
             raise item
         return item
@@ -213,14 +213,14 @@ class TestThreads:
             lab.engine.run_until_idle()
             if so():
                 return
-            assert posted.wait(10)
+            assert posted.wait(60)
 
     def test_senses_percepts_in_the_thread_of_the_engine(self):
         lab, line, posted = self.lab()
         for item in (1, None, 2, EOFError()):
             line.line.put(item)
         self.settle(lab, posted, lambda: lab.done == [1, 2])
-        assert line.ended.wait(5)
+        assert line.ended.wait(60)
 
     def test_an_exception_is_on_the_trace_and_it_reads_on(self):
         lab, line, posted = self.lab()
@@ -233,7 +233,7 @@ class TestThreads:
         lab, line, posted = self.lab()
         line.stop()
         line.line.put(1)
-        assert line.ended.wait(5)
+        assert line.ended.wait(60)
         line.start()
         line.line.put(2)
         self.settle(lab, posted, lambda: lab.done == [2])

@@ -56,7 +56,7 @@ def test_a_node_starts_without_missing_subscribers_after_a_timeout(monkeypatch: 
     monkeypatch.setattr(Greeter, "start", lambda self: started.set())
     with node_hosts(GRAPH) as host:
         host("greeter")
-        assert started.wait(20.0)
+        assert started.wait(60.0)
 
 
 def test_a_waiting_node_reports_missing_connections(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -224,7 +224,7 @@ def talker(domain) -> Iterator[None]:
     yield
     # Killed, it would leave its shared memory behind.
     process.terminate()
-    process.wait(10)
+    process.wait(60)
 
 
 def run(*arguments: str) -> str:
@@ -325,7 +325,7 @@ class TestCommands:
             assert process.stdout is not None
             assert process.stdout.readline()
             process.send_signal(number)
-            _, complaint = process.communicate(timeout=10)
+            _, complaint = process.communicate(timeout=60)
         finally:
             process.kill()
         assert (process.returncode, complaint) == (0, "")
@@ -343,7 +343,7 @@ class TestMessages:
 
         from socialbot.bridge.environment import spinning_node
 
-        deadline = time.monotonic() + 8
+        deadline = time.monotonic() + 60
         with spinning_node("driver") as driver, observer_node() as ros:
             publisher, said = driver.create_publisher(String, "/mixed", 10), "reliable"
             with closing(messages(ros, "/mixed", timeout_s=5.0)) as heard:

@@ -273,9 +273,9 @@ def test_a_planner_that_hangs_in_its_thread_does_not_hold_up_the_agent():
 
     office.deliberator.pursuit.run_in_background = aside
     office.want(job("a"))
-    assert entered.wait(10)
+    assert entered.wait(60)
     office.believe("lit")
     assert office.facts.check(dnf([("T", p("lit"))]).clauses[0].literals[0])
     leave.set()
-    threads[0].join(10)
+    threads[0].join(60)
     assert office.until(7) == [("a", "fulfilled", "")]

@@ -19,7 +19,7 @@ from tests.system.running import eventually
 pytestmark = [pytest.mark.ros, pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")]
 
 UNKNOWN_NODE = ["node", "nobody"]
-WAIT_S = 30.0
+WAIT_S = 60.0
 PR_GET_CHILD_SUBREAPER = 37
 
 

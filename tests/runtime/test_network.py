@@ -32,7 +32,7 @@ class Cable:
     def plug(self, *addresses: str) -> None:
         """Change the addresses, and wait until the monitor has read them."""
         self.addresses, looks = frozenset(addresses), self.looks
-        assert eventually(lambda: self.looks > looks + 1, 10)
+        assert eventually(lambda: self.looks > looks + 1)
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_resolves_a_name_until_it_is_known(cable, monkeypatch):
         cable.plug(ADDRESS)
         assert network.missed() is None
         known[0] = frozenset({ADDRESS})
-        assert eventually(lambda: network.missed() is not None, 10)
+        assert eventually(lambda: network.missed() is not None)
 
 
 def test_an_error_of_the_addresses_changes_nothing(cable, network, monkeypatch):
@@ -114,7 +114,7 @@ def test_an_error_of_the_addresses_changes_nothing(cable, network, monkeypatch):
 
     looks: list[int] = []
     monkeypatch.setattr(networks, "own_addresses", refuse)
-    assert eventually(lambda: len(looks) > 1, 10)
+    assert eventually(lambda: len(looks) > 1)
     assert network.missed() is None
     monkeypatch.setattr(networks, "own_addresses", cable)
     cable.plug(ADDRESS)

@@ -30,7 +30,7 @@ while True:
     say("active")
     time.sleep(0.05)
 """
-POLICY = RestartPolicy(times=2, first_s=0.01, longest_s=0.05, hung_s=0.5, ready_s=5.0)
+POLICY = RestartPolicy(times=2, first_s=0.01, longest_s=0.05, hung_s=0.5, ready_s=60.0)
 SPEAKING = f"""
 import os, socket, sys, time
 line = socket.socket(fileno=int(os.environ["{CHANNEL_VARIABLE}"]))
@@ -65,7 +65,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     return bodies
 
 
-def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+def attended(supervisor: Supervisor, until: Callable[[], bool], timeout_s: float = 60.0) -> bool:
     deadline = monotonic() + timeout_s
     while not until():
         if monotonic() > deadline:

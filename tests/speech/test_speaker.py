@@ -316,7 +316,7 @@ def test_miniaudio_plays_through_its_null_device():
     assert player is not None
     stage = Stage(with_player(player), playback="required")
     stage.say("a", "Hi.")
-    stage.runner.posted.put(stage.runner.posted.get(timeout=5.0))
+    stage.runner.posted.put(stage.runner.posted.get(timeout=60.0))
     stage.until(1.0)
     assert stage.story == ["a started", "a finished"]
 

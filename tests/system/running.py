@@ -26,7 +26,7 @@ CALIBRATION_PERIOD_S = 1.0
 """Period of the camera calibration in the corridor bag."""
 
 
-def socialbot(*arguments: object, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+def socialbot(*arguments: object, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
     """Run ``socialbot`` to its end."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL)
@@ -79,7 +79,7 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             process.wait()
 
 
-def eventually(holds: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+def eventually(holds: Callable[[], bool], timeout_s: float = 60.0) -> bool:
     """Wait until ``holds`` returns true, or for ``timeout_s``; return whether it did."""
     deadline = monotonic() + timeout_s
     while not holds():

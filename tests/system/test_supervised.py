@@ -101,4 +101,4 @@ def test_restarts_crashed_nodes_and_publishes_their_status(pictures: Path, tmp_p
             assert any(values["state"] == "waiting" for name, values in told if name == "bdi_engine")
             assert eventually((tmp_path / "run" / "minds" / "bdi_engine.json").exists)
             process.send_signal(signal.SIGINT)
-            assert process.wait(15) == 0
+            assert process.wait(60) == 0

@@ -50,7 +50,7 @@ def arrived(hosts: TwoHosts) -> int:
     assert receiver.stdout is not None
     receiver.stdout.readline()
     hosts.robot.run(sys.executable, "-c", SEND)
-    return int(receiver.communicate(timeout=20)[0])
+    return int(receiver.communicate(timeout=60)[0])
 
 
 def test_the_cable_carries_loses_and_is_cut(hosts: TwoHosts) -> None:
