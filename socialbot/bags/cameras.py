@@ -1,12 +1,17 @@
-"""Image topics by camera and by kind: colour, grey, infrared or depth."""
+"""Image topics by camera and by kind: colour, grey, infrared or depth, and the sensors that measure distances."""
 
 from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from typing import TypeVar
 
+from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import CompressedImage, Image, Message
+
+T = TypeVar("T")
 
 
 class ImageKind(enum.IntEnum):
@@ -97,3 +102,78 @@ def _order(topic: str) -> tuple[int, bool, str]:
     compressed = transport in _TRANSPORTS
     name = (base if compressed else topic).rpartition("/")[2]
     return _RECTIFIED.index(name) if name in _RECTIFIED else len(_RECTIFIED), compressed, topic
+
+
+_REGISTERED = re.compile(r"aligned|registered|to_color|to_rgb")
+_LIDAR = re.compile(r"velodyne|lidar|ouster|livox|hesai|rslidar|points_raw")
+_DERIVED = re.compile(r"ground|map|obstacle|costmap|cluster|filtered|plane|object|segment|disparity")
+
+
+def best_depth(image: str, frame: str, topics: Mapping[str, str]) -> str | None:
+    """The depth topic for the pictures on ``image`` in ``frame``: registered, of the same camera, raw.
+
+    Args:
+        topics: Frame of the images by depth topic.
+    """
+
+    def order(topic: str) -> tuple[bool, bool, int, bool, str]:
+        registered = bool(_REGISTERED.search(topic)) or (frame != "" and topics[topic] == frame)
+        shared = _shared(image, topic)
+        return _DERIVED.search(topic) is not None, not registered, -shared, topic.endswith("/compressedDepth"), topic
+
+    return min(topics, key=order, default=None)
+
+
+def best_points(topics: Mapping[str, str], *, with_depth: bool) -> str | None:
+    """The best topic with point clouds, by their frame: that of a lidar.
+
+    Clouds of a depth camera repeat its depth image, so they are left out ``with_depth``.
+    """
+    names = [topic for topic, frame in topics.items() if not (with_depth and "optical" in frame)]
+    return min(names, key=lambda topic: (bool(_DERIVED.search(topic)), not _LIDAR.search(topic), topic), default=None)
+
+
+def _shared(one: str, other: str) -> int:
+    """Number of leading words that two topics share."""
+    pairs = zip(one.split("/"), other.split("/"), strict=False)
+    return next((number for number, (a, b) in enumerate(pairs) if a != b), min(one.count("/"), other.count("/")))
+
+
+_LONGEST_WAIT_S = 2.0
+_MOST_WAITING = 120
+
+
+def depth_first(
+    items: Iterable[T],
+    topic_and_stamp: Callable[[T], tuple[str, int]],
+    depth: Collection[str],
+    pictures: Collection[str],
+) -> Iterator[T]:
+    """Reorder messages so that each picture follows the depth of its stamp, which often arrives later.
+
+    A picture waits for at most 2 s of the recording. Other messages keep their order.
+
+    Args:
+        items: Messages in the order of the bag.
+        topic_and_stamp: Topic and stamp (ns) of a message.
+        depth: Topics with depth images and point clouds.
+        pictures: Topics with pictures.
+    """
+    waiting: deque[tuple[str, int, T]] = deque()
+    latest = dict.fromkeys(depth, -(2**63))
+    for item in items:
+        topic, stamp = topic_and_stamp(item)
+        if topic in latest:
+            latest[topic] = max(latest[topic], stamp)
+            yield item
+        else:
+            waiting.append((topic, stamp, item))
+        measured = min(latest.values(), default=stamp)
+        while waiting:
+            first, taken, head = waiting[0]
+            late = max(stamp, waiting[-1][1]) - taken > nanoseconds(_LONGEST_WAIT_S) or len(waiting) > _MOST_WAITING
+            if first in pictures and measured < taken and not late:
+                break
+            waiting.popleft()
+            yield head
+    yield from (item for _, _, item in waiting)

@@ -61,7 +61,9 @@ ROS_TYPES: Mapping[type[Message], str] = MappingProxyType(
 @functools.cache
 def decodable_types() -> Mapping[str, type[Message]]:
     """Message classes by ROS type for `decode`; `Structured` stands for the schema named in the JSON."""
-    return MappingProxyType({**{name: kind for kind, name in ROS_TYPES.items()}, **typed_messages()})
+    names = {name: kind for kind, name in ROS_TYPES.items()}
+    # Old bags of ROS 1 have transforms in the package tf.
+    return MappingProxyType({**names, "tf/msg/tfMessage": Transforms, **typed_messages()})
 
 
 CDR_BEGIN = 4

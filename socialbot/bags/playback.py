@@ -10,11 +10,11 @@ from typing import Any, Protocol
 
 import msgspec
 
-from socialbot.bags.codec import carries, ros_type
-from socialbot.bags.reader import IMAGE_TYPES, Bag, Skipped
+from socialbot.bags.codec import carries, decodable_types
+from socialbot.bags.reader import MEASURED, Bag, Skipped
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import GraphError
-from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
 from socialbot.core.process import Ending
 from socialbot.graph.health import health_topics
 from socialbot.graph.inline import InlineRunner
@@ -35,7 +35,8 @@ SLACK_S = 0.2
 def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
     """Map input topics of ``graph`` (without its sources) from ``bag``: bag topic to graph topic.
 
-    The image topic and its CameraInfo map to the image inputs. Other inputs need the same topic name and type.
+    The image topic and its CameraInfo map to the image inputs, depth and point clouds to the inputs that take them.
+    Other inputs need the same topic name and type.
 
     Raises:
         BagError: The image topic is missing or ambiguous.
@@ -46,15 +47,19 @@ def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
     if takes_images(graph):
         chosen = bag.choose_image_topic(image_topic)
         for source in filter(None, (chosen, bag.camera_info_topic_for(chosen.name))):
-            target = next((topic for topic, kind in inputs.items() if ros_type(kind) == source.type), None)
+            wanted = decodable_types()[source.type]
+            target = next((topic for topic, kind in inputs.items() if kind is wanted), None)
             if target is not None:
                 feeds[source.name] = target
             elif source is chosen:
                 remedy = "add an image_converter to the graph"
                 raise GraphError(f"no input takes {source.type}", where=graph.name, remedy=remedy)
+        feeds |= _depth_feeds(bag, chosen.name, inputs)
     for topic in bag.topics:
         kind = inputs.get(topic.name)
-        if kind is not None and topic.name not in feeds.values() and carries(topic.type, kind):
+        if kind is None or kind in MEASURED:
+            continue
+        if topic.name not in feeds.values() and carries(topic.type, kind):
             feeds[topic.name] = topic.name
     if not feeds:
         raise GraphError(
@@ -66,9 +71,25 @@ def feeding(bag: Bag, graph: Graph, image_topic: str | None) -> dict[str, str]:
     return feeds
 
 
+def _depth_feeds(bag: Bag, image_topic: str, inputs: Mapping[str, type[Message]]) -> dict[str, str]:
+    """Map depth images, point clouds and transforms to the inputs that take them."""
+    feeds: dict[str, str] = {}
+    sensors = bag.depth_sensors_for(image_topic) if set(inputs.values()) & set(MEASURED) else {}
+    for name, kind in sensors.items():
+        takers = [topic for topic, each in inputs.items() if each is kind]
+        # The two topics of transforms have inputs of their own.
+        target = name if name in takers else next(iter(takers), None)
+        if target is not None:
+            feeds[name] = target
+    measuring = [name for name in feeds if sensors[name] in MEASURED]
+    if measuring:
+        log.info("%s: distances are measured on %s", bag.path, " and ".join(measuring))
+    return feeds
+
+
 def takes_images(graph: Graph) -> bool:
     """Whether ``graph`` (without its sources) has image inputs."""
-    return any(ros_type(kind) in IMAGE_TYPES for kind in _inputs(graph).values())
+    return any(kind in (Image, CompressedImage) for kind in _inputs(graph).values())
 
 
 def _inputs(graph: Graph) -> dict[str, type[Message]]:

@@ -24,13 +24,24 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from socialbot.bags import codec
-from socialbot.bags.cameras import ImageKind, best, camera_of, image_kind
+from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets, salvage
 from socialbot.bags.types import PACKAGE, RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, suggestion
-from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, PointCloud, Structured
+from socialbot.core.messages import (
+    CameraInfo,
+    CompressedDepth,
+    CompressedImage,
+    DepthImage,
+    DepthInfo,
+    Image,
+    Message,
+    PointCloud,
+    Structured,
+    Transforms,
+)
 from socialbot.core.yaml import check_depth
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
@@ -43,6 +54,9 @@ Reader = Ros1Reader | Ros2Reader
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
 SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
 """Types whose header has the time of a measurement; latched types may be older than their reception."""
+
+MEASURED = (DepthImage, CompressedDepth, PointCloud)
+"""Messages with distances."""
 
 SHORTEST_S = 0.01
 """Shortest duration of a bag from which rates are computed: one frame and its camera_info arrive together."""
@@ -149,10 +163,10 @@ class Bag(AbstractContextManager["Bag"]):
         )
 
     @property
-    def preferred_image_topics(self) -> tuple[str, ...]:
+    def preferred_image_topics(self) -> list[str]:
         """The best image topic of each camera with images of the best kind."""
         kinds = {topic.name: self.image_kind(topic) for topic in self.image_topics}
-        return tuple(best(kinds)) if kinds else ()
+        return best(kinds) if kinds else []
 
     @property
     def depth_topics(self) -> tuple[BagTopic, ...]:
@@ -261,6 +275,42 @@ class Bag(AbstractContextManager["Bag"]):
         namespace = camera_of(image_topic)
         return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
 
+    def depth_sensors_for(self, image_topic: str) -> dict[str, type[Message]]:
+        """Topics that measure the distances of what ``image_topic`` shows, and their message types.
+
+        A depth image with its CameraInfo, a point cloud, and the transforms that place them in the camera. Empty if the
+        bag has none.
+        """
+        frame = self._frame(image_topic)
+        depths = {topic.name: self._frame(topic.name) for topic in self.depth_topics}
+        clouds = {topic.name: self._frame(topic.name) for topic in self._filled(codec.ROS_TYPES[PointCloud])}
+        found: dict[str, type[Message]] = {}
+        if (depth := best_depth(image_topic, frame, depths)) is not None:
+            raw = self.topic(depth).type == codec.ROS_TYPES[DepthImage]
+            found[depth] = DepthImage if raw else CompressedDepth
+            info = self.camera_info_topic_for(depth)
+            if info is not None and info != self.camera_info_topic_for(image_topic):
+                found[info.name] = DepthInfo
+        if (points := best_points(clouds, with_depth=depth is not None)) is not None:
+            found[points] = PointCloud
+        if any(self._frame(name) != frame for name in found):
+            found |= {name: Transforms for name in ("/tf", "/tf_static") if self._is_transforms(name)}
+        return found
+
+    def _is_transforms(self, name: str) -> bool:
+        return any(codec.decodable_types().get(topic.type) is Transforms for topic in self.topics if topic.name == name)
+
+    def _frame(self, name: str) -> str:
+        """Frame of the first message on a topic; empty if unknown."""
+        first = self._first(name)
+        if first is None:
+            return ""
+        try:
+            return deserialize(first[0], first[2]).header.frame_id.lstrip("/")
+        except Exception as error:  # noqa: BLE001 - damaged bytes make rosbags fail in any way
+            log.debug("%s: the first message of %s cannot be read: %s", self.path, name, error)
+            return ""
+
     def messages(
         self, topics: Mapping[str, str], kinds: Mapping[str, type[Message]] | None = None
     ) -> Iterator[tuple[str, Message]]:
@@ -268,7 +318,7 @@ class Bag(AbstractContextManager["Bag"]):
 
         Header stamps are used; those of images are converted to the clock of the reception. A stamp of zero, or before
         the previous one of the topic, is replaced: by the previous stamp plus the time between the two receptions. A
-        first stamp of zero becomes the time of reception.
+        first stamp of zero becomes the time of reception. Depth of the graph comes before the picture of its stamp.
 
         Args:
             topics: The bag topics to read, and their names in the graph.
@@ -281,7 +331,12 @@ class Bag(AbstractContextManager["Bag"]):
             if self.topic(name).type not in codec.decodable_types():
                 remedy = f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}"
                 raise self._refused(f"the type of {name}, {self.topic(name).type}, is unknown", remedy)
-        return self._decoded(topics, kinds or {})
+        decoded = self._decoded(topics, kinds or {})
+        depth = {topic for topic in topics.values() if (kinds or {}).get(topic) in MEASURED}
+        if not depth:
+            return decoded
+        pictures = {topic for name, topic in topics.items() if self.topic(name).type in IMAGE_TYPES} - depth
+        return depth_first(decoded, lambda each: (each[0], each[1].stamp), depth, pictures)
 
     def locations(self, name: str) -> Iterator[MessageLocation]:
         """Yield the locations of intact messages of a topic with headers, with the stamps of `messages`.

@@ -52,7 +52,7 @@ from socialbot.bridge.transport import (
 )
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
-from socialbot.core.messages import Health, Message
+from socialbot.core.messages import Health, Message, Transforms
 from socialbot.graph.health import health_topics
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 
@@ -230,7 +230,9 @@ class NodeHost:
                     raise
                 self._ros.get_logger().info(f"the input {port.name} is not used: {error.what}")
                 continue
-            qos = subscription_qos(port.delivery, outside=topic in self._graph.inputs)
+            # /tf_static is latched by every driver; other sensors may be volatile.
+            outside = topic in self._graph.inputs or (port.optional and port.message_type is not Transforms)
+            qos = subscription_qos(port.delivery, outside=outside)
             name = self._ros.resolve_topic_name(topic)
             receiver = self._transport.receiver(name, latched=port.delivery is Delivery.LATCHED)
             receive = functools.partial(self._receive, port, receiver)

@@ -10,13 +10,14 @@ import functools
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from socialbot.bags.cameras import depth_first
 from socialbot.bags.codec import ROS_TYPES, STRING, decodable_types, decode, raw_stamp, with_stamp
 from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
-from socialbot.bags.reader import IMAGE_TYPES, SENSOR_TYPES, Bag, RosbagsTypes
+from socialbot.bags.reader import IMAGE_TYPES, MEASURED, SENSOR_TYPES, Bag, RosbagsTypes
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import await_graph, not_connected
@@ -31,7 +32,7 @@ from socialbot.bridge.transport import (
 )
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import InstallationError, MessageError, NodeError
-from socialbot.core.messages import CameraInfo, CompressedDepth, DepthImage, Health, Message, Transforms
+from socialbot.core.messages import CameraInfo, Health, Message, Transforms
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
 from socialbot.graph.node import Delivery, Graph
@@ -109,11 +110,8 @@ class BagPlayer:
             {} if graph is None else {name: topic for name, topic in topics.items() if _is(bag, name, SENSOR_TYPES)}
         )
         self._stamps = {topic: bag.stamps(name) for name, topic in sensors.items()}
-        self._images = {
-            topic
-            for name, topic in topics.items()
-            if _is(bag, name, IMAGE_TYPES) and kinds.get(topic) not in (DepthImage, CompressedDepth)
-        }
+        self._depth = {topic for topic in topics.values() if kinds.get(topic) in MEASURED}
+        self._images = {topic for name, topic in topics.items() if _is(bag, name, IMAGE_TYPES)} - self._depth
         self._types = RosbagsTypes()
         for name, topic in topics.items():
             recorded = bag.topic(name).type
@@ -137,15 +135,12 @@ class BagPlayer:
         """Play until the end of the tail, or a stop request."""
         played = PlaybackResult(skipped=self._bag.skipped)
         self._begun = time.monotonic()
-        for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
-            self._pass_time(at)
+        for topic, at, ros_type, cdr in self._synchronised():
+            if topic not in self._depth:
+                self._pass_time(at)
             if self._ending.asked:
                 return played
             image = topic in self._images
-            if topic in self._stamps:
-                # The stamp that `Bag.messages` gives the message, for equal input in both runners.
-                stamp = self._stamps[topic].next(raw_stamp(cdr), at)
-                cdr = cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
             self._publish(topic, ros_type, cdr, at)
             played.sent += image or not self._images
             if image and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
@@ -153,6 +148,27 @@ class BagPlayer:
         self._health.publish(ended("bag_player", tuple(self._topics.values()), self._now))
         self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._images else 0.0))
         return played
+
+    def _synchronised(self) -> Iterator[tuple[str, int, str, bytes]]:
+        """The messages with the stamps and in the order that `Bag.messages` gives them, for equal input in all runners.
+
+        Depth comes before the picture of its stamp.
+        """
+
+        def stamped() -> Iterator[tuple[str, int, str, bytes]]:
+            for topic, at, ros_type, cdr in self._bag.raw_messages(self._topics):
+                if topic in self._stamps:
+                    stamp = self._stamps[topic].next(raw_stamp(cdr), at)
+                    cdr = cdr if stamp == raw_stamp(cdr) else with_stamp(cdr, stamp)
+                yield topic, at, ros_type, cdr
+
+        def topic_and_stamp(item: tuple[str, int, str, bytes]) -> tuple[str, int]:
+            topic, at, _, cdr = item
+            return topic, raw_stamp(cdr) if topic in self._stamps else at
+
+        if not self._depth:
+            return stamped()
+        return depth_first(stamped(), topic_and_stamp, self._depth, self._images)
 
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
         """Publish the recorded bytes. Encode messages again that need a seal or another form."""
@@ -274,7 +290,7 @@ def _installed(bag: Bag, topics: Mapping[str, str]) -> Mapping[str, str]:
     except InstallationError as error:
         left = {name: topic for name, topic in topics.items() if not _is(bag, name, (ROS_TYPES[Transforms],))}
         if len(left) < len(topics):
-            log.warning("transforms are not played: %s", error.what)
+            log.info("transforms are not played: %s", error.what)
         return left
     return topics
 

@@ -9,10 +9,22 @@ from pathlib import Path
 import cv2
 
 from socialbot.core import paths
-from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.core.messages import (
+    BoxMarkers,
+    CameraInfo,
+    CompressedDepth,
+    DepthImage,
+    DepthInfo,
+    Image,
+    Message,
+    PersonDetections,
+    PointCloud,
+    Transforms,
+)
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.vision.camera import CameraModel
+from socialbot.vision.depth import TOLERANCE_S, DepthSensors
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
@@ -26,10 +38,19 @@ class PersonDetector(Node):
 
     An image without people gives an empty message. Until a camera_info arrives, the field of view is ``hfov_rad``.
     Images that arrive during detection are skipped, except the newest.
+
+    Depth images or a point cloud near the stamp of an image give the distances, where they measure a person. A depth
+    image may have any resolution. In another frame than the image, it needs its camera_info and transforms.
     """
 
     image = Input(Image, "/camera/image_color", Delivery.NEWEST, deadline_s=SILENT_S)
     camera_info = Input(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
+    depth = Input(DepthImage, "/camera/depth/image_raw", Delivery.NEWEST, optional=True)
+    depth_compressed = Input(CompressedDepth, "/camera/depth/image_raw/compressedDepth", Delivery.NEWEST, optional=True)
+    depth_info = Input(DepthInfo, "/camera/depth/camera_info", Delivery.LATCHED, optional=True)
+    points = Input(PointCloud, "/points", Delivery.NEWEST, optional=True)
+    tf = Input(Transforms, "/tf", optional=True)
+    tf_static = Input(Transforms, "/tf_static", Delivery.LATCHED, optional=True)
     detections = Output(PersonDetections, "/humans/bodies/detections")
     annotations = Output(BoxMarkers, "/humans/bodies/annotations", Delivery.NEWEST)
 
@@ -50,6 +71,14 @@ class PersonDetector(Node):
     pitch_rad = Parameter(0.052, "downward tilt of the camera, rad", minimum=-1.0, maximum=1.0)
     person_height_m = Parameter(1.70, "assumed height of people, m", minimum=0.5, maximum=2.5)
     hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
+    depth_tolerance_s = Parameter(
+        TOLERANCE_S, "largest difference of the stamps of an image and its depth or points, s", minimum=0.0, maximum=2.0
+    )
+    depth_pose = Parameter(
+        "",
+        "x y z roll pitch yaw of the depth camera or lidar in the camera's forward, left and up axes, m and rad; "
+        "for a robot without transforms",
+    )
     model = Parameter(_USUAL.model, "onnx: path of the model's file", fixed=True)
     layout = Parameter(_USUAL.layout, "onnx: layout of its output", choices=tuple(LAYOUTS), fixed=True)
     input_width = Parameter(0, "onnx: pixels; 0: from the model", minimum=0, maximum=8192, fixed=True)
@@ -68,12 +97,13 @@ class PersonDetector(Node):
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
         detector = self._spec.make(DetectorSettings(**settings))
+        self._info: CameraInfo | None = None
+        self._sensors = DepthSensors()
         self._pipeline = PersonPipeline(
             self._spec, detector, tracker=self.tracker, bridge_s=self.bridge_s, faces=self.faces
         )
-        for parameter in ("threshold", "person_height_m", "hide_still"):
+        for parameter in ("threshold", "person_height_m", "hide_still", "depth_pose"):
             self.on_parameter(parameter)
-        self._info: CameraInfo | None = None
         self._camera: CameraModel | None = None
         self._warned: set[str] = set()
 
@@ -93,6 +123,9 @@ class PersonDetector(Node):
             self._pipeline.hide_still = self.hide_still
         elif name == "person_height_m":
             self._pipeline.person_height_m = self.person_height_m
+        elif name in ("depth_tolerance_s", "depth_pose"):
+            self._sensors.tolerance_s = self.depth_tolerance_s
+            self._sensors.set_pose(self.depth_pose)
         elif name in _GEOMETRY:
             self._camera = None
 
@@ -102,9 +135,20 @@ class PersonDetector(Node):
         self._info = info
         self._camera = None
 
+    @depth
+    @depth_compressed
+    @depth_info
+    @points
+    @tf
+    @tf_static
+    def on_sensor(self, message: Message) -> None:
+        self._sensors.take(message)
+
     @image
     def on_image(self, image: Image) -> None:
-        persons = self._pipeline.find(image.bgr(), image.stamp, self._camera_of(image))
+        camera = self._camera_of(image)
+        depth = self._sensors.at(image.stamp, image.frame_id, camera)
+        persons = self._pipeline.find(image.bgr(), image.stamp, camera, depth)
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=persons

@@ -14,6 +14,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
 from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.camera import CameraModel
+from socialbot.vision.depth import Ranged, RangeImage, measure_people
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
@@ -26,17 +27,19 @@ BRIDGE_S = 0.3
 _HIDING, _NEARER = 0.5, 0.1
 # Widths as shares of the height: narrower boxes are partly occluded, wider ones are cut off at the feet.
 _SLIMMEST, _WIDEST = 0.3, 0.5
+_RANGED_NS = SECOND  # For this long, the distance from depth is better than that from the image.
 _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 
 
 @dataclass
 class TrackState:
-    """Learned state of one track; ``stamp`` (ns) is that of its last image."""
+    """Learned state of one track; ``stamp`` (ns) is that of its last image, ``ranged`` of its last depth."""
 
     figure: Figure
     range: Range | None
     stamp: int
     attention: Attention = field(default_factory=Attention)
+    ranged: int = -(2**62)
 
 
 class PersonPipeline:
@@ -86,12 +89,14 @@ class PersonPipeline:
             self.threshold = min(self._spec.weak, sure)
             self.tracker.sure, self.tracker.weak = sure, self.threshold
 
-    def find(self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel) -> tuple[PersonDetection, ...]:
+    def find(
+        self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel, depth: Sequence[RangeImage] = ()
+    ) -> tuple[PersonDetection, ...]:
         """Find the people in an image (height, width, 3), uint8, BGR, best first.
 
-        A stamp before the last one starts a new recording.
+        A stamp before the last one starts a new recording. ``depth`` are measurements at the same time.
         """
-        return self.follow(self.detect(image_bgr, camera, self.threshold), image_bgr, stamp_ns, camera)
+        return self.follow(self.detect(image_bgr, camera, self.threshold), image_bgr, stamp_ns, camera, depth)
 
     def detect(self, image_bgr: np.ndarray, camera: CameraModel, threshold: float) -> Detections:
         """Run the detector alone, with a score ``threshold``."""
@@ -102,11 +107,16 @@ class PersonPipeline:
         return self._detector.detect(image_bgr)
 
     def follow(
-        self, found: Detections, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel
+        self,
+        found: Detections,
+        image_bgr: np.ndarray,
+        stamp_ns: int,
+        camera: CameraModel,
+        depth: Sequence[RangeImage] = (),
     ) -> tuple[PersonDetection, ...]:
         """Track the people ``found`` in an image, and measure their distance."""
         if self.tracker is None:
-            return self.measured(found, camera)
+            return self.measured(found, camera, depth)
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
         if self.hide_still:
             tracks = self._static_objects.people(image_bgr, stamp_ns, tracks)
@@ -121,23 +131,49 @@ class PersonPipeline:
         if self._faces is not None:
             attention = {name: person.attention for name, person in self._known.items()}
             self._faces.look(image_bgr, stamp_ns, tracks, attention)
-        return tuple(self._person(track, stamp_ns, camera) for track in _with_hidden_feet(tracks))
+        return self._persons(_with_hidden_feet(tracks), stamp_ns, camera, depth)
 
-    def measured(self, found: Detections, camera: CameraModel) -> tuple[PersonDetection, ...]:
+    def measured(
+        self, found: Detections, camera: CameraModel, depth: Sequence[RangeImage] = ()
+    ) -> tuple[PersonDetection, ...]:
         """Measure the distance of the people ``found``, without tracking them."""
         tracks = [
             Track("", box, score, 0.0, cut_off(box, camera.width, camera.height))
             for box, score in zip(found.boxes, found.scores.tolist(), strict=True)
         ]
-        return tuple(self._person(track, 0, camera) for track in tracks)
+        return self._persons(tracks, 0, camera, depth)
 
-    def _person(self, track: Track, stamp_ns: int, camera: CameraModel) -> PersonDetection:
+    def _persons(
+        self, tracks: Sequence[Track], stamp_ns: int, camera: CameraModel, depth: Sequence[RangeImage]
+    ) -> tuple[PersonDetection, ...]:
+        ranged: Sequence[Ranged | None] = [None] * len(tracks)
+        if depth:
+            boxes = [tuple(track.box.tolist()) for track in tracks]
+            expected = [self._expected(track, stamp_ns, camera) for track in tracks]
+            ranged = measure_people(depth, camera, boxes, expected)
+        return tuple(
+            self._person(track, stamp_ns, camera, None if track.unseen_s else each)
+            for track, each in zip(tracks, ranged, strict=True)
+        )
+
+    def _expected(self, track: Track, stamp_ns: int, camera: CameraModel) -> float | None:
+        """Distance of a person from the last depth, or else from the image."""
+        known = self._known.get(track.id)
+        if known is not None and known.range is not None and stamp_ns - known.ranged < _RANGED_NS:
+            return known.range.estimate.value
+        stature = self._anybody() if known is None else known.figure.stature
+        box = tuple(track.box.tolist())
+        estimate = measure(camera, box, stature, track.cut, feet_hidden=track.feet_hidden)
+        return estimate and estimate.value
+
+    def _person(self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None) -> PersonDetection:
         x, y, w, h = box = tuple(track.box.tolist())
         if track.id:
-            distance, height_m = self._followed(track, box, stamp_ns, camera)
+            distance, height_m = self._followed(track, box, stamp_ns, camera, ranged)
         else:
             stature = self._anybody()
-            distance, height_m = measure(camera, box, stature, track.cut), stature.height.value
+            distance = ranged.estimate if ranged is not None else measure(camera, box, stature, track.cut)
+            height_m = stature.height.value
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
         if track.feet_hidden and distance is not None:
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
@@ -157,6 +193,7 @@ class PersonPipeline:
             track_id=track.id,
             distance_m=distance and distance.value,
             distance_std_m=distance and distance.std,
+            distance_source="unknown" if distance is None else "image" if ranged is None else ranged.source,
             bearing_rad=bearing,
             elevation_rad=elevation,
             unseen_s=track.unseen_s,
@@ -169,7 +206,7 @@ class PersonPipeline:
         return Stature.of_people(self.person_height_m, self._detector.box_width_m * self.person_height_m / 1.70)
 
     def _followed(
-        self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel
+        self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel, ranged: Ranged | None
     ) -> tuple[Estimate | None, float]:
         """Distance and height of a tracked person."""
         known = self._known[track.id]
@@ -177,7 +214,13 @@ class PersonPipeline:
         known.stamp = stamp_ns
         if known.range is not None:
             known.range.pass_(seconds)
-        if not track.unseen_s:
+        if ranged is not None:
+            if known.range is None or stamp_ns - known.ranged >= _RANGED_NS:
+                known.range = Range(ranged.estimate, ranged.source)
+            else:
+                known.range.see(ranged.estimate, ranged.source, seconds)
+            known.ranged = stamp_ns
+        elif not track.unseen_s:
             now = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
             kind = (track.cut, track.feet_hidden)
             # A box cut off at the bottom and a side measures little; the prediction is better.
@@ -187,8 +230,8 @@ class PersonPipeline:
                 known.range = Range(now, kind)
             elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
                 known.range.see(now, kind, seconds)
-            if not (any(track.cut) or track.feet_hidden):
-                known.figure.learn(camera, box, seconds)
+        if not (track.unseen_s or any(track.cut) or track.feet_hidden):
+            known.figure.learn(camera, box, seconds)
         return known.range and known.range.estimate, known.figure.stature.height.value
 
 

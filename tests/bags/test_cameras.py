@@ -8,11 +8,24 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bags.cameras import ImageKind, best, camera_of, image_kind
+from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
+from socialbot.bags.playback import feeding
 from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
-from socialbot.core.messages import CompressedImage, Image
-from tests.bags.making_bags import RAW, START, make_with_rosbags, picture
+from socialbot.core.messages import (
+    CameraInfo,
+    CompressedDepth,
+    CompressedImage,
+    DepthImage,
+    DepthInfo,
+    Image,
+    Message,
+    PointCloud,
+    Transforms,
+)
+from socialbot.graph.files import load_graph
+from tests.bags.making_bags import INFO, RAW, START, K, make_with_rosbags, picture, times
 
 
 def raw(encoding: str) -> Image:
@@ -102,3 +115,114 @@ def test_bag_of_one_frame_has_no_rate(tmp_path: Path) -> None:
             writer.write(RAW, picture(START), START + nanosecond)
     with open_bag(tmp_path / "bag") as bag:
         assert bag.rate_hz(bag.topic(RAW)) is None
+
+
+def test_depth_of_the_same_camera_and_view_is_preferred() -> None:
+    image = "/front/color/image_raw"
+    frames = {
+        "/front/depth/image_rect_raw": "front_depth_optical_frame",
+        "/front/aligned_depth_to_color/image_raw": "front_color_optical_frame",
+        "/front/aligned_depth_to_color/image_raw/compressedDepth": "front_color_optical_frame",
+        "/back/aligned_depth_to_color/image_raw": "back_color_optical_frame",
+    }
+    ranked = []
+    while (found := best_depth(image, "front_color_optical_frame", frames)) is not None:
+        ranked.append(found)
+        del frames[found]
+    assert ranked == [
+        "/front/aligned_depth_to_color/image_raw",
+        "/front/aligned_depth_to_color/image_raw/compressedDepth",
+        "/back/aligned_depth_to_color/image_raw",
+        "/front/depth/image_rect_raw",
+    ]
+
+
+def test_lidar_is_preferred_to_clouds_of_a_depth_camera() -> None:
+    clouds = {"/camera/points": "depth_optical_frame", "/velodyne_points": "velodyne", "/obstacles": "map"}
+    assert best_points(clouds, with_depth=True) == "/velodyne_points"
+    assert best_points({"/camera/points": "depth_optical_frame"}, with_depth=True) is None
+    assert best_points({"/camera/points": "depth_optical_frame"}, with_depth=False) == "/camera/points"
+
+
+def test_picture_follows_the_depth_of_its_stamp() -> None:
+    """Pictures come after 1.0 s, depth after 1.4 s; the camera_info in between keeps its place."""
+    items = sorted(
+        [(stamp + 10, "rgb", stamp) for stamp in range(0, 40, 2)]
+        + [(stamp + 14, "depth", stamp) for stamp in range(0, 40, 2)]
+        + [(stamp, "info", stamp) for stamp in range(0, 50, 10)]
+    )
+    scale = SECOND // 10
+    order = list(depth_first(items, lambda item: (item[1], item[2] * scale), {"depth"}, {"rgb"}))
+    assert sorted(order) == items
+    seen: list[int] = []
+    for _, topic, stamp in order:
+        if topic == "depth":
+            seen.append(stamp)
+        elif topic == "rgb":
+            assert stamp in seen
+    for topic in ("rgb", "info"):
+        assert [item for item in order if item[1] == topic] == [item for item in items if item[1] == topic]
+
+
+def test_picture_does_not_wait_for_missing_depth() -> None:
+    items = [(stamp, "rgb", stamp) for stamp in range(60)]
+    yielded: list[int] = []
+    read = 0
+
+    def reading():
+        nonlocal read
+        for item in items:
+            read += 1
+            yield item
+
+    for _, _, stamp in depth_first(reading(), lambda item: (item[1], item[2] * SECOND // 10), {"depth"}, {"rgb"}):
+        assert read - stamp <= 22
+        yielded.append(stamp)
+    assert yielded == list(range(60))
+
+
+DEPTH_TOPIC, DEPTH_INFO = "/camera/depth/image_rect_raw", "/camera/depth/camera_info"
+
+
+def depth_bag(path: Path, *, frame: str) -> Path:
+    lag = 4 * SECOND // 10
+    contents: list[tuple[str, int, Message | bytes]] = []
+    for time in times(6):
+        info = CameraInfo(stamp=time, frame_id="camera", width=8, height=6, k=K)
+        depth = DepthImage(
+            stamp=time, frame_id=frame, height=6, width=8, encoding="16UC1", step=16, data=np.full(96, 7, np.uint8)
+        )
+        contents += [(RAW, time, picture(time)), (DEPTH_TOPIC, time + lag, depth), (INFO, time, info)]
+        contents += [(DEPTH_INFO, time, DepthInfo(stamp=time, frame_id=frame, width=8, height=6, k=K))]
+        contents += [("/tf", time, Transforms(stamp=time, transforms=()))]
+    return make_with_rosbags(path, sorted(contents, key=lambda each: each[1]))
+
+
+def test_depth_feeds_the_person_detector(tmp_path: Path) -> None:
+    graph = load_graph("waldo").without_sources()
+    with open_bag(depth_bag(tmp_path / "registered", frame="camera")) as bag:
+        assert bag.depth_sensors_for(RAW) == {DEPTH_TOPIC: DepthImage, DEPTH_INFO: DepthInfo}
+        feeds = feeding(bag, graph, None)
+        assert feeds == {
+            RAW: "/camera/image_raw", INFO: INFO, DEPTH_TOPIC: "/camera/depth/image_raw", DEPTH_INFO: DEPTH_INFO,
+            "/tf": "/tf",
+        }  # fmt: skip
+        order = [(topic, each.stamp) for topic, each in bag.messages(feeds, graph.topics())]
+    for time in times(6):
+        assert order.index(("/camera/depth/image_raw", time)) < order.index(("/camera/image_raw", time))
+    with open_bag(depth_bag(tmp_path / "other", frame="depth")) as bag:
+        assert bag.depth_sensors_for(RAW)["/tf"] is Transforms
+
+
+def test_messages_with_distances_are_told_apart(tmp_path: Path) -> None:
+    packed_topic = "/camera/depth/image_raw/compressedDepth"
+    cloud = PointCloud(
+        stamp=START, frame_id="velodyne", height=1, width=0, fields=(), is_bigendian=False, point_step=1, row_step=0,
+        data=np.zeros(0, np.uint8),
+    )  # fmt: skip
+    contents = [
+        (RAW, START, picture(START)), (packed_topic, START + 1, packed("16UC1; compressedDepth")),
+        ("/velodyne", START, cloud),
+    ]  # fmt: skip
+    with open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag:
+        assert bag.depth_sensors_for(RAW) == {packed_topic: CompressedDepth, "/velodyne": PointCloud}

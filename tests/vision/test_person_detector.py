@@ -11,7 +11,7 @@ import pytest
 from socialbot.bridge._callback_queue import CallbackQueue
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
-from socialbot.core.messages import BoxMarkers, CameraInfo, Image, PersonDetections
+from socialbot.core.messages import BoxMarkers, CameraInfo, DepthImage, Image, PersonDetections
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
@@ -67,6 +67,15 @@ class Rig:
     def info(self, width: int = 640, height: int = 480, focal: float = 525.0) -> None:
         k = (focal, 0.0, width / 2, 0.0, focal, height / 2, 0.0, 0.0, 1.0)
         self.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=width, height=height, k=k), time=0)
+
+
+DEPTH, CLOUD = "/camera/depth/image_raw", "/points"
+
+
+def depth_at(metres: float, stamp: int, frame: str = "eye") -> DepthImage:
+    """Depth of a wall ``metres`` ahead."""
+    pixels = np.full((480, 640), round(metres * 1000), "<u2").view(np.uint8).reshape(-1)
+    return DepthImage(stamp=stamp, frame_id=frame, height=480, width=640, encoding="16UC1", step=1280, data=pixels)
 
 
 @pytest.fixture
@@ -275,3 +284,30 @@ def test_static_objects_are_removed_by_default(stub):
     assert not still[-1].persons
     rig.node.set_parameter("hide_still", False)
     assert rig.show(BLANK, stamp=SECOND).persons
+
+
+def test_depth_gives_the_distance_near_its_stamp(stub) -> None:
+    rig, tenth = Rig(pitch_rad=0.0), SECOND // 10
+    rig.info()
+    first = rig.show(corridor(), stamp=SECOND).persons[0]
+    assert first.distance_source == "image"
+    rig.runner.feed(DEPTH, depth_at(3.1, SECOND + tenth))
+    near = rig.show(corridor(), stamp=SECOND + tenth).persons[0]
+    assert near.distance_source == "depth"
+    assert near.distance_m == pytest.approx(3.2, abs=0.1)
+    assert near.distance_std_m is not None
+    assert near.distance_std_m < 0.2
+    late = rig.show(corridor(), stamp=2 * SECOND).persons[0]
+    assert late.distance_source == "image"
+    assert not rig.faults.failures
+
+
+def test_depth_tolerance_and_pose_are_parameters(stub) -> None:
+    rig = Rig(depth_tolerance_s=1.0)
+    rig.info()
+    rig.runner.feed(DEPTH, depth_at(3.1, SECOND))
+    assert rig.show(corridor(), stamp=2 * SECOND - 1).persons[0].distance_source == "depth"
+    rig.node.set_parameter("depth_tolerance_s", 0.1)
+    assert rig.show(corridor(), stamp=2 * SECOND).persons[0].distance_source == "image"
+    with pytest.raises(ParameterError, match="no pose"):
+        rig.node.set_parameter("depth_pose", "behind the head")

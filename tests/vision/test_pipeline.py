@@ -79,7 +79,7 @@ def test_images_are_independent_without_a_tracker():
         )
         assert person == PersonDetection(
             x=x, y=y, w=w, h=h, score=0.7, distance_m=distance.value, distance_std_m=distance.std,
-            bearing_rad=bearing, elevation_rad=elevation,
+            bearing_rad=bearing, elevation_rad=elevation, distance_source="image",
         )  # fmt: skip
     assert rig.find() == ()
 

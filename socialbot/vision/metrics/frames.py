@@ -17,6 +17,7 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
+from socialbot.vision.depth import DepthSensors
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
@@ -41,12 +42,13 @@ IMAGE_NS = SECOND
 
 
 class EncodedImage(NamedTuple):
-    """Encoded image with its stamp (ns) and camera intrinsics."""
+    """Encoded image with its stamp (ns), camera intrinsics and, in a bag with depth, its depth sensors."""
 
     stamp: int
     content: Image | CompressedImage | bytes
     info: CameraInfo | None = None
     name: str = ""
+    sensors: DepthSensors | None = None
 
     def bgr(self) -> np.ndarray:
         """Decode to shape (height, width, 3), uint8, BGR. Raises ImageError for a damaged image."""
@@ -74,12 +76,16 @@ class BagImages:
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
             info_topic = bag.camera_info_topic_for(self.image_topic)
-            topics = [self.image_topic, *([info_topic.name] if info_topic else [])]
-            for _, message in bag.messages(dict(zip(topics, topics, strict=True))):
-                if isinstance(message, CameraInfo):
+            depth = bag.depth_sensors_for(self.image_topic)
+            sensors = DepthSensors() if depth else None
+            topics = [self.image_topic, *([info_topic.name] if info_topic else []), *depth]
+            for topic, message in bag.messages(dict(zip(topics, topics, strict=True)), depth):
+                if sensors is not None and topic in depth:
+                    sensors.take(message)
+                elif isinstance(message, CameraInfo):
                     info = message
                 elif isinstance(message, (Image, CompressedImage)):
-                    yield EncodedImage(message.stamp, message, info)
+                    yield EncodedImage(message.stamp, message, info, sensors=sensors)
 
 
 @dataclass(frozen=True)

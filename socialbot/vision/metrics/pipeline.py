@@ -12,12 +12,13 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
-from socialbot.core.messages import CameraInfo, PersonDetection
+from socialbot.core.messages import PersonDetection
 from socialbot.graph.node import check_parameters
 from socialbot.vision.camera import CameraModel
+from socialbot.vision.depth import RangeImage
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.metrics.frames import ImageSequence
+from socialbot.vision.metrics.frames import EncodedImage, ImageSequence
 from socialbot.vision.metrics.workers import run_in_processes
 from socialbot.vision.person_detector import PersonDetector
 from socialbot.vision.pipeline import PersonPipeline
@@ -122,20 +123,25 @@ class EvaluatedPipeline:
             **{name: values[name] for name in ("bridge_s", "person_height_m", "hide_still", "faces")},
         )
 
-    def find(self, image: np.ndarray, stamp: int, info: CameraInfo | None = None) -> tuple[Persons, Persons]:
-        """The people in ``image``, and all boxes of the detector (none without ``recording``).
+    def find(self, image: np.ndarray, encoded: EncodedImage) -> tuple[Persons, Persons]:
+        """The people in ``image``, decoded from ``encoded``, and all boxes of the detector with ``recording``.
 
         Raises MessageError for an uncalibrated camera.
         """
         pose = {name: self._values[name] for name in ("hfov_rad", "mount_height_m", "pitch_rad")}
-        camera = CameraModel.of_images(info, image.shape[1], image.shape[0], **pose)
+        camera = CameraModel.of_images(encoded.info, image.shape[1], image.shape[0], **pose)
+        depth: Sequence[RangeImage] = ()
+        if encoded.sensors is not None and not isinstance(encoded.content, bytes):
+            encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
+            encoded.sensors.set_pose(self._values["depth_pose"])
+            depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
         if self._floor is None:
-            return self._pipeline.find(image, stamp, camera), ()
+            return self._pipeline.find(image, encoded.stamp, camera, depth), ()
         # With greedy suppression, boxes above the threshold do not depend on those below it.
         found = self._pipeline.detect(image, camera, self._floor)
         good = found.scores >= self._pipeline.threshold
-        persons = self._pipeline.follow(Detections(found.boxes[good], found.scores[good]), image, stamp, camera)
-        return persons, self._pipeline.measured(found, camera)
+        kept = Detections(found.boxes[good], found.scores[good])
+        return self._pipeline.follow(kept, image, encoded.stamp, camera, depth), self._pipeline.measured(found, camera)
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,7 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
                 where=encoded.name or f"{job.name}: frame {encoded.stamp}",
                 remedy="check that the boxes belong to this image, in its original size",
             )
-        persons, raw = pipeline.find(image, encoded.stamp, encoded.info)
+        persons, raw = pipeline.find(image, encoded)
         frames.append(FoundFrame(encoded.stamp, width, height, persons, raw))
         advance(number)
     return Found(tuple(frames), damaged, first)
@@ -261,6 +267,6 @@ def _times(job: Job, threads: int, jobs: int) -> np.ndarray:
         except ImageError:
             continue
         decoded = time.perf_counter()
-        pipeline.find(image, encoded.stamp, encoded.info)
+        pipeline.find(image, encoded)
         times.append((decoded - begun, time.perf_counter() - decoded))
     return np.array(times[min(WARM_UP, len(times) // 2) :]).reshape(-1, 2)

@@ -1,0 +1,92 @@
+"""Poses of frames, as on /tf and /tf_static."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Transform
+
+Matrix = np.ndarray
+"""Homogeneous transform, shape (4, 4)."""
+
+AXES: Matrix = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""From body axes (forward, left, up) to optical axes (right, down, forward), REP-103."""
+
+_KEPT = 200
+"""Transforms kept of each frame."""
+
+
+class TransformTree:
+    """Tree of frames, with the latest transforms of each by stamp."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, deque[Transform]] = {}
+
+    def add(self, transforms: Iterable[Transform]) -> None:
+        """Add transforms. One with another parent replaces those of its frame."""
+        for each in transforms:
+            known = self._parents.get(each.child)
+            if known is None or known[-1].parent != each.parent:
+                known = self._parents[each.child] = deque(maxlen=_KEPT)
+            known.append(each)
+
+    def lookup(self, target: str, source: str, stamp: int) -> Matrix | None:
+        """Transform of points from frame ``source`` to frame ``target`` at about ``stamp`` (ns); None if unknown."""
+        to_root, of_root = self._chain(source.lstrip("/"), stamp), self._chain(target.lstrip("/"), stamp)
+        common = next((frame for frame in to_root if frame in of_root), None)
+        return None if common is None else np.linalg.inv(of_root[common]) @ to_root[common]
+
+    def _chain(self, frame: str, stamp: int) -> dict[str, Matrix]:
+        """Transforms from ``frame`` to itself and each of its ancestors, in this order."""
+        chain = {frame: np.eye(4)}
+        matrix = np.eye(4)
+        while known := self._parents.get(frame):
+            nearest = min(known, key=lambda each: abs(each.stamp - stamp))
+            matrix = matrix_of(nearest.translation, nearest.rotation) @ matrix
+            frame = nearest.parent
+            if frame in chain:
+                break
+            chain[frame] = matrix
+        return chain
+
+
+def matrix_of(translation: tuple[float, float, float], rotation: tuple[float, float, float, float]) -> Matrix:
+    """Matrix of a translation (m) and a quaternion x, y, z, w; one of length 0 means no rotation."""
+    x, y, z, w = rotation
+    length = math.hypot(x, y, z, w)
+    x, y, z, w = (x / length, y / length, z / length, w / length) if length > 0 else (0.0, 0.0, 0.0, 1.0)
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def parse_pose(text: str) -> Matrix:
+    """Matrix of a pose "x y z roll pitch yaw" (m, rad; rotations about fixed axes, as in URDF).
+
+    Raises ParameterError for another text.
+    """
+    try:
+        x, y, z, roll, pitch, yaw = (float(word) for word in text.replace(",", " ").split())
+        if not all(map(math.isfinite, (x, y, z, roll, pitch, yaw))):
+            raise ValueError
+    except ValueError:
+        remedy = 'write six numbers "x y z roll pitch yaw", m and rad: "0.1 0 -0.3 0 0 0"'
+        raise ParameterError(f"no pose: {text!r}", where="depth_pose", remedy=remedy) from None
+    half = [(math.cos(angle / 2), math.sin(angle / 2)) for angle in (roll, pitch, yaw)]
+    matrix = np.eye(4)
+    for axis, (cos, sin) in enumerate(half):
+        turn = [0.0, 0.0, 0.0, cos]
+        turn[axis] = sin
+        matrix = matrix_of((0.0, 0.0, 0.0), (turn[0], turn[1], turn[2], turn[3])) @ matrix
+    matrix[:3, 3] = x, y, z
+    return matrix

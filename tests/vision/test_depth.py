@@ -1,0 +1,361 @@
+"""Depth images and point clouds: decoding, and the distances of people."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ImageError, ParameterError
+from socialbot.core.messages import CompressedDepth, DepthImage, DepthInfo, Message, PointCloud, Transform, Transforms
+from socialbot.vision.camera import Box, CameraModel
+from socialbot.vision.depth import DepthSensors, depth_from_compressed, depth_from_image, measure_people, points_of
+from tests.vision.depth_scenes import (
+    CAMERA,
+    Blob,
+    Room,
+    box_of,
+    cloud,
+    compressed,
+    depth_image,
+    render,
+    scan,
+    with_errors,
+)
+
+METRES = np.array([[0.5, 1.234, 0.0], [7.5, 3.0, 19.999]])
+
+
+def expected(metres: np.ndarray) -> np.ndarray:
+    return np.where(metres > 0, metres, np.nan)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16", "32FC1"])
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("padding", [0, 5])
+def test_raw_depth_in_both_byte_orders(encoding: str, big: bool, padding: int) -> None:
+    image = depth_image(METRES, encoding=encoding, big=big, padding=padding)
+    assert depth_from_image(image) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
+
+
+def test_invalid_measurements_are_nan() -> None:
+    odd = np.array([[np.nan, np.inf, -np.inf, -1.0, 0.0, 1e9, 2.0]])
+    image = DepthImage(
+        stamp=0, frame_id="", height=1, width=7, encoding="32FC1", step=28, data=odd.astype("<f4").view(np.uint8)[0]
+    )
+    assert np.isfinite(depth_from_image(image)).tolist() == [[False] * 6 + [True]]
+    full = np.array([[65535, 2000]], "<u2").view(np.uint8)[0]
+    image = DepthImage(stamp=0, frame_id="", height=1, width=2, encoding="16UC1", step=4, data=full)
+    assert np.isfinite(depth_from_image(image)).tolist() == [[False, True]]
+
+
+@pytest.mark.parametrize(
+    ("change", "what"), [({"encoding": "rgb8"}, "rgb8"), ({"step": 3}, "bytes"), ({"height": 9}, "do not fill")]
+)
+def test_refuses_what_is_no_depth_image(change: dict[str, Any], what: str) -> None:
+    image = depth_image(METRES)
+    fields = {name: getattr(image, name) for name in image.__struct_fields__} | change
+    with pytest.raises(ImageError, match=what):
+        depth_from_image(DepthImage(**fields))
+
+
+def png(pixels: np.ndarray) -> bytes:
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+MILLIMETRES = np.round(METRES * 1000).astype(np.uint16)
+A, B = 100 * (100 + 1), 1 + 100.0 / 10  # as compressed_depth_image_transport computes them: depth 10 m, step 100
+
+
+def quantised(metres: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return np.where(metres > 0, A / metres + B, 0).astype(np.uint16)
+
+
+@pytest.mark.parametrize("form", ["16UC1; compressedDepth", "16UC1; compressedDepth png", "mono16; compressedDepth"])
+@pytest.mark.parametrize("parameters", [(0.0, 0.0), (3.5, 7.0)])
+def test_compressed_depth_in_millimetres(form: str, parameters: tuple[float, float]) -> None:
+    image = compressed(form, struct.pack("<iff", 0, *parameters) + png(MILLIMETRES))
+    assert depth_from_compressed(image) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
+
+
+@pytest.mark.parametrize("form", ["32FC1; compressedDepth", "passthrough; compressedDepth"])
+def test_compressed_depth_with_inverse_quantisation(form: str) -> None:
+    image = compressed(form, struct.pack("<iff", 0, A, B) + png(quantised(METRES)))
+    found = depth_from_compressed(image)
+    assert found == pytest.approx(expected(METRES), rel=0.05, nan_ok=True)
+
+
+@pytest.mark.parametrize("form", ["passthrough; compressedDepth", "16UC1; png compressed ", "png", ""])
+def test_bare_png_is_in_millimetres(form: str) -> None:
+    header = struct.pack("<iff", 0, 0.0, 0.0) if "compressedDepth" in form else b""
+    found = depth_from_compressed(compressed(form, header + png(MILLIMETRES)))
+    assert found == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
+
+
+def rvl(pixels: np.ndarray) -> bytes:
+    """Encode as RVL does: runs of zeros, then differences as zigzag numbers in nibbles."""
+    nibbles: list[int] = []
+
+    def put(number: int) -> None:
+        while True:
+            nibble, number = number & 7, number >> 3
+            nibbles.append(nibble | (8 if number else 0))
+            if not number:
+                return
+
+    flat = pixels.reshape(-1).astype(int).tolist()
+    at, last = 0, 0
+    while at < len(flat):
+        zeros = next((n for n, value in enumerate(flat[at:]) if value), len(flat) - at)
+        filled = next((n for n, value in enumerate(flat[at + zeros :]) if not value), len(flat) - at - zeros)
+        put(zeros)
+        put(filled)
+        for value in flat[at + zeros : at + zeros + filled]:
+            put((value - last) << 1 if value >= last else ((last - value) << 1) - 1)
+            last = value
+        at += zeros + filled
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [
+        sum(nibble << (28 - 4 * n) for n, nibble in enumerate(nibbles[i : i + 8])) for i in range(0, len(nibbles), 8)
+    ]
+    return struct.pack("<II", pixels.shape[1], pixels.shape[0]) + struct.pack(f"<{len(words)}I", *words)
+
+
+@given(st.lists(st.one_of(st.just(0), st.integers(150, 60000)), min_size=1, max_size=60), st.integers(1, 6))
+def test_rvl(values: list[int], width: int) -> None:
+    pixels = np.array(values[: max(len(values) // width, 1) * width][: len(values)], np.uint16)
+    pixels = pixels[: len(pixels) // width * width].reshape(-1, width) if len(pixels) >= width else pixels[None]
+    image = compressed("16UC1; compressedDepth rvl", struct.pack("<iff", 1, 0, 0) + rvl(pixels))
+    found = depth_from_compressed(image)
+    assert found == pytest.approx(expected(pixels / 1000), abs=1e-5, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("form", "data", "what"),
+    [
+        ("16UC1; compressedDepth", b"", "neither PNG nor RVL"),
+        ("16UC1; compressedDepth", bytes(12) + png(MILLIMETRES)[:40], "damaged"),
+        ("16UC1; compressedDepth", bytes(12) + png(np.zeros((2, 2, 3), np.uint8)), "no depth image"),
+        ("16UC1; jpeg compressed", b"\xff\xd8\xff", "JPEG destroys depth"),
+        ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 4, 4) + b"\xff" * 8, "damaged"),
+        ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 1 << 30, 4), "cannot be"),
+        ("32FC1; compressedDepth", bytes(12) + png(MILLIMETRES), "quantisation"),
+    ],
+)  # fmt: skip
+def test_refuses_damaged_compressed_depth(form: str, data: bytes, what: str) -> None:
+    with pytest.raises(ImageError, match=what):
+        depth_from_compressed(compressed(form, data))
+
+
+@given(st.binary(max_size=80), st.sampled_from(["16UC1; compressedDepth rvl", "32FC1; compressedDepth", "png", ""]))
+def test_any_bytes_are_decoded_or_refused(data: bytes, form: str) -> None:
+    with contextlib.suppress(ImageError):
+        depth_from_compressed(compressed(form, data))
+
+
+POINTS = np.array([[1.0, 2.0, 3.0], [-4.5, 0.25, 9.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize(
+    "layout",
+    [{}, {"kind": "f8", "step": 40}, {"fields": "zyx"}, {"offset": 10, "step": 23}, {"offset": 20, "step": 32}],
+)
+def test_points_in_any_layout(big: bool, layout: dict[str, Any]) -> None:
+    assert points_of(cloud(POINTS, big=big, **layout)) == pytest.approx(POINTS)
+
+
+def test_points_of_an_organised_cloud_with_padded_rows() -> None:
+    flat = cloud(np.vstack([POINTS, POINTS * np.nan, POINTS])[:6])
+    rows = np.pad(flat.data.reshape(2, -1), ((0, 0), (0, 7))).reshape(-1)
+    fields = {name: getattr(flat, name) for name in flat.__struct_fields__}
+    fields |= {"height": 2, "width": 3, "row_step": 3 * 32 + 7, "data": rows}
+    assert points_of(PointCloud(**fields)) == pytest.approx(POINTS)
+
+
+@pytest.mark.parametrize("change", [{"width": 99}, {"fields": ()}, {"point_step": 8}, {"data": np.zeros(3, np.uint8)}])
+def test_refuses_clouds_without_points(change: dict[str, Any]) -> None:
+    flat = cloud(POINTS)
+    with pytest.raises(ImageError, match="point cloud"):
+        points_of(PointCloud(**{name: getattr(flat, name) for name in flat.__struct_fields__} | change))
+
+
+# Distances of people
+
+
+def measured(
+    room: Room,
+    sensors: DepthSensors,
+    *,
+    guess: float = 1.0,
+    boxes: list[Box] | None = None,
+    camera: CameraModel = CAMERA,
+) -> list[tuple[float, float] | None]:
+    """Distance and standard error of each person; the image says ``guess`` times their distance."""
+    given_boxes = boxes or [box_of(room, index) for index in range(len(room.people))]
+    images = sensors.at(0, "eye", camera)
+    guesses = [person.distance * guess for person in room.people]
+    found = measure_people(images, camera, given_boxes, guesses)
+    return [each and (each.estimate.value, each.estimate.std) for each in found]
+
+
+def with_depth(room: Room, *messages: Message, seed: int = 0, **errors: float) -> DepthSensors:
+    sensors = DepthSensors()
+    for message in messages or (depth_image(with_errors(render(room), seed, **errors)),):
+        sensors.take(message)
+    return sensors
+
+
+ROOMS = [
+    Room([Blob(1.0)]), Room([Blob(2.0, 0.5)]), Room([Blob(4.0, -1.0)], wall=4.6), Room([Blob(7.0, 1.0)], wall=20.0),
+    Room([Blob(3.6, seated=True)], wall=6.0), Room([Blob(2.5)], table=(1.5, 2.0, 0.8)), Room([Blob(3.0, height=1.1)]),
+    Room([Blob(2.0), Blob(4.0, 0.35)]), Room([Blob(3.0, 0.3), Blob(3.1, -0.3)]), Room([Blob(5.0), Blob(2.0, 0.9)]),
+    Room([Blob(6.0, -2.0)], table=(2.0, 4.0, 0.9)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("guess", [0.6, 1.0, 1.6])
+@pytest.mark.parametrize("room", ROOMS, ids=range(len(ROOMS)))
+def test_distance_of_people_in_depth_with_errors(room: Room, guess: float) -> None:
+    found = measured(room, with_depth(room, holes=0.15), guess=guess)
+    for person, each in zip(room.people, found, strict=True):
+        assert each is not None
+        distance, std = each
+        assert distance == pytest.approx(person.distance, rel=0.06, abs=0.04)
+        assert abs(distance - person.distance) < 2.5 * std
+
+
+@given(
+    ahead=st.floats(0.8, 8.0), left=st.floats(-0.35, 0.35), wall=st.floats(0.3, 8.0), guess=st.floats(0.6, 1.7),
+    shift=st.tuples(st.floats(-0.15, 0.15), st.floats(-0.1, 0.1)), grow=st.floats(0.85, 1.25), seed=st.integers(0, 99),
+)  # fmt: skip
+@settings(max_examples=20, deadline=None)
+def test_distance_with_imprecise_boxes(
+    ahead: float, left: float, wall: float, guess: float, shift: tuple[float, float], grow: float, seed: int
+) -> None:
+    room = Room([Blob(ahead, left * ahead)], wall=ahead + wall)
+    x, y, w, h = box_of(room, 0)
+    box = (x + w * (shift[0] + (1 - grow) / 2), y + h * (shift[1] + (1 - grow) / 2), w * grow, h * grow)
+    (found,) = measured(room, with_depth(room, seed=seed), guess=guess, boxes=[box])
+    assert found is not None
+    assert found[0] == pytest.approx(room.people[0].distance, rel=0.12, abs=0.05)
+
+
+def test_person_out_of_range_keeps_the_distance_of_the_image() -> None:
+    room = Room([Blob(7.0)], wall=12.0, table=(2.0, 2.5, 0.7))
+    assert measured(room, with_depth(room, farthest=4.5)) == [None]
+    room = Room([Blob(3.0)])
+    assert measured(room, with_depth(room, holes=1.0)) == [None]
+
+
+@pytest.mark.parametrize("size", [(320, 240), (160, 120), (848, 636), (640, 480)])
+def test_registered_depth_of_another_resolution(size: tuple[int, int]) -> None:
+    room = Room([Blob(3.0, 0.5)])
+    sensors = with_depth(room, depth_image(with_errors(render(room, CAMERA.scaled(*size)))))
+    (found,) = measured(room, sensors)
+    assert found is not None
+    assert found[0] == pytest.approx(room.people[0].distance, rel=0.05)
+
+
+def info_of(camera: CameraModel, frame: str) -> DepthInfo:
+    k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
+    return DepthInfo(stamp=0, frame_id=frame, width=camera.width, height=camera.height, k=k)
+
+
+def transform(
+    parent: str, child: str, at: tuple[float, float, float], turn: tuple[float, ...] = (0, 0, 0, 1)
+) -> Transform:
+    return Transform(stamp=0, parent=parent, child=child, translation=at, rotation=(turn[0], turn[1], turn[2], turn[3]))
+
+
+def test_depth_of_another_camera_is_projected() -> None:
+    room = Room([Blob(2.5, 0.4)])
+    depth_camera = CameraModel(400.0, 400.0, 320.0, 200.0, 640, 400, CAMERA.mount_height_m, CAMERA.pitch_rad)
+    image = depth_image(with_errors(render(room, depth_camera)), frame="depth_optical_frame")
+    info, pose = (
+        info_of(depth_camera, "depth_optical_frame"),
+        Transforms(stamp=0, transforms=(transform("eye", "depth_optical_frame", (0.02, 0.0, 0.0)),)),
+    )
+    (found,) = measured(room, with_depth(room, info, pose, image))
+    assert found is not None
+    assert found[0] == pytest.approx(room.people[0].distance, rel=0.05)
+
+
+def test_unregistered_depth_is_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
+    room = Room([Blob(2.5)])
+    other = CameraModel(400.0, 400.0, 320.0, 200.0, 640, 400)
+    image = depth_image(render(room, other), frame="depth_frame")
+    with caplog.at_level("WARNING"):
+        assert measured(room, with_depth(room, info_of(other, "depth_frame"), image)) == [None]
+        assert measured(room, with_depth(room, image)) == [None]
+    assert all("depth_frame" in record.message and "/tf" in record.message for record in caplog.records)
+
+
+# From the axes of a lidar (ahead, left, up) to those of a level camera, as a quaternion of the camera in the lidar.
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+LEVEL = CameraModel.from_field_of_view(320, 240, 1.09, mount_height_m=1.3)
+
+
+@pytest.mark.parametrize("ahead", [1.5, 3.0, 6.0, 9.0])
+@pytest.mark.parametrize("given_pose", [False, True])
+def test_lidar(ahead: float, given_pose: bool) -> None:
+    room = Room([Blob(ahead, 0.4)], wall=15.0)
+    points = cloud(scan(room, 0.9), big=ahead > 4)
+    sensors = DepthSensors()
+    if given_pose:
+        sensors.set_pose("0 0 -0.4 0 0 0")
+    else:
+        tree = (transform("base", "lidar", (0, 0, 0.9)), transform("base", "eye", (0, 0, 1.3), OPTICAL))
+        sensors.take(Transforms(stamp=0, transforms=tree))
+    sensors.take(points)
+    box = box_of(room, 0, LEVEL)
+    (found,) = measured(room, sensors, guess=1.4, boxes=[box], camera=LEVEL)
+    assert found is not None
+    assert found[0] == pytest.approx(room.people[0].distance, rel=0.05)
+    assert sensors.at(0, "eye", LEVEL)[0].source == "lidar"
+
+
+def test_lidar_without_a_transform_is_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
+    room = Room([Blob(3.0)])
+    with caplog.at_level("WARNING"):
+        for _ in range(3):
+            assert measured(room, with_depth(room, cloud(scan(room, 0.9), frame="velodyne"))) == [None]
+    assert "velodyne" in caplog.records[0].message
+    assert "depth_pose" in caplog.records[0].message
+
+
+def test_depth_is_taken_by_stamp() -> None:
+    sensors = DepthSensors()
+    for index in range(10):
+        room = Room([Blob(2.0 + index / 2)])
+        sensors.take(depth_image(render(room), stamp=index * SECOND))
+    for stamp, distance in ((3 * SECOND, 3.5), (9 * SECOND - SECOND // 10, 6.5)):
+        room = Room([Blob(distance)])
+        found = measure_people(sensors.at(stamp, "eye", CAMERA), CAMERA, [box_of(room, 0)], [distance])
+        if stamp > 7 * SECOND:
+            assert found[0] is not None
+            assert found[0].estimate.value == pytest.approx(distance, rel=0.05)
+        else:
+            assert found == [None], "only the latest images are kept"
+    assert sensors.at(9 * SECOND - SECOND // 2, "eye", CAMERA) == ()
+
+
+def test_damaged_depth_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
+    sensors = DepthSensors()
+    sensors.take(CompressedDepth(stamp=0, frame_id="eye", format="16UC1; compressedDepth", data=np.zeros(4, np.uint8)))
+    with caplog.at_level("WARNING"):
+        assert [sensors.at(0, "eye", CAMERA) for _ in range(3)] == [(), (), ()]
+    assert len(caplog.records) == 1
+
+
+def test_malformed_pose() -> None:
+    with pytest.raises(ParameterError, match="no pose"):
+        DepthSensors().set_pose("1 2 3")
