@@ -105,6 +105,36 @@ PEOPLE = {
         1.50,
         {"mouth-scale-horiz-incr": -0.2, "chin-prominent-incr": -0.2, "nose-scale-depth-incr": -0.3},
     ),
+    "P": Figure(
+        {"gender": 0.04, "age": 0.66, "muscle": 0.5, "weight": 0.55,
+         "proportions": 0.6, "asian": 0.7, "caucasian": 0.3},
+        1.76,
+        {"nose-width1-incr": 0.3, "chin-width-incr": 0.3},
+    ),
+    "Q": Figure(
+        {"gender": 0.96, "age": 0.72, "muscle": 0.45, "weight": 0.62,
+         "proportions": 0.6, "african": 0.6, "caucasian": 0.4},
+        1.67,
+        {"l-cheek-bones-incr": 0.3, "mouth-lowerlip-volume-incr": 0.3},
+    ),
+    "R": Figure(
+        {"gender": 0.9, "age": 0.36, "muscle": 0.5, "weight": 0.45, "proportions": 0.5, "caucasian": 1},
+        1.18,
+    ),
+    "S": Figure(
+        {"gender": 0.03, "age": 0.75, "muscle": 0.6, "weight": 0.6, "proportions": 0.7, "caucasian": 1},
+        1.87,
+        {"nose-hump-incr": 0.3, "chin-prominent-incr": 0.3, "neck-double-incr": 0.2},
+    ),
+    "T": Figure(
+        {"gender": 0.95, "age": 0.7, "muscle": 0.5, "weight": 0.48, "proportions": 0.7, "asian": 0.4, "caucasian": 0.6},
+        1.72,
+        {"nose-scale-vert-incr": 0.2, "l-eye-scale-incr": 0.3},
+    ),
+    "U": Figure(
+        {"gender": 0.1, "age": 0.4, "muscle": 0.5, "weight": 0.5, "proportions": 0.5, "african": 0.7, "caucasian": 0.3},
+        1.34,
+    ),
 }  # fmt: skip
 
 

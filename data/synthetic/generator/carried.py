@@ -1,4 +1,4 @@
-"""Carried and pushed things: a phone, a box, a trolley, a briefcase, a plank."""
+"""Carried, pushed and ridden things: a phone, a box, a trolley, a briefcase, a plank, a wheelchair."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ Triple = tuple[float, float, float]
 Shape = tuple[np.ndarray, np.ndarray]
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 CARDBOARD, STEEL, BLACK = (0.36, 0.23, 0.12), (0.42, 0.43, 0.45), (0.015, 0.015, 0.017)
+FABRIC = (0.03, 0.035, 0.05)
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,35 @@ def phone(body: Body, build: Build, posture: str) -> Load:
     return Load("phone", points @ axes.T + centre, faces, colour, "hand", posture)
 
 
-LOADS = {"box": box, "trolley": trolley, "case": case, "plank": plank}
+def wheelchair(body: Body, build: Build) -> Load:
+    """A self-propelled wheelchair around its rider, its seat over the origin."""
+    angle = np.linspace(0, 2 * np.pi, 41)
+    pieces = [
+        (block(np.array([-0.2, -0.3, 0.425]), np.array([0.2, 0.16, 0.47]), 6, 0.1), FABRIC),
+        (block(np.array([-0.2, 0.155, 0.5]), np.array([0.2, 0.185, 0.9]), 6, 0.1), FABRIC),
+    ]
+    for side in (-1, 1):
+        for x, radius, thick, paint in ((0.26, 0.3, 0.016, BLACK), (0.285, 0.26, 0.008, STEEL)):
+            rim = np.stack([0 * angle + side * x, 0.08 + radius * np.cos(angle), 0.316 + radius * np.sin(angle)], 1)
+            pieces.append((tube(rim, thick), paint))
+        for spoke in angle[:-1:4]:
+            end = np.array([side * 0.26, 0.08 + 0.29 * np.cos(spoke), 0.316 + 0.29 * np.sin(spoke)])
+            pieces.append((tube(np.stack([[side * 0.23, 0.08, 0.316], end]), 0.003, 4), STEEL))
+        caster = np.stack([0 * angle + side * 0.19, -0.36 + 0.055 * np.cos(angle), 0.07 + 0.055 * np.sin(angle)], 1)
+        pieces.append((tube(caster, 0.014), BLACK))
+        paths = (
+            [[0.21, 0.17, 0.2], [0.21, 0.17, 0.94], [0.21, 0.29, 0.95]],
+            [[0.21, 0.17, 0.45], [0.21, -0.34, 0.45], [0.18, -0.46, 0.2], [0.18, -0.5, 0.11]],
+            [[0.21, 0.17, 0.2], [0.21, -0.33, 0.2], [0.19, -0.36, 0.07]],
+            [[0.235, 0.08, 0.316], [0.21, 0.08, 0.45]],
+        )
+        pieces += [(tube(np.array(path) * [side, 1, 1], 0.013), STEEL) for path in paths]
+        low, high = sorted((side * 0.03, side * 0.19))
+        pieces.append((bar((low, -0.66, 0.1), (high, -0.48, 0.115)), BLACK))
+    return Load("wheelchair", *painted(pieces), "floor")
+
+
+LOADS = {"box": box, "trolley": trolley, "case": case, "plank": plank, "wheelchair": wheelchair}
 
 
 def loads_of(body: Body, build: Build, carries: str | None, postures: set[str]) -> list[Load]:

@@ -5,41 +5,80 @@ People D to I are in the tuning clips, J to O in the held-back ones. The corrido
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
-from layout import EVEN, OLD, SUNNY, Layout, Light, Thing
+import numpy as np
+from layout import EVEN, OLD, SUNNY, Layout, Light, Room, Thing
+from optics import CORRIDOR as CORRIDOR_VIEW
+from optics import View
 from story import RATE, ROLES, SECONDS
 from visits import Go, Stay, Visit, visit
+
+NOSE = (0.02, 0.03)  # m from the axis of the tilt to the lens: ahead, up
+SOFT = 0.25  # s
 
 
 @dataclass(frozen=True)
 class Clip:
-    """lights: (from s, state); a fade (from s, to s) goes over to the state that begins at its end."""
+    """A recording before it is made.
+
+    lights: (from s, state); a fade (from s, to s) goes over to the state that begins at its end. view: the camera;
+    turning: (s, pan, tilt) of a head, degrees to the left and downwards; the camera's eye is beside its axes. depth:
+    whether depth images are recorded. noise: of the sensor (grey levels); shutter: time of exposure (s).
+    """
 
     name: str
     scene: str
     split: str
     seconds: float
-    layout: Layout
+    layout: Layout | Room
     lights: tuple[tuple[float, Light], ...]
     visits: tuple[Visit, ...]
     fades: tuple[tuple[float, float], ...] = ()
     start: int = 1_700_000_000  # s
+    view: View = CORRIDOR_VIEW
+    rate: int = RATE
+    turning: tuple[tuple[float, float, float], ...] = ()
+    depth: bool = False
+    noise: float = 1.3
+    shutter: float = 0.0
+
+    def pan_tilt(self, time: float) -> tuple[float, float]:
+        """Angles of the head's joints (rad) at a time, with soft starts and stops."""
+        if not self.turning:
+            return 0.0, self.view.pitch
+        times, *angles = np.radians(np.array(self.turning)).T
+        spread = time + np.linspace(-1, 1, 21) * SOFT
+        pan, tilt = (float(np.interp(np.radians(spread), times, angle).mean()) for angle in angles)
+        return pan, tilt
+
+    def view_at(self, time: float) -> View:
+        """The camera at a time; the axis of the tilt lies behind and below the lens."""
+        if not self.turning:
+            return self.view
+        pan, tilt = self.pan_tilt(time)
+        ahead, up = (
+            NOSE[0] * math.cos(tilt) + NOSE[1] * math.sin(tilt),
+            NOSE[1] * math.cos(tilt) - NOSE[0] * math.sin(tilt),
+        )
+        eye = (-ahead * math.sin(pan), ahead * math.cos(pan), self.view.eye[2] + up)
+        return replace(self.view, eye=eye, pitch=tilt, yaw=pan)
 
     def frames(self) -> int:
         """How many pictures."""
-        return round(self.seconds * RATE)
+        return round(self.seconds * self.rate)
 
     def light(self, index: int) -> Light:
         """The state of the light in a picture."""
-        return [light for start, light in self.lights if start <= index / RATE + 1e-9][-1]
+        return [light for start, light in self.lights if start <= index / self.rate + 1e-9][-1]
 
     def fading(self, index: int) -> tuple[Light, Light, float]:
         """The states before and after, and the share of the one after."""
-        time, now = index / RATE, self.light(index)
+        time, now = index / self.rate, self.light(index)
         for start, end in self.fades:
             if start < time < end:
-                return now, self.light(round(end * RATE)), (time - start) / (end - start)
+                return now, self.light(round(end * self.rate)), (time - start) / (end - start)
         return now, now, 0.0
 
 

@@ -6,8 +6,9 @@ import bpy
 import furniture
 import light
 import numpy as np
-from camera import HEIGHT, WIDTH, mount
+from camera import mount
 from layout import CEILING, DOOR, HALF, LINTEL, SILL, WALL, Layout, Opening
+from optics import View
 from surfaces import Blocks, Span, material
 
 __all__ = ["build", "material", "settings"]
@@ -85,7 +86,6 @@ def settings(scene: bpy.types.Scene, threads: int) -> None:
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.threads_mode, render.threads = "FIXED", threads
-    render.resolution_x, render.resolution_y = WIDTH, HEIGHT
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "16"
     render.image_settings.compression = 5
@@ -98,7 +98,7 @@ def settings(scene: bpy.types.Scene, threads: int) -> None:
     cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
     cycles.use_adaptive_sampling = False
     cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 3, 2, 1
-    cycles.transmission_bounces = cycles.transparent_max_bounces = 1
+    cycles.transmission_bounces, cycles.transparent_max_bounces = 1, 4
     cycles.sample_clamp_indirect = 4.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
     scene.cycles_curves.shape = "RIBBONS"
@@ -127,7 +127,9 @@ def surfaces() -> dict[str, bpy.types.Material]:
     }
 
 
-def build(layout: Layout, threads: int, picture: str | None = None) -> tuple[bpy.types.Scene, light.Rig, list]:
+def build(
+    layout: Layout, view: View, threads: int, picture: str | None = None
+) -> tuple[bpy.types.Scene, light.Rig, list]:
     """The empty corridor with camera and light, its rig, and the things in it; picture: of a person, for posters."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -148,5 +150,5 @@ def build(layout: Layout, threads: int, picture: str | None = None) -> tuple[bpy
     rig = light.build(blocks, layout)
     objects = furniture.place(blocks, layout.things, picture)
     blocks.build(scene)
-    mount(scene)
+    mount(scene, view)
     return scene, rig, objects

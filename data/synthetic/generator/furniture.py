@@ -16,6 +16,9 @@ CLOTH = ((0.10, 0.085, 0.06), (0.05, 0.06, 0.085))
 LINING = ((0.03, 0.03, 0.03), (0.22, 0.05, 0.04))
 HATS = ((0.03, 0.028, 0.026), (0.21, 0.16, 0.1))
 CARTON = (0.36, 0.24, 0.13)
+SEATS = ((0.05, 0.09, 0.2), (0.3, 0.05, 0.04), (0.1, 0.1, 0.1))
+BENCHES, TABLES = ((0.3, 0.17, 0.07), (0.16, 0.08, 0.04)), ((0.5, 0.36, 0.2), (0.6, 0.6, 0.58))
+BOOKS = ((0.25, 0.04, 0.03), (0.04, 0.09, 0.2), (0.45, 0.42, 0.35), (0.05, 0.15, 0.07), (0.4, 0.25, 0.05))
 
 
 @dataclass(frozen=True)
@@ -261,6 +264,77 @@ def banner(thing: Thing, picture: str | None) -> Placed:
     return Placed("banner", np.concatenate([placed.points, corners]))
 
 
+def legs(corners: Sequence[tuple[float, float]], top: float, thick: float = 0.035) -> list:
+    """Spans of upright legs around some corners."""
+    return [((x - thick / 2, y - thick / 2, 0), (x + thick / 2, y + thick / 2, top)) for x, y in corners]
+
+
+def chair(thing: Thing, picture: str | None) -> Placed:
+    """A chair that faces the camera; the middle of its seat is at the thing's place."""
+    seat, frame_ = material("seat", SEATS[thing.look], 0.8), material("chair frame", (0.3, 0.3, 0.31), 0.4)
+    corners = [(x, y) for x in (-0.2, 0.2) for y in (-0.2, 0.2)]
+    back = [((x - 0.017, 0.19, 0.4), (x + 0.017, 0.225, 0.88)) for x in (-0.2, 0.2)]
+    parts = [(blocks_of([*legs(corners, 0.42), *back]), frame_)]
+    parts.append((blocks_of([((-0.22, -0.22, 0.41), (0.22, 0.22, 0.45)), ((-0.2, 0.19, 0.6), (0.2, 0.22, 0.9))]), seat))
+    return put(thing, "chair", parts, smooth=False)
+
+
+def bench(thing: Thing, picture: str | None) -> Placed:
+    """A wooden bench 1.8 m long."""
+    corners = [(x, y) for x in (-0.8, 0.8) for y in (-0.16, 0.16)]
+    wood = material("bench wood", BENCHES[thing.look], 0.55, 0.15, 12)
+    slats = [((-0.9, y, 0.41), (0.9, y + 0.12, 0.45)) for y in (-0.2, -0.065, 0.07)]
+    slats += [((-0.9, 0.2, z), (0.9, 0.225, z + 0.11)) for z in (0.56, 0.72)]
+    posts = [((x - 0.02, 0.19, 0.4), (x + 0.02, 0.21, 0.84)) for x in (-0.8, 0.8)]
+    steel = material("bench frame", (0.06, 0.06, 0.065), 0.4)
+    return put(thing, "bench", [(blocks_of(slats), wood), (blocks_of([*legs(corners, 0.41), *posts]), steel)], False)
+
+
+def table(thing: Thing, picture: str | None) -> Placed:
+    """A table with a few things on it."""
+    corners = [(x, y) for x in (-0.6, 0.6) for y in (-0.33, 0.33)]
+    top = blocks_of([((-0.7, -0.4, 0.71), (0.7, 0.4, 0.74))])
+    papers = blocks_of([((-0.4, -0.2, 0.74), (-0.19, 0.1, 0.745)), ((0.2, -0.1, 0.74), (0.5, 0.15, 0.765))])
+    cup = turned([(0.0, 0.74), (0.035, 0.74), (0.04, 0.83), (0.033, 0.83), (0.03, 0.75), (0.0, 0.75)])
+    wood = material("table top", TABLES[thing.look], 0.4, 0.1, 10)
+    steel, white = material("table legs", (0.1, 0.1, 0.11), 0.4), material("white", (0.7, 0.7, 0.68), 0.5)
+    parts = [(top, wood), (blocks_of(legs(corners, 0.71, 0.05)), steel), (papers, white), (cup, white)]
+    return put(thing, "table", parts, smooth=False)
+
+
+def shelf(thing: Thing, picture: str | None) -> Placed:
+    """A shelf full of books and boxes."""
+    rng = np.random.default_rng(20 + thing.look)
+    boards = [((-0.5, -0.15, z), (0.5, 0.15, z + 0.025)) for z in (0.04, 0.42, 0.8, 1.18, 1.56, 1.9)]
+    boards += [((x, -0.15, 0), (x + 0.025, 0.15, 1.92)) for x in (-0.525, 0.5)] + [((-0.5, 0.14, 0), (0.5, 0.15, 1.92))]
+    parts = [(blocks_of(boards), material("shelf", TABLES[1 - thing.look], 0.5, 0.1, 8))]
+    books: list[list] = [[] for _ in BOOKS]
+    for z in (0.065, 0.445, 0.825, 1.205, 1.585):
+        x = -0.48
+        while x < 0.4:
+            wide, tall = rng.uniform(0.02, 0.06), rng.uniform(0.18, 0.27)
+            if rng.uniform() < 0.85:
+                books[int(rng.integers(len(BOOKS)))].append(((x, -0.1, z), (x + wide, 0.12, z + tall)))
+            x += wide + 0.002
+    parts += [(blocks_of(some), material("book", paint, 0.7)) for some, paint in zip(books, BOOKS, strict=True) if some]
+    return put(thing, "shelf", parts, smooth=False)
+
+
+def painting(thing: Thing, picture: str | None) -> Placed:
+    """A framed abstract picture on the far wall, at x, y."""
+    rng = np.random.default_rng(40 + thing.look)
+    fields = []
+    for _ in range(7):
+        x, z = rng.uniform(-0.5, 0.3), rng.uniform(1.2, 1.7)
+        size, paint = rng.uniform(0.1, 0.35, 2), tuple(rng.uniform(0.05, 0.6, 3))
+        far = (min(x + size[0], 0.53), -0.021, min(z + size[1], 1.93))
+        fields.append((blocks_of([((x, -0.024, z), far)]), material("field", paint, 0.7)))
+    frame_ = blocks_of([((-0.6, -0.015, 1.1), (0.6, 0.0, 2.0))])
+    canvas = blocks_of([((-0.55, -0.02, 1.15), (0.55, -0.014, 1.95))])
+    parts = [(frame_, material("frame", (0.1, 0.08, 0.06), 0.4)), (canvas, material("canvas", (0.6, 0.58, 0.52)))]
+    return put(thing, "painting", [*parts, *fields], smooth=False)
+
+
 FIXED: dict[str, Callable[[Blocks, Thing], None]] = {
     "board": board,
     "radiator": radiator,
@@ -274,12 +348,19 @@ STANDING: dict[str, Callable[[Thing, str | None], Placed]] = {
     "plant": plant,
     "poster": poster,
     "banner": banner,
+    "chair": chair,
+    "bench": bench,
+    "table": table,
+    "shelf": shelf,
+    "painting": painting,
 }
+PLAIN = ("chair", "bench", "table", "shelf", "painting")
 
 
 def place(blocks: Blocks, things: Sequence[Thing], picture: str | None) -> list[Placed]:
-    """Sets all things up; returns those that are no part of the building."""
+    """Sets all things up; returns those that could be taken for people."""
     for thing in things:
         if thing.kind in FIXED:
             FIXED[thing.kind](blocks, thing)
-    return [STANDING[thing.kind](thing, picture) for thing in things if thing.kind in STANDING]
+    placed = [STANDING[thing.kind](thing, picture) for thing in things if thing.kind in STANDING]
+    return [thing for thing in placed if thing.kind not in PLAIN]

@@ -13,6 +13,9 @@ SWING = 0.76
 HEEL_STRIKE, HEEL_RISE = np.radians(-17), np.radians(42)
 STRIKE_TIME, RISE_TIME = 0.11, 0.27
 LEG_SLACK = 0.997
+HIP_OVER_SEAT, SEAT_TIME = 0.095, 1.3
+CHAIR_SEAT, FOOTREST, TOES_OUT = 0.47, 0.13, 0.12
+RISING_LEAN, LEANING_BACK = 0.55, -0.09
 TURNING = ("root", "upperleg01", "lowerleg01", "foot", "toe", "spine05", "spine03", "neck01", "head", "clavicle",
            "upperarm01", "lowerarm01", "lowerarm02", "wrist", "finger")  # fmt: skip
 
@@ -162,8 +165,38 @@ class Walker:
         base = np.array([*plant.place[:2], 0]) - spin @ (self.sole[side] * [1, 1, 0])
         return base + spin @ (pivot + turn("x", pitch) @ (self.sole[side] - pivot)), pitch
 
+    def seating(self, time: float) -> tuple[float, float]:
+        """How far the person sits, 0 to 1, and how high the seat is (m)."""
+        if self.role.rides:
+            return 1.0, CHAIR_SEAT
+        for start, end, height in self.role.seated:
+            if start <= time <= end:
+                return smooth_step((time - start) / SEAT_TIME) * smooth_step((end - time) / SEAT_TIME), height
+        return 0.0, 0.0
+
+    def thigh(self) -> float:
+        """Length from hip to knee."""
+        return float(np.linalg.norm(self.skeleton.head("lowerleg01.L") - self.hip("L")))
+
+    def footrest(self, side: str, time: float) -> tuple[np.ndarray, float, float, bool]:
+        """The foot of a wheelchair user, as foot gives it."""
+        x, y, heading = self.track(time)
+        spot = np.array([SIDES[side] * 0.1, -self.thigh() - 0.1, 0.0])
+        ankle = np.array([x, y, FOOTREST + self.sole[side][2]]) + turn("z", heading) @ spot
+        return ankle, 0.0, heading + SIDES[side] * TOES_OUT, True
+
     def foot(self, side: str, time: float) -> tuple[np.ndarray, float, float, bool]:
-        """Ankle, pitch, heading, and whether the foot stands."""
+        """Ankle, pitch, heading, and whether the foot stands; feet of small people hang from a high seat."""
+        if self.role.rides:
+            return self.footrest(side, time)
+        ankle, pitch, heading, stands = self.step(side, time)
+        share, seat = self.seating(time)
+        shin = float(np.linalg.norm(self.sole[side] - self.skeleton.head(f"lowerleg01.{side}")))
+        hanging = max(0.0, seat + HIP_OVER_SEAT - 0.02 - shin - self.sole[side][2])
+        return ankle + np.array([0, 0, share * hanging]), pitch, heading, stands
+
+    def step(self, side: str, time: float) -> tuple[np.ndarray, float, float, bool]:
+        """The foot of a person who walks or stands."""
         for plant, after in zip(self.plants[side], [*self.plants[side][1:], None], strict=True):
             if time <= plant.lift or after is None:
                 return *self.on_floor(side, plant, time), plant.place[2], True
@@ -193,13 +226,24 @@ class Walker:
         load = {s: smooth(np.array([float(f[3]) for f in feet[s]]), 0.09) for s in SIDES}
         idle = 1 - np.clip(brisk * 2.5, 0, 1)
         sway = 0.028 * (load["L"] - load["R"]) + idle * 0.028 * wander(grid, 5.3, seed)
-        xy = base[:, :2] + left * sway[:, None]
+        sits, seats = np.array([self.seating(t) for t in grid]).T
+        sway, upright = sway * (1 - sits), 1 - 0.7 * sits
+        back = 0.0 if self.role.rides else self.thigh() * sits
+        xy = base[:, :2] + left * sway[:, None] - ahead * np.reshape(back, (-1, 1))
         swing = stride["L"] - stride["R"]
-        tilt = 0.07 * (load["L"] - load["R"]) + idle * 0.03 * wander(grid, 5.3, seed)
-        yaw = base[:, 2] + 0.10 * swing + idle * 0.04 * wander(grid, 7.1, seed + 1)
+        tilt = (0.07 * (load["L"] - load["R"]) + idle * 0.03 * wander(grid, 5.3, seed)) * (1 - sits)
+        yaw = base[:, 2] + (0.10 * swing + idle * 0.04 * wander(grid, 7.1, seed + 1)) * upright
+        seated_root = seats + HIP_OVER_SEAT + self.root()[2] - self.hip("L")[2]
+        if self.role.rides:
+            brisk, idle, swing, stride = brisk * 0, idle * 0 + 1, swing * 0, dict.fromkeys(SIDES, brisk * 0)
+            height = seated_root
+        else:
+            height = self.pelvis_height(base[:, :2] + left * sway[:, None], yaw, feet)
+            height = height + (np.minimum(seated_root, height) - height) * sits
         return {
-            "x": xy[:, 0], "y": xy[:, 1], "z": self.pelvis_height(xy, yaw, feet), "yaw": yaw, "roll": tilt,
-            "brisk": brisk, "idle": idle,
+            "x": xy[:, 0], "y": xy[:, 1], "z": height, "yaw": yaw, "roll": tilt,
+            "brisk": brisk, "idle": idle, "sits": sits,
+            "lean": RISING_LEAN * np.sin(np.pi * sits) + LEANING_BACK * sits,
             "armL": smooth(-0.765 * stride["L"], 0.05), "armR": smooth(-0.765 * stride["R"], 0.05),
             "chest": base[:, 2] - 0.13 * swing + idle * 0.05 * wander(grid, 8.3, seed + 2),
             "look": idle * 0.16 * wander(grid, 4.7, seed + 3), "nod": 0.05 * wander(grid, 3.9, seed + 4),
@@ -243,7 +287,7 @@ class Walker:
         turns = {"root": pelvis}
         for side in SIDES:
             turns |= self.leg_turns(side, time, root, pelvis)
-        lean = turn("x", 0.02 + 0.05 * now["brisk"] + 0.008 * now["breath"])
+        lean = turn("x", 0.02 + 0.05 * now["brisk"] + 0.008 * now["breath"] + now["lean"])
         middle = (now["yaw"] + now["chest"]) / 2
         turns["spine05"] = turn("z", middle) @ turn("y", -now["roll"] * 0.3) @ lean
         turns["spine03"] = chest = turn("z", now["chest"]) @ turn("y", now["roll"] * 0.15) @ lean

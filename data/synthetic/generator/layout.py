@@ -28,7 +28,8 @@ class Thing:
 class Layout:
     """A corridor along +y; openings are (side: -1 left, 1 right; from y, to y).
 
-    lamps: "panels", "strip" or "spots"; sun: the way its light goes; back: y of the end behind the camera.
+    lamps: "panels", "strip" or "spots"; sun: the way its light goes; back: y of the end behind the camera; half: half
+    the width.
     """
 
     length: float
@@ -40,6 +41,30 @@ class Layout:
     sun: tuple[float, float, float] = (0.0, 0.0, -1.0)
     back: float = -1.5
     walled: bool = False
+    half: float = HALF
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room ahead of the camera, with a passage behind its far wall.
+
+    half: half its width; depth: y of the far wall; back: y of the wall behind the camera (m). doorways: openings of
+    the far wall (x from, to). passage: how far it goes on behind them. glass: panes in the room (y, x from, to), up to
+    2.3 m. wall, floor: their colours.
+    """
+
+    half: float = 3.4
+    depth: float = 6.0
+    back: float = -1.5
+    ceiling: float = CEILING
+    doorways: tuple[tuple[float, float], ...] = ()
+    passage: float = 2.2
+    glass: tuple[tuple[float, float, float], ...] = ()
+    things: tuple[Thing, ...] = ()
+    wall: tuple[float, float, float] = (0.66, 0.64, 0.58)
+    floor: tuple[float, float, float] = (0.30, 0.29, 0.27)
+    accent: tuple[float, float, float] = (0.2, 0.3, 0.35)
+    lamps: str = "grid"
 
 
 @dataclass(frozen=True)

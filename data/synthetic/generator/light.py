@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
-from layout import CEILING, HALF, LINTEL, SILL, WALL, Layout, Light
+from layout import CEILING, HALF, LINTEL, SILL, WALL, Layout, Light, Room
 from mathutils import Vector
 from surfaces import Blocks, material, shape
 
 HEADROOM = 2.0  # stops that the stored pictures keep above white
 WARM, BLUE, SUNNY = (1.0, 0.96, 0.9), (0.78, 0.88, 1.0), (1.0, 0.94, 0.84)
-PANEL, STRIP, SPOT, SKY, SUN = 30.0, 290.0, 34.0, 30.0, 16.0
+PANEL, STRIP, SPOT, SKY, SUN, GRID = 30.0, 290.0, 34.0, 30.0, 16.0, 30.0
 OUTSIDE = 1.6
 NEARBY = 3.4
 ALONG = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -89,7 +89,7 @@ class Rig:
         if self.kind == "strip":
             return [np.array([0.0, y + step, CEILING]) for step in ALONG]
         places = [np.array(lamp.thing.location) for lamp in self.lit(light)]
-        return [place for place in places if abs(place[1] - y) < NEARBY]
+        return [place for place in places if abs(place[1] - y) < (1.5 if self.kind == "grid" else NEARBY)]
 
 
 def ceiling_lamps(blocks: Blocks, layout: Layout, rig: Rig) -> None:
@@ -131,6 +131,21 @@ def daylight(layout: Layout, rig: Rig) -> None:
     )
     sheet = shape("outside", corners, [[0, 1, 2, 3]], rig.outside)
     sheet.visible_diffuse = sheet.visible_shadow = sheet.visible_transmission = False
+
+
+def grid_lamps(blocks: Blocks, room: Room) -> Rig:
+    """Square panels all over the ceiling of a room, and in the passage behind it."""
+    rig = Rig("grid", np.array([0.0, 0.0, -1.0]))
+    columns = np.linspace(-room.half, room.half, round(2 * room.half / 2.2) + 1)
+    rows = np.linspace(room.back, room.depth, round((room.depth - room.back) / 2.4) + 1)
+    places = [(x, y) for y in (rows[1:] + rows[:-1]) / 2 for x in (columns[1:] + columns[:-1]) / 2]
+    places += [(x, room.depth + room.passage / 2) for x in (-1.5, 1.5)] if room.doorways else []
+    for number, (x, y) in enumerate(places):
+        name = f"glow {number}"
+        sheet = blocks.surfaces[name] = glowing(name)
+        blocks.box((x - 0.3, y - 0.3, room.ceiling - 0.03), (x + 0.3, y + 0.3, room.ceiling), name)
+        rig.lamps.append(Lamp(area((x, y, room.ceiling - 0.035), (0.56, 0.56), GRID), GRID, sheet))
+    return rig
 
 
 def build(blocks: Blocks, layout: Layout) -> Rig:

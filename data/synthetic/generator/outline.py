@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from optics import HEIGHT, WIDTH
 
 NEAR = 0.05
 FINE = 0.7  # pixels between samples of a triangle
@@ -21,13 +20,14 @@ SLACK = 0.03
 class DepthMap:
     """Depths (m, infinite where nothing is) of a rectangle of cells, each so many pixels wide; may reach outside.
 
-    left, top: of the first cell, in cells from the picture's corner.
+    left, top: of the first cell, in cells from the picture's corner. shape: rows and columns of the picture.
     """
 
     left: int
     top: int
     depth: np.ndarray
-    cell: int = 1
+    cell: int
+    shape: tuple[int, int]
 
     def filled(self) -> np.ndarray:
         """Which pixels are covered."""
@@ -36,7 +36,7 @@ class DepthMap:
     @cached_property
     def in_picture(self) -> np.ndarray:
         """The depths cut or padded to the picture."""
-        rows, columns = HEIGHT // self.cell, WIDTH // self.cell
+        rows, columns = self.shape[0] // self.cell, self.shape[1] // self.cell
         out = np.full((rows, columns), np.inf, np.float32)
         high, wide = self.depth.shape
         low_v, high_v = max(self.top, 0), min(self.top + high, rows)
@@ -74,10 +74,10 @@ def samples(corners: np.ndarray) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def drawn(pixels: np.ndarray, faces: np.ndarray) -> DepthMap | None:
+def drawn(pixels: np.ndarray, faces: np.ndarray, shape: tuple[int, int]) -> DepthMap | None:
     """The depth map of a mesh: projected vertices (n, 3: u, v, depth), triangles (m, 3). None when out of reach.
 
-    What is tall in the picture is drawn in larger cells.
+    shape: rows and columns of the picture. What is tall in the picture is drawn in larger cells.
     """
     near = pixels[:, 2] > NEAR
     faces = faces[near[faces].all(1)]
@@ -85,7 +85,7 @@ def drawn(pixels: np.ndarray, faces: np.ndarray) -> DepthMap | None:
         return None
     tall = float(np.ptp(pixels[near, 1]))
     cell = next((cell for cell, most in TALL.items() if tall <= most), COARSE)
-    low, high = np.array([-REACH, -REACH]) / cell, np.array([WIDTH + REACH, HEIGHT + REACH]) / cell
+    low, high = np.array([-REACH, -REACH]) / cell, np.array([shape[1] + REACH, shape[0] + REACH]) / cell
     corners = (pixels / [cell, cell, 1]).astype(np.float32)[faces]
     within = (corners[:, :, :2].max(1) >= low) & (corners[:, :, :2].min(1) < high)
     points = samples(corners[within.all(1)])
@@ -97,7 +97,7 @@ def drawn(pixels: np.ndarray, faces: np.ndarray) -> DepthMap | None:
     wide, high = cells.max(0) - (left, top) + 1
     depth = np.full(wide * high, np.inf, np.float32)
     np.minimum.at(depth, (cells[:, 1] - top) * wide + cells[:, 0] - left, points[:, 2])
-    return DepthMap(int(left), int(top), depth.reshape(high, wide), cell)
+    return DepthMap(int(left), int(top), depth.reshape(high, wide), cell, shape)
 
 
 def visible_mask(own: DepthMap, others: np.ndarray) -> np.ndarray:
@@ -111,10 +111,10 @@ def visible_share(own: DepthMap, others: np.ndarray) -> float:
     return float(visible_mask(own, others).sum() / max(own.filled().sum() * own.cell**2, 1))
 
 
-def box_of(pixels: np.ndarray) -> tuple[float, float, float, float]:
-    """x, y, w, h of projected points, clipped to the picture; width or height 0 when outside."""
-    left, top = np.clip(pixels[:, :2].min(0), 0, [WIDTH, HEIGHT])
-    right, bottom = np.clip(pixels[:, :2].max(0), 0, [WIDTH, HEIGHT])
+def box_of(pixels: np.ndarray, shape: tuple[int, int]) -> tuple[float, float, float, float]:
+    """x, y, w, h of projected points, clipped to the picture of a shape; width or height 0 when outside."""
+    left, top = np.clip(pixels[:, :2].min(0), 0, shape[::-1])
+    right, bottom = np.clip(pixels[:, :2].max(0), 0, shape[::-1])
     return tuple(round(float(value), 1) for value in (left, top, right - left, bottom - top))
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 from dataclasses import dataclass
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -103,10 +106,17 @@ class Figure:
 
 
 FIGURES: dict[tuple[str, int], Figure] = {}
+SEWN = Path(os.environ.get("SEWN", "sewn"))
 
 
 def tailored(arrays: dict[str, np.ndarray], name: str, seed: int) -> Figure:
-    """Dresses a body, once for all visits of that person."""
+    """Dresses a body, once for all visits of that person; kept in files, for other clips.
+
+    Delete the folder when bodies or clothes have changed.
+    """
+    kept = SEWN / f"{name}{seed}.pickle"
+    if (name, seed) not in FIGURES and kept.exists():
+        FIGURES[name, seed] = pickle.loads(kept.read_bytes())
     if (name, seed) not in FIGURES:
         body, look = Body(arrays, name), OUTFITS[name].look
         parts = dressed(body, OUTFITS[name], seed)
@@ -114,6 +124,10 @@ def tailored(arrays: dict[str, np.ndarray], name: str, seed: int) -> Figure:
             part.rig(body.skeleton.carriers())
         grown = [found for found in (strands(body, look, seed), beard(body, look, seed)) if found and len(found[0])]
         FIGURES[name, seed] = Figure(body, parts, grown, build_of(body, parts))
+        SEWN.mkdir(parents=True, exist_ok=True)
+        part_file = kept.with_suffix(f".{os.getpid()}")
+        part_file.write_bytes(pickle.dumps(FIGURES[name, seed], protocol=5))
+        part_file.rename(kept)
     return FIGURES[name, seed]
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from optics import HEIGHT, WIDTH
+from optics import CORRIDOR, View
 
 HEADROOM = 4.0  # of light over white in the stored pictures, as light.py has it
 FEATHER = 12
+WIDTH, HEIGHT = CORRIDOR.size
 FACTORS = (0.4, 2.5)
 SOFT = 1.2  # pixels
 
@@ -80,6 +81,20 @@ class Empty:
 def empty_of(frames: Path, state: str) -> Empty:
     """The empty corridor under a state of the light."""
     return Empty(*(light_of(frames / f"{kind}_{state.replace(' ', '_')}.png") for kind in ("background", "plain")))
+
+
+def room_light(frames: Path, index: int, view: View) -> np.ndarray:
+    """The light of a frame of draw.py; the empty room's where nobody was drawn."""
+    drawn = frames / f"{index:04d}_0.png"
+    if drawn.exists():
+        return light_of(drawn)
+    empty = light_of(frames / "empty_0.png")
+    return cv2.remap(empty, view.lookup(), None, cv2.INTER_LINEAR) if view.lens else empty
+
+
+def depth_of(frames: Path, index: int) -> np.ndarray:
+    """Depths (h, w, m) of a frame, exact."""
+    return np.load(frames / f"{index:04d}_depth.npz")["depth"].astype(np.float32)
 
 
 def bodies_of(frames: Path, index: int) -> np.ndarray:

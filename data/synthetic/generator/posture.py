@@ -8,7 +8,7 @@ import numpy as np
 from story import Role
 
 EASE = 0.6
-LOADS = {"box": "carry", "trolley": "push", "case": "case", "plank": "plank"}
+LOADS = {"box": "carry", "trolley": "push", "case": "case", "plank": "plank", "wheelchair": "rims"}
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,12 @@ def reaches(posture: str, build: Build) -> dict[str, Reach]:
     if posture == "plank":
         wrist = np.array([x + 0.09, y - 0.12, z - 0.86 * build.reach])
         return {"R": Reach(wrist, (0.4, 1, 0), (0, -1, 0), (0.05, -0.25, -1), 2.4)}
+    if posture == "lap":
+        wrist = np.array([0.115, y - 0.3, build.hip + 0.155])
+        return dict.fromkeys("LR", Reach(wrist, (0.6, 0.6, -0.6), (-0.8, 0, 0.5), (-0.25, -0.9, -0.25), 1.2))
+    if posture == "rims":
+        wrist = np.array([max(build.side + 0.06, 0.29), y - 0.1, build.hip + 0.13])
+        return dict.fromkeys("LR", Reach(wrist, (0.4, 1, 0), (0, -1, 0.2), (0, -0.45, -1), 2.2))
     raise ValueError(f"unknown posture {posture!r}")
 
 

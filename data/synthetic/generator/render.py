@@ -20,9 +20,10 @@ import corridor
 import furniture
 import light
 import numpy as np
-from camera import HEIGHT, WIDTH, Region, projected, render, static_depth
+from camera import Region, render, static_depth
 from clips import CLIPS, Clip
 from layout import HALF, Light
+from optics import CORRIDOR
 from outline import DepthMap, box_of, drawn, ground_shadow, sunlit, visible_mask, visible_share
 from person import Person
 from poster import portrait
@@ -32,6 +33,8 @@ NEAR, FAINT = 0.05, 0.05
 APART = 12_000  # pixels that a render of its own costs
 SPARSE = 1200  # points that stand for a body where its shadow is looked for
 PLAIN = 0.3
+WIDTH, HEIGHT = CORRIDOR.size
+SHAPE, projected = CORRIDOR.shape, CORRIDOR.projected
 LARGE = 60_000  # pixels of a region in which fewer samples do
 ON_POSTER = {"tune": "B", "held-back": "A", "": "A"}
 CLEAR_POINTS, LEAST_SHADOW = 120, 14.0
@@ -156,8 +159,8 @@ class Stage:
             [thing for thing in getattr(person, "things", []) if not thing.hide_render]
         )
         load_pixels = projected(load_points)
-        own = drawn(pixels, faces)
-        load = drawn(load_pixels, load_faces) if len(load_faces) else None
+        own = drawn(pixels, faces, SHAPE)
+        load = drawn(load_pixels, load_faces, SHAPE) if len(load_faces) else None
         walker = person.walker
         place = tuple(float(np.interp(time, walker.grid, walker.tracks[axis])) for axis in "xy")
         seen = any(part is not None and part.shown for part in (own, load))
@@ -201,7 +204,7 @@ def record(stage: Stage, figure: Figure, figures: list[Figure]) -> dict | None:
     if figure.own is None:
         return None
     share = visible_share(figure.own, stage.others(figures, figure.own))
-    x, y, w, h = box_of(figure.pixels[figure.pixels[:, 2] > NEAR])
+    x, y, w, h = box_of(figure.pixels[figure.pixels[:, 2] > NEAR], SHAPE)
     if share < FAINT or w <= 0 or h <= 0:
         return None
     distance = round(float(np.hypot(*figure.place)), 2)
@@ -220,7 +223,7 @@ def loads(stage: Stage, figures: list[Figure]) -> list[dict]:
             or visible_share(figure.load, stage.others(figures, figure.load)) < PLAIN
         ):
             continue
-        x, y, w, h = box_of(figure.load_pixels[figure.load_pixels[:, 2] > NEAR])
+        x, y, w, h = box_of(figure.load_pixels[figure.load_pixels[:, 2] > NEAR], SHAPE)
         out.append({"kind": figure.carries, "x": x, "y": y, "w": w, "h": h})
     return out
 
@@ -238,7 +241,9 @@ def cast(stage: Stage, figures: list[Figure]) -> list[dict]:
     people = stage.others(figures, None)
     out = []
     for figure in figures:
-        x, y, w, h = box_of(figure.pixels[figure.pixels[:, 2] > NEAR]) if figure.own is not None else (0, 0, 0, 0)
+        x, y, w, h = (
+            box_of(figure.pixels[figure.pixels[:, 2] > NEAR], SHAPE) if figure.own is not None else (0, 0, 0, 0)
+        )
         for shadow in stage.shadows(figure):
             pixels = projected(shadow)
             inside = (pixels[:, :2] >= 0).all(1) & (pixels[:, :2] < [WIDTH, HEIGHT]).all(1) & (pixels[:, 2] > NEAR)
@@ -248,7 +253,7 @@ def cast(stage: Stage, figures: list[Figure]) -> list[dict]:
             if len(spots) < PLAIN * len(shadow):
                 continue
             beside = (spots[:, 0] < x) | (spots[:, 0] > x + w) | (spots[:, 1] < y) | (spots[:, 1] > y + h)
-            left, top, wide, high = box_of(spots)
+            left, top, wide, high = box_of(spots, SHAPE)
             if beside.mean() < 0.5 or min(wide, high) < LEAST_SHADOW:
                 continue
             few = spots[beside][:: max(1, int(beside.sum()) // CLEAR_POINTS), :2].astype(int).tolist()
@@ -290,7 +295,7 @@ def opened(clip: Clip, bodies: Path, out: Path, threads: int, samples: int) -> S
     hung = any(thing.kind == "poster" for thing in clip.layout.things)
     if hung and not (out / "poster.png").exists():
         portrait(arrays, ON_POSTER[clip.split], out / "poster.png")
-    scene, rig, placed = corridor.build(clip.layout, threads, str(out / "poster.png") if hung else None)
+    scene, rig, placed = corridor.build(clip.layout, clip.view, threads, str(out / "poster.png") if hung else None)
     for state in dict.fromkeys(state for _, state in clip.lights):
         rig.switch(state)
         for kind, plain in (("background", False), ("plain", True)):
@@ -300,14 +305,14 @@ def opened(clip: Clip, bodies: Path, out: Path, threads: int, samples: int) -> S
                 render(scene, samples, picture)
     entry = {"name": clip.name, "scene": clip.scene, "split": clip.split, "objects": standing(placed)}
     (out / "clip.json").write_text(json.dumps(entry))
-    return Stage(clip, scene, rig, static_depth(scene), arrays)
+    return Stage(clip, scene, rig, static_depth(scene, clip.view), arrays)
 
 
 def standing(placed: list[furniture.Placed]) -> list[dict]:
     """Boxes of the distractors that stand there all the time."""
     out = []
     for thing in placed:
-        x, y, w, h = box_of(projected(thing.points))
+        x, y, w, h = box_of(projected(thing.points), SHAPE)
         if min(w, h) > 2:
             out.append({"kind": thing.kind, "x": x, "y": y, "w": w, "h": h})
     return out

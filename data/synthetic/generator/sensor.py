@@ -1,4 +1,8 @@
-"""The camera behind the lens: a gain that follows the light within about a second, a curve, and noise."""
+"""What happens behind the lens: a gain that follows the light within about a second, a curve, blur and noise.
+
+And a depth camera of the kind that projects a pattern: it measures disparities, and sees nothing in the projector's
+shadow.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,9 @@ WILL = 0.75  # how far a change of light is made up for: a dim corridor stays di
 LEAST, MOST = 0.35, 5.0
 LAG = 0.35  # s
 KNEE = 0.75
+BASE = 39.4  # px m: disparity at a depth of 1 m
+SPREAD, STEP = 0.09, 0.125  # px: noise of a disparity, and the steps in which it is measured
+REACH = (0.4, 9.0)  # m
 
 
 def centred(height: int, width: int) -> np.ndarray:
@@ -58,3 +65,34 @@ def noisy(picture: np.ndarray, seed: int, amount: float) -> np.ndarray:
     grain = rng.normal(0, 1, picture.shape) * 0.4 + rng.normal(0, 1, picture.shape[:2])[:, :, None]
     grain = cv2.GaussianBlur(grain, (3, 3), 0.6) * amount * (0.6 + picture / 255)
     return np.clip(picture + grain, 0, 255).round().astype(np.uint8)
+
+
+def smeared(light: np.ndarray, boxes: list[tuple[tuple[float, ...], tuple[float, float]]]) -> np.ndarray:
+    """Motion blur: boxes (x, y, w, h) whose content moves by (px, px) while the shutter is open."""
+    out = light.copy()
+    for (x, y, wide, high), shift in boxes:
+        length = int(math.hypot(*shift))
+        if length < 2:
+            continue
+        kernel = np.zeros((2 * length + 1, 2 * length + 1), np.float32)
+        ends = [(round(length + s * shift[0] / 2), round(length + s * shift[1] / 2)) for s in (-1, 1)]
+        cv2.line(kernel, *ends, 1.0)
+        mask = np.zeros(light.shape[:2], np.float32)
+        mask[max(int(y), 0) : int(y + high), max(int(x), 0) : int(x + wide)] = 1
+        mask = cv2.GaussianBlur(mask, (0, 0), 4)[:, :, None]
+        out += (cv2.filter2D(out, -1, kernel / kernel.sum()) - out) * mask
+    return out
+
+
+def depth_image(depth: np.ndarray, seed: int) -> np.ndarray:
+    """Depths (m) as a sensor measures them (uint16, mm, 0 where it does not)."""
+    rng = np.random.default_rng(seed)
+    disparity = BASE / np.maximum(depth, 0.05)
+    across = np.arange(depth.shape[1]) + disparity
+    shadow = np.maximum.accumulate(across, axis=1) > across + 1.0
+    grain = cv2.GaussianBlur(rng.normal(0, 1, depth.shape).astype(np.float32), (0, 0), 1.6) * 5.0
+    measured = np.round((disparity + SPREAD * grain) / STEP) * STEP
+    found = BASE / np.maximum(measured, 0.01)
+    edge = cv2.morphologyEx(disparity.astype(np.float32), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 1.0
+    lost = shadow | (edge & (rng.uniform(size=depth.shape) < 0.6)) | (found < REACH[0]) | (found > REACH[1])
+    return np.where(lost, 0, np.round(1000 * found)).astype(np.uint16)

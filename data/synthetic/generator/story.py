@@ -17,6 +17,8 @@ class Role:
     """Waypoints (s, x m, y m, heading degrees; 0 faces the camera, 90 faces +x) and spans of stepping (s).
 
     arms: spans with a posture of the arms (start s, end s, posture); carries: what is in the hands or pushed.
+    seated: spans on a seat (start s, end s, height of the seat m); the feet stay at the waypoint, the seat is behind
+    it. rides: in a wheelchair, whose seat is at the waypoint.
     """
 
     waypoints: tuple[tuple[float, float, float, float], ...]
@@ -25,6 +27,8 @@ class Role:
     gesture: tuple[float, float] | None = None
     arms: tuple[tuple[float, float, str], ...] = ()
     carries: str | None = None
+    seated: tuple[tuple[float, float, float], ...] = ()
+    rides: bool = False
 
 
 ROLES = {

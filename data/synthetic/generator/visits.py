@@ -36,6 +36,15 @@ class Stay:
 
 
 @dataclass(frozen=True)
+class Sit:
+    """Sit for some seconds on a seat of a height (m) that stands right behind."""
+
+    seconds: float
+    height: float = 0.45
+    arms: str | None = None
+
+
+@dataclass(frozen=True)
 class Visit:
     """One person's time in the corridor."""
 
@@ -53,6 +62,7 @@ class Planner:
         self.waypoints: list[tuple[float, float, float, float]] = []
         self.moving: list[tuple[float, float]] = []
         self.arms: list[tuple[float, float, str]] = []
+        self.seated: list[tuple[float, float, float]] = []
 
     def mark(self, heading: float) -> None:
         """A waypoint here and now."""
@@ -94,12 +104,20 @@ class Planner:
         self.time += leg.seconds - turn
         self.heading = wanted
 
-    def walk(self, legs: Sequence[Go | Stay]) -> None:
+    def sit(self, leg: Sit) -> None:
+        """A time on a seat."""
+        self.mark(self.heading or 0.0)
+        self.seated.append((round(self.time, 3), round(self.time + leg.seconds, 3), leg.height))
+        self.time += leg.seconds
+
+    def walk(self, legs: Sequence[Go | Stay | Sit]) -> None:
         """All legs, one after the other."""
         for leg in legs:
             begun = self.time
             if isinstance(leg, Go):
                 self.go(leg)
+            elif isinstance(leg, Sit):
+                self.sit(leg)
             else:
                 self.stay(leg)
             if leg.arms:
@@ -133,12 +151,19 @@ def visit(
     name: str,
     start: float,
     place: tuple[float, float],
-    *legs: Go | Stay,
+    *legs: Go | Stay | Sit,
     step: float = 0.53,
     carries: str | None = None,
+    heading: float | None = None,
 ) -> Visit:
-    """A person's visit from a start (s) and a place (m) on, step in s."""
+    """A person's visit from a start (s) and a place (m) on, step in s; heading: of somebody who does not walk first.
+
+    Somebody with a wheelchair takes no steps.
+    """
     plan = Planner(start, place)
+    plan.heading = heading
     plan.walk(legs)
-    role = Role(tuple(plan.waypoints), joined(plan.moving), step, None, held(plan.arms), carries)
+    rides = carries == "wheelchair"
+    stepping = () if rides else joined(plan.moving)
+    role = Role(tuple(plan.waypoints), stepping, step, None, held(plan.arms), carries, tuple(plan.seated), rides)
     return Visit(name, role)

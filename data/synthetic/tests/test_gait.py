@@ -420,3 +420,43 @@ def test_a_gesture_lifts_the_right_hand_only_and_only_for_its_time(still):
     assert high["L"] == pytest.approx(low["L"], abs=0.05)
     assert someone.gesture(1.4) == someone.gesture(4.6) == still.gesture(3.0) == 0
     assert someone.gesture(3.0) == 1
+
+
+# Seated people
+
+
+@pytest.mark.parametrize("stature", [1.2, 1.55, 1.75, 1.95])
+def test_a_seated_person_has_the_hips_over_the_seat_and_the_feet_on_the_floor_or_above_it(stature):
+    role = visits.visit("X", 0.0, (0.0, 3.0), visits.Stay(2.0), visits.Sit(8.0), visits.Stay(2.0), heading=0.0).role
+    someone = walker(role, stature)
+    transforms = someone.pose(6.0)
+    hip, knee, ankle = (joint(someone, transforms, f"{label}.L") for label in ("upperleg01", "lowerleg01", "foot"))
+    assert hip[2] == pytest.approx(0.45 + gait.HIP_OVER_SEAT, abs=0.03)
+    assert hip[1] - ankle[1] == pytest.approx(someone.thigh(), abs=0.08)
+    assert knee[1] < hip[1] - 0.6 * someone.thigh()
+    assert ankle[2] >= someone.sole["L"][2] - 1e-6
+    shin = np.linalg.norm(knee - ankle)
+    assert shin == pytest.approx(np.linalg.norm(someone.sole["L"] - someone.skeleton.head("lowerleg01.L")), abs=1e-3)
+    standing_ = someone.pose(0.5)
+    assert joint(someone, standing_, "upperleg01.L")[2] > 0.45 * stature
+
+
+def test_sitting_down_moves_the_pelvis_without_a_jerk():
+    role = visits.visit("X", 0.0, (0.0, 3.0), visits.Stay(1.0), visits.Sit(6.0), visits.Stay(1.0), heading=0.0).role
+    someone = walker(role)
+    heights = [joint(someone, someone.pose(time), "root")[2] for time in np.arange(0.0, 8.0, SLOW_MOTION)]
+    assert np.abs(np.diff(heights)).max() < 0.05
+    assert min(heights) < 0.62 < 0.85 < max(heights)
+
+
+def test_a_wheelchair_user_keeps_the_feet_on_the_rests_and_takes_no_steps():
+    role = visits.visit("X", 0.0, (0.0, 5.0), visits.Go(0.0, 2.0, 0.8), visits.Stay(2.0, 30), carries="wheelchair").role
+    someone = walker(role)
+    assert role.stepping == ()
+    away = []
+    for time in np.arange(0.0, 5.5, 0.25):
+        transforms = someone.pose(time)
+        ankle, root = joint(someone, transforms, "foot.L"), joint(someone, transforms, "root")
+        assert ankle[2] == pytest.approx(gait.FOOTREST + someone.sole["L"][2], abs=0.02)
+        away.append(np.linalg.norm((ankle - root)[:2]))
+    assert np.ptp(away) < 0.05

@@ -16,6 +16,7 @@ import pack
 import pictures
 import pytest
 import recording
+import rooms
 import sensor
 import story
 import truths
@@ -32,7 +33,7 @@ SCENES = [clip for name, clip in clips.CLIPS.items() if name != "corridor"]
 def sheet(depth: float, left: float, right: float, top: float, bottom: float):
     """Two triangles that fill a rectangle of the picture at one depth."""
     pixels = np.array([[left, top, depth], [right, top, depth], [right, bottom, depth], [left, bottom, depth]])
-    return outline.drawn(pixels, np.array([[0, 1, 2], [0, 2, 3]]))
+    return outline.drawn(pixels, np.array([[0, 1, 2], [0, 2, 3]]), (480, 640))
 
 
 # Outlines
@@ -76,15 +77,45 @@ def test_the_sun_reaches_only_what_lies_behind_a_pane():
 
 
 def test_a_point_on_the_axis_is_seen_in_the_middle():
-    ahead = np.array([[0.0, math.cos(optics.PITCH), optics.EYE - math.sin(optics.PITCH)]]) * [1, 7, 1]
-    ahead[0, 2] = optics.EYE - 7 * math.sin(optics.PITCH)
-    assert optics.projected(ahead)[0] == pytest.approx([320, 240, 7])
+    view = optics.CORRIDOR
+    ahead = np.array([[0.0, 7 * math.cos(view.pitch), view.eye[2] - 7 * math.sin(view.pitch)]])
+    assert view.projected(ahead)[0] == pytest.approx([320, 240, 7])
 
 
-@given(st.floats(0, 640), st.floats(0, 480), st.floats(0.5, 20))
-def test_rays_are_the_projection_backwards(u, v, depth):
-    point = optics.rays(np.array([u]), np.array([v])) * depth + [0, 0, optics.EYE]
-    assert optics.projected(point)[0] == pytest.approx([u, v, depth], abs=1e-6)
+VIEWS = [
+    optics.CORRIDOR,
+    optics.View(eye=(0.2, -0.1, 1.2), pitch=0.1, yaw=0.5),
+    optics.View(size=(1280, 720), focal=900.0, pitch=-0.2),
+    *(clip.view for clip in rooms.ROOMS if clip.view.lens),
+]
+
+
+@given(st.floats(0.02, 0.98), st.floats(0.02, 0.98), st.floats(0.5, 20))
+@pytest.mark.parametrize("view", VIEWS)
+def test_rays_are_the_projection_backwards(view, across, down, depth):
+    u, v = across * view.size[0], down * view.size[1]
+    point = view.rays(np.array([u]), np.array([v])) * depth + view.eye
+    assert view.projected(point)[0] == pytest.approx([u, v, depth], abs=0.01)
+
+
+def test_a_camera_that_turns_left_sees_what_stands_left_in_the_middle():
+    left = np.array([[-3.0, 3.0, 1.62]])
+    assert optics.View(pitch=0.0, yaw=math.radians(45)).projected(left)[0, :2] == pytest.approx([320, 240])
+
+
+@pytest.mark.parametrize("view", [view for view in VIEWS if view.lens])
+def test_the_picture_without_the_lens_holds_the_picture_with_it(view):
+    (wide, high), lookup = view.ideal().size, view.lookup()
+    assert (lookup >= 0).all()
+    assert lookup[..., 0].max() < wide
+    assert lookup[..., 1].max() < high
+
+
+@pytest.mark.parametrize("view", [view for view in VIEWS if view.lens])
+def test_a_lens_takes_what_is_farther_out_farther_out(view):
+    radii = np.linspace(0.0, 6.0, 200)
+    bent = view.bent(np.stack([radii, 0.4 * radii], 1))[:, 0]
+    assert (np.diff(bent) > 0).all()
 
 
 # Visits
@@ -119,9 +150,59 @@ def test_nobody_walks_through_anybody_or_through_a_wall(clip):
 
 
 def test_held_back_clips_show_other_people_than_the_tuning_clips():
-    people = {split: {v.name for c in SCENES if c.split == split for v in c.visits} for split in ("tune", "held-back")}
-    assert people["tune"] == set("DEFGHI")
-    assert people["held-back"] == set("JKLMNO")
+    every = [*SCENES, *rooms.ROOMS]
+    people = {split: {v.name for c in every if c.split == split for v in c.visits} for split in ("tune", "held-back")}
+    assert people["tune"] == set("DEFGHIPQR")
+    assert people["held-back"] == set("JKLMNOSTU")
+
+
+@pytest.mark.parametrize("clip", rooms.ROOMS, ids=lambda clip: clip.name)
+def test_nobody_in_a_room_walks_through_anybody_or_through_a_wall(clip):
+    tracks, room = [(visit, story.Track(visit.role)) for visit in clip.visits], clip.layout
+    for index in range(clip.frames()):
+        time, here = index / clip.rate, []
+        for visit, track in tracks:
+            if story.present(visit.role, time):
+                x, y, heading = track(time)
+                sits = any(start <= time <= end for start, end, _ in visit.role.seated)
+                back = rooms.BEHIND if sits else 0.0
+                here.append(np.array([x - back * np.sin(heading), y + back * np.cos(heading)]))
+        for number, (x, y) in enumerate(here):
+            assert all(np.hypot(*(here[number] - other)) > 0.45 for other in here[:number]), time
+            in_door = any(low + 0.15 < x < high - 0.15 for low, high in room.doorways)
+            assert abs(x) < room.half - 0.3, time
+            assert in_door or not room.depth - 0.25 < y < room.depth + 0.3, time
+            assert not any(abs(y - pane) < 0.25 and low - 0.2 < x < high + 0.2 for pane, low, high in room.glass), time
+
+
+def test_every_theme_has_a_clip_for_tuning_and_a_held_back_one_with_other_cameras_and_rooms():
+    pairs = {}
+    for clip in rooms.ROOMS:
+        pairs.setdefault(clip.scene, {})[clip.split] = clip
+    for tune, held_back in ((pair["tune"], pair["held-back"]) for pair in pairs.values()):
+        assert tune.name.endswith("_tune")
+        assert held_back.name.endswith("_heldback")
+        assert tune.layout.things != held_back.layout.things
+    assert len({clip.start for clip in rooms.ROOMS}) == len(rooms.ROOMS)
+
+
+@pytest.mark.parametrize("clip", [c for c in rooms.ROOMS if c.scene == "visitors"], ids=lambda clip: clip.name)
+def test_six_visitors_come_one_after_the_other_and_face_the_camera(clip):
+    calls, faces = [], {}
+    for visit in clip.visits:
+        track = story.Track(visit.role)
+        times = np.arange(visit.role.waypoints[0][0], visit.role.waypoints[-1][0], 0.1)
+        x, y, heading = track(times).T
+        away = np.degrees(np.abs((heading - np.arctan2(-x, y) + np.pi) % (2 * np.pi) - np.pi))
+        near = times[(np.hypot(x, y) < 3.0) & (away < 25)]
+        faces[visit.name] = max(faces.get(visit.name, 0), len(near) / 10)
+        if len(near) > 25:
+            calls.append((near[0], near[-1], visit.name))
+    calls.sort()
+    assert all(end < start for (_, end, _), (start, _, _) in itertools.pairwise(calls))
+    assert len(calls) == 7
+    assert len({name for *_, name in calls}) == 6
+    assert sum(longest < 0.5 for longest in faces.values()) == 2
 
 
 @pytest.mark.parametrize("clip", SCENES, ids=lambda clip: clip.name)
@@ -186,6 +267,30 @@ def test_noise_is_the_same_for_the_same_frame_and_another_for_the_next():
     assert (sensor.noisy(grey, 1, 1.3) != sensor.noisy(grey, 2, 1.3)).any()
 
 
+# Depth and blur
+
+
+def test_measured_depth_is_near_the_true_one_coarser_far_away_and_missing_in_the_shadow():
+    depth = np.full((120, 200), 2.0, np.float32)
+    depth[:, 120:] = 6.0
+    measured = sensor.depth_image(depth, 1) / 1000
+    near, far = measured[:, 20:110], measured[:, 150:]
+    assert np.abs(near[near > 0] - 2).mean() < 0.02
+    assert 0.02 < np.abs(far[far > 0] - 6).mean() < 0.25
+    assert (measured[:, 121:130] == 0).mean() > 0.8
+    assert (far == 0).mean() < 0.05
+    assert (sensor.depth_image(np.full((9, 9), 20.0, np.float32), 1) == 0).all()
+
+
+def test_blur_follows_the_motion_and_stays_in_its_box():
+    light = np.zeros((60, 80, 3), np.float32)
+    light[:, 40] = 1.0
+    blurred = sensor.smeared(light, [((20, 0, 40, 60), (9.0, 0.0))])
+    assert blurred[30, 36:45, 0].min() > 0.05
+    assert blurred[30, 40, 0] < 0.3
+    assert sensor.smeared(light, [((20, 0, 40, 60), (1.0, 0.0))]) == pytest.approx(light)
+
+
 # Truth
 
 
@@ -208,12 +313,13 @@ def test_a_shadow_counts_only_where_it_is_plainly_darker():
     assert truths.frame_truth(7, record(faint), picture, background)["objects"] == []
 
 
-def packed(tmp_path: Path) -> Path:
+def packed(tmp_path: Path, **more) -> Path:
     """A bag of three frames with its truth beside it."""
     background = np.full((480, 640, 3), 0.5, np.float32)
     frames = [truths.frame_truth(stamp, record([[5, 5]]), background, background) for stamp in (10**9, 2 * 10**9)]
     jpegs = [cv2.imencode(".jpg", np.zeros((480, 640, 3), np.uint8))[1]] * 2
-    recording.write_bag(tmp_path / "clip", [10**9, 2 * 10**9], jpegs, [truths.message_of(f, ABOUT) for f in frames], 10)
+    messages = [truths.message_of(f, ABOUT) for f in frames]
+    recording.write_bag(tmp_path / "clip", [10**9, 2 * 10**9], jpegs, messages, 10, optics.CORRIDOR, **more)
     truths.write_truth(tmp_path / "clip.truth.json", frames, ABOUT)
     return tmp_path / "clip"
 
@@ -232,6 +338,42 @@ def test_every_image_in_the_bag_has_its_truth_at_its_time(tmp_path):
         found = list(bag.raw_messages({images: images, people: people}))
     stamps = {topic: [stamp for name, stamp, *_ in found if name == topic] for topic in (images, people)}
     assert stamps[people] == stamps[images] == [10**9, 2 * 10**9]
+
+
+def test_depth_comes_a_little_after_its_image_and_is_read_back(tmp_path):
+    depth = np.arange(480 * 640, dtype=np.uint16).reshape(480, 640) % 5000
+    with open_bag(packed(tmp_path, depths={10**9: depth})) as bag:
+        found = list(bag.raw_messages({recording.DEPTH_TOPIC: recording.DEPTH_TOPIC}))
+    assert [stamp for _, stamp, *_ in found] == [10**9 + recording.DEPTH_LAG]
+    data = found[0][3]
+    png = np.frombuffer(data[data.index(b"\x89PNG") :], np.uint8)
+    assert (cv2.imdecode(png, cv2.IMREAD_UNCHANGED) == depth).all()
+
+
+def chain(transforms: list, point: np.ndarray) -> np.ndarray:
+    """A point of the last frame in the first one."""
+    for moved in reversed(transforms):
+        q, t = moved.transform.rotation, moved.transform.translation
+        x, y, z, w = q.x, q.y, q.z, q.w
+        turn = np.array([
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ])  # fmt: skip
+        point = turn @ point + [t.x, t.y, t.z]
+    return point
+
+
+@pytest.mark.parametrize("clip", [c for c in rooms.ROOMS if c.turning], ids=lambda clip: clip.name)
+@pytest.mark.parametrize("time", [0.0, 3.1, 7.7, 10.0])
+def test_transforms_of_a_head_say_where_the_camera_looks(clip, time):
+    head = recording.Head(lambda _: clip.pan_tilt(time), clip.view.eye[2], clips.NOSE)
+    messages = [message for topic, _, _, message in head.messages(0, 0) if topic in ("/tf", "/tf_static")]
+    fixed, moving = messages[0].transforms, messages[1].transforms
+    view = clip.view_at(time)
+    for depth in (0.0, 4.0):
+        x, y, z = np.array(view.eye) + depth * view.axes[2]
+        assert chain([*moving, *fixed], np.array([0.0, 0.0, depth])) == pytest.approx([y, -x, z], abs=1e-6)
 
 
 def test_a_truth_message_is_complete_in_itself():

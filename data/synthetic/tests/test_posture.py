@@ -5,17 +5,17 @@ from __future__ import annotations
 import ast
 import inspect
 
-import clips
 import figure
 import gait
 import numpy as np
 import posture
 import pytest
+import rooms
 import story
 from hypothesis import given
 from hypothesis import strategies as st
 
-NAMES = ("wave", "phone", "reading", "crossed", "pockets", "hips", "carry", "push", "case", "plank")
+NAMES = ("wave", "phone", "reading", "crossed", "pockets", "hips", "carry", "push", "case", "plank", "lap", "rims")
 ANGLES = st.floats(-np.pi, np.pi)
 TURNS = st.builds(
     lambda x, y, z: gait.turn("x", x) @ gait.turn("y", y) @ gait.turn("z", z), ANGLES, ANGLES, ANGLES
@@ -42,7 +42,7 @@ def test_all_postures_are_tried_here():
 
 
 def test_clips_ask_for_known_postures_and_loads_only():
-    roles = [visit.role for clip in clips.CLIPS.values() for visit in clip.visits]
+    roles = [visit.role for clip in rooms.CLIPS.values() for visit in clip.visits]
     assert {name for role in roles for _, _, name in role.arms} <= set(NAMES)
     assert {role.carries for role in roles} <= {None, *posture.LOADS}
 
