@@ -205,7 +205,6 @@ def test_a_hard_problem_is_given_up_when_its_time_is_over(planner, tmp_path):
     assert answer.verdict is PlannerVerdict.GAVE_UP
     assert answer.message == "kairos found no plan in 0.2 s"
     assert children_worked() - worked < 1.0
-    assert answer.seconds < 2.0
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,7 +16,7 @@ from socialbot.runtime.run import RunResult
 from socialbot.runtime.simulated_source import replay_topics
 from tests.agents.hospital.runs import HospitalRun, carried_out, paper_run
 from tests.runs.pages import read, unfrozen
-from tests.system.running import results, socialbot
+from tests.system.running import results, socialbot_here
 
 BAGS = Path(__file__).parents[2] / "data" / "synthetic"
 
@@ -27,9 +27,9 @@ def page_of(run: HospitalRun) -> str:
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """The demo as people begin it: what it printed, and its folder."""
+    """Output and folder of the demo command."""
     folder = tmp_path_factory.mktemp("demo") / "run"
-    done = socialbot("demo", "hospital", "--rate", 50, "--out", folder)
+    done = socialbot_here("demo", "hospital", "--rate", 50, "--out", folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout, folder
