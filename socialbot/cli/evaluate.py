@@ -25,9 +25,18 @@ PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 
 
 def evaluate(
-    bags: Annotated[list[Path] | None, typer.Argument(metavar="BAG", help="Bags with ground truth.")] = None,
-    images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled images.")] = None,
-    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="Label file; default: DIR/persons.json.")] = None,
+    bags: Annotated[
+        list[Path] | None, typer.Argument(metavar="BAG", help="Bags with ground truth, or labelled data sets.")
+    ] = None,
+    images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled images, or a video.")] = None,
+    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="Its labels; default: found in DIR.")] = None,
+    format: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Label format: socialbot, coco, mot, kitti, yolo, voc or cvat."),
+    ] = None,
+    people: Annotated[
+        list[str] | None, typer.Option(metavar="CLASS", help="Further class names of people; repeatable.")
+    ] = None,
     detector: Annotated[
         list[str] | None, typer.Option(help="Detectors, repeated or separated by commas; default: all but onnx.")
     ] = None,
@@ -43,6 +52,10 @@ def evaluate(
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the figures as JSON.")] = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with curves and frames.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write both, with Markdown tables and SVG.")] = None,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option("--export", metavar="coco=FILE|mot=DIR", help="Write the detections for other tools; repeatable."),
+    ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Parallel processes; default: cores.")] = None,
     threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of the speed measurement.")] = min(2, CORES),
     speed: Annotated[bool, typer.Option(help="Measure the frames per second.")] = True,
@@ -59,18 +72,20 @@ def evaluate(
     from socialbot.vision.metrics.behaviour import single_node
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
+    from socialbot.vision.metrics.exports import export
     from socialbot.vision.metrics.matches import Rules, parse_bands
 
     errors = Console(stderr=True, highlight=False)
     rules = Rules(parse_bands(bands), iou, presence)
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
-    sources = _sources(bags or [], images, truth, split, errors)
+    exported = _exports(exports or [])
+    sources = _sources(_labelled(bags or [], images, truth, format, people or []), split, errors)
     waldo = single_node(load_graph("waldo"), "bdi_engine")
     plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler, waldo=waldo)
     figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
     pages = [path for path in (html, out and out / "index.html") if path is not None]
     documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
-    for path in (*figures, *pages, *documents):
+    for path in (*figures, *pages, *documents, *(path for name, path in exported if name == "coco")):
         _expect_writable(path)
     totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]
     finished = [0] * len(totals)
@@ -91,6 +106,9 @@ def evaluate(
         write_json(evaluation, path)
     if out is not None:
         write_markdown(evaluation, out)
+    for name, path in exported:
+        for written in export(evaluation, name, path):
+            console.print(f"The detections: {written}", soft_wrap=True, markup=False)
     for path in pages:
         page(evaluation).write(path)
         console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
@@ -111,22 +129,54 @@ def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[
     return tuple(pipelines)
 
 
-def _sources(
-    bags: list[Path], images: Path | None, truth: Path | None, split: str | None, errors: Console
-) -> tuple[LabelledSource, ...]:
-    from socialbot.vision.metrics.frames import bag_source, image_sources
+def _exports(texts: list[str]) -> list[tuple[str, Path]]:
+    """Format and path of each export."""
+    from socialbot.vision.metrics.exports import EXPORTS
+
+    split = [text.partition("=") for text in texts]
+    for text, (name, _, path) in zip(texts, split, strict=True):
+        if name not in EXPORTS or not path:
+            raise ParameterError(f"cannot read {text!r}", where="--export", remedy="write coco=FILE or mot=DIR")
+    return [(name, Path(path)) for name, _, path in split]
+
+
+def _labelled(
+    paths: list[Path], images: Path | None, truth: Path | None, format: str | None, people: list[str]
+) -> list[LabelledSource]:
+    """Open the bags and data sets ``paths``, and the labelled ``images``."""
+    from socialbot.vision.metrics.formats import labelled_sources, sniff
+    from socialbot.vision.metrics.frames import bag_source
 
     if truth is not None and images is None:
         raise ParameterError("labels without images", where="--truth", remedy="name their folder with --images")
-    if not bags and images is None:
+    if not paths and images is None:
         raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or use --images")
-    known = [bag_source(path) for path in bags]
-    sources = [source for source in known if split is None or source.split == split]
+    sources = []
+    for path in paths:
+        if path.exists() and not _is_bag(path) and (format or sniff(path)):
+            sources += labelled_sources(path, None, format, people)
+        else:
+            sources.append(bag_source(path))
+    return sources if images is None else sources + labelled_sources(images, truth, format, people)
+
+
+def _is_bag(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file() or path.suffix in (".mcap", ".db3", ".bag")
+
+
+def _sources(known: list[LabelledSource], split: str | None, errors: Console) -> tuple[LabelledSource, ...]:
+    """The sources to evaluate; prints what is left out."""
+    from socialbot.vision.metrics.frames import BagImages
+
+    sources = [
+        source for source in known if split is None or source.split == split or not isinstance(source.images, BagImages)
+    ]
     for source in known:
         if source not in sources:
             errors.print(f"{source.name} is skipped: its split is {source.split or 'none'}", style="dim", markup=False)
-    if images is not None:
-        sources += image_sources(images, truth)
+    for source in sources:
+        for note in source.notes:
+            errors.print(f"{source.name}: {note}", style="dim", markup=False, soft_wrap=True)
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -154,6 +204,8 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
     """Print the frames without scores, which are the same for every detector."""
     first = next(iter(evaluation.detectors.values()))
     for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
+        if clip.outside:
+            errors.print(f"{clip.source.name}: {clip.outside} people outside the image are not scored", style="dim")
         if clip.missing_frames or clip.damaged:
             what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no image"
             damage = f"; {clip.damaged} images are damaged, the first: {clip.first_damage}" if clip.damaged else ""

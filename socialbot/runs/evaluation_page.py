@@ -16,6 +16,7 @@ from socialbot.runs.evaluation_tables import (
     behaviour_clips,
     behaviour_table,
     causes_table,
+    coco_table,
     curve_charts,
     detector_table,
     paper_tables,
@@ -57,6 +58,10 @@ PAPER_NOTE = (
 CURVES_NOTE = (
     "Lines: the detector alone, at every threshold. Dots: the pipeline as it runs, with tracking and its own "
     "threshold, which may lie off the line. Diamonds: the paper."
+)
+COCO_NOTE = (
+    "As COCO defines it, for the detector alone. AP is the mean over the IoU thresholds .50 to .95, AP50 and AP75 are "
+    "at one threshold. Small people cover less than 32x32 pixels, large ones more than 96x96. AR: average recall."
 )
 TRACKING_NOTE = (
     "Metrics of the MOTChallenge, for whole recordings. Pairs need an IoU of 0.5; HOTA is a mean over 19 thresholds. "
@@ -102,7 +107,8 @@ def page(evaluation: Evaluation) -> Page:
             Section("Beside the paper", _titled(paper_tables(evaluation)) if by_boxes else "", PAPER_NOTE),
             Section("In full", _titled(full)),
             Section("Precision and recall", _curves(evaluation), CURVES_NOTE),
-            Section("Tracking", _tracking(evaluation), TRACKING_NOTE),
+            Section("Average precision", _if_rows(coco_table(evaluation)), COCO_NOTE),
+            Section("Tracking", _if_rows(tracking_table(evaluation)), TRACKING_NOTE),
             Section("Where false positives come from", _causes(evaluation) if by_boxes else ""),
             Section("What Waldo does with it", _behaviour(evaluation), BEHAVIOUR_NOTE),
             Section("The worst frames", _worst_frames(evaluation)),
@@ -143,8 +149,7 @@ def _causes(evaluation: Evaluation) -> Markup:
     return causes_table(evaluation, explained=True).html() or Markup('<p class="note">There are none.</p>')
 
 
-def _tracking(evaluation: Evaluation) -> Markup:
-    table = tracking_table(evaluation)
+def _if_rows(table: Table) -> Markup:
     return table.html() if table.rows else Markup()
 
 
@@ -256,6 +261,8 @@ def _method(evaluation: Evaluation) -> Iterable[str]:
         "consecutive frames show nearly the same."
     )
     yield "AP: area under the curve of the detector alone, all-point interpolation."
+    for source in evaluation.plan.sources:
+        yield from (f"{source.name}: {note}" for note in source.notes)
     for name, result in evaluation.detectors.items():
         pipeline = result.pipeline
         changed = "".join(f"; {key} {value}" for key, value in pipeline.changes.items())

@@ -21,7 +21,7 @@ from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
 from socialbot.vision.metrics.frames import BLOCK_S
-from socialbot.vision.metrics.matches import CAUSES
+from socialbot.vision.metrics.matches import CAUSES, UNKNOWN
 from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Interval, PrecisionRecallCurve, Score
 from socialbot.vision.metrics.tracks import TrackingScore
 
@@ -66,7 +66,14 @@ def scene_columns(evaluation: Evaluation) -> dict[str, str]:
 
 
 def shown_bands(evaluation: Evaluation, scenes: Sequence[SceneResult]) -> list[str]:
-    """The bands that are shown for any of ``scenes``: the configured ones, and others that have counts."""
+    """The bands that are shown for any of ``scenes``: the configured ones, and others that have counts.
+
+    None without any known distance.
+    """
+    if not any(
+        _has_counts(score.score) for scene in scenes for band, score in scene.score.bands.items() if band != UNKNOWN
+    ):
+        return []
     shown = {
         band for scene in scenes for band, score in scene.score.bands.items() if "-" in band or _has_counts(score.score)
     }
@@ -142,8 +149,11 @@ def summary_table(evaluation: Evaluation) -> Table:
 def paper_tables(evaluation: Evaluation) -> list[Table]:
     """The scores in the form of the paper's Tables 2 and 3, together with those of the paper.
 
-    Empty when matching by presence, which the paper does not use.
+    Empty when matching by presence, which the paper does not use, and without any known distance.
     """
+    scenes_of = [scene for result in evaluation.detectors.values() for scene in result.scenes.values()]
+    if not shown_bands(evaluation, scenes_of):
+        return []
     columns = scene_columns(evaluation)
     scenes = list(dict.fromkeys([*SCENES, *columns.values()]))
     found: list[tuple[str, str, Mapping[str, Score]]] = []
@@ -192,6 +202,31 @@ def causes_table(evaluation: Evaluation, *, explained: bool = False) -> Table:
     if explained:
         rows = [[*row, CAUSES.get(str(row[0]), "an object of this kind is there")] for row in rows]
     return Table(("cause", *columns, *(("meaning",) if explained else ())), rows, "False positives by cause")
+
+
+COCO = MappingProxyType(
+    {
+        "ap": "AP",
+        "ap50": "AP50",
+        "ap75": "AP75",
+        "ap_small": "AP small",
+        "ap_medium": "AP medium",
+        "ap_large": "AP large",
+        "ar": "AR",
+    }
+)
+"""Figures of `CocoScore` and their usual names."""
+
+
+def coco_table(evaluation: Evaluation) -> Table:
+    """Average precision as COCO defines it, by detector and scene."""
+    rows = [
+        [name, scene, *((rate(getattr(each.coco, key)), "best" if key == "ap" else "r") for key in COCO)]
+        for name, result in evaluation.detectors.items()
+        for scene, each in result.scenes.items()
+        if each.coco.ap is not None
+    ]
+    return Table(("detector", "scene", *COCO.values()), _without_repeats(rows), "Average precision as COCO defines it")
 
 
 TRACKING = MappingProxyType(
@@ -333,6 +368,7 @@ def show(evaluation: Evaluation, console: Console) -> None:
     tables = [
         *(detector_table(evaluation, name, intervals=False) for name in evaluation.detectors),
         *paper_tables(evaluation),
+        coco_table(evaluation),
         tracking_table(evaluation, full=False),
         causes_table(evaluation),
         behaviour_table(evaluation),
@@ -362,7 +398,8 @@ def markdown(evaluation: Evaluation) -> str:
     tables = [table for table in paper_tables(evaluation) if table.rows]
     tables += [detector_table(evaluation, name, intervals=True) for name in evaluation.detectors]
     tables += [] if evaluation.plan.rules.presence else [causes_table(evaluation)]
-    tables += [table for table in (tracking_table(evaluation), behaviour_table(evaluation)) if table.rows]
+    further = coco_table(evaluation), tracking_table(evaluation), behaviour_table(evaluation)
+    tables += [table for table in further if table.rows]
     parts = [part for table in tables for part in (f"**{table.title}**", _markdown(table))]
     speeds = [f"- {name}: {result.speed}" for name, result in evaluation.detectors.items() if result.speed is not None]
     return "\n\n".join([*parts, *(["\n".join(speeds)] if speeds else [])]) + "\n"
@@ -414,7 +451,14 @@ def content(evaluation: Evaluation) -> dict[str, Any]:
             "average_precision": "all-point interpolation",
         },
         "sources": [
-            {"name": source.name, "scene": source.scene, "split": source.split, "frames": len(source.frames)}
+            {
+                "name": source.name,
+                "scene": source.scene,
+                "split": source.split,
+                "frames": len(source.frames),
+                "format": source.format,
+                "notes": list(source.notes),
+            }
             for source in plan.sources
         ],
         "detectors": {name: _detector(result) for name, result in evaluation.detectors.items()},
@@ -434,6 +478,7 @@ def _detector(result: DetectorResult) -> dict[str, Any]:
                 "overall": _band(scene.score.overall),
                 "frames": scene.score.frames,
                 "blocks": scene.score.blocks,
+                "coco": asdict(scene.coco),
                 "tracking": _tracking(scene.tracking),
                 "clips": {clip.source.name: _clip(clip) for clip in scene.clips},
             }

@@ -12,6 +12,7 @@ from typing import Any
 from socialbot.core.errors import ImageError, TruthError
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.behaviour import Behaviour, behaviour
+from socialbot.vision.metrics.coco import CocoScore, coco_image, coco_score
 from socialbot.vision.metrics.frames import BagImages, LabelledFrame, LabelledSource
 from socialbot.vision.metrics.matches import Match, Rules, judge
 from socialbot.vision.metrics.pipeline import Found, FoundFrame, Job, PipelineSettings, Speed, measure, run_job
@@ -84,6 +85,11 @@ class ClipResult:
     first_damage: str
     tracking: TrackingScore | None = None
 
+    @property
+    def outside(self) -> int:
+        """Number of labelled people who lie outside their image."""
+        return sum(not (person.w > 0 and person.h > 0) for each in self.frames for person in each.frame.persons)
+
 
 @dataclass(frozen=True)
 class SceneResult:
@@ -91,6 +97,7 @@ class SceneResult:
 
     score: SceneScore
     clips: tuple[ClipResult, ...]
+    coco: CocoScore
 
     @property
     def tracking(self) -> TrackingScore | None:
@@ -188,7 +195,8 @@ def jobs_of(plan: EvaluationPlan) -> list[Job]:
             images=source.images,
             pipeline=pipeline,
             frames=len(source.frames),
-            outermost=_outermost(source),
+            outermost=_outermost(source) if source.format == "socialbot" else {},
+            sizes={frame.stamp: frame.size for frame in source.frames if frame.size is not None},
         )
         for pipeline in plan.pipelines
         for source in plan.sources
@@ -245,7 +253,7 @@ def _clip_result(plan: EvaluationPlan, pipeline: PipelineSettings, source: Label
     if plan.waldo is not None and isinstance(source.images, BagImages):
         acted = behaviour(plan.waldo, source.frames, found.frames)
     tracking = None
-    if pipeline.tracked and source.images.consecutive:
+    if pipeline.tracked and source.images.consecutive and source.identities:
         tracking = tracking_score(
             # As labelled: other tools do not clip boxes to the image.
             tracked_frame(frame, answers[frame.stamp].persons, source.least_visible)
@@ -260,4 +268,17 @@ def _scene_result(rules: Rules, clips: Sequence[ClipResult]) -> SceneResult:
     frames = [((clip.source.name, each.frame.block), each) for clip in clips for each in clip.frames]
     scored = [FrameMatches(block, each.matches) for block, each in frames]
     raw = [FrameMatches(block, judge(each.frame, each.found.raw, rules)) for block, each in frames]
-    return SceneResult(score_scene(scored, raw, rules.keys), tuple(clips))
+    return SceneResult(score_scene(scored, raw, rules.keys), tuple(clips), _coco_score(clips))
+
+
+def _coco_score(clips: Sequence[ClipResult]) -> CocoScore:
+    """Score of the detector alone, with the boxes as labelled."""
+    images = []
+    for clip in clips:
+        labelled = {frame.stamp: frame for frame in clip.source.frames}
+        for each in clip.frames:
+            frame = labelled[each.frame.stamp]
+            # pycocotools takes the images in the order of their ids.
+            rank = frame.number if clip.source.format == "coco" and isinstance(frame.number, int) else 0
+            images.append((rank, coco_image(frame, each.found.raw, clip.source.least_visible)))
+    return coco_score(image for _, image in sorted(images, key=lambda each: each[0]))

@@ -42,16 +42,18 @@ IMAGE_NS = SECOND
 
 
 class EncodedImage(NamedTuple):
-    """Encoded image with its stamp (ns), camera intrinsics and, in a bag with depth, its depth sensors."""
+    """Encoded image, or pixels of a video, with its stamp (ns), camera intrinsics and, in a bag with depth, its depth sensors."""
 
     stamp: int
-    content: Image | CompressedImage | bytes
+    content: Image | CompressedImage | bytes | np.ndarray
     info: CameraInfo | None = None
     name: str = ""
     sensors: DepthSensors | None = None
 
     def bgr(self) -> np.ndarray:
         """Decode to shape (height, width, 3), uint8, BGR. Raises ImageError for a damaged image."""
+        if isinstance(self.content, np.ndarray):
+            return self.content
         if isinstance(self.content, Image):
             return bgr_from_image(self.content)
         if isinstance(self.content, CompressedImage):
@@ -90,26 +92,53 @@ class BagImages:
 
 @dataclass(frozen=True)
 class FolderImages:
-    """Independent images in a ``folder``, with one second between their stamps."""
+    """Images in a ``folder``: independent, or ``consecutive`` images of one camera.
+
+    ``stamps`` (ns) are one second apart by default.
+    """
 
     folder: str
     images: tuple[str, ...]
-    consecutive = False
+    stamps: tuple[int, ...] = ()
+    consecutive: bool = False
 
     def read(self) -> Iterator[EncodedImage]:
         """Read the images in order. Raises BagError for an unreadable file."""
         for number, image in enumerate(self.images):
             path = Path(self.folder) / image
+            stamp = self.stamps[number] if self.stamps else number * IMAGE_NS
             try:
                 content = path.read_bytes()
             except OSError as error:
                 raise BagError(
                     error.strerror or str(error), where=str(path), remedy="check the folder given by --images"
                 ) from error
-            yield EncodedImage(number * IMAGE_NS, content, name=str(path))
+            yield EncodedImage(stamp, content, name=str(path))
 
 
-ImageSequence = BagImages | FolderImages
+@dataclass(frozen=True)
+class VideoImages:
+    """Images of a video file, ``rate_hz`` a second."""
+
+    path: str
+    rate_hz: float
+    consecutive = True
+
+    def read(self) -> Iterator[EncodedImage]:
+        """Read the images in order. Raises BagError for an unreadable file."""
+        capture = cv2.VideoCapture(self.path)
+        try:
+            if not capture.isOpened():
+                raise BagError("cannot be opened as a video", where=self.path, remedy="convert it to mp4, avi or mkv")
+            number = 0
+            while (read := capture.read())[0]:
+                yield EncodedImage(round(number * SECOND / self.rate_hz), read[1], name=f"{self.path}: frame {number}")
+                number += 1
+        finally:
+            capture.release()
+
+
+ImageSequence = BagImages | FolderImages | VideoImages
 
 
 LABELS_FILE = "persons.json"
@@ -208,7 +237,7 @@ class LabelledFrame:
     """Ground truth of one image, with its ``block`` of the bootstrap.
 
     The regions ``ignore`` are not scored. ``complete``: ``persons`` are all people in the image; ``ranged``: distances
-    are meaningful.
+    are meaningful. ``number`` names the image in its data set; ``size`` is its labelled width and height, pixels.
     """
 
     stamp: int
@@ -220,12 +249,16 @@ class LabelledFrame:
     complete: bool = True
     ranged: bool = True
     light: str = ""
+    number: int | str | None = None
+    size: tuple[int, int] | None = None
 
     def clipped(self, width: int, height: int) -> LabelledFrame:
-        """Clip the boxes of people to an image of ``width`` x ``height`` pixels."""
+        """Clip the boxes of people to an image of ``width`` x ``height`` pixels; people outside are ignored."""
         boxes = clip(np.array([person.box for person in self.persons]).reshape(-1, 4), width, height).tolist()
         people = tuple(
-            msgspec.structs.replace(person, **dict(zip("xywh", box, strict=True)))
+            msgspec.structs.replace(
+                person, **dict(zip("xywh", box, strict=True)), ignore=person.ignore or not (box[2] > 0 and box[3] > 0)
+            )
             for person, box in zip(self.persons, boxes, strict=True)
         )
         return replace(self, persons=people)
@@ -235,7 +268,12 @@ class LabelledFrame:
 class LabelledSource:
     """Images and their ground truth ``frames`` in order of stamps; ``split`` is their intended use.
 
-    ``least_visible`` is the visible share from which a person counts in the tracking metrics.
+    Args:
+        least_visible: Visible share from which a person counts in AP and the tracking metrics.
+        format: Format of the labels.
+        identities: Whether the ids of people are the same in all frames.
+        category: Id of the class of people, for COCO results.
+        notes: What was assumed or left out when reading the labels.
     """
 
     name: str
@@ -244,6 +282,10 @@ class LabelledSource:
     images: ImageSequence
     frames: tuple[LabelledFrame, ...]
     least_visible: float = LEAST_VISIBLE
+    format: str = "socialbot"
+    identities: bool = True
+    category: int | str = 1
+    notes: tuple[str, ...] = ()
 
 
 def bag_source(path: Path) -> LabelledSource:

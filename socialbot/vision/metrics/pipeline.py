@@ -148,7 +148,9 @@ class EvaluatedPipeline:
 class Job:
     """Work unit: a pipeline on the images of a source, of which ``frames`` are expected.
 
-    ``outermost`` are the largest x and y of the ground truth boxes by stamp, which must lie inside the image.
+    Args:
+        outermost: Largest x and y of the ground truth boxes by stamp, which must lie inside the image.
+        sizes: Labelled width and height of images by stamp; an image of another size counts as damaged.
     """
 
     name: str
@@ -156,6 +158,7 @@ class Job:
     pipeline: PipelineSettings
     frames: int
     outermost: dict[int, tuple[float, float]]
+    sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -192,6 +195,12 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
             damaged, first = damaged + 1, first or str(error)
             continue
         height, width = image.shape[:2]
+        labelled = job.sizes.get(encoded.stamp)
+        if labelled is not None and labelled != (width, height):
+            what = f"has {width}x{height} pixels, but its labels are for {labelled[0]}x{labelled[1]}"
+            error = ImageError(what, where=encoded.name, remedy="give the images that were labelled")
+            damaged, first = damaged + 1, first or str(error)
+            continue
         x, y = job.outermost.get(encoded.stamp, (0.0, 0.0))
         if x >= width or y >= height:
             raise TruthError(

@@ -56,13 +56,15 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
 class Person(Region, frozen=True, kw_only=True):
     """Person in one frame: horizontal distance (m) if known, visible share (0 to 1).
 
-    A person with ``ignore`` is never scored, and neither is a detection of them.
+    A person with ``ignore`` is never scored, and neither is a detection of them. ``area`` (square pixels) is that of
+    the outline, for COCO's sizes; by default, that of the box.
     """
 
     id: str
     distance_m: NotNegative | None
     visible: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
     ignore: bool = False
+    area: NotNegative | None = None
 
     @property
     def counts(self) -> bool:

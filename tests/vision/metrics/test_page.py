@@ -95,6 +95,7 @@ def test_page_looks_like_all_others_and_has_every_part(evaluation):
         "Beside the paper",
         "In full",
         "Precision and recall",
+        "Average precision",
         "Tracking",
         "Where false positives come from",
         "What Waldo does with it",
@@ -175,7 +176,7 @@ def test_document_agrees_with_the_json(evaluation, tmp_path):
     assert f"{f1:.3f}" in text
     assert "| 0-2 m | paper | 0.613 | 0.575 | 0.593 | 0.522 | 0.398 | 0.452 |" in text
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
-    assert len(tables) == 6
+    assert len(tables) == 7
     assert all(len({line.count("|") for line in table}) == 1 for table in tables)
     drawing = ElementTree.fromstring((tmp_path / "new" / "curves.svg").read_text())
     charts = [each for each in drawing if each.get("class") == "chart"]

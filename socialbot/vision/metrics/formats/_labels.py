@@ -1,0 +1,390 @@
+"""Shared parts of the label readers: class names, collected labels, and where images lie."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import cv2
+
+from socialbot.bags.reader import natural
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ImageError, TruthError
+from socialbot.vision.metrics.frames import (
+    BLOCK_S,
+    IMAGE_NS,
+    Box,
+    FolderImages,
+    ImageSequence,
+    LabelledFrame,
+    LabelledSource,
+    VideoImages,
+)
+from socialbot.vision.metrics.truth import Person, Region
+
+IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm"})
+DEFAULT_RATE_HZ = 30.0
+DEEP = 6  # Folders are searched for images down to this depth.
+
+Role = Literal["person", "ignored", "region", "other"]
+"""What a class means: people, people who are not scored, regions that are not scored, or other objects."""
+
+_NAMES: dict[Role, str] = {}
+_NAMES["person"] = (
+    "person people pedestrian pedestrians human man woman boy girl child adult walker persona personne passenger"
+    "|person sitting|sitting person|seated person|standing person|other person|wheelchair user|full body|body"
+)
+_NAMES["ignored"] = (
+    "cyclist bicyclist motorcyclist rider bikerider person? reflection distractor"
+    "|person on vehicle|static person|person fa"
+)
+_NAMES["region"] = (
+    "dontcare ignore ignored crowd mask group|dont care|ignored regions|ignored region|ignore region"
+    "|ignore regions|person group|people group|group of people"
+)
+ROLES: dict[str, Role] = {
+    name: role
+    for role, names in _NAMES.items()
+    for single, *phrases in [names.split("|")]
+    for name in (*single.split(), *phrases)
+}
+"""Roles of class names in lower case with single spaces."""
+
+
+def plain_name(name: str) -> str:
+    """A class name in lower case, with single spaces instead of punctuation."""
+    return " ".join(re.sub(r"[\s_\-()'/.]+", " ", name.lower()).split()).replace("don t care", "dont care")
+
+
+def role_of(name: str, people: Iterable[str] = ()) -> Role:
+    """Role of a class: the names ``people`` are people as well."""
+    plain = plain_name(name)
+    return "person" if plain in map(plain_name, people) else ROLES.get(plain, "other")
+
+
+def fault(what: str, where: object, remedy: str) -> TruthError:
+    """A TruthError."""
+    return TruthError(what, where=str(where), remedy=remedy)
+
+
+def read_text(path: Path) -> str:
+    """Read a text file. Raises TruthError if that fails."""
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise fault(error.strerror or str(error), path, "check the path") from error
+    except UnicodeDecodeError as error:
+        raise fault(f"not a text file: {error.reason} at byte {error.start}", path, "save it as UTF-8") from error
+
+
+def numbers(words: Sequence[str], where: str, remedy: str) -> list[float]:
+    """Parse finite numbers. Raises TruthError for another word."""
+    parsed = []
+    for column, word in enumerate(words, 1):
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if not abs(value) < 1e9:
+            raise fault(f"{word[:40]!r} in column {column} is not a number", where, remedy)
+        parsed.append(value)
+    return parsed
+
+
+def lines_of(path: Path) -> Iterator[tuple[str, str]]:
+    """Lines of a text file that are not empty, each with its place for error messages."""
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if line.strip():
+            yield f"{path}, line {number}", line.strip()
+
+
+@dataclass
+class Labels:
+    """Labels of one source as they are read.
+
+    Args:
+        path: File or folder of the labels, for error messages.
+        people: Further names of classes of people.
+    """
+
+    path: Path
+    people: Sequence[str] = ()
+    persons: dict[int | str, list[Person]] = field(default_factory=dict)
+    regions: dict[int | str, list[Region]] = field(default_factory=dict)
+    classes: Counter[str] = field(default_factory=Counter)
+    skipped: Counter[str] = field(default_factory=Counter)
+    notes: list[str] = field(default_factory=list)
+    _taken: set[tuple[int | str, str]] = field(default_factory=set)
+
+    def add(
+        self,
+        key: int | str,
+        name: str,
+        box: Box,
+        where: str,
+        *,
+        id: str = "",
+        ignore: bool = False,
+        region: bool = False,
+        visible: float = 1.0,
+        distance_m: float | None = None,
+        area: float | None = None,
+    ) -> None:
+        """Add a labelled box.
+
+        Args:
+            key: Key of its image.
+            name: Its class.
+            box: x, y, w and h, pixels.
+            where: Its place in the file, for error messages.
+            id: Id of the person in the whole recording.
+            ignore: The person is not scored.
+            region: The box is a region that is not scored.
+
+        Raises:
+            TruthError: The box is no box, or the id has two boxes in one image.
+        """
+        role = role_of(name, self.people)
+        self.classes[name] += 1
+        if not (all(abs(value) < 1e9 for value in box) and box[2] >= 0 and box[3] >= 0):
+            text = ", ".join(f"{value:g}" for value in box)
+            raise fault(f"the box {text} (x, y, width, height) is impossible", where, "correct it or remove it")
+        if role == "other":
+            self.skipped[f"of class {name}"] += 1
+            return
+        corner = dict(zip("xywh", map(float, box), strict=True))
+        if role == "region" or region:
+            self.regions.setdefault(key, []).append(Region(**corner))
+            return
+        if not (box[2] > 0 and box[3] > 0):
+            self.skipped["without area"] += 1
+            return
+        there = self.persons.setdefault(key, [])
+        if id and (key, id) in self._taken:
+            raise fault(f"id {id} has two boxes in one image", where, "give each person an id of their own")
+        self._taken.add((key, id))
+        there.append(
+            Person(
+                **corner,
+                id=id or f"{key}.{len(there)}",
+                distance_m=distance_m,
+                visible=min(max(visible, 0.0), 1.0),
+                ignore=ignore or role == "ignored",
+                area=area,
+            )
+        )
+
+    def check_people(self, classes: Iterable[str]) -> None:
+        """Raises TruthError if there are ``classes``, but none of people."""
+        names = sorted({*self.classes, *classes})
+        if names and not any(role_of(name, self.people) != "other" for name in names):
+            raise fault(f"no class of people among its classes: {_some(names)}", self.path, "name it with --people")
+
+    def source(
+        self,
+        name: str,
+        format: str,
+        images: ImageSequence,
+        entries: Sequence[Entry],
+        *,
+        identities: bool = False,
+        category: int | str = 1,
+    ) -> LabelledSource:
+        """Make a source of the images ``entries``, in order; other images have been left out."""
+        ranged = any(person.distance_m is not None for there in self.persons.values() for person in there)
+        frames = tuple(
+            LabelledFrame(
+                stamp=entry.stamp,
+                name=entry.name,
+                block=int(entry.stamp / SECOND // BLOCK_S) if images.consecutive else number,
+                persons=tuple(self.persons.get(entry.key, ())),
+                ignore=tuple(self.regions.get(entry.key, ())),
+                ranged=ranged,
+                number=entry.number,
+                size=entry.size,
+            )
+            for number, entry in enumerate(entries)
+        )
+        skipped = [f"{count} boxes {what} are not used" for what, count in self.skipped.most_common()]
+        if not any(self.persons.values()):
+            classes = f" Its classes are {_some(sorted(self.classes))}; name one with --people" if self.classes else ""
+            skipped.insert(0, f"nobody is labelled.{classes}")
+        notes = (*self.notes, *skipped)
+        return LabelledSource(
+            name, name, "", images, frames,
+            least_visible=0.0, format=format, identities=identities, category=category, notes=notes,
+        )  # fmt: skip
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Image of a source: key of its labels, name, stamp (ns), number in the data set, and labelled size."""
+
+    key: int | str
+    name: str
+    stamp: int
+    number: int | str | None = None
+    size: tuple[int, int] | None = None
+
+
+# Images
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Images directly in ``folder``, in natural order."""
+    if not folder.is_dir():
+        return []
+    return sorted((path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
+
+
+def first_folder(*folders: Path) -> Path | None:
+    """The first of ``folders`` with images in it."""
+    return next((folder for folder in folders if image_files(folder)), None)
+
+
+class ImageFinder:
+    """Finds images by the names in label files, in and below the folders ``roots``."""
+
+    def __init__(self, *roots: Path) -> None:
+        self.roots = roots
+        self._index: dict[str, list[Path]] | None = None
+
+    def find(self, name: str) -> Path | None:
+        """The image called ``name``, which may have no suffix, folders before it, or Windows separators."""
+        given = name.replace("\\", "/")
+        parts = [part for part in given.split("/") if part not in ("", ".", "..") and ":" not in part]
+        if not parts or "\0" in name:
+            return None
+        for root in self.roots:
+            path = root.joinpath(*parts)
+            if path.suffix.lower() in IMAGE_SUFFIXES and _is_file(path):
+                return path
+        if self._index is None:
+            self._index = {}
+            for path in (path for root in self.roots for path in _below(root, DEEP)):
+                for key in {path.name, path.stem}:
+                    self._index.setdefault(key, []).append(path)
+        found = self._index.get(parts[-1]) or self._index.get(Path(parts[-1]).stem) or []
+        # Of equal names, the one in the same folders.
+        ranked = sorted(dict.fromkeys(found), key=lambda path: (-_shared_end(path, parts), natural(path)))
+        return ranked[0] if ranked else None
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def _below(folder: Path, depth: int) -> Iterator[Path]:
+    if not folder.is_dir():
+        return
+    for path in sorted(folder.iterdir(), key=natural):
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            yield path
+        elif depth and path.is_dir() and not path.name.startswith("."):
+            yield from _below(path, depth - 1)
+
+
+def _shared_end(path: Path, parts: Sequence[str]) -> int:
+    count = 0
+    for mine, theirs in zip(reversed(path.parts[:-1]), reversed(parts[:-1]), strict=False):
+        if mine != theirs:
+            break
+        count += 1
+    return count
+
+
+def missing_images(missing: Sequence[str], total: int, where: Path, labels: Labels) -> None:
+    """Note missing images. Raises ImageError if all are missing."""
+    if missing and len(missing) == total:
+        raise ImageError(
+            f"none of its {total} images is there; the first: {missing[0]}",
+            where=str(where),
+            remedy="give the folder of the images with --images",
+        )
+    if missing:
+        labels.notes.append(f"{len(missing)} of {total} images are missing, the first: {missing[0]}")
+
+
+def single_images(paths: Sequence[Path]) -> tuple[FolderImages, tuple[int, ...]]:
+    """Independent images, and their stamps."""
+    return FolderImages("", tuple(map(str, paths))), tuple(number * IMAGE_NS for number in range(len(paths)))
+
+
+def sequence(paths: Sequence[Path], stamps: Sequence[int]) -> FolderImages:
+    """Consecutive images."""
+    return FolderImages("", tuple(map(str, paths)), tuple(stamps), consecutive=True)
+
+
+def video(path: Path, rate_hz: float | None = None) -> tuple[VideoImages, int]:
+    """Open a video at its own or the given rate; returns also its number of images.
+
+    Raises:
+        ImageError: It cannot be read, or does not say how long it is.
+    """
+    capture = cv2.VideoCapture(str(path))
+    try:
+        count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+        if not capture.isOpened() or not 0 < count < 1e8:
+            raise ImageError("cannot be opened as a video", where=str(path), remedy="convert it to mp4, avi or mkv")
+    finally:
+        capture.release()
+    return VideoImages(str(path), rate_hz or (rate if 0 < rate <= 1000 else DEFAULT_RATE_HZ)), int(count)
+
+
+def number_in(name: str) -> int | None:
+    """The last number in the name of a file."""
+    found = re.findall(r"\d+", Path(name).stem)
+    return int(found[-1]) if found and len(found[-1]) < 16 else None
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image, from its header where possible.
+
+    Raises:
+        ImageError: It cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(1 << 16)
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    size = _png_size(head) or _jpeg_size(head)
+    if size is None:
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if pixels is None:
+            raise ImageError("cannot be decoded", where=str(path), remedy="remove or replace this image")
+        size = pixels.shape[1], pixels.shape[0]
+    return size
+
+
+def _png_size(head: bytes) -> tuple[int, int] | None:
+    if head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR" or len(head) < 24:
+        return None
+    return struct.unpack(">II", head[16:24])
+
+
+def _jpeg_size(head: bytes) -> tuple[int, int] | None:
+    if head[:2] != b"\xff\xd8":
+        return None
+    at = 2
+    while at + 9 <= len(head) and head[at] == 0xFF:
+        marker, length = head[at + 1], int.from_bytes(head[at + 2 : at + 4], "big")
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", head[at + 5 : at + 9])
+            return (width, height) if width and height else None
+        at += 2 + length
+    return None

@@ -1,0 +1,227 @@
+"""CVAT: one XML file, "CVAT for images 1.1" with boxes by image, or "CVAT for video 1.1" with tracks."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._labels import (
+    DEFAULT_RATE_HZ,
+    VIDEO_SUFFIXES,
+    Entry,
+    ImageFinder,
+    Labels,
+    fault,
+    first_folder,
+    image_files,
+    missing_images,
+    number_in,
+    numbers,
+    sequence,
+    single_images,
+    video,
+)
+from socialbot.vision.metrics.formats._xml import Element, at, attribute, read_xml, root_tag
+from socialbot.vision.metrics.frames import Box, ImageSequence, LabelledSource
+
+REMEDY = "export it again as CVAT for images 1.1 or CVAT for video 1.1"
+MAX_FRAME = 10_000_000
+MAX_GAP = 1000  # Longer gaps between key frames are not filled.
+OUTLINES = ("polygon", "polyline", "skeleton")
+
+
+def cvat_file(folder: Path) -> Path | None:
+    """The CVAT file in ``folder``: annotations.xml or another one."""
+    files = sorted(folder.glob("*.xml"), key=lambda path: (path.name != "annotations.xml", path.name))
+    return next((path for path in files[:20] if root_tag(path) == "annotations"), None)
+
+
+def read_cvat(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
+    """Read a CVAT file.
+
+    Args:
+        path: The XML file.
+        images: Folder of the images, or video; default: found near the file.
+        people: Further names of classes of people.
+
+    Raises:
+        TruthError: The file is invalid.
+        ImageError: There are no images.
+    """
+    root = read_xml(path)
+    if root.tag != "annotations":
+        raise fault(f"the root is <{root.tag}>, not <annotations>", path, REMEDY)
+    labels = Labels(path, people)
+    classes = [(each.text or "").strip() for each in root.iterfind("meta//labels/label/name")]
+    if root.find("image") is None:
+        source = _video(root, labels, images)
+    else:
+        source = _images(root, labels, images)
+    labels.check_people(classes)
+    return [source]
+
+
+def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSource:
+    finder = ImageFinder(*([images] if images else [labels.path.parent / "images", labels.path.parent]))
+    listed = root.findall("image")
+    found, missing = [], []
+    for number, each in enumerate(listed):
+        where, name = at(labels.path, each), each.get("name") or ""
+        if not name:
+            raise fault("the image has no name", where, REMEDY)
+        place = finder.find(name)
+        if place is None:
+            missing.append(name)
+            continue
+        found.append((number, name, place, _whole(each.get("width"), each.get("height"))))
+        for shape in each:
+            _add(labels, number, shape, shape.get("label") or "", "")
+    missing_images(missing, len(listed), images or labels.path.parent, labels)
+    pictures, stamps = single_images([place for _, _, place, _ in found])
+    entries = [
+        Entry(number, name, stamp, None, size) for (number, name, _, size), stamp in zip(found, stamps, strict=True)
+    ]
+    return labels.source(_name(root, labels.path), "cvat", pictures, entries)
+
+
+def _video(root: Element, labels: Labels, images: Path | None) -> LabelledSource:
+    for number, track in enumerate(root.findall("track")):
+        name, id = track.get("label") or "", track.get("id") or str(number)
+        shapes = sorted(
+            ((_frame(shape, labels.path), shape) for shape in track if "frame" in shape.attrib),
+            key=lambda each: each[0],
+        )
+        for frame, shape in shapes:
+            if shape.get("outside") != "1":
+                _add(labels, frame, shape, name, id)
+        _interpolate(labels, shapes, name, id, _step(root))
+    size = root.find("meta//original_size")
+    labelled = None if size is None else _whole(size.findtext("width"), size.findtext("height"))
+    pictures, numbered = _sequence(root, labels, images)
+    entries = [Entry(frame, name, stamp, frame + 1, labelled) for frame, name, stamp in numbered]
+    lost = {*labels.persons, *labels.regions} - {frame for frame, _, _ in numbered}
+    if lost:
+        labels.notes.append(f"{len(lost)} labelled frames have no image")
+    return labels.source(_name(root, labels.path), "cvat", pictures, entries, identities=True)
+
+
+def _interpolate(
+    labels: Labels, shapes: Sequence[tuple[int, ElementTree.Element]], name: str, id: str, step: int
+) -> None:
+    """Add the boxes between key frames that a file leaves out."""
+    for (before, first), (after, second) in itertools.pairwise(shapes):
+        if first.get("outside") == "1" or first.tag != "box" or second.tag != "box" or after - before <= step:
+            continue
+        if after - before > MAX_GAP:
+            what = f"no box between the frames {before} and {after}"
+            raise fault(what, at(labels.path, second), "export all frames, or end the track with outside=1")
+        one, two = _box(first, labels.path), _box(second, labels.path)
+        if one is None or two is None:
+            continue
+        for frame in range(before + step, after, step):
+            share = (frame - before) / (after - before)
+            x, y, w, h = (a + share * (b - a) for a, b in zip(one, two, strict=True))
+            labels.add(frame, name, (x, y, w, h), at(labels.path, first), id=id)
+
+
+def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[ImageSequence, list[tuple[int, str, int]]]:
+    """The images, and frame number, name and stamp of each labelled one."""
+    folder = labels.path.parent
+    source = (root.findtext("meta/source") or root.findtext("meta//source") or "").strip()
+    places = [images] if images else [folder / "images", folder]
+    films = [place for place in places if place.is_file()]
+    films += [path for place in places if place.is_dir() for path in sorted(place.iterdir()) if _is_video(path)]
+    films.sort(key=lambda path: path.name != Path(source).name)
+    place = first_folder(*(each for each in places if each.is_dir()))
+    if place is None and not films:
+        raise ImageError(
+            f"no images and no video{f' {source}' if source else ''}",
+            where=str(images or folder),
+            remedy="put them beside the file, or name them with --images",
+        )
+    start, stop = _number(root, "start_frame", 0), _number(root, "stop_frame", -1)
+    if place is None:
+        film, count = video(films[0])
+        frames = range(start, (min(stop, count - 1) if stop >= 0 else count - 1) + 1, _step(root))
+        return film, [(frame, f"frame {frame}", round(frame * SECOND / film.rate_hz)) for frame in frames]
+    paths = image_files(place)
+    written = [number_in(path.name) for path in paths]
+    known = {int(key) for key in (*labels.persons, *labels.regions)}
+    if None in written or len(set(written)) < len(written) or not known & set(written):
+        written = [start + index * _step(root) for index in range(len(paths))]
+    labels.notes.append(f"{DEFAULT_RATE_HZ:g} images a second are assumed")
+    ordered = sorted((number or 0, path) for number, path in zip(written, paths, strict=True))
+    stamps = [round((number - ordered[0][0]) * SECOND / DEFAULT_RATE_HZ) for number, _ in ordered]
+    numbered = [(number, path.name, stamp) for (number, path), stamp in zip(ordered, stamps, strict=True)]
+    return sequence([path for _, path in ordered], stamps), numbered
+
+
+def _add(labels: Labels, key: int, shape: ElementTree.Element, name: str, id: str) -> None:
+    if shape.tag in ("attribute", "tag"):
+        return
+    where = at(labels.path, shape)
+    box = _box(shape, labels.path)
+    if not name:
+        labels.skipped["without a label"] += 1
+    elif box is None:
+        labels.skipped[f"of shape {shape.tag}"] += 1
+    else:
+        labels.add(key, name, box, where, id=id)
+
+
+def _box(shape: ElementTree.Element, path: Path) -> Box | None:
+    """Box of a shape, or around it; None for shapes without one."""
+    if shape.tag == "box":
+        left, top, right, bottom = (attribute(shape, side, path) for side in ("xtl", "ytl", "xbr", "ybr"))
+        return left, top, right - left, bottom - top
+    if shape.tag == "mask":
+        left, top, width, height = (attribute(shape, side, path) for side in ("left", "top", "width", "height"))
+        return left, top, width, height
+    if shape.tag in OUTLINES and shape.get("points"):
+        words = re.split(r"[;,]", shape.get("points") or "")
+        values = numbers(words, f"{at(path, shape)}, points", "write x,y;x,y;...")
+        across, down = values[::2], values[1::2]
+        if len(across) == len(down):
+            return min(across), min(down), max(across) - min(across), max(down) - min(down)
+    return None
+
+
+def _frame(shape: ElementTree.Element, path: Path) -> int:
+    frame = attribute(shape, "frame", path)
+    if frame != int(frame) or not 0 <= frame <= MAX_FRAME:
+        raise fault(f"frame is {frame:g}", at(path, shape), "number the frames from 0")
+    return int(frame)
+
+
+def _step(root: Element) -> int:
+    found = re.search(r"step\s*=\s*(\d{1,6})", root.findtext("meta//frame_filter") or "")
+    return max(1, int(found[1])) if found else 1
+
+
+def _number(root: Element, name: str, default: int) -> int:
+    text = (root.findtext(f"meta//{name}") or "").strip()
+    return int(text) if text.isdecimal() and len(text) < 8 else default
+
+
+def _whole(width: str | None, height: str | None) -> tuple[int, int] | None:
+    words = [(word or "").strip() for word in (width, height)]
+    if not all(word.isdecimal() and len(word) < 7 and int(word) > 0 for word in words):
+        return None
+    return int(words[0]), int(words[1])
+
+
+def _name(root: Element, path: Path) -> str:
+    for place in ("task", "job", "project"):
+        name = (root.findtext(f"meta/{place}/name") or "").strip()
+        if name:
+            return name
+    return path.parent.resolve().name if path.stem == "annotations" else path.stem
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() in VIDEO_SUFFIXES

@@ -1,0 +1,142 @@
+"""KITTI: label_2/NAME.txt beside image_2 (objects), or label_02/SEQUENCE.txt beside image_02 (tracking).
+
+Columns: type, truncated, occluded, alpha, left, top, right, bottom, height, width, length, x, y, z, rotation; tracking
+labels have frame (from 0) and id before them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from socialbot.bags.reader import natural
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._labels import (
+    Entry,
+    ImageFinder,
+    Labels,
+    fault,
+    image_files,
+    lines_of,
+    missing_images,
+    number_in,
+    numbers,
+    sequence,
+    single_images,
+)
+from socialbot.vision.metrics.frames import LabelledSource
+
+RATE_HZ = 10.0
+MOST_TRUNCATED = 0.5
+MOST_OCCLUDED = 2
+"""People beyond these limits, those of KITTI's level "hard", are not scored."""
+
+REMEDY = "write type, truncated, occluded, alpha, left, top, right, bottom, 3 sizes, x, y, z, rotation"
+OBJECTS, TRACKS = ("label_2", "label_3"), ("label_02", "label_03")
+
+
+def kitti_folders(folder: Path) -> list[Path]:
+    """Folders of labels in ``folder``, or in its folder ``training``."""
+    if folder.name in (*OBJECTS, *TRACKS):
+        return [folder]
+    places = [base / name for base in (folder, folder / "training") for name in (*OBJECTS, *TRACKS)]
+    return [place for place in places if place.is_dir()][:1]
+
+
+def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
+    """Read KITTI labels.
+
+    Args:
+        path: Folder of label files, or one label file.
+        images: Folder of the images; default: image_2 or image_02 beside the labels.
+        people: Further names of classes of people.
+
+    Returns:
+        One source of single images, or one for each tracking sequence.
+
+    Raises:
+        TruthError: The labels are invalid.
+        ImageError: There are no images.
+    """
+    files = [path] if path.is_file() else sorted(path.glob("*.txt"), key=natural)
+    if not files:
+        raise fault("no .txt files", path, "give the folder of the label files")
+    folder = path.parent if path.is_file() else path
+    place = images or folder.with_name(folder.name.replace("label", "image"))
+    if _is_tracking(files):
+        return [_tracking(file, images or place / file.stem, people) for file in files]
+    labels = Labels(path, people)
+    for file in files:
+        for where, line in lines_of(file):
+            words = line.split()
+            _add(labels, file.stem, words, where, "")
+    finder = ImageFinder(place)
+    found = {file.stem: finder.find(f"{file.stem}.png") for file in files}
+    missing_images([stem for stem, image in found.items() if image is None], len(files), place, labels)
+    there = {stem: image for stem, image in found.items() if image is not None}
+    pictures, stamps = single_images(list(there.values()))
+    entries = [Entry(stem, image.name, stamp) for (stem, image), stamp in zip(there.items(), stamps, strict=True)]
+    base = folder.parent if folder.parent.name != "training" else folder.parent.parent
+    return [labels.source(base.resolve().name or "kitti", "kitti", pictures, entries)]
+
+
+def _is_tracking(files: Sequence[Path]) -> bool:
+    """Whether the first line begins with two numbers and a class, as in tracking labels."""
+    for file in files:
+        for _, line in lines_of(file):
+            words = line.split()
+            return len(words) >= 17 and words[0].lstrip("-").isdecimal() and not _is_number(words[2])
+    return False
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _tracking(file: Path, place: Path, people: Sequence[str]) -> LabelledSource:
+    labels = Labels(file, people)
+    for where, line in lines_of(file):
+        words = line.split()
+        frame, id = (words[0], words[1]) if len(words) > 2 else ("", "")
+        if not frame.isdecimal() or not id.lstrip("-").isdecimal() or len(frame) > 9 or len(id) > 18:
+            raise fault("the line does not begin with frame and id", where, f"write frame, id; then {REMEDY[6:]}")
+        _add(labels, int(frame), words[2:], where, id if not id.startswith("-") else "")
+    paths = image_files(place)
+    if not paths:
+        raise ImageError("no images", where=str(place), remedy="name their folder with --images")
+    frames = [number if (number := number_in(path.name)) is not None else index for index, path in enumerate(paths)]
+    if len(set(frames)) < len(frames):
+        frames = list(range(len(paths)))
+    stamps = [round((frame - min(frames)) * SECOND / RATE_HZ) for frame in frames]
+    order = sorted(range(len(paths)), key=frames.__getitem__)
+    entries = [Entry(frames[each], paths[each].name, stamps[each], frames[each] + 1) for each in order]
+    pictures = sequence([paths[each] for each in order], [stamps[each] for each in order])
+    lost = {key for key in (*labels.persons, *labels.regions) if key not in set(frames)}
+    if lost:
+        labels.notes.append(f"{len(lost)} labelled frames have no image")
+    return labels.source(file.stem, "kitti", pictures, entries, identities=True)
+
+
+def _add(labels: Labels, key: int | str, words: Sequence[str], where: str, id: str) -> None:
+    """Add a line without frame and id."""
+    if not 15 <= len(words) <= 16:
+        raise fault(f"{len(words)} columns instead of 15", where, REMEDY)
+    truncated, occluded, _, left, top, right, bottom, *rest = numbers(words[1:], where, REMEDY)
+    # In tracking labels, truncation is a level: 0, 1 or 2.
+    poor = truncated > (1 if id else MOST_TRUNCATED) or occluded > MOST_OCCLUDED
+    x, _, z = rest[3:6]
+    labels.add(
+        key,
+        words[0],
+        (left, top, right - left, bottom - top),
+        where,
+        id=id,
+        ignore=poor,
+        distance_m=math.hypot(x, z) if z > 0 else None,
+    )

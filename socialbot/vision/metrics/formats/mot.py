@@ -1,0 +1,187 @@
+"""MOTChallenge: gt/gt.txt beside seqinfo.ini and the images or video of a sequence.
+
+Columns: frame (from 1), id, x, y, width, height, confidence (0: not scored), then class and visible share (MOT16 and
+later) or three coordinates (MOT15).
+"""
+
+from __future__ import annotations
+
+import configparser
+from collections.abc import Sequence
+from pathlib import Path
+
+from socialbot.bags.reader import natural
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._labels import (
+    DEFAULT_RATE_HZ,
+    VIDEO_SUFFIXES,
+    Entry,
+    Labels,
+    fault,
+    first_folder,
+    image_files,
+    lines_of,
+    number_in,
+    numbers,
+    read_text,
+    sequence,
+    video,
+)
+from socialbot.vision.metrics.frames import ImageSequence, LabelledSource
+
+CLASSES = (
+    "pedestrian", "person on vehicle", "car", "bicycle", "motorbike", "non-motorised vehicle", "static person",
+    "distractor", "occluder", "occluder on the ground", "full occluder", "reflection", "crowd",
+)  # fmt: skip
+"""Names of the classes 1 to 13."""
+
+REMEDY = "write frame, id, x, y, width, height, confidence, class, visibility, separated by commas"
+MAX_FRAME = 10_000_000
+
+
+def is_sequence(folder: Path) -> bool:
+    """Whether ``folder`` is a MOTChallenge sequence."""
+    return any((folder / name).is_file() for name in ("seqinfo.ini", "gt/gt.txt", "gt.txt"))
+
+
+def sequences(folder: Path) -> list[Path]:
+    """Sequences in or below ``folder``."""
+    if is_sequence(folder):
+        return [folder]
+    below = [path for pattern in ("*", "*/*") for path in folder.glob(pattern) if path.is_dir() and is_sequence(path)]
+    return sorted(below, key=lambda path: natural(path))
+
+
+def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
+    """Read a MOTChallenge sequence.
+
+    Args:
+        path: Folder of the sequence, or its file gt.txt.
+        images: Folder of the images, or video; default: found in the folder.
+        people: Further names of classes of people.
+
+    Raises:
+        TruthError: The labels are invalid.
+        ImageError: There are no images.
+    """
+    given = path.parent.parent if path.parent.name == "gt" else path.parent
+    folder = path if path.is_dir() else given
+    truth = next(
+        (each for each in (folder / "gt" / "gt.txt", folder / "gt.txt") if each.is_file()), folder / "gt/gt.txt"
+    )
+    truth = truth if path.is_dir() else path
+    if not truth.is_file():
+        raise fault("no gt/gt.txt: this sequence has no labels", folder, "use a training sequence")
+    info = _info(folder / "seqinfo.ini")
+    labels = Labels(truth, people)
+    identities = _read_lines(labels, _class_names(truth.parent / "labels.txt"))
+    rate = _rate(info, folder, labels)
+    found, entries = _images(folder, images, info, rate, labels)
+    last = max((int(key) for key in (*labels.persons, *labels.regions)), default=0)
+    there = {entry.key for entry in entries}
+    lost = {key for key in (*labels.persons, *labels.regions) if key not in there}
+    if lost:
+        labels.notes.append(f"{len(lost)} labelled frames have no image; the last is frame {last}")
+    name = info.get("name") or folder.resolve().name
+    return [labels.source(name, "mot", found, entries, identities=identities)]
+
+
+def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
+    """Add all boxes; returns whether people have ids."""
+    identities = False
+    for where, line in lines_of(labels.path):
+        words = [word.strip() for word in line.split(",")] if "," in line else line.split()
+        if not 6 <= len(words) <= 10:
+            raise fault(f"{len(words)} columns", where, REMEDY)
+        values = numbers(words, where, REMEDY)
+        frame, id, x, y, w, h = values[:6]
+        if frame != int(frame) or id != int(id) or not 0 <= frame <= MAX_FRAME:
+            raise fault(f"frame {words[0][:20]} and id {words[1][:20]} must be whole numbers", where, REMEDY)
+        confidence = values[6] if len(words) > 6 else 1.0
+        # Ten columns are those of MOT15: a place instead of class and visibility.
+        number = int(values[7]) if len(words) in (8, 9) else 1
+        visible = values[8] if len(words) == 9 else 1.0
+        name = names[number - 1] if 0 < number <= len(names) else f"{number}"
+        labels.add(
+            int(frame),
+            "pedestrian" if number < 1 else name,
+            (x, y, w, h),
+            where,
+            id=f"{int(id)}" if id >= 0 else "",
+            ignore=confidence == 0,
+            visible=visible if visible >= 0 else 1.0,
+        )
+        identities |= id >= 0
+    return identities
+
+
+def _info(path: Path) -> dict[str, str]:
+    """Fields of seqinfo.ini in lower case; empty without the file."""
+    if not path.is_file():
+        return {}
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        parser.read_string(read_text(path))
+    except configparser.Error as error:
+        what = " ".join(str(error).split())
+        raise fault(f"cannot be read: {what}", path, "write a section [Sequence] with NAME=VALUE lines") from error
+    section = "Sequence" if parser.has_section("Sequence") else next(iter(parser.sections()), "")
+    return dict(parser[section]) if section else {}
+
+
+def _class_names(path: Path) -> Sequence[str]:
+    """Names of the classes from 1, from labels.txt as CVAT and Datumaro write it, or those of MOT16 to MOT20."""
+    return [line.strip() for line in read_text(path).splitlines()] if path.is_file() else CLASSES
+
+
+def _rate(info: dict[str, str], folder: Path, labels: Labels) -> float | None:
+    text = info.get("framerate")
+    if text is None:
+        return None
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate <= 1000:
+        raise fault(f"frameRate is {text!r}", folder / "seqinfo.ini", "write images a second, such as 30")
+    return rate
+
+
+def _images(
+    folder: Path, images: Path | None, info: dict[str, str], rate: float | None, labels: Labels
+) -> tuple[ImageSequence, list[Entry]]:
+    named = folder / info.get("imdir", "img1")
+    places = [images] if images else [named, folder / "img1", folder / "images", folder / "img", folder]
+    place = first_folder(*places)
+    videos = sorted(
+        path
+        for each in places
+        for path in ([each] if each.is_file() else each.glob("*") if each.is_dir() else ())
+        if path.suffix.lower() in VIDEO_SUFFIXES
+    )
+    if place is None and not videos:
+        raise ImageError("no images and no video", where=str(images or folder), remedy="name them with --images")
+    if place is None:
+        if len(videos) > 1:
+            raise fault(f"{len(videos)} videos: {videos[0].name}, ...", folder, "name the one to use with --images")
+        film, count = video(videos[0], rate)
+        stamps = {frame: round((frame - 1) * SECOND / film.rate_hz) for frame in range(1, count + 1)}
+        return film, [Entry(frame, f"frame {frame}", stamp, frame) for frame, stamp in stamps.items()]
+    if rate is None:
+        labels.notes.append(f"no frame rate in seqinfo.ini: {DEFAULT_RATE_HZ:g} images a second are assumed")
+    paths = image_files(place)
+    written = [number_in(path.name) for path in paths]
+    known = {int(key) for key in (*labels.persons, *labels.regions)}
+    usable = None not in written and len(set(written)) == len(written) and known <= set(written)
+    frames = [number or 0 for number in written] if usable else list(range(1, len(paths) + 1))
+    order = sorted(range(len(paths)), key=frames.__getitem__)
+    stamps = [round((frames[number] - min(frames)) * SECOND / (rate or DEFAULT_RATE_HZ)) for number in order]
+    entries = [
+        Entry(frames[number], paths[number].name, stamp, frames[number])
+        for number, stamp in zip(order, stamps, strict=True)
+    ]
+    length = info.get("seqlength", "")
+    if length.strip().isdecimal() and int(length) != len(paths):
+        labels.notes.append(f"{len(paths)} images, but seqinfo.ini says {int(length)}")
+    return sequence([paths[number] for number in order], stamps), entries

@@ -1,0 +1,97 @@
+"""Pascal VOC: an XML file for each image, in Annotations beside JPEGImages, or beside the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from socialbot.bags.reader import natural
+from socialbot.vision.metrics.formats._labels import (
+    Entry,
+    ImageFinder,
+    Labels,
+    fault,
+    image_files,
+    missing_images,
+    numbers,
+    single_images,
+)
+from socialbot.vision.metrics.formats._xml import at, read_xml, root_tag
+from socialbot.vision.metrics.frames import LabelledSource
+
+REMEDY = "write name and bndbox with xmin, ymin, xmax and ymax, pixels"
+
+
+def voc_folder(folder: Path) -> Path | None:
+    """The folder of the XML files in or below ``folder``."""
+    places = [folder, folder / "Annotations", folder / "annotations", *sorted(folder.glob("**/Annotations"))[:1]]
+    return next((place for place in places if _has_voc(place)), None)
+
+
+def _has_voc(folder: Path) -> bool:
+    return folder.is_dir() and any(root_tag(path) == "annotation" for path in sorted(folder.glob("*.xml"))[:5])
+
+
+def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
+    """Read Pascal VOC labels.
+
+    Args:
+        path: Folder of the XML files, or one XML file.
+        images: Folder of the images; default: JPEGImages beside the labels, or the same folder.
+        people: Further names of classes of people.
+
+    Raises:
+        TruthError: The labels are invalid.
+        ImageError: There are no images.
+    """
+    files = [path] if path.is_file() else sorted(path.glob("*.xml"), key=natural)
+    folder = path.parent if path.is_file() else path
+    base = folder.parent if folder.name.lower() == "annotations" else folder
+    roots = [images] if images else [base / "JPEGImages", base / "images", folder, base]
+    finder = ImageFinder(*roots)
+    labels = Labels(path, people)
+    found: dict[str, tuple[Path, tuple[int, int] | None]] = {}
+    missing = []
+    for file in files:
+        root = read_xml(file)
+        if root.tag != "annotation":
+            raise fault(f"the root is <{root.tag}>, not <annotation>", file, "give Pascal VOC files only")
+        name = (root.findtext("filename") or "").strip()
+        image = finder.find(file.stem) or (finder.find(name) if name else None)
+        if image is None:
+            missing.append(name or file.stem)
+            continue
+        found[file.stem] = image, _size(root)
+        for number, thing in enumerate(root.findall("object")):
+            _add(labels, file, thing, number)
+    missing_images(missing, len(files), roots[0], labels)
+    pictures, stamps = single_images([image for image, _ in found.values()])
+    entries = [
+        Entry(key, image.name, stamp, None, size)
+        for (key, (image, size)), stamp in zip(found.items(), stamps, strict=True)
+    ]
+    place = next(iter(found.values()))[0].parent if found else base
+    unlabelled = len(image_files(place)) - len(entries)
+    if path.is_dir() and unlabelled > 0:
+        labels.notes.append(f"{unlabelled} images in {place.name} have no XML file and are not used")
+    return [labels.source(base.resolve().name, "voc", pictures, entries)]
+
+
+def _add(labels: Labels, file: Path, thing: ElementTree.Element, number: int) -> None:
+    where = f"{at(file, thing)} (object {number + 1})"
+    name, box = (thing.findtext("name") or "").strip(), thing.find("bndbox")
+    if not name or box is None:
+        raise fault(f"the object has no {'name' if not name else 'bndbox'}", where, REMEDY)
+    words = [(box.findtext(side) or "").strip() for side in ("xmin", "ymin", "xmax", "ymax")]
+    left, top, right, bottom = numbers(words, where, REMEDY)
+    ignore = (thing.findtext("difficult") or "0").strip().lower() in ("1", "true", "yes")
+    labels.add(file.stem, name, (left, top, right - left, bottom - top), where, ignore=ignore)
+
+
+def _size(root: ElementTree.Element) -> tuple[int, int] | None:
+    """Labelled width and height; some tools write 0."""
+    words = [(root.findtext(f"size/{side}") or "").strip() for side in ("width", "height")]
+    if not all(word.isdecimal() and 0 < int(word[:9]) < 1_000_000 and len(word) < 9 for word in words):
+        return None
+    return int(words[0]), int(words[1])

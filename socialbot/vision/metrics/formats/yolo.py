@@ -1,0 +1,244 @@
+"""YOLO: a .txt file for each image, beside it or in a folder labels beside the folder images.
+
+Lines: class, middle x, middle y, width, height as shares of the image; or class and the points of an outline. Class
+names are in data.yaml, classes.txt or obj.names. An image without a file, or with an empty one, shows nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from socialbot.bags.reader import natural
+from socialbot.core.errors import ImageError
+from socialbot.core.yaml import load_yaml
+from socialbot.vision.metrics.formats._labels import (
+    IMAGE_SUFFIXES,
+    Entry,
+    Labels,
+    fault,
+    image_files,
+    image_size,
+    lines_of,
+    numbers,
+    read_text,
+    single_images,
+)
+from socialbot.vision.metrics.frames import Box, LabelledSource
+
+REMEDY = "write class, middle x, middle y, width and height, as shares of the image from 0 to 1"
+SLACK = 0.01  # Shares may exceed the image by rounding.
+NAME_FILES = ("classes.txt", "obj.names", "labels/classes.txt", "names.txt", "_darknet.labels")
+SPLITS = ("train", "val", "valid", "test")
+
+
+def is_yolo(folder: Path) -> bool:
+    """Whether ``folder`` is a YOLO data set."""
+    if _yaml_of(folder) or any((folder / name).is_file() for name in (*NAME_FILES, "obj.data")):
+        return True
+    folders = [
+        folder / "labels",
+        *(folder / "labels" / split for split in SPLITS),
+        *(folder / s / "labels" for s in SPLITS),
+    ]
+    return any(place.is_dir() and any(place.glob("*.txt")) for place in folders) or any(
+        path.with_suffix(".txt").is_file() for path in image_files(folder)[:20]
+    )
+
+
+def _yaml_of(folder: Path) -> Path | None:
+    """The YAML file with class names."""
+    files = sorted(folder.glob("*.y*ml"), key=lambda path: (path.stem != "data", path.name))
+    return next((path for path in files if _has_names(path)), None)
+
+
+def _has_names(path: Path) -> bool:
+    try:
+        text = path.read_bytes()[:100_000]
+    except OSError:
+        return False
+    return any(line.startswith(b"names:") for line in text.splitlines())
+
+
+def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
+    """Read a YOLO data set.
+
+    Args:
+        path: Its folder, the folder of its labels, or data.yaml.
+        images: Folder of the images; default: found in the folder.
+        people: Further names of classes of people.
+
+    Returns:
+        One source for each part (train, val, test).
+
+    Raises:
+        TruthError: The labels are invalid.
+        ImageError: There are no images.
+    """
+    folder = path if path.is_dir() else path.parent
+    names_at, keypoints, parts = _description(path if path.is_file() else _yaml_of(folder), folder)
+    names, where = names_at
+    if not names:
+        above = [folder, folder.parent] if folder.name == "labels" else [folder]
+        file = next((base / name for base in above for name in NAME_FILES if (base / name).is_file()), None)
+        names = dict(enumerate(read_text(file).split("\n"))) if file else {}
+        names, where = {number: name.strip() for number, name in names.items() if name.strip()}, file or folder
+    parts = {"": [images]} if images is not None else parts or _parts(folder)
+    labelled = path if path.is_dir() and (images is not None or folder.name == "labels") else None
+    files: dict[str, dict[Path, Path | None]] = {}
+    for part, places in parts.items():
+        paths = sorted({image for place in places for image in _images(place)}, key=lambda path: natural(path))
+        if paths:
+            files[part] = {image: _label_file(image, labelled) for image in paths}
+    if not files:
+        raise ImageError("no images", where=str(folder), remedy="put them into images/, or give --images")
+    if not any(file for part in files.values() for file in part.values()):
+        raise fault("no image has a label file", where, "put NAME.txt for NAME.jpg into a folder labels")
+    title = (folder.parent if folder.name == "labels" else folder).resolve().name
+    return [
+        _source("/".join(word for word in (title, part) if word), there, names, where, keypoints, people)
+        for part, there in files.items()
+    ]
+
+
+def _source(
+    name: str,
+    files: Mapping[Path, Path | None],
+    names: Mapping[int, str],
+    where: Path,
+    keypoints: int,
+    people: Sequence[str],
+) -> LabelledSource:
+    labels = Labels(where, people)
+    if not names:
+        labels.notes.append("no data.yaml and no classes.txt: class 0 is taken for people")
+    entries, unlabelled = [], 0
+    pictures, stamps = single_images(list(files))
+    for (path, file), stamp in zip(files.items(), stamps, strict=True):
+        size = image_size(path)
+        entries.append(Entry(str(path), path.name, stamp))
+        if file is None:
+            unlabelled += 1
+            continue
+        for place, line in lines_of(file):
+            words = line.split()
+            number = numbers(words[:1], place, REMEDY)[0]
+            if number != int(number) or number < 0:
+                raise fault(f"the class {words[0][:20]} is not a whole number", place, REMEDY)
+            if names and int(number) not in names:
+                raise fault(f"class {int(number)} has no name", place, f"name it in {where}")
+            box = _box(words[1:], size, keypoints, place)
+            labels.add(str(path), names.get(int(number), "person" if number == 0 else f"{int(number)}"), box, place)
+    if unlabelled:
+        labels.notes.append(f"{unlabelled} of {len(files)} images have no label file: they show nobody")
+    labels.check_people(names.values())
+    return labels.source(name, "yolo", pictures, entries)
+
+
+def _box(words: Sequence[str], size: tuple[int, int], keypoints: int, where: str) -> Box:
+    """Box in pixels of a line without its class: a box, a box with score or key points, or an outline."""
+    values = numbers(words, where, REMEDY)
+    outline = not keypoints and len(values) >= 6 and len(values) % 2 == 0
+    if len(values) < 4 or (len(values) > 5 and not outline and not keypoints):
+        raise fault(f"{len(values) + 1} columns", where, REMEDY)
+    shares = values if outline else values[:4]
+    if not all(-SLACK <= value <= 1 + SLACK for value in shares):
+        worst = max(shares, key=abs)
+        raise fault(f"{worst:g} is not a share of the image", where, REMEDY)
+    width, height = size
+    if outline:
+        left, right, top, bottom = min(values[::2]), max(values[::2]), min(values[1::2]), max(values[1::2])
+        return left * width, top * height, (right - left) * width, (bottom - top) * height
+    x, y, w, h = shares
+    return (x - w / 2) * width, (y - h / 2) * height, w * width, h * height
+
+
+def _label_file(image: Path, folder: Path | None) -> Path | None:
+    """The label file of an image: the last folder "images" in its path becomes "labels"."""
+    name = f"{image.stem}.txt"
+    places = [folder / name] if folder else []
+    for depth, part in enumerate(reversed(image.parts[:-1])):
+        if part == "images":
+            at = len(image.parts) - 2 - depth
+            places.append(Path(*image.parts[:at], "labels", *image.parts[at + 1 : -1], name))
+            break
+    places += [image.with_name(name), image.parent / "labels" / name, image.parent.parent / "labels" / name]
+    return next((place for place in places if place.is_file()), None)
+
+
+def _parts(folder: Path) -> dict[str, list[Path]]:
+    """Folders of images by part, without a description."""
+    base = folder.parent if folder.name == "labels" else folder
+    for pattern in ("images/{}", "{}/images", "{}"):
+        found = {part: [base / pattern.format(part)] for part in SPLITS}
+        if any(image_files(place) for [place] in found.values()):
+            return found
+    return {"": [place for place in (base / "images", base, base / "obj_train_data") if image_files(place)][:1]}
+
+
+def _images(place: Path) -> list[Path]:
+    """Images in a folder, or those that a text file lists."""
+    if place.suffix.lower() in IMAGE_SUFFIXES:
+        return [place] if place.is_file() else []
+    if place.is_file():
+        listed = [Path(line) for _, line in lines_of(place) if "\0" not in line]
+        return [found for path in listed if (found := _listed(path, place.parent)) is not None]
+    return image_files(place) or image_files(place / "images")
+
+
+def _listed(path: Path, base: Path) -> Path | None:
+    """An image of a list, which may have been moved together with it."""
+    if path.suffix.lower() not in IMAGE_SUFFIXES:
+        return None
+    places = [path, *(base.joinpath(*path.parts[first:]) for first in range(len(path.parts)))]
+    try:
+        return next((place for place in places[not path.is_absolute() :] if place.is_file()), None)
+    except OSError:
+        return None
+
+
+def _description(path: Path | None, folder: Path) -> tuple[tuple[dict[int, str], Path], int, dict[str, list[Path]]]:
+    """Class names and their file, the number of key points, and folders or lists of images by part."""
+    if path is None:
+        return ({}, folder), 0, {}
+    try:
+        loaded: Any = load_yaml(YAML(typ="safe", pure=True), read_text(path))
+    except YAMLError as error:
+        raise fault(
+            f"cannot be read: {' '.join(str(error).split())[:200]}", path, "write names: [person, ...]"
+        ) from error
+    names = loaded.get("names") if isinstance(loaded, dict) else None
+    if isinstance(names, list):
+        names = dict(enumerate(names))
+    if not isinstance(names, dict) or not all(isinstance(key, int) for key in names):
+        raise fault("no names of classes", path, "write names: [person, ...], or names: {0: person}")
+    shape = loaded.get("kpt_shape")
+    keypoints = shape[0] if isinstance(shape, list) and shape and isinstance(shape[0], int) else 0
+    root = loaded.get("path")
+    bases = [path.parent, path.parent.parent]
+    if isinstance(root, str) and "\0" not in root:
+        bases = [path.parent / root, path.parent.parent / root, *bases]
+    parts: dict[str, list[Path]] = {}
+    for part in SPLITS:
+        given = loaded.get(part)
+        for each in [given] if isinstance(given, str) else given if isinstance(given, list) else []:
+            place = _existing(str(each), bases)
+            if place is not None and place not in [other for listed in parts.values() for other in listed]:
+                parts.setdefault(part, []).append(place)
+    return ({number: str(name) for number, name in names.items()}, path), keypoints, parts
+
+
+def _existing(name: str, bases: Iterable[Path]) -> Path | None:
+    """A folder or file with images; Roboflow writes ../train/images for train/images."""
+    if "\0" in name:
+        return None
+    names = [name, name.removeprefix("../")]
+    places = [base / each for each in names for base in bases]
+    try:
+        return next((place.resolve() for place in places if place.is_file() or _images(place)), None)
+    except OSError:
+        return None
