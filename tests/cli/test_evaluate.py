@@ -103,7 +103,9 @@ def test_unwritable_output_is_an_error_at_the_start(tmp_path, arguments, where):
         (["{bag}", "{bag}"], 4, "two sources have the name clip"),
         (["{bag}", "--set", "colour=red"], 4, "no setting 'colour'"),
         (["nowhere"], 3, "no such file or folder"),
-        (["--images", "nowhere"], 3, "persons.json"),
+        (["--images", "nowhere"], 3, "no such file or folder"),
+        (["--images", ".", "--format", "cocoa"], 4, "unknown format 'cocoa'"),
+        (["{bag}", "--export", "csv=x"], 4, "write coco=FILE or mot=DIR"),
         (["{bag}", "--split", "any"], 2, "any"),
     ],
 )

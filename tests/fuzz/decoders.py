@@ -67,6 +67,7 @@ from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.runtime.deployment import load_deployment
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.images import ENCODINGS, bgr_from_compressed, bgr_from_image
+from socialbot.vision.metrics.formats import labelled_sources, sniff
 from socialbot.vision.metrics.frames import load_labels
 from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
@@ -296,7 +297,70 @@ def _files() -> Iterator[Decoder]:
     yield Decoder("truth-messages", lambda data: truth_from_messages(_text(data).split("\n\n"), "bag"), (frame,))
     pictures = b'[{"image": "a.jpg", "boxes": [{"x": 1, "y": 2, "w": 30, "h": 40}], "complete": false, "scene": "one"}]'
     yield Decoder("pictures", _file(load_labels), (pictures,))
+    yield from _data_sets()
     yield Decoder("private-key", _private_key, (_pem(),))
+
+
+def _data_sets() -> Iterator[Decoder]:
+    box = b"40.00 20.00 70.00 100.00 1.89 0.48 1.20 3.00 1.47 4.00 0.01\n"
+    coco = (
+        b'{"images": [{"id": 1, "file_name": "a.png", "width": 160, "height": 120, "video_id": 1, "frame_id": 0}],'
+        b' "annotations": [{"id": 1, "image_id": 1, "category_id": 1, "bbox": [40, 20, 30, 80], "area": 9, "iscrowd": 0'
+        b', "instance_id": 2}], "categories": [{"id": 1, "name": "person"}], "videos": [{"id": 1, "fps": 10}]}'
+    )
+    voc = (
+        b"<annotation><filename>a.png</filename><size><width>160</width><height>120</height></size><object>"
+        b"<name>person</name><difficult>0</difficult><bndbox><xmin>40</xmin><ymin>20</ymin><xmax>70</xmax>"
+        b"<ymax>100</ymax></bndbox></object></annotation>"
+    )
+    sides = b'occluded="0" xtl="40" ytl="20" xbr="70" ybr="100"'
+    images = (
+        b'<annotations><image id="0" name="a.png" width="160" height="120"><box label="person" ' + sides + b"/>"
+        b'<polygon label="person" points="1.0,2.0;3.5,2;3,9"/></image></annotations>'
+    )
+    track = (
+        b'<annotations><meta><task><start_frame>0</start_frame></task></meta><track id="1" label="person">'
+        b'<box frame="0" outside="0" ' + sides + b'/><box frame="4" outside="0" ' + sides + b"/></track></annotations>"
+    )
+    examples: dict[str, tuple[str, tuple[bytes, ...]]] = {
+        "coco": ("coco.json", (coco,)),
+        "mot": ("gt.txt", (b"1,1,40,20,30,80,1,1,0.75\n1,2,90,20,30,80,1,1,1\n", b"1,1,40,20,30,80,1,-1,-1,-1\n")),
+        "kitti": ("a.txt", (b"Pedestrian 0.00 0 -0.20 " + box, b"0 1 Pedestrian 0 0 -0.20 " + box)),
+        "yolo": ("labels/a.txt", (b"0 0.34375 0.5 0.1875 0.66666667\n", b"0 0.25 0.5 0.5 0.5 0.25 0.75\n")),
+        "yolo-names": (
+            "data.yaml",
+            (b"train: .\nnames: [person, car]\n", b"names:\n  0: person\nkpt_shape: [17, 3]\n"),
+        ),
+        "seqinfo": ("seqinfo.ini", (b"[Sequence]\nname=A\nimDir=.\nframeRate=30\nseqLength=1\n",)),
+        "voc": ("a.xml", (voc,)),
+        "cvat": ("annotations.xml", (images, track)),
+    }
+    for name, (file, seeds) in examples.items():
+        yield Decoder(f"labels-{name}", functools.partial(_labels, name.partition("-")[0], file), seeds)
+
+
+@functools.cache
+def _pixels() -> bytes:
+    return cv2.imencode(".png", np.zeros((120, 160, 3), np.uint8))[1].tobytes()
+
+
+def _labels(format: str, name: str, data: bytes) -> None:
+    """Read a data set of one image, with one file of ``data``."""
+    folder = scratch() / f"data-set-{name.replace('/', '-')}"
+    for path, content in ((folder / "a.png", _pixels()), (folder / name, data)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    if name == "data.yaml":
+        (folder / "labels").mkdir(exist_ok=True)
+        (folder / "labels" / "a.txt").write_text("0 0.5 0.5 0.1 0.1\n")
+    if format == "seqinfo":
+        format = "mot"
+        (folder / "gt.txt").write_text("1,1,40,20,30,80,1,1,1\n")
+    file = folder / name
+    place = folder if name in ("data.yaml", "seqinfo.ini", "labels/a.txt") else file
+    sniff(file)
+    sniff(folder)
+    labelled_sources(folder, None if place == folder else place, format)
 
 
 def _pem() -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,8 @@ def export(evaluation: Evaluation, name: str, path: Path) -> list[Path]:
             continue
         for clip in (clip for scene in result.scenes.values() for clip in scene.clips):
             if clip.source.images.consecutive:
-                place = (path / detector if several else path) / f"{clip.source.name.replace('/', '-')}.txt"
+                name_of = re.sub(r"[^\w.-]+", "-", clip.source.name)
+                place = (path / detector if several else path) / f"{name_of}.txt"
                 files[place] = "".join(f"{line}\n" for line in mot_lines(clip)).encode()
     if not files:
         raise ParameterError(

@@ -38,6 +38,7 @@ CLASSES = (
 
 REMEDY = "write frame, id, x, y, width, height, confidence, class, visibility, separated by commas"
 MAX_FRAME = 10_000_000
+MAX_NAME = 200
 
 
 def is_sequence(folder: Path) -> bool:
@@ -151,8 +152,10 @@ def _rate(info: dict[str, str], folder: Path, labels: Labels) -> float | None:
 def _images(
     folder: Path, images: Path | None, info: dict[str, str], rate: float | None, labels: Labels
 ) -> tuple[ImageSequence, list[Entry]]:
-    named = folder / info.get("imdir", "img1")
-    places = [images] if images else [named, folder / "img1", folder / "images", folder / "img", folder]
+    named = info.get("imdir", "img1")
+    if len(named) > MAX_NAME or "\0" in named:
+        raise fault("imDir is no folder name", folder / "seqinfo.ini", "write imDir=img1")
+    places = [images] if images else [folder / named, folder / "img1", folder / "images", folder / "img", folder]
     place = first_folder(*places)
     videos = sorted(
         path
