@@ -90,7 +90,8 @@ def test_signals_during_the_start_end_a_replay_with_code_0(
             return (tmp_path / "run" / "log" / "graph.yaml").exists()
         return handles_sigterm(process.pid) and (stage == "first import" or processor_s(process.pid) > 0.4)
 
-    with running("replay", short_bag, "--out", tmp_path / "run", "--no-video") as process:
+    graph = detector_graph("Detector", tmp_path)
+    with running("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video") as process:
         assert eventually(is_reached, PATIENCE_S)
         process.send_signal(how)
         assert process.wait(PATIENCE_S) == 0, process.stdout and process.stdout.read()
@@ -128,7 +129,8 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for number in range(2):
             bag.write_raw("/camera/image_raw", "sensor_msgs/msg/Image", b"", 10**18 + number)
-    done = socialbot_here("replay", tmp_path / "bag", "--out", tmp_path / "run", "--no-video")
+    graph = detector_graph("Detector", tmp_path)
+    done = socialbot_here("replay", tmp_path / "bag", "--graph", graph, "--out", tmp_path / "run", "--no-video")
     assert done.returncode == 3
     assert "2 damaged" in done.stderr
     assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 2
