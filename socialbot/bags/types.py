@@ -183,6 +183,10 @@ _FIELDS = {
         "string id"
     ),
     "vision_msgs/msg/Detection2DArray": "std_msgs/Header header, vision_msgs/Detection2D[] detections",
+    "hri_msgs/msg/EngagementLevel": (
+        "std_msgs/Header header, uint8 UNKNOWN=0, uint8 DISENGAGED=1, uint8 ENGAGING=2, uint8 ENGAGED=3, "
+        "uint8 DISENGAGING=4, uint8 level"
+    ),
     "hri_msgs/msg/IdsList": "std_msgs/Header header, string[] ids",
     "hri_msgs/msg/NormalizedRegionOfInterest2D": (
         "std_msgs/Header header, float32 xmin, float32 ymin, float32 xmax, float32 ymax, float32 c"

@@ -5,12 +5,14 @@ Types of missing packages are skipped. See docs/ros-installation.md.
 
 from __future__ import annotations
 
+import functools
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
 from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import JointTrajectory, Message, PersonDetections
 from socialbot.graph.node import Delivery, Graph
@@ -29,16 +31,27 @@ from socialbot.runs.standard_messages import (
 
 TF, TF_STATIC, JOINTS = "/tf", "/tf_static", "/joint_states"
 MARKERS, BOXES, TRACKED = "/humans/bodies/markers", "/humans/bodies/boxes", "/humans/bodies/tracked"
-REGION = "/humans/bodies/{}/roi"
+FACES = "/humans/faces/tracked"
+REGION, FACE_REGION = "/humans/bodies/{}/roi", "/humans/faces/{}/roi"
+PERSONS, ENGAGEMENT = "/humans/persons/tracked", "/humans/persons/{}/engagement_status"
 
 TYPES: Mapping[str, str] = {
     TF: "tf2_msgs/msg/TFMessage",
     MARKERS: "visualization_msgs/msg/MarkerArray",
     BOXES: "vision_msgs/msg/Detection2DArray",
     TRACKED: "hri_msgs/msg/IdsList",
+    FACES: "hri_msgs/msg/IdsList",
+    PERSONS: "hri_msgs/msg/IdsList",
 }
 HEAD_TYPES: Mapping[str, str] = {TF_STATIC: "tf2_msgs/msg/TFMessage", JOINTS: "sensor_msgs/msg/JointState"}
-REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
+_REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
+PERSON_TYPES: Mapping[str, str] = {
+    REGION: _REGION_TYPE,
+    FACE_REGION: _REGION_TYPE,
+    ENGAGEMENT: "hri_msgs/msg/EngagementLevel",
+}
+"""Types of the topics of one person."""
+_FACE_KEPT_S = 1.0  # A face is listed for this long after it was last found: not every image is searched.
 
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
@@ -63,7 +76,8 @@ class Translator:
         self._neck = neck or Neck("", "")
         self._mounting = mounting_of(graph)
         self._joints = Joints((self._neck.pan, self._neck.tilt))
-        self._bodies: dict[str, Any] = {}
+        self._of_persons: dict[str, dict[str, Any]] = {topic: {} for topic in PERSON_TYPES}
+        self._faces: dict[str, int] = {}
         self._lock = threading.Lock()
         self.missing: set[str] = set()
         self._publishers: dict[str, Any] = {}
@@ -78,7 +92,9 @@ class Translator:
         """Published topics, each with its type."""
         offered = {**TYPES, **HEAD_TYPES}
         topics = [f"{topic}  {offered[topic]}" for topic in self._publishers]
-        return [*topics, f"{REGION.format('<id>')}  {REGION_TYPE}"] if TRACKED in self._publishers else topics
+        if TRACKED in self._publishers:
+            topics += [f"{topic.format('<id>')}  {kind}" for topic, kind in PERSON_TYPES.items()]
+        return topics
 
     def take(self, topic: str, message: Message) -> None:
         """Convert and publish a message, unless its stamp does not fit a ROS Time."""
@@ -101,23 +117,40 @@ class Translator:
         self._publish(MARKERS, lambda: self._messages.markers(found, head))
         self._publish(BOXES, lambda: self._messages.boxes(found))
         if TRACKED in self._publishers:
-            self._publish_regions(found)
-            self._publish(TRACKED, lambda: self._messages.ids(found))
+            self._publish_ros4hri(found)
 
-    def _publish_regions(self, found: PersonDetections) -> None:
-        """Publish one topic per body, and remove it with the body."""
+    def _publish_ros4hri(self, found: PersonDetections) -> None:
+        """Publish bodies, faces and persons. One person has the same id in all three."""
         there = {body_id(person): person for person in found.persons if person.track_id}
-        for gone in self._bodies.keys() - there.keys():
-            self._ros.destroy_publisher(self._bodies.pop(gone))
-        if not (found.width and found.height):
-            return
-        for name, person in there.items():
-            if name not in self._bodies:
-                # Latched, so that late subscribers get the current box.
-                self._bodies[name] = self._ros.create_publisher(
-                    message_class(REGION_TYPE), REGION.format(name), publisher_qos(Delivery.LATCHED)
+        self._faces |= {name: found.stamp for name, person in there.items() if person.face}
+        oldest = found.stamp - round(_FACE_KEPT_S * SECOND)
+        self._faces = {name: stamp for name, stamp in self._faces.items() if name in there and stamp >= oldest}
+        make = self._messages
+        regions, faces = {}, {}
+        if found.width and found.height:
+            for name, person in there.items():
+                box = (person.x, person.y, person.w, person.h)
+                regions[name] = make.region(found, box, person.score)
+                if person.face:
+                    faces[name] = make.region(found, person.face, person.score)
+        self._publish_each(REGION, there, regions)
+        self._publish_each(FACE_REGION, self._faces, faces)
+        self._publish_each(ENGAGEMENT, there, {name: make.engagement(found, each) for name, each in there.items()})
+        for topic, names in ((TRACKED, there), (FACES, self._faces), (PERSONS, there)):
+            self._publish(topic, functools.partial(make.ids, found, list(names)))
+
+    def _publish_each(self, topic: str, there: Collection[str], messages: Mapping[str, Any]) -> None:
+        """Publish ``messages`` by id, one topic for each of those who are ``there``, and remove the others."""
+        publishers = self._of_persons[topic]
+        for gone in publishers.keys() - set(there):
+            self._ros.destroy_publisher(publishers.pop(gone))
+        for name, message in messages.items():
+            if name not in publishers:
+                # Latched, so that late subscribers get the current state.
+                publishers[name] = self._ros.create_publisher(
+                    message_class(PERSON_TYPES[topic]), topic.format(name), publisher_qos(Delivery.LATCHED)
                 )
-            self._bodies[name].publish(self._messages.region(found, person))
+            publishers[name].publish(message)
 
     def _publish_camera(self) -> None:
         self._publish(TF_STATIC, lambda: self._messages.camera(self._now(), self._mounting))
@@ -147,7 +180,8 @@ class Translator:
         try:
             found = message_class(kind)
             if topic == TRACKED:
-                message_class(REGION_TYPE)
+                for each in PERSON_TYPES.values():
+                    message_class(each)
             self._publishers[topic] = self._ros.create_publisher(found, topic, publisher_qos(delivery))
         except (InstallationError, UnsupportedTypeSupport):
             # UnsupportedTypeSupport: the libraries of the package are not found.

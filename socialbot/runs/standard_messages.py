@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 import re
 from bisect import bisect_right
@@ -290,23 +291,56 @@ class StandardMessages:
         ]
         return self.make("vision_msgs/msg/Detection2DArray", (header, detections))
 
-    def ids(self, found: PersonDetections) -> Any:
-        """Return an IdsList of hri_msgs."""
-        ids = [body_id(person) for person in found.persons if person.track_id]
-        return self.make("hri_msgs/msg/IdsList", ((found.stamp, found.frame_id), ids))
+    def ids(self, found: PersonDetections, names: Sequence[str]) -> Any:
+        """Return an IdsList of hri_msgs with ``names``."""
+        return self.make("hri_msgs/msg/IdsList", ((found.stamp, found.frame_id), list(names)))
 
-    def region(self, found: PersonDetections, person: PersonDetection) -> Any:
-        """Return a NormalizedRegionOfInterest2D of hri_msgs, as fractions of the image."""
+    def region(self, found: PersonDetections, box: Sequence[float], score: float) -> Any:
+        """Return a NormalizedRegionOfInterest2D of hri_msgs for ``box`` (x, y, w, h), as fractions of the image."""
+        x, y, w, h = box
         corners = {
-            "xmin": person.x / found.width,
-            "ymin": person.y / found.height,
-            "xmax": (person.x + person.w) / found.width,
-            "ymax": (person.y + person.h) / found.height,
-            "c": person.score,
+            "xmin": x / found.width,
+            "ymin": y / found.height,
+            "xmax": (x + w) / found.width,
+            "ymax": (y + h) / found.height,
+            "c": score,
         }
         values = {name: min(max(value, 0.0), 1.0) for name, value in corners.items()}
         header = (found.stamp, found.frame_id)
         return self.make("hri_msgs/msg/NormalizedRegionOfInterest2D", {"header": header, **values})
+
+    def engagement(self, found: PersonDetections, person: PersonDetection) -> Any:
+        """Return an EngagementLevel of hri_msgs."""
+        values = ((found.stamp, found.frame_id), int(engagement_of(person)))
+        return self.make("hri_msgs/msg/EngagementLevel", dict(zip(("header", "level"), values, strict=True)))
+
+
+class Engagement(enum.IntEnum):
+    """Levels of EngagementLevel of hri_msgs."""
+
+    UNKNOWN = 0
+    DISENGAGED = 1
+    ENGAGING = 2
+    ENGAGED = 3
+    DISENGAGING = 4
+
+
+_FACES_ROBOT_RAD, _TURNED_RAD = 0.6, 1.0  # Who looks at the robot, and who looks past it.
+_NEAR_M = 3.0
+_MOVING_MPS = 0.3
+
+
+def engagement_of(person: PersonDetection) -> Engagement:
+    """Engagement of ``person`` with the robot, from facing, distance and approach."""
+    if person.facing_rad is None:
+        return Engagement.UNKNOWN
+    near = person.distance_m is not None and person.distance_m <= _NEAR_M
+    leaving = person.approach_mps is not None and person.approach_mps <= -_MOVING_MPS
+    if person.facing_rad <= _FACES_ROBOT_RAD:
+        return Engagement.ENGAGED if near and not leaving else Engagement.ENGAGING
+    if person.facing_rad < _TURNED_RAD:
+        return Engagement.DISENGAGING if near else Engagement.UNKNOWN
+    return Engagement.DISENGAGED
 
 
 def _marker(

@@ -6,13 +6,14 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import JointTrajectory, PersonDetection, PersonDetections
 from socialbot.graph.files import load_graph
-from socialbot.runs.standard_messages import Mounting, mounting_of
+from socialbot.runs.standard_messages import Engagement, Mounting, engagement_of, mounting_of
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -140,3 +141,20 @@ def test_skips_packages_that_are_not_installed(monkeypatch: pytest.MonkeyPatch) 
         assert translating.missing == {"vision_msgs", "hri_msgs", "tf2_msgs"}
         assert [topic.partition(" ")[0] for topic in translating.topics] == [translator.MARKERS, translator.JOINTS]
         translating.take("/x", people(ANN))
+
+
+@pytest.mark.parametrize(
+    ("changes", "level"),
+    [
+        ({}, Engagement.UNKNOWN),
+        ({"facing_rad": 0.2}, Engagement.ENGAGED),
+        ({"facing_rad": 0.2, "approach_mps": -0.5}, Engagement.ENGAGING),
+        ({"facing_rad": 0.2, "distance_m": 5.0}, Engagement.ENGAGING),
+        ({"facing_rad": 0.2, "distance_m": None}, Engagement.ENGAGING),
+        ({"facing_rad": 0.8}, Engagement.DISENGAGING),
+        ({"facing_rad": 0.8, "distance_m": 5.0}, Engagement.UNKNOWN),
+        ({"facing_rad": 2.5}, Engagement.DISENGAGED),
+    ],
+)
+def test_engagement_follows_facing_distance_and_approach(changes: dict[str, Any], level: Engagement) -> None:
+    assert engagement_of(msgspec.structs.replace(ANN, **changes)) == level

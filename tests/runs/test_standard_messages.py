@@ -13,6 +13,7 @@ from socialbot.runs.standard_messages import (
     OPTICAL,
     PAN,
     TILT,
+    Engagement,
     HeadPose,
     Mounting,
     StandardMessages,
@@ -142,17 +143,27 @@ def test_boxes_have_centres_and_sizes_in_pixels():
     assert (first.results[0].hypothesis.class_id, first.results[0].hypothesis.score) == ("person", 0.9)
 
 
+def box(person: PersonDetection) -> tuple[float, ...]:
+    return person.x, person.y, person.w, person.h
+
+
+def test_engagement_has_the_level_and_the_stamp_of_the_image():
+    told = there_and_back(SAY.engagement(FOUND, msgspec.structs.replace(ANN, facing_rad=0.1, distance_m=2.0)))
+    assert told.level == Engagement.ENGAGED
+    assert told.header.frame_id == FOUND.frame_id
+
+
 def test_region_is_a_fraction_of_the_image():
-    region = there_and_back(SAY.region(FOUND, ANN))
+    region = there_and_back(SAY.region(FOUND, box(ANN), ANN.score))
     assert (region.xmin, region.xmax) == pytest.approx((100 / 640, 180 / 640))
     assert (region.ymin, region.ymax) == pytest.approx((40 / 480, 0.5))
     assert region.c == pytest.approx(0.9)
-    beyond = there_and_back(SAY.region(FOUND, SOMEBODY))
+    beyond = there_and_back(SAY.region(FOUND, box(SOMEBODY), SOMEBODY.score))
     assert (beyond.xmin, beyond.ymax) == (0.0, 1.0)
 
 
 def test_tracked_persons_have_ids():
-    assert there_and_back(SAY.ids(FOUND)).ids == ["t1"]
+    assert there_and_back(SAY.ids(FOUND, ["t1"])).ids == ["t1"]
 
 
 def test_joint_state_has_names():

@@ -42,6 +42,9 @@ PEOPLE = {
     "/humans/bodies/boxes": "vision_msgs/msg/Detection2DArray",
     "/humans/bodies/tracked": "hri_msgs/msg/IdsList",
     "/humans/bodies/<id>/roi": "hri_msgs/msg/NormalizedRegionOfInterest2D",
+    "/humans/faces/tracked": "hri_msgs/msg/IdsList",
+    "/humans/persons/tracked": "hri_msgs/msg/IdsList",
+    "/humans/persons/<id>/engagement_status": "hri_msgs/msg/EngagementLevel",
 }
 
 
@@ -117,6 +120,8 @@ def test_publishes_people_as_tf_vision_msgs_and_ros4hri(graph: Path) -> None:
     (box,) = told["/humans/bodies/boxes"]["detections"]
     assert BODY.fullmatch(box["id"])
     assert box["results"][0]["hypothesis"]["class_id"] == "person"
+    assert told["/humans/persons/tracked"]["ids"]
+    assert 0 <= told["/humans/persons/<id>/engagement_status"]["level"] <= 4
     region = told["/humans/bodies/<id>/roi"]
     assert 0 <= region["xmin"] < region["xmax"] <= 1
     assert 0 <= region["ymin"] < region["ymax"] <= 1
