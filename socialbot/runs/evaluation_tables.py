@@ -221,7 +221,7 @@ COCO = MappingProxyType(
 def coco_table(evaluation: Evaluation) -> Table:
     """Average precision as COCO defines it, by detector and scene."""
     rows = [
-        [name, scene, *((rate(getattr(each.coco, key)), "best" if key == "ap" else "r") for key in COCO)]
+        [name, scene, *((rate(getattr(each.coco, key)), "r") for key in COCO)]
         for name, result in evaluation.detectors.items()
         for scene, each in result.scenes.items()
         if each.coco.ap is not None
@@ -249,19 +249,18 @@ TRACKING_COUNTS = ("switches", "fragments", "false", "missed", "people", "tracks
 def tracking_table(evaluation: Evaluation, *, full: bool = True) -> Table:
     """Tracking metrics by detector and scene, for recordings; without ``full`` only the most important ones."""
     rates = [key for key in TRACKING if full or key not in ("idp", "idr", "motp")]
-    counts = TRACKING_COUNTS if full else TRACKING_COUNTS[:6]
     rows = [
         [
             name,
             scene,
-            *((rate(getattr(score, key)), "best" if key in ("hota", "idf1", "mota") else "r") for key in rates),
-            *(getattr(score, key) for key in counts),
+            *((rate(getattr(score, key)), "r") for key in rates),
+            *(getattr(score, key) for key in TRACKING_COUNTS[:6]),
         ]
         for name, result in evaluation.detectors.items()
         for scene, each in result.scenes.items()
         if (score := each.tracking) is not None
     ]
-    heads = ("detector", "scene", *(TRACKING[key] for key in rates), *(key.replace("_", " ") for key in counts))
+    heads = ("detector", "scene", *(TRACKING[key] for key in rates), *TRACKING_COUNTS[:6])
     return Table(heads, _without_repeats(rows), "Tracking")
 
 

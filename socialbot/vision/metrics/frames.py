@@ -42,7 +42,10 @@ IMAGE_NS = SECOND
 
 
 class EncodedImage(NamedTuple):
-    """Encoded image, or pixels of a video, with its stamp (ns), camera intrinsics and, in a bag with depth, its depth sensors."""
+    """Encoded image, or pixels of a video, with its stamp (ns) and camera intrinsics.
+
+    In a bag with depth it has its depth sensors.
+    """
 
     stamp: int
     content: Image | CompressedImage | bytes | np.ndarray

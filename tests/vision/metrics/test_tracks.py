@@ -1,19 +1,25 @@
 from __future__ import annotations
 
 import itertools
+import json
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.core.messages import PersonDetection
 from socialbot.vision.detector import iou
+from socialbot.vision.metrics.formats import labelled_sources
 from socialbot.vision.metrics.frames import LabelledFrame, bag_source
 from socialbot.vision.metrics.pipeline import PipelineSettings
 from socialbot.vision.metrics.tracks import TrackedFrame, TrackingScore, best_pairs, tracked_frame, tracking_score
 from socialbot.vision.metrics.truth import Region
 from tests.vision.metrics.scenes import drawn_bag, evaluated, frame, person, seen
 
+REFERENCE = Path(__file__).with_name("reference")
 RATES = ("mota", "motp", "idf1", "idp", "idr", "hota", "deta", "assa", "loca")
 COUNTS = ("hits", "false", "missed", "switches", "fragments", "mostly_tracked", "mostly_lost")
 
@@ -156,6 +162,26 @@ def test_same_figures_as_trackeval(seed):
     assert [mine.hota, mine.deta, mine.assa, mine.loca] == pytest.approx(
         [hota[each] for each in ("HOTA", "DetA", "AssA", "LocA")]
     )
+
+
+def test_same_figures_as_trackeval_had_for_files(tmp_path):
+    images = tmp_path / "img1"
+    images.mkdir()
+    for number in range(1, 41):
+        cv2.imwrite(str(images / f"{number:06}.png"), np.zeros((2, 2, 3), np.uint8))
+    (tmp_path / "gt.txt").write_bytes((REFERENCE / "gt.txt").read_bytes())
+    [source] = labelled_sources(tmp_path)
+    found: dict[int, list[PersonDetection]] = {}
+    for line in (REFERENCE / "tracks.txt").read_text().splitlines():
+        number, track, x, y, w, h, score = line.split(",")[:7]
+        box = {"x": float(x), "y": float(y), "w": float(w), "h": float(h)}
+        found.setdefault(int(number), []).append(PersonDetection(**box, score=float(score), track_id=track))
+    score = tracking_score(
+        tracked_frame(frame, found.get(number, []), source.least_visible)
+        for number, frame in enumerate(source.frames, 1)
+    )
+    figures = json.loads((REFERENCE / "figures.json").read_text())["tracks"]
+    assert {name: getattr(score, name) for name in figures} == pytest.approx(figures)
 
 
 # Frames
