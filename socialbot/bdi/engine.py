@@ -119,6 +119,8 @@ class Engine:
         for rule in rules:
             if isinstance(rule, Inference):
                 self.interpreter.own_library().add_inference(rule)
+                for kind in rule.classes():
+                    self.beliefs.declare(kind)
             else:
                 for plan in flat([rule]):
                     self._add_plan(plan, first)

@@ -210,6 +210,8 @@ class Library:
         return compiled.plan if compiled else None
 
     def add_inference(self, inference: Inference) -> None:
+        for kind in inference.classes():
+            self.declare(kind)
         new = inference.head.key not in self.inferences
         self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
         if new:

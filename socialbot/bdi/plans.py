@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from socialbot.bdi.literals import Change, Event, Literal, Reactor, Structure
+from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, Reactor, Structure
 from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
 from socialbot.bdi.terms import (
     Call,
@@ -73,9 +73,9 @@ class Plan:
         return self
 
     def classes(self) -> Iterator[type[Literal]]:
-        """Classes of the beliefs and goals in the event and the condition."""
-        yield from _classes(self.event.literal)
-        yield from _classes(self.condition)
+        """Classes of the beliefs and goals in the event, the condition and the body."""
+        for part in (self.event.literal, self.condition, self.body):
+            yield from _classes(part)
 
     def __str__(self) -> str:
         if self.text is not None:
@@ -92,6 +92,11 @@ class Inference:
     condition: Conjunction
     origin: Origin | None = None
     text: str | None = None
+
+    def classes(self) -> Iterator[type[Literal]]:
+        """Classes of the beliefs in the head and the condition."""
+        yield from _classes(self.head)
+        yield from _classes(self.condition)
 
     def __str__(self) -> str:
         return self.text or f"{self.head} << ({self.condition})"
@@ -138,14 +143,10 @@ def parts_of(item: object) -> tuple[object, ...]:
 
 
 def _classes(part: object) -> Iterator[type[Literal]]:
-    if isinstance(part, Literal):
-        if type(part) is not Structure:
-            yield type(part)
-    elif isinstance(part, (Conjunction, Disjunction)):
-        for term in part.terms:
-            yield from _classes(term)
-    elif isinstance(part, Negation):
-        yield from _classes(part.condition)
+    if isinstance(part, (Belief, Goal)) and type(part) is not Structure:
+        yield type(part)
+    for inner in parts_of(part):
+        yield from _classes(inner)
 
 
 class _Checker:

@@ -9,7 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Action, Atom, Engine, apart, atomic, enter, first_of, source, stage, wait, wait_for
+from socialbot.bdi import (
+    Action,
+    Atom,
+    Belief,
+    Engine,
+    apart,
+    atomic,
+    enter,
+    first_of,
+    for_each,
+    source,
+    stage,
+    wait,
+    wait_for,
+)
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.saving import MindError, restore, save
 from socialbot.bdi.steps import Update
@@ -41,6 +55,25 @@ def test_beliefs_keep_their_annotations_sources_and_beginnings():
     assert held is not None
     assert (held.sources, held.since) == (("bob", "percept"), 7)
     assert twin.kinds("belief") == []
+
+
+class seen(Belief):  # noqa: N801 - reads as a belief
+    """Belief that occurs in the body of a plan only."""
+
+
+class hidden(Belief):  # noqa: N801 - reads as a belief
+    """Belief that occurs in the condition of an inference only."""
+
+
+def test_restored_beliefs_have_the_classes_of_the_program():
+    rules = [go() >> [for_each(seen(X), [+p(X)])], q(X) << hidden(X)]
+    lab = Lab(*rules)
+    lab.engine.believe(seen(1))
+    lab.engine.believe(hidden(2))
+    lab.tell()
+    other = Lab(*rules)
+    restore(other.engine, save(lab.engine))
+    assert {type(held.belief) for held in other.engine.beliefs} == {seen, hidden}
 
 
 TERMS = st.recursive(

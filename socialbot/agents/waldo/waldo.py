@@ -8,16 +8,29 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median_low
 from typing import NamedTuple
 
 # 1. Import the parts of an agent
-from socialbot.bdi import Action, Belief, Engine, Goal, Sensed, Sensor, SingletonBelief, variables
+from socialbot.bdi import (
+    Action,
+    Belief,
+    Engine,
+    Goal,
+    Reactor,
+    Sensed,
+    Sensor,
+    SingletonBelief,
+    atomic,
+    for_each,
+    variables,
+    when,
+)
 from socialbot.bdi.literals import Event
-from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.messages import PersonDetections
+from socialbot.core.clock import SECOND, Clock, nanoseconds
+from socialbot.core.messages import PersonDetection, PersonDetections
 
 
 # 2. Define beliefs and goals
@@ -33,16 +46,40 @@ class stays(Belief):
     """This person has been present for at least ``help_after_s``."""
 
 
-class people(SingletonBelief):
-    """Number of people who arrived together."""
+class engages(Belief):
+    """This person is present and faces the robot, walks up to it, or stands before it; who only passes does not."""
 
 
 class greeted(Belief):
-    """The people present have been greeted."""
+    """This person has been greeted."""
 
 
-class late(Belief):
-    """This person arrived after help was offered to the others."""
+class offered(Belief):
+    """This person has been offered help."""
+
+
+class people(SingletonBelief):
+    """Number of people in view when the first of them arrived."""
+
+
+class known(Belief):
+    """This person is present, or has been within the last ``forget_after_s``."""
+
+
+class ungreeted(Belief):
+    """This person engages and has not been greeted."""
+
+
+class unoffered(Belief):
+    """This person stays, engages, and has not been offered help."""
+
+
+class several(Belief):
+    """More than one person waits for a greeting."""
+
+
+class returned(Reactor):
+    """A person arrived after a loss of detections, and counts as this one, who was present before it."""
 
 
 class silent(SingletonBelief):
@@ -54,11 +91,11 @@ class DoNothing(Goal):
 
 
 class GreetPeople(Goal):
-    """Greet the people who arrived."""
+    """Greet the people who engage and have not been greeted."""
 
 
 class OfferHelp(Goal):
-    """Offer help to the people who stay."""
+    """Offer help to the people who stay and have had no offer."""
 
 
 @dataclass
@@ -101,20 +138,27 @@ OVERTAKEN_S = 1.0
 
 SOMEBODY = "somebody"  # track id of all people without one
 
+_FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
+_WALKS_MPS = 0.3  # slower people stand
+_REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
+_PATH_S = 0.3  # least time to measure a path
+
 
 class Frame(NamedTuple):
-    """Track ids of the persons within range in one frame, with its stamp (ns)."""
+    """Persons within range in one frame by track id, with its stamp (ns); of people without an id, the nearest."""
 
     stamp: int
-    near: tuple[str, ...]
+    near: Mapping[str, PersonDetection]
+    persons: int
 
 
 class PersonSensor(Sensor):
-    """Sensor of arrivals and departures, which filters flickering detections.
+    """Sensor of arrivals, departures and attention, which filters flickering detections.
 
     A person arrives when at least half of the frames of the last ``appear_s`` show them within ``range_m``. A person
     leaves when fewer than a quarter of the frames of the last ``vanish_s`` do. A person present for ``help_after_s``
-    stays.
+    stays. A person engages from the moment in which they are attentive in at least half of the last frames, until
+    fewer than a quarter of them.
     """
 
     def __init__(self, config: WaldoConfig) -> None:
@@ -122,9 +166,11 @@ class PersonSensor(Sensor):
         self._frames: deque[Frame] = deque()
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
+        self._engaged: set[str] = set()
+        self._known: dict[str, int] = {}  # time (ns) at which each known person was present last
+        self._lost: tuple[str, ...] = ()  # those present at the last loss of detections
         self._alone: bool | None = None  # None at first, and after a loss of detections
         self._lost_at = 0
-        self._asked = False
 
     def sense(self, percept: PersonDetections | None) -> Sensed:
         """Return the belief changes of these detections; None means that no more arrive."""
@@ -133,7 +179,7 @@ class PersonSensor(Sensor):
         if self._frames and 0 <= self._frames[-1].stamp - percept.stamp <= nanoseconds(OVERTAKEN_S):
             return None
         self._look(percept)
-        changes = [*self._leave(percept.stamp), *self._stay(percept.stamp), *self._come(percept.stamp)]
+        changes = [*self._leave(percept.stamp), *self._forget(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:
             changes += [+people(self._company()), +personDetected("Yes")]
             self._alone = False
@@ -143,43 +189,47 @@ class PersonSensor(Sensor):
             changes += [+personDetected("No")]
             self._alone = True
             self._frames = deque([self._frames[-1]])  # a new arrival needs new frames
+        changes += [*self._attend(), *self._stay(percept.stamp)]
         return changes or None
 
     def recall(self, engine: Engine) -> None:
         """Restore present and staying people from the beliefs of an earlier run."""
         self._lost_at = engine.clock.now()
         staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
+        self._engaged = {str(one.belief.args[0]) for one in engine.beliefs if isinstance(one.belief, engages)}
         for one in engine.beliefs:
             if isinstance(one.belief, present):
                 person = str(one.belief.args[0])
+                self._known[person] = self._lost_at
                 due = one.since + nanoseconds(self._config.help_after_s)
                 self._there[person] = None if person in staying else due
                 self._changed[person] = self._lost_at
+            elif isinstance(one.belief, known):
+                self._known.setdefault(str(one.belief.args[0]), self._lost_at)
         if self._there:
             self._alone = False
         elif personDetected("No") in [one.belief for one in engine.beliefs]:
             self._alone = True
 
     def _lose_sight(self) -> Sensed:
-        """Reset the sensor. People who are present afterwards count as the same, and get no second offer."""
+        """Reset the sensor. People who are present afterwards count as the same."""
         if self._frames:
             self._lost_at = self._frames[-1].stamp
-        if self._there:
-            self._asked = None in self._there.values()
         somebody = self._alone is False
         if somebody:
             self._alone = None
-        for known in (self._frames, self._there, self._changed):
-            known.clear()
+        self._lost = tuple(self._there) or self._lost
+        for memory in (self._frames, self._there, self._changed, self._engaged):
+            memory.clear()
         return +personDetected("Unknown") if somebody else None
-
-    def _asked_before(self, now: int) -> bool:
-        return self._alone is None and self._asked and now < self._lost_at + nanoseconds(self._config.forget_after_s)
 
     def _leave(self, now: int) -> Iterator[Event]:
         for person in [person for person in self._there if self._share(self._config.vanish_s, person) < 0.25]:
             if self._there.pop(person) is None:
                 yield -stays(person)
+            if person in self._engaged:
+                self._engaged.remove(person)
+                yield -engages(person)
             self._changed[person] = now
             yield -present(person)
 
@@ -189,13 +239,44 @@ class PersonSensor(Sensor):
                 self._there[person] = None
                 yield +stays(person)
 
+    def _forget(self, now: int) -> Iterator[Event]:
+        self._known |= dict.fromkeys(self._there, now)
+        for person, last in list(self._known.items()):
+            # Without ids nobody can be recognized, so a shorter absence counts.
+            config = self._config
+            seconds = (
+                min(config.regreet_after_s, config.forget_after_s) if person == SOMEBODY else config.forget_after_s
+            )
+            if person not in self._there and not 0 <= now - last < nanoseconds(seconds):
+                del self._known[person]
+                yield -known(person)
+
     def _come(self, now: int) -> Iterator[Event]:
+        lost = [one for one in self._lost if one in self._known] if self._alone is None else []
         for person in dict.fromkeys(person for frame in self._frames for person in frame.near):
             if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
-                asked = self._asked_before(now)
-                self._there[person] = None if asked else now + nanoseconds(self._config.help_after_s)
+                self._there[person] = now + nanoseconds(self._config.help_after_s)
                 self._changed[person] = now
                 yield +present(person)
+                if person not in self._known:
+                    self._known[person] = now
+                    yield +known(person)
+                    yield from (+returned(person, one) for one in lost)
+
+    def _attend(self) -> Iterator[Event]:
+        frames = self._recent(max(self._config.appear_s, _PATH_S))
+        for person in self._there:
+            looks = [look for frame in frames if (look := frame.near.get(person))]
+            if not looks:
+                continue
+            engaged, path = person in self._engaged, _path(frames, person)
+            share = fmean(_is_attentive(look, path) for look in looks)
+            if not engaged and share >= 0.5:
+                self._engaged.add(person)
+                yield +engages(person)
+            elif engaged and share < 0.25:
+                self._engaged.remove(person)
+                yield -engages(person)
 
     def _look(self, percept: PersonDetections) -> None:
         if self._frames and percept.stamp < self._frames[-1].stamp:
@@ -205,7 +286,8 @@ class PersonSensor(Sensor):
             due = percept.stamp + nanoseconds(self._config.help_after_s)
             self._there = {person: until and due for person, until in self._there.items()}
         near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._config.range_m]
-        self._frames.append(Frame(percept.stamp, tuple(p.track_id or SOMEBODY for p in near)))
+        near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
+        self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near)))
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
         while len(self._frames) > 1 and self._frames[1].stamp <= oldest:
             self._frames.popleft()
@@ -226,8 +308,45 @@ class PersonSensor(Sensor):
         return fmean(person in frame.near if person else bool(frame.near) for frame in self._recent(seconds))
 
     def _company(self) -> int:
-        """Median number of people in the recent frames with people."""
-        return median_low(len(frame.near) for frame in self._recent(self._config.appear_s) if frame.near)
+        """Return the median number of people in the recent frames with people."""
+        return median_low(frame.persons for frame in self._recent(self._config.appear_s) if frame.persons)
+
+
+class _Path(NamedTuple):
+    """How a person walks: speed, its part towards the robot, and the distance at which the path passes the robot."""
+
+    speed_mps: float
+    approach_mps: float
+    passes_m: float
+
+
+def _path(frames: Sequence[Frame], person: str) -> _Path | None:
+    """Return the path of ``person`` in ``frames``; None if they show too little of it."""
+    looks = [
+        (frame.stamp, look.distance_m, look.bearing_rad)
+        for frame in frames
+        if (look := frame.near.get(person)) and look.distance_m is not None and look.bearing_rad is not None
+    ]
+    if not looks or looks[-1][0] - looks[0][0] < nanoseconds(_PATH_S) * 0.9:
+        return None
+    (begin, first_m, first_rad), (end, last_m, last_rad) = looks[0], looks[-1]
+    seconds = (end - begin) / SECOND
+    turn = math.remainder(last_rad - first_rad, math.tau)
+    # In the frame of the last position: ahead towards the robot, and sideways.
+    ahead, sideways = (first_m * math.cos(turn) - last_m) / seconds, first_m * math.sin(turn) / seconds
+    speed = math.hypot(ahead, sideways)
+    return _Path(speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
+
+
+def _is_attentive(person: PersonDetection, path: _Path | None) -> bool:
+    """Whether a person faces the robot, walks up to it, or stands before it without turning away."""
+    if person.facing_rad is not None and not _FACES_RAD < person.facing_rad < _AWAY_RAD:
+        return person.facing_rad <= _FACES_RAD
+    if path is None:
+        return person.approach_mps is None or person.approach_mps > -_WALKS_MPS
+    if path.speed_mps < _WALKS_MPS:
+        return True
+    return path.approach_mps > 0 and path.passes_m <= _REACH_M
 
 
 def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -> Engine:
@@ -236,33 +355,38 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
     engine = Engine(name, clock, **connections)  # type: ignore[arg-type]
 
     # 5. Define rules: event / condition >> [steps]
-    N, Who, _ = variables("N Who _")  # noqa: N806
+    Who, Other, N, _ = variables("Who Other N _")  # noqa: N806
     engine.add_rules(
         # Beliefs cause desires ...
         +personDetected("No") >> [DoNothing()],
-        +personDetected("Yes") >> [GreetPeople()],
-        +stays(Who) / late(Who) >> [-late(_), OfferHelp()],
+        +engages(Who) / (ungreeted(Who) & unoffered(Who)) >> [GreetPeople(), OfferHelp()],
+        +engages(Who) / ungreeted(Who) >> [GreetPeople()],
+        +engages(Who) / unoffered(Who) >> [OfferHelp()],
+        +stays(Who) / personDetected("Next") >> [OfferHelp()],
         +stays(Who) >> [+personDetected("Next")],
         +personDetected("Next") >> [OfferHelp()],
+        ungreeted(Who) << (engages(Who) & ~greeted(Who)),
+        unoffered(Who) << (engages(Who) & stays(Who) & ~offered(Who)),
+        several() << (ungreeted(Who) & ungreeted(Other) & (Who != Other)),
+        several() << (ungreeted(SOMEBODY) & people(N) & (N > 1)),
         # ... desires cause intentions ...
         DoNothing() >> [stayIdle()],
-        GreetPeople() / greeted() >> [],
-        GreetPeople() / (people(N) & (N > 1)) >> [speak("greeting_several"), +greeted()],
-        GreetPeople() >> [speak("greeting"), +greeted()],
-        OfferHelp() >> [speak("offer")],
+        GreetPeople() / ~ungreeted(_) >> [],
+        atomic(
+            GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
+            GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
+        ),
+        OfferHelp() / ~unoffered(_) >> [],
+        atomic(OfferHelp() >> [speak("offer"), for_each(present(Who) & ~offered(Who), [+offered(Who)])]),
         # ... and a failed intention is not retried.
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
-        # People who missed the offer may need help too.
-        +present(Who) / personDetected("Next") >> [+late(Who)],
-        -present(Who) / late(Who) >> [-late(Who)],
         # People who return after a while are greeted again.
-        +personDetected("No").held_for(lambda: config.regreet_after_s) / greeted() >> [-greeted()],
-        # After a loss of detections Waldo waits. People present afterwards count as those greeted before, unless
-        # ``forget_after_s`` has passed.
-        +personDetected("Unknown") >> [-late(_), -stays(_), -present(_), -people(_), DoNothing()],
-        personDetected("Yes").changed("Unknown") / greeted() >> [attend()],
-        +personDetected("Unknown").held_for(lambda: config.forget_after_s) / greeted() >> [-greeted()],
+        -known(Who) >> [-greeted(Who), -offered(Who)],
+        # After a loss of detections Waldo waits. People present afterwards count as those present before.
+        +personDetected("Unknown") >> [-stays(_), -engages(_), -present(_), -people(_), DoNothing()],
+        atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
+        personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
     )
     return engine
 

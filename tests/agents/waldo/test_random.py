@@ -79,8 +79,10 @@ def test_any_detections_cause_polite_actions(scenes, manners):
             if coming + patience <= stamp < leaving and coming + recent <= stamp
             if any(stamp - recent <= when <= stamp for when in corridor.shown)
         ]
-        assert [offer for offer in at["offer"] if coming <= offer < leaving] == due[:1]
-    assert len(at["offer"]) == len({stamp for stamp, what in believed if what == "Next"})
+        offers_before = [offer for offer in at["offer"] if offer < coming]
+        expected = due[:1] if not offers_before or rested(offers_before[-1], coming) else []
+        assert [offer for offer in at["offer"] if coming <= offer < leaving] == expected
+    assert set(at["offer"]) <= {stamp for stamp, what in believed if what == "Next"}
     assert set(at["greeting"]) <= set(came)
 
 
@@ -107,23 +109,26 @@ def test_help_is_offered_only_to_people_who_stay(scenes, help_after_s):
     assert not [record for record in corridor.trace if record.kind in ("failure", "dropped")]
     patience, end = nanoseconds(help_after_s), corridor.runner.clock.now()
     came: dict[str, int] = {}
-    visits: list[tuple[int, int]] = []
+    visits: list[tuple[str, int, int]] = []
     for record in corridor.trace:
         if record.kind in ("belief", "unbelief") and record.what.startswith("present"):
             name = record.what.split('"')[1]
             if record.kind == "belief":
                 came[name] = record.stamp
             else:
-                visits.append((came.pop(name), record.stamp))
-    visits += [(since, end + 1) for since in came.values()]
+                visits.append((name, came.pop(name), record.stamp))
+    visits += [(name, since, end + 1) for name, since in came.items()]
     offered = [round(when * SECOND) for when in offers(corridor)]
     for at in offered:
-        assert any(since + patience <= at < until for since, until in visits)
+        assert any(since + patience <= at < until for _, since, until in visits)
     # The longest that somebody can be there without being seen.
     unseen = nanoseconds(1.5)
-    for since, until in visits:
+    for name, since, until in visits:
         if since + patience + unseen < min(until, end):
-            assert any(since <= at <= since + patience + unseen for at in offered)
+            heard = [one for one in visits if one[0] == name and one[1] <= since]
+            assert any(
+                begin <= at < until and at <= since + patience + unseen for _, begin, until in heard for at in offered
+            )
 
 
 @settings(deadline=None, max_examples=150)
@@ -141,25 +146,25 @@ def test_arrival_and_departure_depend_on_shares_of_frames(scenes, appear_s, vani
             stamp=newest * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(),) * count
         )
         sensed = sensor.sense(frame)
-        told = str(sensed[-1] if isinstance(sensed, list) else sensed)
+        changes = [str(change) for change in sensed if change.literal.functor == "personDetected"] if sensed else []
         shows = {
             seconds: [count > 0 for count in counts[max(0, newest - round(10 * seconds)) : newest + 1]]
             for seconds in (appear_s, vanish_s)
         }
         somebody = any(shows[appear_s]) and 2 * sum(shows[appear_s]) >= len(shows[appear_s])
         nobody = 4 * sum(shows[vanish_s]) < len(shows[vanish_s])
-        if told == '+personDetected("Yes")':
+        if changes == ['+personDetected("Yes")']:
             assert somebody
             assert not present
             assert present is None or any(counts[changed + 1 : newest + 1]), "nobody was seen since the last one left"
             present, changed = True, newest
-        elif told == '+personDetected("No")':
+        elif changes == ['+personDetected("No")']:
             assert nobody
             assert present is not False
             assert present is None or newest - changed >= 10 * vanish_s - 1e-9, "has only just come"
             present, changed = False, newest
         else:
-            assert sensed is None
+            assert changes == []
             # What has been so for the whole time since the last change has to be told.
             assert not (somebody and not present and newest - changed > 10 * appear_s)
             assert not (nobody and present is not False and newest - changed > 10 * vanish_s)

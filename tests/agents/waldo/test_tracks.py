@@ -3,36 +3,71 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import PersonDetections
+from socialbot.core.messages import PersonDetection, PersonDetections
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, Corridor, person
 
 DISTANT_BEN = person(FAR, "t2")
+
+
+def turned(facing_rad: float) -> PersonDetection:
+    """Anna, who faces the robot at 0 and shows her back at pi."""
+    return replace(ANNA, facing_rad=facing_rad)
+
+
 VISITS = {
     "one person": (
         [(2,), (20, ANNA), (30,)], [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")],
     ),
     "two people together": ([(3, ANNA, BEN)], [(0.5, "greeting_several")]),
-    "new person does not delay the offer": ([(4, ANNA), (12, ANNA, BEN)], [(0.5, "greeting"), (8.5, "offer")]),
-    "new person does not inherit the time of others": (
-        [(4, ANNA), (5, ANNA, BEN), (20, BEN)], [(0.5, "greeting"), (12.2, "offer")],
+    "each new person is greeted": (
+        [(4, ANNA), (12, ANNA, BEN)], [(0.5, "greeting"), (4.2, "greeting"), (8.5, "offer")],
     ),
-    "people in turns get no offer": ([(4 * n + 4, person(track=f"t{n}")) for n in range(10)], [(0.5, "greeting")]),
-    "offer counts for all people present": ([(5, ANNA), (30, ANNA, BEN)], [(0.5, "greeting"), (8.5, "offer")]),
+    "new person does not inherit the time of others": (
+        [(4, ANNA), (5, ANNA, BEN), (20, BEN)], [(0.5, "greeting"), (4.2, "greeting"), (12.2, "offer")],
+    ),
+    "people in turns are greeted, and get no offer": (
+        [(4 * n + 4, person(track=f"t{n}")) for n in range(6)],
+        [(0.5, "greeting"), *((4 * n + 0.2, "greeting") for n in range(1, 6))],
+    ),
+    "offer counts for all people present": (
+        [(5, ANNA), (30, ANNA, BEN)], [(0.5, "greeting"), (5.2, "greeting"), (8.5, "offer")],
+    ),
     "late person gets an offer": (
-        [(10, ANNA), (12, ANNA, BEN), (40, BEN)], [(0.5, "greeting"), (8.5, "offer"), (18.2, "offer")],
+        [(10, ANNA), (12, ANNA, BEN), (40, BEN)],
+        [(0.5, "greeting"), (8.5, "offer"), (10.2, "greeting"), (18.2, "offer")],
     ),
     "late people together get one offer": (
-        [(10, ANNA), (11, ANNA, BEN), (40, ANNA, BEN, CARL)], [(0.5, "greeting"), (8.5, "offer"), (18.2, "offer")],
+        [(10, ANNA), (40, ANNA, BEN, CARL)],
+        [(0.5, "greeting"), (8.5, "offer"), (10.2, "greeting_several"), (18.2, "offer")],
     ),
     "late person who leaves gets no offer": (
-        [(10, ANNA), (15, ANNA, BEN), (40, ANNA)], [(0.5, "greeting"), (8.5, "offer")],
+        [(10, ANNA), (15, ANNA, BEN), (40, ANNA)], [(0.5, "greeting"), (8.5, "offer"), (10.2, "greeting")],
     ),
-    "replacement is not greeted": ([(5, ANNA), (14, BEN)], [(0.5, "greeting"), (13.2, "offer")]),
     "distant person does not count": (
-        [(9, ANNA, DISTANT_BEN), (12, person(FAR, "t1"), BEN)], [(0.5, "greeting"), (8.5, "offer")],
+        [(9, ANNA, DISTANT_BEN), (12, person(FAR, "t1"), BEN)],
+        [(0.5, "greeting"), (8.5, "offer"), (9.2, "greeting")],
+    ),
+    "person who returns within a minute is known": (
+        [(12, ANNA), (20,), (25, BEN), (30,), (50, ANNA)],
+        [(0.5, "greeting"), (8.5, "offer"), (13.2, "stayIdle"), (20.2, "greeting"), (26.2, "stayIdle")],
+    ),
+    "person who returns later is greeted again": (
+        [(5, ANNA), (70,), (75, ANNA)],
+        [(0.5, "greeting"), (6.2, "stayIdle"), (70.2, "greeting")],
+    ),
+    "person with the back turned is not addressed": ([(20, turned(3.0))], []),
+    "person who turns to the robot is greeted then": (
+        [(5, turned(3.0)), (8, turned(0.2))], [(5.2, "greeting")],
+    ),
+    "person who turns to the robot late is greeted and offered help": (
+        [(12, turned(3.0)), (14, turned(0.2))], [(12.2, "greeting"), (12.2, "offer")],
+    ),
+    "greeted person who turns away and back is not greeted again": (
+        [(3, ANNA), (5, turned(3.0)), (8, turned(0.2))], [(0.5, "greeting")],
     ),
 }  # fmt: skip
 
@@ -69,7 +104,10 @@ def test_clock_reset_begins_a_new_visit():
     for begin, name in ((500, "t1"), (0, "t2")):
         for tenth in range(begin, begin + 40):
             changes += sensed(sensor, tenth, name)
-    assert changes == ['+present("t1")', "+people(1)", '+personDetected("Yes")', '+present("t2")', '-present("t1")']
+    assert changes == [
+        '+present("t1")', '+known("t1")', "+people(1)", '+personDetected("Yes")', '+engages("t1")',
+        '+present("t2")', '+known("t2")', '+engages("t2")', '-engages("t1")', '-present("t1")',
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -85,8 +123,8 @@ def test_duplicate_and_late_frames_are_ignored(order):
         for tenth in (group + each for each in order):
             changes += sensed(sensor, tenth, *(["t1"] if 30 <= tenth < 200 else []))
     assert changes == [
-        '+personDetected("No")', '+present("t1")', "+people(1)", '+personDetected("Yes")', '+stays("t1")',
-        '-stays("t1")', '-present("t1")', '+personDetected("No")',
+        '+personDetected("No")', '+present("t1")', '+known("t1")', "+people(1)", '+personDetected("Yes")',
+        '+engages("t1")', '+stays("t1")', '-stays("t1")', '-engages("t1")', '-present("t1")', '+personDetected("No")',
     ]  # fmt: skip
 
 

@@ -180,8 +180,8 @@ def test_trace_links_greeting_to_frame():
         'speak("greeting")',
         "GreetPeople()",
         "GreetPeople()",
-        '+personDetected("Yes")',
-        'personDetected("Yes")',
+        "+engages(Who)",
+        'engages("somebody")',
     ]
     assert record.cause == f"detection-{SECOND // 2}"
     assert {record.source for record in corridor.trace} == {"waldo"}
@@ -202,6 +202,10 @@ def test_publishes_mind_only_when_it_changes():
     corridor = Corridor()
     corridor.until(5, person())
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [
-        [], ['personDetected("Yes")', 'present("somebody")', "people(1)", "greeted()"],
+        [],
+        [
+            'present("somebody")', 'known("somebody")', "people(1)", 'personDetected("Yes")', 'engages("somebody")',
+            'greeted("somebody")',
+        ],
     ]  # fmt: skip
-    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 4
+    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 6
