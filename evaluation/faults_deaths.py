@@ -47,7 +47,7 @@ SETTINGS = {
     "camera.rate_hz": f"{RATE_HZ}",
     "bdi_engine.vanish_s": "1.0",
     "bdi_engine.help_after_s": "3.0",
-    "bdi_engine.regreet_after_s": "2.0",
+    "bdi_engine.forget_after_s": "2.0",
     "bdi_engine.greeting": "Hello!",
     "speech.playback": "off",
 }

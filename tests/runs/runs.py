@@ -19,7 +19,7 @@ DETECTED = """
 name: waldo
 inputs: [/humans/bodies/detections]
 nodes:
-  bdi_engine: {type: waldo}
+  bdi_engine: {type: waldo, parameters: {forget_after_s: 30.0}}
   listener: {type: listener}
   speech: {type: speaker, parameters: {playback: 'off'}}
   head: {type: head}
@@ -74,7 +74,8 @@ def long_run(folder: Path, *, visits: int, max_bytes: int) -> Path:
 
 def waldo_heard_by(*lives: LiveRun) -> InlineRunner:
     """Waldo, at work as soon as he is fed; what happens is told to ``lives``."""
-    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    parameters = {"speech": {"playback": "off"}, "bdi_engine": {"forget_after_s": 30.0}}
+    graph = load_graph("waldo").without_sources().with_parameters(parameters)
     runner = InlineRunner(graph, start=START)
     for live in lives:
         for topic in observed_topics(graph):
@@ -94,5 +95,5 @@ def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunn
             runner.tap(topic, record.observe)
         runner.start()
     for tenth in tenths:
-        runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth >= 5 else [])))
+        runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if 5 <= tenth % 600 < 500 else [])))
     return runner

@@ -67,7 +67,7 @@ def test_page_loads_without_errors(visit):
 def test_the_page_opens_at_the_first_greeting(visit):
     assert visit.texts("#speech") == ["“Hello! Nice to see you.”"]
     assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
-    assert "greeted()" in visit.texts("#beliefs .what")
+    assert 'greeted("t1")' in visit.texts("#beliefs .what")
     assert "Hello" in visit.texts("#now")[0]
 
 
@@ -92,7 +92,7 @@ def test_scrubber_changes_all_parts(visit):
         visit.seek(seconds)
         assert visit.number("document.querySelector('#picture').dataset.t") == pytest.approx(int(seconds * 10) / 10)
         assert visit.texts("#boxes .box") == ["t1 · 4.0 m"]
-        assert "greeted()" in visit.texts("#beliefs .what")
+        assert 'greeted("t1")' in visit.texts("#beliefs .what")
         assert visit.texts("#clock") == [f"{seconds:.2f} s"]
         began = datetime.fromtimestamp(START // SECOND, timezone.utc)
         then = began + timedelta(seconds=int(seconds))
@@ -149,7 +149,7 @@ def test_click_on_a_plan_shows_its_rejections(visit):
     plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
     plan.click()
     expect(visit.page.locator("#pane-why h3.code")).to_contain_text("greeting_several")
-    expect(visit.page.locator("#pane-why .because")).to_contain_text("(N > 1) does not hold")
+    expect(visit.page.locator("#pane-why .because")).to_contain_text("several() does not hold")
     visit.page.locator("#pane-why .rejected .when").click()
     visit.page.wait_for_function("() => document.body.dataset.shown > 0")
 

@@ -62,8 +62,8 @@ class people(SingletonBelief):
     """Number of people in view when the first of them arrived."""
 
 
-class known(Belief):
-    """This person is present, or has been within the last ``forget_after_s``."""
+class gone(Belief):
+    """This person has left, less than ``forget_after_s`` ago."""
 
 
 class ungreeted(Belief):
@@ -167,7 +167,7 @@ class PersonSensor(Sensor):
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
         self._engaged: set[str] = set()
-        self._known: dict[str, int] = {}  # time (ns) at which each known person was present last
+        self._gone: dict[str, int] = {}  # time (ns) at which each of them left
         self._lost: tuple[str, ...] = ()  # those present at the last loss of detections
         self._alone: bool | None = None  # None at first, and after a loss of detections
         self._lost_at = 0
@@ -200,12 +200,11 @@ class PersonSensor(Sensor):
         for one in engine.beliefs:
             if isinstance(one.belief, present):
                 person = str(one.belief.args[0])
-                self._known[person] = self._lost_at
                 due = one.since + nanoseconds(self._config.help_after_s)
                 self._there[person] = None if person in staying else due
                 self._changed[person] = self._lost_at
-            elif isinstance(one.belief, known):
-                self._known.setdefault(str(one.belief.args[0]), self._lost_at)
+            elif isinstance(one.belief, gone):
+                self._gone[str(one.belief.args[0])] = one.since
         if self._there:
             self._alone = False
         elif personDetected("No") in [one.belief for one in engine.beliefs]:
@@ -219,9 +218,11 @@ class PersonSensor(Sensor):
         if somebody:
             self._alone = None
         self._lost = tuple(self._there) or self._lost
+        self._gone |= dict.fromkeys(self._there, self._lost_at)
+        changes = [+gone(person) for person in self._there]
         for memory in (self._frames, self._there, self._changed, self._engaged):
             memory.clear()
-        return +personDetected("Unknown") if somebody else None
+        return [*changes, +personDetected("Unknown")] if somebody else None
 
     def _leave(self, now: int) -> Iterator[Event]:
         for person in [person for person in self._there if self._share(self._config.vanish_s, person) < 0.25]:
@@ -230,8 +231,8 @@ class PersonSensor(Sensor):
             if person in self._engaged:
                 self._engaged.remove(person)
                 yield -engages(person)
-            self._changed[person] = now
-            yield -present(person)
+            self._changed[person] = self._gone[person] = now
+            yield from (-present(person), +gone(person))
 
     def _stay(self, now: int) -> Iterator[Event]:
         for person, due in self._there.items():
@@ -240,27 +241,23 @@ class PersonSensor(Sensor):
                 yield +stays(person)
 
     def _forget(self, now: int) -> Iterator[Event]:
-        self._known |= dict.fromkeys(self._there, now)
-        for person, last in list(self._known.items()):
+        for person, left in list(self._gone.items()):
             # Without ids nobody can be recognized, so a shorter absence counts.
-            config = self._config
-            seconds = (
-                min(config.regreet_after_s, config.forget_after_s) if person == SOMEBODY else config.forget_after_s
-            )
-            if person not in self._there and not 0 <= now - last < nanoseconds(seconds):
-                del self._known[person]
-                yield -known(person)
+            absence_s = self._config.regreet_after_s if person == SOMEBODY else self._config.forget_after_s
+            if not 0 <= now - left < nanoseconds(absence_s):
+                del self._gone[person]
+                yield -gone(person)
 
     def _come(self, now: int) -> Iterator[Event]:
-        lost = [one for one in self._lost if one in self._known] if self._alone is None else []
+        lost = [one for one in self._lost if one in self._gone] if self._alone is None else []
         for person in dict.fromkeys(person for frame in self._frames for person in frame.near):
             if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
                 self._there[person] = now + nanoseconds(self._config.help_after_s)
                 self._changed[person] = now
                 yield +present(person)
-                if person not in self._known:
-                    self._known[person] = now
-                    yield +known(person)
+                if self._gone.pop(person, None) is not None:
+                    yield -gone(person)
+                else:
                     yield from (+returned(person, one) for one in lost)
 
     def _attend(self) -> Iterator[Event]:
@@ -359,30 +356,27 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
     engine.add_rules(
         # Beliefs cause desires ...
         +personDetected("No") >> [DoNothing()],
-        +engages(Who) / (ungreeted(Who) & unoffered(Who)) >> [GreetPeople(), OfferHelp()],
-        +engages(Who) / ungreeted(Who) >> [GreetPeople()],
-        +engages(Who) / unoffered(Who) >> [OfferHelp()],
-        +stays(Who) / personDetected("Next") >> [OfferHelp()],
-        +stays(Who) >> [+personDetected("Next")],
-        +personDetected("Next") >> [OfferHelp()],
+        atomic(
+            +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
+            +engages(Who) / unoffered(Who) >> [OfferHelp()],
+            +stays(Who) / (personDetected("Next") & unoffered(Who)) >> [OfferHelp()],
+            +stays(Who) / personDetected("Yes") >> [+personDetected("Next")],
+            +personDetected("Next") / unoffered(_) >> [OfferHelp()],
+        ),
         ungreeted(Who) << (engages(Who) & ~greeted(Who)),
         unoffered(Who) << (engages(Who) & stays(Who) & ~offered(Who)),
         several() << (ungreeted(Who) & ungreeted(Other) & (Who != Other)),
         several() << (ungreeted(SOMEBODY) & people(N) & (N > 1)),
         # ... desires cause intentions ...
         DoNothing() >> [stayIdle()],
-        GreetPeople() / ~ungreeted(_) >> [],
-        atomic(
-            GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
-            GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
-        ),
-        OfferHelp() / ~unoffered(_) >> [],
-        atomic(OfferHelp() >> [speak("offer"), for_each(present(Who) & ~offered(Who), [+offered(Who)])]),
+        GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
+        GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
+        OfferHelp() >> [speak("offer"), for_each(present(Who) & ~offered(Who), [+offered(Who)])],
         # ... and a failed intention is not retried.
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
         # People who return after a while are greeted again.
-        -known(Who) >> [-greeted(Who), -offered(Who)],
+        -gone(Who) / ~present(Who) >> [-greeted(Who), -offered(Who)],
         # After a loss of detections Waldo waits. People present afterwards count as those present before.
         +personDetected("Unknown") >> [-stays(_), -engages(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),

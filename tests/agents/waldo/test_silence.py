@@ -52,7 +52,7 @@ def test_stays_idle_and_forgets_people_when_detections_stop():
     assert did == "stayIdle"
     assert at <= 4.9 + LATE_S
     assert beliefs(corridor) == [
-        'known("t1")', 'personDetected("Unknown")', 'greeted("t1")', 'silent("/humans/bodies/detections")',
+        'personDetected("Unknown")', 'greeted("t1")', 'silent("/humans/bodies/detections")', 'gone("t1")',
     ]  # fmt: skip
 
 

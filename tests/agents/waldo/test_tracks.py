@@ -105,8 +105,8 @@ def test_clock_reset_begins_a_new_visit():
         for tenth in range(begin, begin + 40):
             changes += sensed(sensor, tenth, name)
     assert changes == [
-        '+present("t1")', '+known("t1")', "+people(1)", '+personDetected("Yes")', '+engages("t1")',
-        '+present("t2")', '+known("t2")', '+engages("t2")', '-engages("t1")', '-present("t1")',
+        '+present("t1")', "+people(1)", '+personDetected("Yes")', '+engages("t1")',
+        '+present("t2")', '+engages("t2")', '-engages("t1")', '-present("t1")', '+gone("t1")',
     ]  # fmt: skip
 
 
@@ -123,8 +123,8 @@ def test_duplicate_and_late_frames_are_ignored(order):
         for tenth in (group + each for each in order):
             changes += sensed(sensor, tenth, *(["t1"] if 30 <= tenth < 200 else []))
     assert changes == [
-        '+personDetected("No")', '+present("t1")', '+known("t1")', "+people(1)", '+personDetected("Yes")',
-        '+engages("t1")', '+stays("t1")', '-stays("t1")', '-engages("t1")', '-present("t1")', '+personDetected("No")',
+        '+personDetected("No")', '+present("t1")', "+people(1)", '+personDetected("Yes")', '+engages("t1")',
+        '+stays("t1")', '-stays("t1")', '-engages("t1")', '-present("t1")', '+gone("t1")', '+personDetected("No")',
     ]  # fmt: skip
 
 

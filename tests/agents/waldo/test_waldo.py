@@ -204,8 +204,7 @@ def test_publishes_mind_only_when_it_changes():
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [
         [],
         [
-            'present("somebody")', 'known("somebody")', "people(1)", 'personDetected("Yes")', 'engages("somebody")',
-            'greeted("somebody")',
+            'present("somebody")', "people(1)", 'personDetected("Yes")', 'engages("somebody")', 'greeted("somebody")',
         ],
     ]  # fmt: skip
-    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 6
+    assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 5
