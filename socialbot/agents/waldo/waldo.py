@@ -381,6 +381,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         +personDetected("Unknown") >> [-stays(_), -engages(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
         personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
+        +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_)],
     )
     return engine
 
