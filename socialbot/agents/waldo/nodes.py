@@ -38,16 +38,19 @@ class WaldoNode(AgentNode):
     vanish_s = Parameter(WaldoConfig.vanish_s, "time to detect a departure, s", minimum=0.0, maximum=60.0)
     help_after_s = Parameter(WaldoConfig.help_after_s, "time until help is offered, s", minimum=0.5, maximum=600.0)
     regreet_after_s = Parameter(
-        WaldoConfig.regreet_after_s, "time without people until the next greeting, s", minimum=0.0, maximum=86400.0
+        WaldoConfig.regreet_after_s,
+        "without a tracker: absence until people are greeted again, s",
+        minimum=0.0,
+        maximum=86400.0,
     )
     forget_after_s = Parameter(
-        WaldoConfig.forget_after_s, "time without detections until people count as new, s", minimum=0.0, maximum=86400.0
+        WaldoConfig.forget_after_s, "absence until a person counts as new, s", minimum=0.0, maximum=86400.0
     )
     silent_after_s = Parameter(
         SILENT_S, "timeout of detections, s; at least 2.5 periods of a slow detector", minimum=0.1, maximum=60.0
     )
-    greeting = Parameter("Hello! Nice to see you.", "sentence for one person who arrives")
-    greeting_several = Parameter("Hello everybody!", "sentence for several people who arrive together")
+    greeting = Parameter("Hello! Nice to see you.", "sentence for one person")
+    greeting_several = Parameter("Hello everybody!", "sentence for several people who engage together")
     offer = Parameter("Can I help you with anything?", "sentence for a person who stays")
 
     def build(self) -> Engine:

@@ -204,7 +204,7 @@ def test_publishes_mind_only_when_it_changes():
     assert [[belief.text for belief in mind.beliefs] for mind in corridor.minds] == [
         [],
         [
-            'present("somebody")', "people(1)", 'personDetected("Yes")', 'engages("somebody")', 'greeted("somebody")',
+            'personDetected("Yes")', 'present("somebody")', "people(1)", 'engages("somebody")', 'greeted("somebody")',
         ],
     ]  # fmt: skip
     assert [belief.since for belief in corridor.minds[-1].beliefs] == [SECOND // 2] * 5
