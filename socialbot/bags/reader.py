@@ -275,15 +275,25 @@ class Bag(AbstractContextManager["Bag"]):
         namespace = camera_of(image_topic)
         return infos.get(namespace) or infos.get(namespace.rpartition("/")[0])
 
-    def depth_sensors_for(self, image_topic: str) -> dict[str, type[Message]]:
+    def depth_sensors_for(self, image_topic: str, wanted: str | None = None) -> dict[str, type[Message]]:
         """Topics that measure the distances of what ``image_topic`` shows, and their message types.
 
         A depth image with its CameraInfo, a point cloud, and the transforms that place them in the camera. Empty if the
-        bag has none.
+        bag has none. ``wanted`` selects one of the topics with distances, by its name or the beginning of its name.
+
+        Raises:
+            BagError: No topic with distances fits ``wanted``.
         """
         frame = self._frame(image_topic)
-        depths = {topic.name: self._frame(topic.name) for topic in self.depth_topics}
-        clouds = {topic.name: self._frame(topic.name) for topic in self._filled(codec.ROS_TYPES[PointCloud])}
+        names = [topic.name for topic in (*self.depth_topics, *self._filled(codec.ROS_TYPES[PointCloud]))]
+        if wanted is not None:
+            fitting = [name for name in names if name == wanted or name.startswith(f"{wanted.rstrip('/')}/")]
+            if not fitting:
+                remedy = suggestion(wanted, names) if names else "record a depth or point cloud topic"
+                raise self._refused(f"{wanted} has no depth images or point clouds", remedy)
+            names = fitting
+        depths = {topic.name: self._frame(topic.name) for topic in self.depth_topics if topic.name in names}
+        clouds = {name: self._frame(name) for name in names if name not in depths}
         found: dict[str, type[Message]] = {}
         if (depth := best_depth(image_topic, frame, depths)) is not None:
             raw = self.topic(depth).type == codec.ROS_TYPES[DepthImage]

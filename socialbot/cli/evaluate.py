@@ -37,6 +37,9 @@ def evaluate(
     people: Annotated[
         list[str] | None, typer.Option(metavar="CLASS", help="Further class names of people; repeatable.")
     ] = None,
+    distance_from: Annotated[
+        str | None, typer.Option(metavar="TOPIC", help="Fill unknown distances from depth or points in the bags.")
+    ] = None,
     detector: Annotated[
         list[str] | None, typer.Option(help="Detectors, repeated or separated by commas; default: all but onnx.")
     ] = None,
@@ -73,6 +76,7 @@ def evaluate(
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out
     from socialbot.vision.metrics.exports import export
+    from socialbot.vision.metrics.frames import with_distances
     from socialbot.vision.metrics.matches import Rules, parse_bands
 
     errors = Console(stderr=True, highlight=False)
@@ -80,6 +84,8 @@ def evaluate(
     pipelines = _pipelines(detector or [], changes or [], raw=raw)
     exported = _exports(exports or [])
     sources = _sources(_labelled(bags or [], images, truth, format, people or []), split, errors)
+    if distance_from is not None:
+        sources = tuple(with_distances(source, distance_from) for source in sources)
     waldo = single_node(load_graph("waldo"), "bdi_engine")
     plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler, waldo=waldo)
     figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
@@ -147,16 +153,17 @@ def _labelled(
     from socialbot.vision.metrics.formats import labelled_sources, sniff
     from socialbot.vision.metrics.frames import bag_source
 
-    if truth is not None and images is None:
-        raise ParameterError("labels without images", where="--truth", remedy="name their folder with --images")
+    if truth is not None and images is None and len(paths) != 1:
+        remedy = "name one bag, or the folder of the images with --images"
+        raise ParameterError("labels without images", where="--truth", remedy=remedy)
     if not paths and images is None:
         raise ParameterError("nothing to evaluate", where="evaluate", remedy="name bags, or use --images")
     sources = []
     for path in paths:
         if path.exists() and not _is_bag(path) and (format or sniff(path)):
-            sources += labelled_sources(path, None, format, people)
+            sources += labelled_sources(path, truth if images is None else None, format, people)
         else:
-            sources.append(bag_source(path))
+            sources.append(bag_source(path, truth if images is None else None))
     return sources if images is None else sources + labelled_sources(images, truth, format, people)
 
 

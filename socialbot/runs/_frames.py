@@ -127,7 +127,9 @@ class Perception:
         return list(zip(self.times_s, values, strict=True))
 
     def _caption(self, frame: ScoredFrame) -> str:
-        missed = ", ".join(f"{person.distance_m:.1f} m" for person in frame.missed)
+        missed = ", ".join(
+            "?" if person.distance_m is None else f"{person.distance_m:.1f} m" for person in frame.missed
+        )
         parts = [
             f"{len(frame.found)} found" if frame.found else "",
             f"{len(frame.missed)} missed ({missed})" if missed else "",

@@ -17,7 +17,8 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
-from socialbot.vision.depth import DepthSensors
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.depth import DepthSensors, measure_people
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
@@ -36,6 +37,9 @@ from socialbot.vision.metrics.truth import (
     truth_beside,
     truth_from_messages,
 )
+
+HFOV_RAD = 1.09
+"""Horizontal field of view of a bag without camera_info; that of the node `person_detector`."""
 
 IMAGE_NS = SECOND
 """Distance between the stamps of independent images."""
@@ -70,10 +74,11 @@ class EncodedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class BagImages:
-    """Consecutive images on one topic of a bag."""
+    """Consecutive images on one topic of a bag; ``depth`` selects the topic with distances."""
 
     path: str
     image_topic: str
+    depth: str | None = None
     consecutive = True
 
     def read(self) -> Iterator[EncodedImage]:
@@ -81,7 +86,7 @@ class BagImages:
         info: CameraInfo | None = None
         with open_bag(self.path) as bag:
             info_topic = bag.camera_info_topic_for(self.image_topic)
-            depth = bag.depth_sensors_for(self.image_topic)
+            depth = bag.depth_sensors_for(self.image_topic, self.depth)
             sensors = DepthSensors() if depth else None
             topics = [self.image_topic, *([info_topic.name] if info_topic else []), *depth]
             for topic, message in bag.messages(dict(zip(topics, topics, strict=True)), depth):
@@ -291,15 +296,15 @@ class LabelledSource:
     notes: tuple[str, ...] = ()
 
 
-def bag_source(path: Path) -> LabelledSource:
-    """Open a bag with the ground truth beside it, or else in it.
+def bag_source(path: Path, labels: Path | None = None) -> LabelledSource:
+    """Open a bag with the ground truth file ``labels``, by default the one beside it, or else that in it.
 
     Raises:
         BagError: The bag cannot be read.
         TruthError: There is no ground truth, or it does not match the bag.
     """
     with open_bag(path) as bag:
-        truth = _truth_of(bag)
+        truth = _truth_of(bag, labels)
         topic = bag.choose_image_topic(truth.image_topic).name
     name = bag_name(path)
     start = truth.frames[0].stamp if truth.frames else 0
@@ -317,7 +322,48 @@ def bag_source(path: Path) -> LabelledSource:
     return LabelledSource(name, truth.scene or name, truth.split, BagImages(str(path), topic), frames)
 
 
-def _truth_of(bag: Bag) -> GroundTruth:
+def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
+    """Fill the unknown distances of people from a topic of the bag with depth images or point clouds.
+
+    Raises:
+        BagError: The bag has no such topic.
+        TruthError: ``source`` is no bag, or the depth shows none of the people.
+    """
+    where = f"{source.name}: --distance-from {topic}"
+    if not isinstance(source.images, BagImages):
+        raise TruthError("only bags have depth", where=where, remedy="name bags, or omit it")
+    unknown = {frame.stamp: frame for frame in source.frames if any(each.distance_m is None for each in frame.persons)}
+    filled: dict[int, LabelledFrame] = {}
+    for encoded in replace(source.images, depth=topic).read():
+        frame = unknown.get(encoded.stamp)
+        if frame is None or encoded.sensors is None or isinstance(encoded.content, bytes):
+            continue
+        try:
+            height, width = encoded.bgr().shape[:2]
+        except ImageError:
+            continue
+        camera = CameraModel.of_images(
+            encoded.info, width, height, hfov_rad=HFOV_RAD, mount_height_m=1.0, pitch_rad=0.0
+        )
+        depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
+        people = frame.clipped(width, height).persons
+        found = measure_people(depth, camera, [each.box for each in people], [each.distance_m for each in people])
+        persons = tuple(
+            person
+            if person.distance_m is not None or each is None
+            else msgspec.structs.replace(person, distance_m=each.estimate.value)
+            for person, each in zip(frame.persons, found, strict=True)
+        )
+        filled[frame.stamp] = replace(frame, persons=persons, ranged=True)
+    if unknown and not any(each.distance_m is not None for frame in filled.values() for each in frame.persons):
+        remedy = "check that the depth topic is registered, or that /tf_static has the pose of its sensor"
+        raise TruthError("it measures none of the labelled people", where=where, remedy=remedy)
+    return replace(source, frames=tuple(filled.get(frame.stamp, frame) for frame in source.frames))
+
+
+def _truth_of(bag: Bag, labels: Path | None) -> GroundTruth:
+    if labels is not None:
+        return load_truth(labels)
     beside = truth_beside(bag.path)
     if beside.exists():
         return load_truth(beside)

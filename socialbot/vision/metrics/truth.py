@@ -8,7 +8,8 @@ A JSON file beside its bag::
             {"id": "p1", "x": 300.0, "y": 120.5, "w": 60.0, "h": 170.0, "distance_m": 5.2, "visible": 1.0}],
          "objects": [{"kind": "shadow", "x": 310.0, "y": 280.0, "w": 90.0, "h": 40.0}]}]}
 
-Stamps are those of the images, in ns and ascending. ``scene``, ``split``, ``light`` and ``objects`` are optional, as
+Stamps are those of the images, in ns and ascending. ``distance_m`` may be missing; without ``visible`` a person is
+visible as a whole. ``scene``, ``split``, ``light`` and ``objects`` are optional, as
 are ``facing_rad`` (rad) and ``posture`` ("standing" or "seated") of a person. Other fields are ignored. Objects may be
 taken for a person; those of the file are visible in all frames.
 
@@ -73,13 +74,14 @@ class Person(Region, frozen=True, kw_only=True):
 
 
 class TruthPerson(Person, frozen=True, kw_only=True):
-    """Person in one frame, with distance; the box is clipped to the image.
+    """Person in one frame, with distance if known; the box is clipped to the image.
 
     ``facing_rad`` is the angle between where the person faces and the direction to the camera, seen from above: 0
     towards the camera, pi with the back turned.
     """
 
-    distance_m: NotNegative
+    distance_m: NotNegative | None = None
+    visible: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 1.0
     facing_rad: Annotated[float, msgspec.Meta(ge=0.0, le=3.15)] | None = None
     posture: Literal["unknown", "standing", "seated"] = "unknown"
 
