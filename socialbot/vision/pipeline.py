@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
 from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.depth import Ranged, RangeImage, measure_people
+from socialbot.vision.depth import Ranged, RangeImage, Source, measure_people
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
@@ -27,7 +28,7 @@ BRIDGE_S = 0.3
 _HIDING, _NEARER = 0.5, 0.1
 # Widths as shares of the height: narrower boxes are partly occluded, wider ones are cut off at the feet.
 _SLIMMEST, _WIDEST = 0.3, 0.5
-_RANGED_NS = SECOND  # For this long, the distance from depth is better than that from the image.
+_RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
 _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 
 
@@ -40,6 +41,7 @@ class TrackState:
     stamp: int
     attention: Attention = field(default_factory=Attention)
     ranged: int = -(2**62)
+    source: Source = "depth"
 
 
 class PersonPipeline:
@@ -193,7 +195,7 @@ class PersonPipeline:
             track_id=track.id,
             distance_m=distance and distance.value,
             distance_std_m=distance and distance.std,
-            distance_source="unknown" if distance is None else "image" if ranged is None else ranged.source,
+            distance_source="unknown" if distance is None else self._source(track, stamp_ns, ranged),
             bearing_rad=bearing,
             elevation_rad=elevation,
             unseen_s=track.unseen_s,
@@ -201,6 +203,13 @@ class PersonPipeline:
             facing_rad=attention.facing_rad(stamp_ns),
             approach_mps=attention.approach_mps(),
         )
+
+    def _source(self, track: Track, stamp_ns: int, ranged: Ranged | None) -> Literal["image", "depth", "lidar"]:
+        """Source of the distance of a person: a prediction has that of its last measurement."""
+        if ranged is not None:
+            return ranged.source
+        known = self._known.get(track.id)
+        return known.source if known is not None and stamp_ns - known.ranged < _RANGED_NS else "image"
 
     def _anybody(self) -> Stature:
         return Stature.of_people(self.person_height_m, self._detector.box_width_m * self.person_height_m / 1.70)
@@ -219,8 +228,8 @@ class PersonPipeline:
                 known.range = Range(ranged.estimate, ranged.source)
             else:
                 known.range.see(ranged.estimate, ranged.source, seconds)
-            known.ranged = stamp_ns
-        elif not track.unseen_s:
+            known.ranged, known.source = stamp_ns, ranged.source
+        elif not track.unseen_s and stamp_ns - known.ranged >= _RANGED_NS:
             now = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
             kind = (track.cut, track.feet_hidden)
             # A box cut off at the bottom and a side measures little; the prediction is better.

@@ -308,6 +308,6 @@ def test_depth_tolerance_and_pose_are_parameters(stub) -> None:
     rig.runner.feed(DEPTH, depth_at(3.1, SECOND))
     assert rig.show(corridor(), stamp=2 * SECOND - 1).persons[0].distance_source == "depth"
     rig.node.set_parameter("depth_tolerance_s", 0.1)
-    assert rig.show(corridor(), stamp=2 * SECOND).persons[0].distance_source == "image"
+    assert rig.show(corridor(), stamp=3 * SECOND).persons[0].distance_source == "image"
     with pytest.raises(ParameterError, match="no pose"):
         rig.node.set_parameter("depth_pose", "behind the head")

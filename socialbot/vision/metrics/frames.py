@@ -46,10 +46,7 @@ IMAGE_NS = SECOND
 
 
 class EncodedImage(NamedTuple):
-    """Encoded image, or pixels of a video, with its stamp (ns) and camera intrinsics.
-
-    In a bag with depth it has its depth sensors.
-    """
+    """Encoded image, or pixels of a video, with its stamp (ns), camera intrinsics, and depth sensors of its bag."""
 
     stamp: int
     content: Image | CompressedImage | bytes | np.ndarray
@@ -336,7 +333,7 @@ def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
     filled: dict[int, LabelledFrame] = {}
     for encoded in replace(source.images, depth=topic).read():
         frame = unknown.get(encoded.stamp)
-        if frame is None or encoded.sensors is None or isinstance(encoded.content, bytes):
+        if frame is None or encoded.sensors is None or not isinstance(encoded.content, (Image, CompressedImage)):
             continue
         try:
             height, width = encoded.bgr().shape[:2]

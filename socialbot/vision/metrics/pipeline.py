@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
-from socialbot.core.messages import PersonDetection
+from socialbot.core.messages import CompressedImage, Image, PersonDetection
 from socialbot.graph.node import check_parameters
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.depth import RangeImage
@@ -131,7 +131,7 @@ class EvaluatedPipeline:
         pose = {name: self._values[name] for name in ("hfov_rad", "mount_height_m", "pitch_rad")}
         camera = CameraModel.of_images(encoded.info, image.shape[1], image.shape[0], **pose)
         depth: Sequence[RangeImage] = ()
-        if encoded.sensors is not None and not isinstance(encoded.content, bytes):
+        if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
             encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
             encoded.sensors.set_pose(self._values["depth_pose"])
             depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)

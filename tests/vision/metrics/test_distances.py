@@ -1,0 +1,87 @@
+"""Distances of labelled people from the depth in a bag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from socialbot.bags.reader import BagWriter
+from socialbot.cli.main import app
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError, TruthError
+from socialbot.core.messages import CameraInfo, Image
+from socialbot.vision.metrics.frames import bag_source, with_distances
+from tests.vision.depth_scenes import CAMERA, Blob, Room, box_of, depth_image, render, with_errors
+
+DEPTH, RGB, INFO = "/camera/depth/image_raw", "/camera/color/image_raw", "/camera/color/camera_info"
+START = 1_700_000_000 * SECOND
+WALK = [Room([Blob(4.0 - index / 4, 0.3), Blob(6.0, -1.5)]) for index in range(5)]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five pictures of two people without distances; depth arrives 0.4 s after the pictures."""
+    folder = tmp_path_factory.mktemp("depth")
+    k = (CAMERA.fx, 0.0, CAMERA.cx, 0.0, CAMERA.fy, CAMERA.cy, 0.0, 0.0, 1.0)
+    messages = []
+    frames = []
+    for index, room in enumerate(WALK):
+        stamp = START + index * SECOND // 5
+        picture = Image.from_bgr(np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8), stamp=stamp, frame_id="eye")
+        info = CameraInfo(stamp=stamp, frame_id="eye", width=CAMERA.width, height=CAMERA.height, k=k)
+        depth = depth_image(with_errors(render(room), index), stamp=stamp)
+        messages += [(INFO, info, stamp), (RGB, picture, stamp + SECOND), (DEPTH, depth, stamp + 14 * SECOND // 10)]
+        boxes = [dict(zip("xywh", box_of(room, person), strict=True)) for person in range(2)]
+        frames.append({"stamp": stamp, "persons": [{"id": f"p{n}", **box} for n, box in enumerate(boxes)]})
+    with BagWriter(folder / "walk") as writer:
+        for topic, message, time in sorted(messages, key=lambda each: each[2]):
+            writer.write(topic, message, time)
+    truth = {"schema": "socialbot/truth", "version": 1, "image_topic": RGB, "frames": frames}
+    (folder / "labels.json").write_bytes(msgspec.json.encode(truth))
+    return folder / "walk"
+
+
+def labels(bag: Path) -> Path:
+    return bag.with_name("labels.json")
+
+
+@pytest.mark.parametrize("topic", [DEPTH, "/camera/depth"])
+def test_unknown_distances_come_from_depth(bag: Path, topic: str) -> None:
+    source = bag_source(bag, labels(bag))
+    assert {person.distance_m for frame in source.frames for person in frame.persons} == {None}
+    for frame, room in zip(with_distances(source, topic).frames, WALK, strict=True):
+        for person, blob in zip(frame.persons, room.people, strict=True):
+            assert person.distance_m == pytest.approx(blob.distance, rel=0.05)
+
+
+def test_known_distances_are_kept(bag: Path, tmp_path: Path) -> None:
+    truth = msgspec.json.decode(labels(bag).read_bytes())
+    truth["frames"][0]["persons"][0]["distance_m"] = 9.0
+    (tmp_path / "labels.json").write_bytes(msgspec.json.encode(truth))
+    frames = with_distances(bag_source(bag, tmp_path / "labels.json"), DEPTH).frames
+    assert frames[0].persons[0].distance_m == 9.0
+    assert frames[0].persons[1].distance_m == pytest.approx(WALK[0].people[1].distance, rel=0.05)
+
+
+def test_refuses_topics_without_distances(bag: Path) -> None:
+    source = bag_source(bag, labels(bag))
+    with pytest.raises(BagError, match="no depth images") as caught:
+        with_distances(source, "/camera/depht")
+    assert DEPTH in str(caught.value.remedy)
+    nobody = msgspec.structs.replace(source.frames[0].persons[0], x=0.0, y=0.0, w=2.0, h=2.0)
+    lost = replace(source, frames=tuple(replace(frame, persons=(nobody,)) for frame in source.frames))
+    with pytest.raises(TruthError, match="none of the labelled people"):
+        with_distances(lost, DEPTH)
+
+
+def test_command_takes_labels_and_a_depth_topic(bag: Path, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    arguments = ["--truth", str(labels(bag)), "--distance-from", "/camera/depth", "--detector", "hog", "--no-speed"]
+    result = CliRunner().invoke(app, ["evaluate", str(bag), *arguments, "--jobs", "1", "--json", str(figures)])
+    assert result.exit_code == 0, result.output
+    assert "2-10" in figures.read_text()
