@@ -117,6 +117,34 @@ _USUAL_RATE_HZ = 30.0
 _FOLDER_RATE_HZ = 10.0
 
 
+_FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")
+
+
+def lens_error_rad(info: CameraInfo) -> float:
+    """Largest error of a direction at the middles of the image's edges if the lens of ``info`` is taken as a pinhole.
+
+    It is 0 for unknown distortion models.
+    """
+    fx, _, cx, _, fy, cy = info.k[:6]
+    edges = ((-cx / fx, 0.0), ((info.width - cx) / fx, 0.0), (0.0, -cy / fy), (0.0, (info.height - cy) / fy))
+    if info.distortion_model in _FISHEYE:
+        angles = np.linspace(0.0, math.pi / 2, 1000)
+        powers = angles[:, None] ** np.arange(3, 3 + 2 * len(info.d), 2)
+        radii = np.maximum.accumulate(angles + powers @ np.array(info.d, np.float64))
+        return max(
+            abs(float(np.interp(math.hypot(*edge), radii, angles)) - math.atan(math.hypot(*edge))) for edge in edges
+        )
+    if info.distortion_model not in ("plumb_bob", "rational_polynomial") or len(info.d) not in (4, 5, 8, 12, 14):
+        return 0.0
+    straight = cv2.undistortPoints(np.array([edges], np.float64), np.eye(3), np.array(info.d, np.float64)).reshape(
+        -1, 2
+    )
+    return max(
+        abs(math.atan(math.hypot(*there)) - math.atan(math.hypot(*edge)))
+        for there, edge in zip(straight.tolist(), edges, strict=True)
+    )
+
+
 class Frames(Protocol):
     """Sequence of images."""
 

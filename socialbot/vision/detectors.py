@@ -161,7 +161,8 @@ _WHOLES = ((416 * 320, 0), (256 * 192, 48), (160 * 120, 70))
 
 The first has the scale of the training images. Small boxes of the others are inaccurate and merge people.
 """
-_BAND = 640 * 160  # Pixels of the view of the band.
+_BAND = (640 * 160, 800 * 200)
+"""Least and most pixels of the view of the band; between them it has the full resolution."""
 _OVERLAP, _WITHIN = 0.55, 0.65  # The model adds weak boxes around a person and half of a neighbour.
 
 
@@ -191,7 +192,8 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
 def _views(width: int, height: int, horizon: float) -> Sequence[View]:
     """The views of an image, the most expensive first."""
     wholes = [fitting((0, 0, width, height), pixels, least=least) for pixels, least in _WHOLES]
-    return [wholes[0], fitting(band(width, height, horizon), _BAND), *wholes[1:]]
+    far = band(width, height, horizon)
+    return [wholes[0], fitting(far, min(max(far[2] * far[3], _BAND[0]), _BAND[1])), *wholes[1:]]
 
 
 _FREE = 640 * 480  # Input size (pixels) of a model without a fixed one.

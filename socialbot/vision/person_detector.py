@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from socialbot.core import paths
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     BoxMarkers,
     CameraInfo,
@@ -17,20 +19,67 @@ from socialbot.core.messages import (
     DepthInfo,
     Image,
     Message,
+    PersonDetection,
     PersonDetections,
     PointCloud,
     Transforms,
 )
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, lens_error_rad
 from socialbot.vision.depth import TOLERANCE_S, DepthSensors
+from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
 
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
+_LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
+
+_CHECK_S, _LONGEST_CHECK_S = 0.5, 60.0  # Pauses between two checks, doubled after a round without people.
+_TURNED_SCORE, _BETTER = 0.6, 0.05  # Score of people in a turned image, and its lead over that in upright ones.
+_TURNS = {1: "90 degrees anticlockwise", 2: "180 degrees", 3: "90 degrees clockwise"}
+"""Turns of an image by the number of quarter turns."""
+
+
+class _TurnedCamera:
+    """Tells whether the camera is turned: its detector is surer of people in turned images than in upright ones.
+
+    A round of checks searches one image in each turn; a camera is turned if two rounds agree.
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+        self._scores = dict.fromkeys((0, *_TURNS), 0.0)
+        self._left = list(_TURNS)
+        self._pause, self._next = _CHECK_S, 0
+        self._last = 0
+        self.done = False
+
+    def look(self, image: np.ndarray, stamp: int, persons: Sequence[PersonDetection]) -> str:
+        """The turn that makes images upright, or an empty text; some images are searched again in one turn."""
+        self._scores[0] = max(self._scores[0], *(person.score for person in persons), 0.0)
+        if self.done or stamp < self._next:
+            return ""
+        turns = self._left.pop()
+        found = self._detector.detect(np.ascontiguousarray(np.rot90(image, turns)))
+        self._scores[turns] = float(found.scores.max(initial=0.0))
+        self._next = stamp + round(self._pause * SECOND)
+        return "" if self._left else self._judge()
+
+    def _judge(self) -> str:
+        """The result of a round."""
+        best = max(_TURNS, key=lambda turns: self._scores[turns])
+        upright, turned = self._scores[0], self._scores[best]
+        sure = turned >= _TURNED_SCORE and turned > upright + _BETTER
+        self.done = (sure and self._last == best) or (upright >= _TURNED_SCORE and not sure)
+        text = _TURNS[best] if self.done and sure else ""
+        self._last = best if sure else 0
+        nobody = max(upright, turned) < _TURNED_SCORE
+        self._pause = min(2 * self._pause, _LONGEST_CHECK_S) if nobody else _CHECK_S
+        self._scores, self._left = dict.fromkeys(self._scores, 0.0), list(_TURNS)
+        return text
 
 
 class PersonDetector(Node):
@@ -104,6 +153,7 @@ class PersonDetector(Node):
         )
         for parameter in ("threshold", "person_height_m", "hide_still", "depth_pose"):
             self.on_parameter(parameter)
+        self._turned = _TurnedCamera(detector) if self._spec.faces else None
         self._camera: CameraModel | None = None
         self._warned: set[str] = set()
 
@@ -132,6 +182,12 @@ class PersonDetector(Node):
     @camera_info
     def on_camera_info(self, info: CameraInfo) -> None:
         CameraModel.from_info(info)
+        error = lens_error_rad(info)
+        if error > _LENS_ERROR_RAD:
+            self._warn_once(
+                f"the lens ({info.distortion_model}) bends directions at the edge of the image by {error:.2f} rad: "
+                "directions and distances there are wrong; rectify the images, for example with image_proc"
+            )
         self._info = info
         self._camera = None
 
@@ -148,7 +204,8 @@ class PersonDetector(Node):
     def on_image(self, image: Image) -> None:
         camera = self._camera_of(image)
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
-        persons = self._pipeline.find(image.bgr(), image.stamp, camera, depth)
+        bgr = image.bgr()
+        persons = self._pipeline.find(bgr, image.stamp, camera, depth)
         self.detections.publish(
             PersonDetections(
                 stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=persons
@@ -156,6 +213,9 @@ class PersonDetector(Node):
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
+        turn = self._turned.look(bgr, image.stamp, persons) if self._turned is not None else ""
+        if turn:
+            self._warn_once(f"the camera seems to be turned: people are upright in images turned by {turn}")
 
     def _camera_of(self, image: Image) -> CameraModel:
         """The camera model, scaled to the size of ``image``."""

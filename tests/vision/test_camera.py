@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, lens_error_rad
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]
 
@@ -100,3 +100,31 @@ def test_scaling_keeps_directions():
     half = model.scaled(320, 120)
     assert half.direction(100, 50) == pytest.approx(model.direction(200, 200))
     assert (half.width, half.height) == (320, 120)
+
+
+def calibrated(model: str, *d: float, focal: float = 300.0) -> CameraInfo:
+    k = (focal, 0.0, 320.0, 0.0, focal, 240.0, 0.0, 0.0, 1.0)
+    return CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=k, d=d, distortion_model=model)
+
+
+@pytest.mark.parametrize(
+    ("info", "error"),
+    [
+        (calibrated("plumb_bob", 0.0, 0.0, 0.0, 0.0, 0.0), 0.0),
+        (calibrated("plumb_bob"), 0.0),
+        (calibrated("who knows", 1.0, 1.0, 1.0, 1.0), 0.0),
+        # A point at the radius r of an ideal fisheye is at the angle r; a pinhole has it at atan(r).
+        (calibrated("equidistant", 0.0, 0.0, 0.0, 0.0), 320 / 300 - math.atan(320 / 300)),
+        (calibrated("equidistant"), 320 / 300 - math.atan(320 / 300)),
+    ],
+)
+def test_error_of_a_lens_taken_as_a_pinhole(info: CameraInfo, error: float):
+    assert lens_error_rad(info) == pytest.approx(error, abs=2e-3)
+
+
+@given(st.floats(-0.08, 0.1))
+def test_error_of_a_lens_is_that_of_opencv(k1: float):
+    info = calibrated("plumb_bob", k1, 0.0, 0.0, 0.0)
+    angle = math.atan(320 / 300) - lens_error_rad(info) * (1 if k1 > 0 else -1)
+    seen = math.tan(angle)
+    assert seen * (1 + k1 * seen**2) == pytest.approx(320 / 300, abs=0.01)

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from socialbot.bags.reader import open_bag
 from socialbot.bridge._callback_queue import CallbackQueue
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
-from socialbot.core.messages import BoxMarkers, CameraInfo, DepthImage, Image, PersonDetections
+from socialbot.core.messages import BoxMarkers, CameraInfo, CompressedImage, DepthImage, Image, PersonDetections
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
@@ -19,6 +20,8 @@ from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import Estimate, Stature, measure
+from socialbot.vision.images import bgr_from_compressed
+from socialbot.vision.metrics.truth import load_truth
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.person_detector import PersonDetector
 from socialbot.vision.tracking import cut_off
@@ -311,3 +314,48 @@ def test_depth_tolerance_and_pose_are_parameters(stub) -> None:
     assert rig.show(corridor(), stamp=3 * SECOND).persons[0].distance_source == "image"
     with pytest.raises(ParameterError, match="no pose"):
         rig.node.set_parameter("depth_pose", "behind the head")
+
+
+def test_a_fisheye_lens_is_told_of(caplog):
+    rig = Rig(detector="hog")
+    k = (300.0, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0)
+    info = CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=k, d=(0.0,) * 4, distortion_model="equidistant")
+    for _ in range(2):
+        rig.runner.feed(INFO, info, time=0)
+    assert [record.getMessage() for record in caplog.records if "the lens (equidistant)" in record.getMessage()] != []
+    assert sum("the lens" in record.getMessage() for record in caplog.records) == 1
+
+
+@pytest.fixture(scope="module")
+def near(request: pytest.FixtureRequest) -> np.ndarray:
+    """An image of the committed bag with one near person."""
+    corridor_bag: Path = request.getfixturevalue("corridor")
+    truth = load_truth(corridor_bag.with_suffix(".truth.json"))
+    clear = {frame.stamp for frame in truth.frames if len(frame.persons) == 1 and frame.persons[0].h > 200}
+    with open_bag(corridor_bag) as bag:
+        topic = bag.choose_image_topic()
+        images = (image for _, image in bag.messages({topic.name: topic.type}) if image.stamp in clear)
+        image = next(images)
+    assert isinstance(image, CompressedImage)
+    return bgr_from_compressed(image)
+
+
+@pytest.mark.parametrize(
+    ("turns", "told"),
+    [(0, ""), (1, "by 90 degrees clockwise"), (2, "by 180 degrees"), (3, "by 90 degrees anticlockwise")],
+)
+def test_a_turned_camera_is_told_of(near, caplog, turns, told):
+    rig = Rig(faces=False)
+    picture = np.ascontiguousarray(np.rot90(near, turns))
+    for number in range(8):
+        rig.show(picture, stamp=round((1 + 0.5 * number) * SECOND))
+    found = [record.getMessage() for record in caplog.records if "turned" in record.getMessage()]
+    assert len(found) == bool(told)
+    assert all(text.endswith(told) for text in found)
+
+
+def test_nobody_says_nothing_of_a_turned_camera(caplog):
+    rig = Rig(faces=False)
+    for number in range(8):
+        rig.show(corridor(), stamp=round((1 + 0.5 * number) * SECOND))
+    assert not [record for record in caplog.records if "turned" in record.getMessage()]

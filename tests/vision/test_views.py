@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
+from socialbot.vision.detectors import _views
 from socialbot.vision.network import View, band, fitting, scaled, whole
 
 size = st.integers(1, 900)
@@ -128,3 +129,12 @@ def test_scaled_part_fills_its_canvas():
     view = scaled((10, 20, 100, 60), 1.5)
     assert (view.width, view.height, view.across, view.down) == (150, 90, 150, 90)
     assert view.back(np.array([[15.0, 15, 30, 30]])).tolist() == [[20, 30, 20, 20]]
+
+
+@pytest.mark.parametrize(
+    ("size", "scale"), [((640, 480), 1.0), ((720, 576), 1.0), ((800, 600), 1.0), ((1600, 900), 0.57), ((320, 240), 2.0)]
+)
+def test_distant_people_keep_most_of_their_pixels_in_large_images(size: tuple[int, int], scale: float):
+    views = _views(*size, 0.5)
+    assert views[1].across / views[1].w == pytest.approx(scale, abs=0.06)
+    assert sum(view.width * view.height for view in views) < 380_000
