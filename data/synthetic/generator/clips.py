@@ -25,7 +25,8 @@ class Clip:
 
     lights: (from s, state); a fade (from s, to s) goes over to the state that begins at its end. view: the camera;
     turning: (s, pan, tilt) of a head, degrees to the left and downwards; the camera's eye is beside its axes. depth:
-    whether depth images are recorded. noise: of the sensor (grey levels); shutter: time of exposure (s).
+    whether depth images are recorded. noise: of the sensor (grey levels); quality: of the JPEGs; shutter: time of
+    exposure (s).
     """
 
     name: str
@@ -42,6 +43,7 @@ class Clip:
     turning: tuple[tuple[float, float, float], ...] = ()
     depth: bool = False
     noise: float = 1.3
+    quality: int = 80
     shutter: float = 0.0
 
     def pan_tilt(self, time: float) -> tuple[float, float]:

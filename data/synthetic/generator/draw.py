@@ -36,6 +36,7 @@ from wardrobe import OUTFITS
 
 NEAR, FAINT, PLAIN = 0.05, 0.05, 0.3
 FINE = 2  # samples on a side of a pixel
+SPARSE = 2  # pixels between measured depths of the empty room where no depth images are asked for
 REACH = 900  # px around the picture in which people still count as a whole
 SLOPES = np.array([[0, 0], [0.55, 0], [-0.55, 0], [0, 0.55], [0, -0.55], [0.35, 0.35], [-0.35, 0.35]], np.float32)
 CELL = 0.018  # m
@@ -247,7 +248,7 @@ class Stage:
             if not picture.exists():
                 render(scene, samples, picture)
             if not depths.exists():
-                np.save(depths, static_depth(scene, one))
+                np.save(depths, static_depth(scene, one, 1 if clip.depth else SPARSE))
             found = light_of(picture)
             if one.lens:
                 found = cv2.remap(found, one.lookup(), None, cv2.INTER_LINEAR)
@@ -362,7 +363,7 @@ class Stage:
                     replace(posed, points=posed.points * flip + shift, normal=posed.normal * flip, things=things)
                 )
         beyond = scene.clear * light / np.maximum(scene.light, 1e-4)
-        added = np.maximum(scene.light - CLEAR * scene.clear, 0)
+        added = cv2.GaussianBlur(np.maximum(scene.light - CLEAR * scene.clear, 0), (0, 0), 2.0)
         if behind:
             found, cover = self.drawn(behind, scene, maps)
             beyond = beyond * (1 - cover) + found

@@ -18,7 +18,7 @@ from truths import BANDS, ClipTruth, counted, frame_truth, message_of, rows, wri
 
 ACROSS, DOWN, TILE = 4, 4, 320
 SOFT = 0.6  # px, of the lens in rooms, where drawn edges are too sharp
-DEPTH_EVERY = 2  # images
+DEPTH_EVERY = 3  # images
 MARKS = ("<!-- counts -->\n", "<!-- end of counts -->\n")
 
 
@@ -126,13 +126,13 @@ def main() -> None:
     parser.add_argument("clips", nargs="+", choices=CLIPS, metavar="CLIP", help=", ".join(CLIPS))
     parser.add_argument("--frames", type=Path, default=Path("frames"), help="where render.py wrote")
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1])
-    parser.add_argument("--quality", type=int, help="of the JPEGs, default 80 in the corridor and 50 in rooms")
+    parser.add_argument("--quality", type=int, help="of the JPEGs, default as the clip says")
     parser.add_argument("--noise", type=float, help="grey levels, default as the clip says")
     parser.add_argument("--first", type=int, help="only so many frames from the start, default all")
     options = parser.parse_args()
     for name in options.clips:
         clip = CLIPS[name]
-        quality = options.quality or (50 if isinstance(clip.layout, Room) else 80)
+        quality = options.quality or clip.quality
         noise = clip.noise if options.noise is None else options.noise
         pack(clip, options.frames / name, options.out, noise, quality, options.first or clip.frames())
     if (options.out / "README.md").exists():

@@ -93,7 +93,7 @@ VISITORS_TUNE = Clip(
         caller("H", 42.0, FROM_RIGHT, (0.35, 2.4), 4.8, TO_LEFT),
         caller("I", 49.4, FROM_LEFT, (-0.25, 2.0), 6.0, ((-1.75, 5.0),)),
     ),
-    start=1_700_011_000, rate=5, view=View(eye=(0, 0, 1.0), pitch=math.radians(-3)),
+    start=1_700_011_000, rate=5, quality=50, view=View(eye=(0, 0, 1.0), pitch=math.radians(-3)),
 )  # fmt: skip
 IN_LEFT, IN_RIGHT = ((-2.4, 7.1), (-0.85, 7.0), (-0.85, 5.8)), ((0.6, 7.2), (-0.85, 7.0), (-0.85, 5.8))
 OUT_RIGHT = ((1.8, 5.6), (1.8, 6.9), (2.8, 7.0))
@@ -111,7 +111,7 @@ VISITORS_HELDBACK = Clip(
         caller("K", 40.4, IN_LEFT, (0.25, 1.8), 5.2, OUT_RIGHT, "wave"),
         caller("L", 49.2, IN_RIGHT, (-0.3, 2.1), 4.4, ((1.8, 5.6), (1.8, 6.9))),
     ),
-    start=1_700_012_000, rate=5, view=View(eye=(0, 0, 1.0), pitch=math.radians(-2)),
+    start=1_700_012_000, rate=5, quality=50, view=View(eye=(0, 0, 1.0), pitch=math.radians(-2)),
 )  # fmt: skip
 
 # Seated and still people
@@ -125,7 +125,7 @@ LOUNGE = Room(
     ),
 )  # fmt: skip
 SEATED_TUNE = Clip(
-    "seated_tune", "seated", "tune", 14.0, LOUNGE, ((0.0, LIT),),
+    "seated_tune", "seated", "tune", 11.0, LOUNGE, ((0.0, LIT),),
     (
         sits("E", -1.25, 2.5, 20, 14.0), sits("D", 0.6, 3.78, -8, 14.0, "reading"), sits("R", 1.35, 3.62, -14, 14.0),
         sits("P", -1.3, 4.7, 6, 14.0, None), stands("G", 0.05, 4.7, 4, 14.0, "phone"),
@@ -133,7 +133,7 @@ SEATED_TUNE = Clip(
         rolls("I", 2.0, (2.7, -0.8), Go(1.1, 1.4, 0.8), Go(0.45, 2.1, 0.6, 8), Stay(8.0, 6, "lap"), heading=150),
         visit("Q", 6.2, (2.6, -0.6), Go(2.05, 1.0), Go(1.55, 1.75, 1.1), Stay(1.0, -35), Sit(9.0, arms="lap")),
     ),
-    start=1_700_013_000, rate=5, view=View(eye=(0, 0, 1.25), pitch=math.radians(6)), depth=True,
+    start=1_700_013_000, rate=5, quality=45, view=View(eye=(0, 0, 1.25), pitch=math.radians(6)), depth=True,
 )  # fmt: skip
 WARD = Room(
     half=2.7, depth=6.2, wall=(0.58, 0.66, 0.6), floor=(0.42, 0.42, 0.4), accent=(0.3, 0.3, 0.1),
@@ -144,14 +144,14 @@ WARD = Room(
     ),
 )  # fmt: skip
 SEATED_HELDBACK = Clip(
-    "seated_heldback", "seated", "held-back", 14.0, WARD, ((0.0, LIT),),
+    "seated_heldback", "seated", "held-back", 11.0, WARD, ((0.0, LIT),),
     (
         sits("S", 1.3, 2.3, -50, 14.0), sits("T", -1.35, 3.22, 14, 14.0, "phone"), sits("U", -0.6, 3.4, 14, 14.0),
         sits("J", 1.5, 4.4, -12, 14.0, "reading"), stands("O", 0.55, 3.9, -6, 14.0),
         stands("N", -0.1, 4.9, 10, 14.0, "hips"),
         rolls("L", 1.4, (-2.4, -0.9), Go(-0.9, 1.3, 0.8), Go(-0.3, 1.95, 0.6, -8), Stay(8.6, -4, "lap"), heading=-150),
     ),
-    start=1_700_014_000, rate=5, view=View(eye=(0, 0, 1.15), pitch=math.radians(4)), depth=True,
+    start=1_700_014_000, rate=5, quality=45, view=View(eye=(0, 0, 1.15), pitch=math.radians(4)), depth=True,
 )  # fmt: skip
 
 # A head that turns
@@ -174,7 +174,7 @@ TURNING_TUNE = Clip(
         visit("P", 3.0, (-0.1, 6.6), Go(-0.1, 5.0), Go(-0.9, 3.2), Stay(3.5, to_camera(-0.9, 3.2)), Go(-0.3, 5.0),
               Go(-0.1, 6.8)),
     ),
-    start=1_700_015_000, rate=5, view=View(eye=(0, 0, 1.2), pitch=math.radians(4)),
+    start=1_700_015_000, rate=5, quality=45, view=View(eye=(0, 0, 1.2), pitch=math.radians(4)),
     turning=((0, 0, 4), (1.5, 0, 4), (3.5, 30, 4), (5.5, 30, -2), (8.5, -32, 4), (10.5, -32, 10), (12.5, 5, 4),
              (14, 5, 4)),
 )  # fmt: skip
@@ -196,7 +196,7 @@ TURNING_HELDBACK = Clip(
         visit("T", 2.4, (1.5, 7.0), Go(1.5, 5.4), Go(0.9, 2.9), Stay(3.8, to_camera(0.9, 2.9)), Go(1.5, 5.4),
               Go(1.5, 7.2)),
     ),
-    start=1_700_016_000, rate=5, view=View(eye=(0, 0, 1.35), pitch=math.radians(5)),
+    start=1_700_016_000, rate=5, quality=45, view=View(eye=(0, 0, 1.35), pitch=math.radians(5)),
     turning=((0, 5, 5), (1.0, 5, 5), (4.0, -30, 5), (5.5, -30, 12), (6.5, -20, 5), (9.5, 33, 5), (11.0, 33, 0),
              (13.0, 0, 5), (14, 0, 5)),
 )  # fmt: skip
@@ -223,7 +223,7 @@ CROWD_TUNE = Clip(
               Go(-2.6, 3.65, 1.2)),
         visit("Q", 4.6, (2.8, 1.7), Go(-0.3, 1.6, 1.1), Stay(1.8, 0), Go(-2.8, 1.8, 1.1)),
     ),
-    start=1_700_017_000, rate=5, view=View(eye=(0, 0, 1.5), pitch=math.radians(6)),
+    start=1_700_017_000, rate=5, quality=45, view=View(eye=(0, 0, 1.5), pitch=math.radians(6)),
 )  # fmt: skip
 ATRIUM = Room(
     half=3.6, depth=6.6, wall=(0.55, 0.58, 0.54), floor=(0.3, 0.32, 0.34), glass=((4.5, -3.5, -0.2),),
@@ -245,7 +245,7 @@ CROWD_HELDBACK = Clip(
               Go(2.6, 3.8, 1.2)),
         visit("T", 5.0, (-2.8, 1.8), Go(0.35, 1.7, 1.1), Stay(2.0, -8, "phone"), Go(2.8, 1.8, 1.1)),
     ),
-    start=1_700_018_000, rate=5, view=View(eye=(0, 0, 1.55), pitch=math.radians(7)),
+    start=1_700_018_000, rate=5, quality=45, view=View(eye=(0, 0, 1.55), pitch=math.radians(7)),
 )  # fmt: skip
 
 # Other heights, lenses and sizes
@@ -279,8 +279,8 @@ def other_camera(name: str, number: int, held_back: bool, view: View, light: Lig
     )  # fmt: skip
     start = 1_700_020_000 + 1000 * (2 * number + held_back)
     return Clip(
-        f"lens_{name}_{split}", f"lens_{name}", "held-back" if held_back else "tune", 7.0, room, ((0.0, light),), cast,
-        start=start, rate=5, view=view, **more,
+        f"lens_{name}_{split}", f"lens_{name}", "held-back" if held_back else "tune", 5.0, room, ((0.0, light),), cast,
+        start=start, rate=5, quality=45, view=view, **more,
     )  # fmt: skip
 
 

@@ -18,7 +18,8 @@ LEAST, MOST = 0.35, 5.0
 LAG = 0.35  # s
 KNEE = 0.75
 BASE = 39.4  # px m: disparity at a depth of 1 m
-SPREAD, STEP = 0.09, 0.125  # px: noise of a disparity, and the steps in which it is measured
+SPREAD, STEP = 0.06, 0.25  # px: noise of a disparity, and the steps in which it is measured
+GRAIN = 3.0  # px
 REACH = (0.4, 9.0)  # m
 
 
@@ -90,7 +91,8 @@ def depth_image(depth: np.ndarray, seed: int) -> np.ndarray:
     disparity = BASE / np.maximum(depth, 0.05)
     across = np.arange(depth.shape[1]) + disparity
     shadow = np.maximum.accumulate(across, axis=1) > across + 1.0
-    grain = cv2.GaussianBlur(rng.normal(0, 1, depth.shape).astype(np.float32), (0, 0), 1.6) * 5.0
+    grain = cv2.GaussianBlur(rng.normal(0, 1, depth.shape).astype(np.float32), (0, 0), GRAIN)
+    grain *= 2 * math.sqrt(math.pi) * GRAIN
     measured = np.round((disparity + SPREAD * grain) / STEP) * STEP
     found = BASE / np.maximum(measured, 0.01)
     edge = cv2.morphologyEx(disparity.astype(np.float32), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 1.0
