@@ -5,11 +5,12 @@ import signal
 import subprocess
 import sys
 
+import cv2
 import pytest
 
 from tests.cli.processes import children, is_running
 from tests.system.running import eventually, running, socialbot_here
-from tests.vision.metrics.scenes import drawn_bag, drawn_pictures
+from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, walking
 
 QUICKLY = ("--detector", "hog", "--jobs", "1")
 
@@ -66,6 +67,26 @@ def test_interrupt_ends_all_processes(corridor):
     assert process.returncode == 0
     assert "Traceback" not in output
     assert eventually(lambda: not any(map(is_running, workers)))
+
+
+def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):
+    sequence = tmp_path / "Hall-01"
+    (sequence / "img1").mkdir(parents=True)
+    lines = []
+    for number, (picture, box) in enumerate(walking(4), 1):
+        cv2.imwrite(str(sequence / "img1" / f"{number:06}.jpg"), picture)
+        lines.append(f"{number},1,{','.join(map(str, box))},1,1,1\n{number},2,5,5,9,9,0,3,1\n")
+    (sequence / "gt.txt").write_text("".join(lines))
+    exports = ("--export", f"coco={tmp_path}/results.json", "--export", f"mot={tmp_path}/tracks")
+    ended = evaluate(sequence, *QUICKLY, "--no-speed", "--json", tmp_path / "f.json", *exports)
+    assert ended.returncode == 0, ended.stderr
+    assert "4 boxes of class car are not used" in ended.stderr
+    figures = json.loads((tmp_path / "f.json").read_text())
+    scene = figures["detectors"]["hog"]["scenes"]["Hall-01"]
+    tracks = (tmp_path / "tracks" / "Hall-01.txt").read_text().splitlines()
+    assert scene["tracking"]["hits"] + scene["tracking"]["false"] == len(tracks) > 0
+    assert scene["coco"]["ap50"] > 0
+    assert {entry["image_id"] for entry in json.loads((tmp_path / "results.json").read_text())} <= {1, 2, 3, 4}
 
 
 @pytest.mark.parametrize(

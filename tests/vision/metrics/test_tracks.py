@@ -173,9 +173,10 @@ def test_same_figures_as_trackeval_had_for_files(tmp_path):
     [source] = labelled_sources(tmp_path)
     found: dict[int, list[PersonDetection]] = {}
     for line in (REFERENCE / "tracks.txt").read_text().splitlines():
-        number, track, x, y, w, h, score = line.split(",")[:7]
-        box = {"x": float(x), "y": float(y), "w": float(w), "h": float(h)}
-        found.setdefault(int(number), []).append(PersonDetection(**box, score=float(score), track_id=track))
+        number, track, *values = line.split(",")[:7]
+        x, y, w, h, score = map(float, values)
+        track_seen = PersonDetection(x=x, y=y, w=w, h=h, score=score, track_id=track)
+        found.setdefault(int(number), []).append(track_seen)
     score = tracking_score(
         tracked_frame(frame, found.get(number, []), source.least_visible)
         for number, frame in enumerate(source.frames, 1)

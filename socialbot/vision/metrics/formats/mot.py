@@ -184,7 +184,7 @@ def _images(
         Entry(frames[number], paths[number].name, stamp, frames[number])
         for number, stamp in zip(order, stamps, strict=True)
     ]
-    length = info.get("seqlength", "")
-    if length.strip().isdecimal() and int(length) != len(paths):
-        labels.notes.append(f"{len(paths)} images, but seqinfo.ini says {int(length)}")
+    length = info.get("seqlength", "").strip()[:20]
+    if length and length != str(len(paths)):
+        labels.notes.append(f"{len(paths)} images, but seqinfo.ini says {length}")
     return sequence([paths[number] for number in order], stamps), entries
