@@ -204,7 +204,9 @@ def _picture(opened: Bag, topic: BagTopic) -> str:
             if isinstance(message, Image):
                 return f"{message.width}x{message.height} {message.encoding}"
             if isinstance(message, CompressedImage):
-                pixels = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED) if message.data.size else None
+                # Depth has a header of 12 bytes before its PNG.
+                data = message.data[12:] if "compresseddepth" in message.format.lower() else message.data
+                pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
                 size = "unreadable" if pixels is None else f"{pixels.shape[1]}x{pixels.shape[0]}"
                 # Drivers write ``jpeg`` or ``bgr8; jpeg compressed bgr8``.
                 name = message.format
