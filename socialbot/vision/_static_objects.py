@@ -1,12 +1,14 @@
 """Remove tracks of static objects: coats on stands, posters, dolls.
 
-A person always moves a little. A box that looks as it did a second ago shows an object, unless it moved shortly
-before. A box that looks like the background (`_Background`, the scene without people) shows an object as well. An
-object therefore stays one when a shadow falls on it, when a person passes in front of it, and when the track of that
-person jumps to it.
+An object is hidden only if it was known before anybody came, or never looked like a person with any certainty:
 
-Images are compared by local contrast, which light and shadow hardly change. While the whole image changes because the
-camera turns, no track changes its class.
+* A box that looks like the background (`_Background`, places where nothing was detected) shows an object.
+* A box without any motion shows an object after a while. The time depends on its score and on whether anybody has
+  moved in the view before. A box with a certain score, or one that moved, is a person.
+
+Motion is measured in pixels, against the noise of the image (`_Motion`). Standing people sway by more than that. Pixels
+that do not change at all, as in a paused or strongly compressed video, say nothing. While the camera turns, no track
+changes its class.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -27,19 +30,30 @@ _WIDTH = 320  # Images are compared at this width: coarse for vibrations, fine e
 _LARGE_SIGMA = 4.0  # Contrast is local to about this many pixels.
 _FAINT = 3.0  # Contrast of fewer grey levels is noise.
 
-_LAG_S = 1.0  # Age of the image to compare with;
-_LEAST_LAG_S = 0.2  # younger ones are used if that one shows too little of the box.
+_LAG_S, _LEAST_LAG_S = 1.0, 0.3  # Usual and least age of the image to compare with.
 _STEP_S = 0.2  # Interval of the images that are kept.
-_STILL = 0.9  # A box is still from this correlation,
-_SHORT_S, _STILL_SHORT = 0.4, 0.97  # or from this one after less time, in which a person moves little.
-_LIFE_S = 30.0  # A person may stand still for this long,
-_LIFE_UNKNOWN_S = 2.0  # and for this long where the background is unknown.
 
-_LEARN_S = 2.0  # Pixels without people for this long are background; detectors miss people for less.
+_CELL = 8  # Motion is measured in cells of so many pixels.
+_TEXTURE = 4.0  # Cells with a squared gradient below this multiple of the noise show no motion.
+_MOVED_PX, _STILL_PX = 0.35, 0.2  # A box moves from this apparent motion, and is still below that one,
+_MOVED_NOISE, _STILL_NOISE = 4.0, 2.0  # or these multiples of the apparent motion of the background.
+_FROZEN = 0.02  # Cells whose difference has a lower variance have not been updated by the video codec.
+_FROZEN_SHARE = 0.5
+_TURNED_PX = 0.8  # The camera moves when the background does.
+
+# Scores as multiples of the score that counts alone.
+_ALONE_S, _ALONE_SCORE = 0.5, 1.73  # Still since the first image, before anybody moved: objects below this score.
+_STILL_S, _STILL_SCORE = 8.0, 1.55  # Still for so long: objects below this score,
+_LIFE_S = 30.0  # if they never moved; after a movement they may be still for longer.
+_AWAKE_S, _ASIDE = 1.5, 0.7  # An object that moves for so long, others being so many widths away, is a person.
+_CERTAIN = 1.82  # A score that contradicts the background.
+_FIRST_S = 0.35  # Tracks that begin so early were there in the first image.
+_NEWS = 0.1  # Weight of the newest score in the mean.
+
+_LEARN_S = 2.0  # Places without detections for so long are background.
 _FAMILIAR = 0.8  # A box shows background from this correlation,
-_VAGUE = 0.6  # from this one if its track never moved,
+_SAME = 0.9  # from this one if something moves in it,
 _STILL_VAGUE = 0.45  # and from this one if it was an object before, of which a person may hide a half.
-_STIRRED = 0.75  # Below this correlation such a box has moved; shadows change less.
 
 _TURNED = 0.5  # The camera turns when the rest of the image correlates less.
 _LEAST_FREE = 0.3  # A box is compared where it is free of other people, if that is this share of it.
@@ -50,16 +64,32 @@ _MARGIN = 0.1  # People may exceed their box by this share of its width.
 
 @dataclass(frozen=True, eq=False)
 class _Snapshot:
-    """Local contrast ``shapes`` of an image, (height, width), float32, with boxes (n, 4) and ids of its tracks."""
+    """Grey levels and local contrast ``shapes`` of an image, both (height, width), float32.
+
+    ``boxes`` (n, 4) and ``names`` are those of its tracks.
+    """
 
     stamp: int
+    grey: np.ndarray
     shapes: np.ndarray
     boxes: np.ndarray
-    names: tuple[str, ...]
+    names: tuple[int, ...]
 
-    def free(self, name: str) -> np.ndarray:
+    def free(self, name: int) -> np.ndarray:
         """Mask of the image without the boxes of other tracks."""
-        return ~_covered(self.shapes.shape, self.boxes[[each != name for each in self.names]], _MARGIN)
+        if name not in self.names:
+            return self.cover == 0
+        cover = self.cover.copy()
+        cover[_inside(_widened(self.boxes[self.names.index(name)], _MARGIN), cover.shape)] -= 1
+        return cover == 0
+
+    @cached_property
+    def cover(self) -> np.ndarray:
+        """Number of boxes at each pixel."""
+        count = np.zeros(self.shapes.shape, np.int16)
+        for box in self.boxes:
+            count[_inside(_widened(box, _MARGIN), count.shape)] += 1
+        return count
 
 
 class _Background:
@@ -86,78 +116,182 @@ class _Background:
         return max((look for look in looks if look is not None), default=None)
 
 
-class StaticObjectFilter:
-    """Removes tracks that never move, for one camera that is mostly at rest."""
+class _Motion:
+    """Apparent motion between two images in pixels, by cell, from the residuals of a local fit of gain and offset.
 
-    def __init__(self) -> None:
+    ``noise`` is its median outside of all boxes: noise and compression look like a small motion at edges.
+    """
+
+    def __init__(self, now: _Snapshot, then: _Snapshot) -> None:
+        mean, before = _cells(now.grey), _cells(then.grey)
+        variance, earlier = _cells(now.grey**2) - mean**2, _cells(then.grey**2) - before**2
+        shared = _cells(now.grey * then.grey) - mean * before
+        gain = np.clip(shared / np.maximum(earlier, 1e-3), 0.4, 2.5)
+        rest = np.maximum(variance - 2 * gain * shared + gain**2 * earlier, 0.0)
+        across = cv2.Sobel(now.grey, cv2.CV_32F, 1, 0, ksize=1) / 2
+        down = cv2.Sobel(now.grey, cv2.CV_32F, 0, 1, ksize=1) / 2
+        slope = _cells(across**2 + down**2) / 2
+        outside = ~_covered(rest.shape, np.vstack([now.boxes, then.boxes]) / _CELL, _MARGIN)
+        if outside.mean() < _LEAST_REST:
+            outside[:] = True
+        noise = float(np.median(rest[outside & (slope <= np.median(slope[outside]))]))
+        self.pixels = np.sqrt(np.maximum(rest - noise, 0.0) / (slope + noise + 1.0))
+        self.shown = slope > _TEXTURE * noise + 2.0
+        self.frozen = rest < _FROZEN
+        behind = self.pixels[outside & self.shown]
+        self.noise = float(np.median(behind)) if len(behind) else 0.0
+
+    def of(self, box: np.ndarray, free: np.ndarray) -> float | None:
+        """Motion of the ``free`` part of ``box`` in pixels; None if the image does not show it."""
+        x, y, right, bottom = _edges(box / _CELL + np.array([0.15, 0.0, -0.3, 0.0]) * box[2] / _CELL, self.pixels.shape)
+        there = _cells(free.astype(np.float32))[y:bottom, x:right] > 0.5
+        if there.mean() < _LEAST_FREE or self.frozen[y:bottom, x:right][there].mean() > _FROZEN_SHARE:
+            return None
+        pixels = self.pixels[y:bottom, x:right][there & self.shown[y:bottom, x:right]]
+        return float(np.quantile(pixels, 0.8)) if len(pixels) else None
+
+
+@dataclass
+class _History:
+    """What is known of one track: ``still_s`` without motion, and the mean ``score`` in that time."""
+
+    first: bool
+    score: float
+    stamp: int
+    still_s: float = 0.0
+    moving_s: float = 0.0
+    moved: bool = False
+
+
+class StaticObjectFilter:
+    """Removes tracks that never move and do not look like people with certainty.
+
+    Args:
+        sure: Score from which a detection counts alone.
+    """
+
+    def __init__(self, sure: float) -> None:
+        self._sure = sure
         self._forget((0, 0))
 
     def _forget(self, shape: tuple[int, ...]) -> None:
         self._views: deque[_Snapshot] = deque()
         self._background = _Background(shape)
-        self._moved: dict[str, int] = {}  # last motion of each track
-        self._objects: set[str] = set()  # objects in the last image
+        self._histories: dict[int, _History] = {}
+        self._objects: set[int] = set()  # objects in the last image
+        self._company = False  # whether anybody has moved
+        self._begin: int | None = None
 
-    def people(self, image_bgr: np.ndarray, stamp_ns: int, tracks: Sequence[Track]) -> tuple[Track, ...]:
-        """The tracks that are not static objects in the image (height, width, 3), uint8, taken at ``stamp_ns``."""
-        now = _view(image_bgr, stamp_ns, tracks)
+    def people(
+        self, image_bgr: np.ndarray, stamp_ns: int, tracks: Sequence[Track], doubtful: Sequence[Track] = ()
+    ) -> tuple[Track, ...]:
+        """Tracks that are not static objects.
+
+        Args:
+            image_bgr: Shape (height, width, 3), uint8.
+            stamp_ns: Time of the image.
+            tracks: Published tracks.
+            doubtful: Tracks that are not published. They may be people and are not learnt as background.
+
+        Returns:
+            The people of ``tracks``.
+        """
+        both = (*tracks, *doubtful)
+        now = _view(image_bgr, stamp_ns, both)
         # An earlier stamp means another recording, or that a clock was set.
         is_new = self._views and stamp_ns < self._views[-1].stamp
         if is_new or now.shapes.shape != self._background.known.shape:
             self._forget(now.shapes.shape)
-        earlier = self._earlier(stamp_ns)
-        is_turning = bool(earlier) and _has_turned(now, earlier[0])
-        people = [
-            number
-            for number, track in enumerate(tracks)
-            if self._is_person(track.id, number, now, [] if is_turning else earlier, is_turning=is_turning)
-        ]
-        kept = tuple(tracks[number] for number in people)
-        names = {track.id for track in tracks}
-        self._objects = names - {track.id for track in kept}
-        self._keep(replace(now, boxes=now.boxes[people], names=tuple(track.id for track in kept)), names)
-        return kept
+        self._begin = stamp_ns if self._begin is None else self._begin
+        then = self._earlier(stamp_ns)
+        motion = _Motion(now, then) if then else None
+        is_turning = motion is not None and (motion.noise > _TURNED_PX or _has_turned(now, then))
+        if is_turning:
+            motion = None
+        objects = {
+            track.key
+            for number, track in enumerate(both)
+            if self._is_object(track, number, now, then, motion, is_turning=is_turning)
+        }
+        self._objects = objects
+        keys = {track.key for track in both}
+        self._histories = {key: each for key, each in self._histories.items() if key in keys}
+        self._keep(now, [number for number, track in enumerate(both) if track.key not in objects])
+        return tuple(track for track in tracks if track.key not in objects)
 
-    def _is_person(
-        self, name: str, number: int, now: _Snapshot, earlier: Sequence[_Snapshot], *, is_turning: bool
+    def _is_object(
+        self,
+        track: Track,
+        number: int,
+        now: _Snapshot,
+        then: _Snapshot | None,
+        motion: _Motion | None,
+        *,
+        is_turning: bool,
     ) -> bool:
-        box = now.boxes[number]
-        free = now.free(name)
+        box, was_object = now.boxes[number], track.key in self._objects
+        history = self._histories.get(track.key)
+        if history is None:
+            first = now.stamp - (self._begin or 0) <= _FIRST_S * SECOND
+            history = self._histories[track.key] = _History(first, track.score, now.stamp)
+        seconds = (now.stamp - history.stamp) / SECOND
+        history.stamp = now.stamp
+        if is_turning or track.unseen_s:
+            return was_object
+        history.score += _NEWS * (track.score - history.score)
+        free = now.free(track.key)
+        pixels = motion.of(box, free & then.free(track.key)) if motion and then else None
+        is_moving = False
+        if pixels is not None and motion is not None:
+            is_moving = pixels > max(_MOVED_PX, _MOVED_NOISE * motion.noise)
+            around = _inside(_widened(box, _ASIDE), now.cover.shape)
+            is_aside = then is not None and now.cover[around].max() <= 1 and then.cover[around].max() <= 1
+            history.moving_s = history.moving_s + seconds if is_moving and is_aside else 0.0
+            if is_moving:
+                history.still_s, history.moved = 0.0, True
+            elif pixels < max(_STILL_PX, _STILL_NOISE * motion.noise):
+                history.still_s += seconds if history.still_s else (now.stamp - then.stamp) / SECOND if then else 0.0
+        if was_object and history.moving_s >= _AWAKE_S:
+            self._background.known[_inside(box, now.shapes.shape)] = False
         familiar = self._background.likeness(now, box, free)
-        if familiar is not None and familiar >= _FAMILIAR:
-            self._moved.pop(name, None)
+        if familiar is not None:
+            least = _SAME if is_moving and not was_object else _FAMILIAR
+            if was_object and not history.moved:
+                least = _STILL_VAGUE
+            if familiar >= least and min(track.score, history.score) < _CERTAIN * self._sure:
+                return True
+        self._company |= is_moving
+        if history.first and not history.moved and not self._company and history.score < _ALONE_SCORE * self._sure:
+            is_object = was_object or history.still_s >= _ALONE_S
+        elif history.score >= _STILL_SCORE * self._sure:
             return False
-        was_object = name in self._objects
-        if familiar is None:
-            vague = was_object
         else:
-            vague = name not in self._moved and familiar >= (_STILL_VAGUE if was_object else _VAGUE)
-        since = _since(now, earlier, name, box, free)
-        if since is None:
-            return not (vague or (is_turning and was_object))
-        likeness, lag_s = since
-        if likeness < (_STIRRED if vague else _STILL):
-            self._moved[name] = now.stamp
-        if lag_s < _SHORT_S and likeness < _STILL_SHORT and not vague:
-            return True
-        life_s = _LIFE_UNKNOWN_S if familiar is None else _LIFE_S
-        return name in self._moved and now.stamp - self._moved[name] <= life_s * SECOND
+            is_object = history.still_s >= (_LIFE_S if history.moved else _STILL_S) or (was_object and not is_moving)
+        if is_object and not was_object:
+            self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))
+        return is_object
 
-    def _earlier(self, stamp_ns: int) -> list[_Snapshot]:
-        """The images to compare with: the newest that is old enough, and younger ones."""
+    def _earlier(self, stamp_ns: int) -> _Snapshot | None:
+        """The image to compare with: the newest that is old enough, or else the oldest."""
         views = [view for view in self._views if stamp_ns - view.stamp >= _LEAST_LAG_S * SECOND]
-        old = sum(stamp_ns - view.stamp >= _LAG_S * SECOND for view in views)
-        return views[max(old - 1, 0) :]
+        old = [view for view in views if stamp_ns - view.stamp >= _LAG_S * SECOND]
+        return old[-1] if old else views[0] if views else None
 
-    def _keep(self, now: _Snapshot, names: set[str]) -> None:
+    def _keep(self, now: _Snapshot, people: Sequence[int]) -> None:
+        now = replace(now, boxes=now.boxes[list(people)], names=tuple(now.names[number] for number in people))
         if not self._views or now.stamp - self._views[-1].stamp >= _STEP_S * SECOND:
             self._views.append(now)
         while len(self._views) > 1 and now.stamp - self._views[0].stamp >= _LEARN_S * SECOND:
             boxes = np.vstack([now.boxes, *(view.boxes for view in self._views)])
             free = ~_covered(now.shapes.shape, boxes, _MARGIN)
             self._background.learn(self._views.popleft().shapes, free)
-        limit = now.stamp - _LIFE_S * SECOND
-        self._moved = {name: stamp for name, stamp in self._moved.items() if name in names or stamp >= limit}
+
+
+def _cells(image: np.ndarray) -> np.ndarray:
+    """Mean of ``image`` in each whole cell."""
+    height, width = (max(side // _CELL, 1) for side in image.shape)
+    part = image[: height * _CELL, : width * _CELL]
+    return cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _Snapshot:
@@ -167,25 +301,13 @@ def _view(image: np.ndarray, stamp: int, tracks: Sequence[Track]) -> _Snapshot:
     boxes = np.array([track.box for track in tracks], dtype=np.float64).reshape(-1, 4) * scale
     shapes = grey - cv2.GaussianBlur(grey, (0, 0), _LARGE_SIGMA)
     shapes /= np.sqrt(cv2.GaussianBlur(shapes * shapes, (0, 0), _LARGE_SIGMA)) + _FAINT
-    return _Snapshot(stamp, shapes, clip(boxes, *size), tuple(track.id for track in tracks))
+    return _Snapshot(stamp, grey, shapes, clip(boxes, *size), tuple(track.key for track in tracks))
 
 
-def _since(
-    now: _Snapshot, earlier: Sequence[_Snapshot], name: str, box: np.ndarray, free: np.ndarray
-) -> tuple[float, float] | None:
-    """Correlation of ``box`` with itself in the first of ``earlier`` that shows it, and the age of that image, s.
-
-    None if other people hide too much of it in all of them.
-    """
-    for view in earlier:
-        likeness = _likeness(now.shapes, view.shapes, box, free & view.free(name))
-        if likeness is not None:
-            return likeness, (now.stamp - view.stamp) / SECOND
-    return None
-
-
-def _has_turned(now: _Snapshot, then: _Snapshot) -> bool:
+def _has_turned(now: _Snapshot, then: _Snapshot | None) -> bool:
     """Whether the image outside of people has changed."""
+    if then is None:
+        return False
     rest = ~_covered(now.shapes.shape, np.vstack([now.boxes, then.boxes]), 2 * _MARGIN)
     if rest.mean() < _LEAST_REST:
         rest[:] = True
@@ -210,9 +332,17 @@ def _covered(shape: tuple[int, ...], boxes: np.ndarray, margin: float) -> np.nda
     """Mask of ``boxes``, each enlarged by ``margin`` of its width on all sides."""
     mask = np.zeros(shape, bool)
     for box in boxes:
-        x, y, right, bottom = _edges(box + margin * box[2] * np.array([-1, -1, 2, 2]), shape)
-        mask[y:bottom, x:right] = True
+        mask[_inside(_widened(box, margin), shape)] = True
     return mask
+
+
+def _widened(box: np.ndarray, margin: float) -> np.ndarray:
+    return box + margin * box[2] * np.array([-1, -1, 2, 2])
+
+
+def _inside(box: np.ndarray, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    x, y, right, bottom = _edges(box, shape)
+    return slice(y, bottom), slice(x, right)
 
 
 def _edges(box: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int, int, int]:

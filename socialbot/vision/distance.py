@@ -125,6 +125,14 @@ def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
     return box[3] * (view.top + feet) / (view.top - view.bottom)
 
 
+def height_on_floor(camera: CameraModel, box: Box) -> float:
+    """Height in metres of the person in ``box`` if its lower edge is on the floor; 0 if it is not below the horizon."""
+    view = _view(camera, box)
+    if view is None or view.bottom >= 0:
+        return 0.0
+    return camera.mount_height_m * (1 - view.top / view.bottom)
+
+
 def _view(camera: CameraModel, box: Box) -> _BoxAngles | None:
     x, y, w, h = box
     if not (w > 0 and h > 0 and all(map(math.isfinite, box))):

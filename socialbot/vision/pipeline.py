@@ -5,6 +5,8 @@ The node and the evaluation share it, so the evaluation measures the code that r
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -18,7 +20,16 @@ from socialbot.vision.camera import CameraModel
 from socialbot.vision.depth import Ranged, RangeImage, Source, measure_people
 from socialbot.vision.detector import Detections, Detector
 from socialbot.vision.detectors import DetectorSpec
-from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
+from socialbot.vision.distance import (
+    Estimate,
+    Figure,
+    Range,
+    Stature,
+    head_direction,
+    height_on_floor,
+    measure,
+    whole_height,
+)
 from socialbot.vision.faces import Attention, FaceFinder
 from socialbot.vision.tracking import Track, Tracker, cut_off
 
@@ -26,8 +37,9 @@ TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
 # A person occludes another one who shares this part of their width and whose box ends higher by this share.
 _HIDING, _NEARER = 0.5, 0.1
-# Widths as shares of the height: narrower boxes are partly occluded, wider ones are cut off at the feet.
-_SLIMMEST, _WIDEST = 0.3, 0.5
+_WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
+# The pose of the camera is trusted if whole people have the usual height by it: so many, of such a median error.
+_LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
 _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
 _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 
@@ -47,7 +59,7 @@ class TrackState:
 class PersonPipeline:
     """Detects and tracks the people in the images of one camera.
 
-    Boxes of people with hidden feet are extended to the floor, and boxes narrower than a person are widened.
+    Boxes of people with hidden feet are extended to the floor, if the pose of the camera fits the people seen so far.
 
     Args:
         spec: Description of the detector, with its score thresholds.
@@ -76,10 +88,11 @@ class PersonPipeline:
         self.tracker = Tracker(spec.sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
-        self._static_objects = StaticObjectFilter()
+        self._static_objects = StaticObjectFilter(spec.sure)
         self._spec = spec
         self._detector = detector
         self._known: dict[str, TrackState] = {}
+        self._errors: deque[float] = deque(maxlen=_MOST_WHOLE)
         self._stamp = 0
         self.set_threshold(threshold)
 
@@ -121,9 +134,10 @@ class PersonPipeline:
             return self.measured(found, camera, depth)
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
         if self.hide_still:
-            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks)
+            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful)
         if stamp_ns < self._stamp:
             self._known = {}
+            self._errors.clear()
         self._stamp = stamp_ns
         oldest = stamp_ns - round(_REMEMBERED_S * SECOND)
         self._known = {name: person for name, person in self._known.items() if person.stamp >= oldest}
@@ -177,12 +191,8 @@ class PersonPipeline:
             distance = ranged.estimate if ranged is not None else measure(camera, box, stature, track.cut)
             height_m = stature.height.value
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
-        if track.feet_hidden and distance is not None:
+        if track.feet_hidden and distance is not None and self._is_pose_trusted():
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
-        if track.id and not (track.cut.left or track.cut.right):
-            margin = max(_SLIMMEST * h - w, 0.0) / 2
-            x, right = max(x - margin, 0.0), min(x + w + margin, float(camera.width))
-            w = right - x
         attention = self._known[track.id].attention if track.id else Attention()
         if track.id and distance is not None and not track.unseen_s:
             attention.walk(stamp_ns, distance.value, bearing)
@@ -210,6 +220,9 @@ class PersonPipeline:
             return ranged.source
         known = self._known.get(track.id)
         return known.source if known is not None and stamp_ns - known.ranged < _RANGED_NS else "image"
+
+    def _is_pose_trusted(self) -> bool:
+        return len(self._errors) >= _LEAST_WHOLE and float(np.median(self._errors)) <= _POSE_ERROR
 
     def _anybody(self) -> Stature:
         return Stature.of_people(self.person_height_m, self._detector.box_width_m * self.person_height_m / 1.70)
@@ -241,6 +254,7 @@ class PersonPipeline:
                 known.range.see(now, kind, seconds)
         if not (track.unseen_s or any(track.cut) or track.feet_hidden):
             known.figure.learn(camera, box, seconds)
+            self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
         return known.range and known.range.estimate, known.figure.stature.height.value
 
 

@@ -152,7 +152,7 @@ class Track:
     """Tracked person in one image.
 
     ``box`` is x, y, w, h in pixels, shape (4,): the prediction if ``unseen_s`` (s, since the last detection) > 0.
-    ``score`` is that of the last detection.
+    ``score`` is that of the last detection. ``key`` is the number of the track, also of one without an id.
     """
 
     id: str
@@ -161,6 +161,7 @@ class Track:
     unseen_s: float
     cut: Cut
     feet_hidden: bool = False
+    key: int = 0
 
 
 @dataclass(eq=False)
@@ -171,6 +172,7 @@ class _Person:
     box: np.ndarray
     score: float
     cut: Cut
+    key: int
     id: str = ""
     hits: int = 1
     misses: int = 0
@@ -201,6 +203,9 @@ class Tracker:
         confirm: Detections before a track is published.
         bridge_s: Longest time to publish predictions, s.
         keep_s: Time after which a lost track is deleted, s.
+
+    Attributes:
+        doubtful: Detected tracks of the last image that are not published.
     """
 
     def __init__(
@@ -219,7 +224,8 @@ class Tracker:
         self.keep_s = keep_s
         self._persons: list[_Person] = []
         self._stamp: int | None = None
-        self._count = 0
+        self._count = self._begun = 0
+        self.doubtful: tuple[Track, ...] = ()
 
     def update(
         self, stamp_ns: int, boxes: np.ndarray, scores: np.ndarray, size: tuple[int, int] | None = None
@@ -316,7 +322,8 @@ class Tracker:
         # A person cut off below is near and large; a box within another one is then an arm.
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
-        person = _Person(BoxFilter(box), box, score, cut, usual_score=score, best=score)
+        self._begun += 1
+        person = _Person(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
         self._persons.append(person)
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
             self._confirm(person)
@@ -344,13 +351,14 @@ class Tracker:
             ]
         )
         boxes = np.array([person.box for person in seen]).reshape(-1, 4)
-        tracks = [Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden) for person in seen]
+        tracks = [_track(person) for person in seen]
+        self.doubtful = tuple(_track(each) for each in self._persons if not each.misses and each not in seen)
         for person in self._persons:
             if person.id and person.misses and self._trusted(person, size):
                 box = clip(person.motion.box[None], *size)[0] if size else person.motion.box
                 if not ((iou(box, boxes) > _SAME) | _within(box[None], boxes)[0]).any():
                     cut = cut_off(box, *size) if size else Cut()
-                    tracks.append(Track(person.id, box, person.score, person.unseen_s, cut))
+                    tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
         return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
 
     def _trusted(self, person: _Person, size: tuple[int, int] | None) -> bool:
@@ -366,6 +374,10 @@ class Tracker:
         cut = cut_off(motion.box, *size) if size else Cut()
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _track(person: _Person) -> Track:
+    return Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden, person.key)
 
 
 def _one_a_head(persons: list[_Person]) -> list[_Person]:

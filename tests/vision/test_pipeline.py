@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -43,11 +44,18 @@ class Rig:
         self.detector = Scripted()
         self.finder = PersonPipeline(SPEC, self.detector, hide_still=hide_still, **how)
         self.stamp = 0
+        self.image = BLANK
 
     def find(self, *found, after_s: float = 0.1) -> tuple[PersonDetection, ...]:
         self.stamp += round(after_s * SECOND)
         self.detector.found = list(found)
-        return self.finder.find(BLANK, self.stamp, CAMERA)
+        return self.finder.find(self.image, self.stamp, CAMERA)
+
+    def show_whole_people(self) -> None:
+        """Let people pass who show that the pose of the camera is right."""
+        for step in range(12):
+            self.find(at(4.0, bearing=0.3 - 0.02 * step))
+        self.find(after_s=11.0)
 
     def repeat(self, count: int, *found) -> tuple[PersonDetection, ...]:
         return [self.find(*found) for _ in range(count)][-1]
@@ -239,17 +247,21 @@ def test_finder_can_be_made_of_any_detector():
 
 
 def test_static_objects_are_removed_on_request():
-    rig = Rig(hide_still=True)
-    seen = [len(rig.find(at(4.0))) for _ in range(10)]
-    assert seen[:2] == [1, 1]
-    assert seen[5:] == [0] * 5
-    assert len(rig.find(at(4.0), at(8.0, bearing=0.3), after_s=0.5)) == 0
-    alone = Rig(hide_still=True, tracker="none")
-    assert [len(alone.find(at(4.0))) for _ in range(10)] == [1] * 10, "single pictures do not move"
+    for how, expected in (({}, 0), ({"hide_still": False}, 1), ({"tracker": "none"}, 1)):
+        rig = Rig(**{"hide_still": True, **how})
+        noise = np.random.default_rng(1)
+        room = noise.integers(60, 190, (60, 80, 3)).astype(np.uint8)
+        found = ()
+        for _ in range(20):
+            picture = cv2.resize(room, (640, 480), interpolation=cv2.INTER_CUBIC).astype(float)
+            rig.image = np.clip(picture + noise.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+            found = rig.find(at(4.0, score=0.6))
+        assert len(found) == expected
 
 
 def test_occluded_person_is_extended_to_the_floor():
     rig = Rig()
+    rig.show_whole_people()
     x, y, w, h = box_of(CAMERA, 5.0, 0.0)
     near = box_of(CAMERA, 1.5, -0.05)
     _, hidden = rig.repeat(5, (near, 0.9), ((x, y, w, h / 2), 0.7))
@@ -266,36 +278,23 @@ def test_person_who_is_not_occluded_keeps_their_height():
         assert h / 2 in heights
 
 
-def test_half_occluded_person_is_widened():
+@pytest.mark.parametrize(("mount_height_m", "pitch_rad"), [(0.8, 0.0), (3.0, 0.4), (1.62, -0.1)])
+def test_boxes_are_the_detector_s_with_a_wrong_camera_pose(mount_height_m, pitch_rad):
     rig = Rig()
-    x, y, w, h = box_of(CAMERA, 5.0, 0.0)
-    near = box_of(CAMERA, 1.5, -0.05)
-    _, hidden = rig.repeat(5, (near, 0.9), ((x, y, w / 2, h / 2), 0.7))
-    assert hidden.w == pytest.approx(0.3 * hidden.h)
-    assert hidden.x + hidden.w / 2 == pytest.approx(x + w / 4), "nobody knows which side it is"
-
-
-def test_narrow_person_is_widened():
-    rig = Rig()
-    x, y, w, h = box_of(CAMERA, 5.0, 0.0)
-    (half,) = rig.repeat(5, ((x, y, w / 2, h), 0.7))
-    assert half.w == pytest.approx(0.3 * h)
-    assert half.x + half.w / 2 == pytest.approx(x + w / 4)
-    assert (half.y, half.h) == (y, h)
-    (whole,) = rig.repeat(5, ((x, y, w, h), 0.7))
-    assert (whole.x, whole.w) == (pytest.approx(x, abs=2), pytest.approx(w, abs=2))
-
-
-def test_person_at_the_edge_is_not_widened():
-    rig = Rig()
-    for x in (0.0, CAMERA.width - 20.0):
-        (slim,) = rig.repeat(5, ((x, 200.0, 20.0, 180.0), 0.7))
-        assert (slim.x, slim.w) == (x, 20.0)
+    wrong = CameraModel(525, 525, 320, 240, 640, 480, mount_height_m, pitch_rad)
+    whole, (x, y, w, h) = box_of(CAMERA, 4.0, 0.4), box_of(CAMERA, 5.0, 0.0)
+    near, short = box_of(CAMERA, 1.5, -0.05), (x, y, w, 0.45 * h)
+    found = ()
+    for step in range(30):
+        rig.detector.found = [(whole, 0.8), (near, 0.9), (short, 0.7)]
+        found = rig.finder.find(BLANK, step * SECOND // 10, wrong)
+    assert {(person.x, person.y, person.w, person.h) for person in found} == {whole, near, short}
 
 
 @pytest.mark.parametrize("distance", [3.5, 5.0, 8.0])
 def test_person_behind_a_trolley_is_extended_to_the_floor(distance):
     rig = Rig()
+    rig.show_whole_people()
     x, y, w, h = box_of(CAMERA, distance, 0.0)
     (pushing,) = rig.repeat(5, ((x, y, w, 0.45 * h), 0.7))
     assert (pushing.x, pushing.y, pushing.w) == (pytest.approx(x, abs=3), y, pytest.approx(w, abs=6))
@@ -318,18 +317,9 @@ def test_boxes_are_unchanged_without_a_tracker():
         assert (person.x, person.y, person.w, person.h) == box
 
 
-@pytest.mark.parametrize("x", [5.0, CAMERA.width - 25.0])
-def test_box_that_is_made_wider_stays_in_the_image(x):
-    rig = Rig()
-    near = (min(x, CAMERA.width - 205.0), 80.0, 200.0, 400.0)
-    _, hidden = rig.repeat(5, (near, 0.9), ((x, 200.0, 20.0, 100.0), 0.7))
-    assert hidden.w > 21
-    assert hidden.x >= 0
-    assert hidden.x + hidden.w <= CAMERA.width
-
-
 def test_box_does_not_reach_beyond_the_image():
     rig = Rig()
+    rig.show_whole_people()
     found = (box_of(CAMERA, 1.5, -0.05), 0.9), ((300.0, 150.0, 160.0, 200.0), 0.7)
     near, hidden = rig.repeat(5, *found)
     assert near.y + near.h == pytest.approx(CAMERA.height)

@@ -11,6 +11,7 @@ from socialbot.vision._static_objects import StaticObjectFilter
 from socialbot.vision.tracking import Cut, Track
 
 WIDTH, HEIGHT = 640, 480
+SURE = 0.45
 Box = tuple[float, float, float, float]
 STAND: Box = (300.0, 120.0, 80.0, 240.0)
 
@@ -44,9 +45,12 @@ class Camera:
     """Takes a picture every tenth of a second; what stands in it is a track."""
 
     def __init__(self) -> None:
-        self.filter = StaticObjectFilter()
+        self.filter = StaticObjectFilter(SURE)
         self.count = 0
         self.gain = 1.0
+        self.score = 0.6
+        self.noise = 1.5
+        self.keys: dict[str, int] = {}
         self.room = ROOM
 
     def look(self, reported: Box | None = None, skipped: int = 0, **things: tuple[np.ndarray, Box]) -> set[str]:
@@ -57,12 +61,20 @@ class Camera:
         picture = self.room.copy()
         for shape, (x, y, w, h) in things.values():
             picture[round(y) : round(y + h), round(x) : round(x + w)] = shape[: round(h), : round(w)]
-        noise = np.random.default_rng(self.count).normal(0, 1.5, picture.shape)
+        noise = np.random.default_rng(self.count).normal(0, self.noise, picture.shape)
         image = np.clip(self.gain * picture + noise, 0, 255).astype(np.uint8)
         self.count += 1 + skipped
-        tracks = [Track(name, np.array(reported or box), 0.9, 0.0, Cut()) for name, (_, box) in things.items()]
+        tracks = [
+            Track(
+                name, np.array(reported or box), self.score, 0.0, Cut(), key=self.keys.setdefault(name, len(self.keys))
+            )
+            for name, (_, box) in things.items()
+        ]
         kept = self.filter.people(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), self.count * SECOND // 10, tracks)
         return {track.id for track in kept}
+
+    def key(self, name: str) -> int:
+        return self.keys.setdefault(name, len(self.keys))
 
     def repeat(self, count: int, **things: Any) -> set[str]:
         return [self.look(**things) for _ in range(count)][-1]
@@ -75,8 +87,8 @@ def at(x: float) -> Box:
 def test_static_object_is_removed():
     camera = Camera()
     seen = [camera.look(coat=(COAT, STAND)) for _ in range(30)]
-    assert seen[0] == {"coat"}, "at first nobody can tell"
-    assert seen[5:] == [set()] * 25
+    assert seen[:5] == [{"coat"}] * 5, "people may stand still for so long"
+    assert seen[12:] == [set()] * 18
 
 
 def test_walking_person_is_kept_from_the_first_image():
@@ -95,14 +107,81 @@ def test_person_who_stops_is_kept():
     assert stands[64:] == [set()] * 6, "nobody stands like a stone for so long"
 
 
-def test_object_on_unknown_background_is_soon_removed():
+def test_object_that_was_touched_is_removed_later():
     camera = Camera()
     camera.room = with_a_coat()
     for step in range(20):
         camera.look(walker=(PERSON, at(260 + 2 * step)))
-    seen = [camera.look(walker=(COAT, STAND)) for _ in range(60)]
-    assert seen[0] == {"walker"}
-    assert seen[45:] == [set()] * 15
+    seen = [camera.look(walker=(COAT, STAND), skipped=9) for _ in range(40)]
+    assert seen[:25] == [{"walker"}] * 25, "a person may stand still after a walk"
+    assert seen[35:] == [set()] * 5
+
+
+@pytest.mark.parametrize("score", [0.8, 0.9])
+def test_high_score_keeps_a_still_person(score):
+    camera = Camera()
+    camera.score = score
+    assert all(camera.look(sitting=(PERSON, STAND), skipped=9) == {"sitting"} for _ in range(40))
+
+
+def test_still_people_are_kept_beside_moving_ones():
+    camera = Camera()
+    for step in range(50):
+        still: dict[str, Any] = {f"p{number}": (PERSON, at(20 + 100 * number)) for number in range(4)}
+        assert camera.look(walker=(COAT, at(400 + 2 * step)), **still) >= set(still)
+
+
+def test_paused_video_removes_nobody():
+    camera = Camera()
+    camera.noise = 0.0
+    assert all(camera.look(sitting=(PERSON, STAND)) == {"sitting"} for _ in range(30))
+
+
+def test_pixels_that_the_codec_skips_say_nothing():
+    camera = Camera()
+    shape = PERSON.astype(np.uint8)
+    for _ in range(30):
+        frame = np.clip(ROOM + np.random.default_rng(camera.count).normal(0, 2, ROOM.shape), 0, 255).astype(np.uint8)
+        x, y, w, h = map(round, STAND)
+        frame[y : y + h, x : x + w] = shape
+        camera.count += 1
+        track = Track("t1", np.array(STAND), 0.6, 0.0, Cut(), key=1)
+        image = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+        assert camera.filter.people(image, camera.count * SECOND // 10, [track]) == (track,)
+
+
+def test_swaying_by_a_pixel_is_enough():
+    camera = Camera()
+    for step in range(40):
+        shift = np.array([[1, 0, 0.8 * np.sin(step / 4)], [0, 1, 0]], np.float32)
+        shape = cv2.warpAffine(PERSON, shift, (80, 240), borderMode=cv2.BORDER_REPLICATE)
+        assert camera.look(waiting=(shape, STAND)) == {"waiting"}
+
+
+def test_object_that_sways_after_all_is_a_person():
+    camera = Camera()
+    assert camera.repeat(15, waiting=(PERSON, STAND)) == set()
+    seen = [camera.look(waiting=(PERSON, at(300 + step // 3 % 7))) for step in range(40)]
+    assert seen[30:] == [{"waiting"}] * 10
+
+
+def test_uncertain_box_is_not_learnt_as_background():
+    camera = Camera()
+    room = ROOM.copy()
+    x, y, w, h = map(round, STAND)
+    room[y : y + h, x : x + w] = PERSON
+    seen = []
+    for step in range(61):
+        noise = np.random.default_rng(step).normal(0, 1.5, room.shape)
+        frame = np.clip(room + noise, 0, 255)
+        frame[100:340, 4 * step : 4 * step + 60] = 90  # Somebody walks.
+        walker = Track("t1", np.array((4.0 * step, 100.0, 60.0, 240.0)), 0.8, 0.0, Cut(), key=2)
+        doubtful = Track("", np.array(STAND), 0.3, 0.0, Cut(), key=1)
+        seated = Track("t2", np.array(STAND), 0.5, 0.0, Cut(), key=1)
+        image = cv2.cvtColor(frame.astype(np.uint8), cv2.COLOR_GRAY2BGR)
+        who = ([walker, seated], []) if step == 60 else ([walker], [doubtful])
+        seen.append(camera.filter.people(image, step * SECOND // 10, *who))
+    assert [track.id for track in seen[-1]] == ["t1", "t2"]
 
 
 def test_small_movement_is_enough():
@@ -147,13 +226,16 @@ def test_track_that_jumps_to_an_object_is_removed():
     assert all(camera.look(walker=(COAT, STAND)) == set() for _ in range(20))
 
 
-def test_partly_occluded_object_stays_removed():
+def test_object_with_a_new_track_is_removed_when_it_is_free():
     camera = Camera()
     camera.room = with_a_coat()
     camera.repeat(30)
     for step in range(17):
         camera.look(walker=(high_up(230 + 5 * step, 75), at(230 + 5 * step)))
-    assert camera.look(anew=(COAT, STAND), walker=(high_up(310, 75), at(310))) == {"walker"}
+    camera.look(anew=(COAT, STAND), walker=(high_up(310, 75), at(310)))
+    for step in range(12):
+        camera.look(anew=(COAT, STAND), walker=(high_up(310 + 7 * step, 75), at(310 + 7 * step)))
+    assert camera.look(anew=(COAT, STAND)) == set()
 
 
 def test_thing_of_which_a_half_is_hidden_is_still_that_thing():
@@ -165,25 +247,14 @@ def test_thing_of_which_a_half_is_hidden_is_still_that_thing():
         assert "coat" not in seen
 
 
-def test_thing_of_which_only_the_middle_is_to_be_seen_is_still_that_thing():
-    camera = Camera()
-    camera.room = with_a_coat()
-    camera.repeat(30)
-    for step in range(20):
-        camera.look(walker=(PERSON, at(60 + 10 * step)))
-    around = with_a_coat()[120:360, 300:380].copy()
-    around[:, :20], around[:, 60:], around[150:] = PERSON[:, :20], PERSON[:, 60:], PERSON[150:]
-    assert [camera.look(walker=(around, STAND)) for _ in range(10)] == [set()] * 10
-
-
-def test_thing_that_was_hidden_from_the_beginning_does_not_move_when_it_appears():
+def test_thing_that_was_hidden_from_the_beginning_is_removed_in_time():
     camera = Camera()
     camera.room = with_a_coat()
     for step in range(30):
         camera.look(walker=(PERSON, at(300 + step % 8)))
     for step in range(6):
         camera.look(walker=(PERSON, at(310 + 12 * step)))
-    seen = [camera.look(coat=(COAT, STAND), walker=(PERSON, at(382 + 8 * step))) for step in range(15)]
+    seen = [camera.look(coat=(COAT, STAND), walker=(PERSON, at(382 + 2 * step))) for step in range(88)]
     assert seen[-1] == {"walker"}
 
 
@@ -209,20 +280,21 @@ def test_when_everything_changes_at_once_things_stay_things():
 
 
 def test_other_image_size_resets_the_filter():
-    scenery = StaticObjectFilter()
+    scenery = StaticObjectFilter(SURE)
     track = Track("t1", np.array((10.0, 10.0, 20.0, 40.0)), 0.9, 0.0, Cut())
     for step in range(9):
         scenery.people(np.zeros((100, 100, 3), np.uint8), step * SECOND, [track])
     assert scenery.people(np.zeros((80, 100, 3), np.uint8), 9 * SECOND, [track]) == (track,)
 
 
-def test_shadow_does_not_restore_an_object():
+def test_object_stays_removed_after_a_shadow():
     camera = Camera()
     camera.repeat(20, coat=(COAT, STAND))
-    for step in range(20):
+    for step in range(6):
         shaded = COAT.copy()
-        shaded[10 * step : 10 * step + 60] *= 0.3
-        assert camera.look(coat=(shaded, STAND)) == set()
+        shaded[30 * step : 30 * step + 60] *= 0.3
+        camera.look(coat=(shaded, STAND))
+    assert camera.repeat(15, coat=(COAT, STAND)) == set()
 
 
 def test_object_that_moves_is_kept():
@@ -255,7 +327,7 @@ def test_switched_lamp_removes_nobody():
 
 
 def test_turning_camera_removes_nobody():
-    scenery = StaticObjectFilter()
+    scenery = StaticObjectFilter(SURE)
     for step in range(30):
         picture = np.roll(ROOM, 7 * step, axis=1).astype(np.uint8)
         track = Track("t1", np.array(STAND), 0.9, 0.0, Cut())
@@ -271,6 +343,6 @@ def test_new_recording_forgets_objects():
 
 
 def test_image_without_tracks():
-    scenery = StaticObjectFilter()
+    scenery = StaticObjectFilter(SURE)
     for step in range(3):
         assert scenery.people(np.zeros((48, 64, 3), np.uint8), step * SECOND, []) == ()
