@@ -28,6 +28,7 @@ OPTICAL = "camera_color_optical_frame"
 """Frames from the base to the camera; the optical frame looks along z, with the usual name of drivers."""
 
 HEIGHT_M = 1.2
+_UNKNOWN_PITCH = 2.0
 Vector = tuple[float, float, float]
 
 
@@ -57,7 +58,9 @@ class Mounting:
 def mounting_of(graph: Graph) -> Mounting:
     """Return the camera mounting from the parameters of the detector."""
     detector = parameters_of(graph, "mount_height_m", "pitch_rad")
-    height_m, pitch_rad = float(detector.get("mount_height_m", HEIGHT_M)), float(detector.get("pitch_rad", 0.0))
+    # The detector estimates a height of 0 and a pitch of 2, which are not known here.
+    height_m, pitch_rad = float(detector.get("mount_height_m", 0.0)), float(detector.get("pitch_rad", 0.0))
+    height_m, pitch_rad = height_m or HEIGHT_M, pitch_rad if pitch_rad < _UNKNOWN_PITCH else 0.0
     on_head = bool(parameters_of(graph, "camera_on_head").get("camera_on_head"))
     return Mounting(height_m, pitch_rad, on_head, _camera_frame(graph))
 

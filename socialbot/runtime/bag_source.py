@@ -94,6 +94,7 @@ class BagSource(RunSource):
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
         # Simulated speech has the duration of its sound, without playback.
         playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
+        graph = _with_camera_pose(graph, self.bag.path)
         graph = with_speech_files(graph.without_sources(), folder, **playback)
         self._feeds = feeding(self.bag, graph, self.image_topic)
         return graph
@@ -186,6 +187,20 @@ class BagSource(RunSource):
         skipped = self.bag.skipped.items()
         reasons = "; ".join(f"{topic}: {which.count} damaged: {which.first}" for topic, which in skipped)
         return BagError(f"no message can be read ({reasons})", where=str(self.bag.path), remedy="record it again")
+
+
+def _with_camera_pose(graph: Graph, bag: Path) -> Graph:
+    """Set the pose in the file beside the bag, if there is one, in detectors that do not state one."""
+    nodes = [each for each in graph.nodes if each.type.parameters().keys() >= {"mount_height_m", "pitch_rad"}]
+    if not nodes:
+        return graph
+    from socialbot.vision.camera_pose import load_pose, pose_beside
+
+    pose = load_pose(pose_beside(bag))
+    if pose is None:
+        return graph
+    known = {"mount_height_m": pose.height_m, "pitch_rad": pose.pitch_rad}
+    return graph.with_parameters({each.name: {**known, **each.parameters} for each in nodes})
 
 
 def graph_of(bag: Path) -> Graph:

@@ -8,9 +8,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import cv2
+import msgspec
 import numpy as np
 
 from socialbot.core import paths
@@ -23,11 +24,73 @@ Box = Sequence[float]
 """x, y, w, h in pixels."""
 
 
+PoseSource = Literal["given", "tf", "floor", "file", "people", "assumed"]
+"""Where a pose comes from: parameters, transforms, points of the floor, a pose file, people in view, or nowhere."""
+
+_USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
+_HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
+
+
+UNKNOWN_HEIGHT, UNKNOWN_PITCH = 0.0, 2.0
+"""Values of the parameters ``mount_height_m`` and ``pitch_rad`` of a camera whose pose is not known."""
+
+
+class CameraPose(msgspec.Struct, frozen=True, kw_only=True):
+    """Height above the floor (m), pitch (rad, down positive) and roll (rad, clockwise positive) of a camera.
+
+    ``height_std_m``, ``pitch_std_rad`` and ``correlation`` describe the error. ``people`` have been observed for it.
+    """
+
+    height_m: float
+    pitch_rad: float
+    roll_rad: float = 0.0
+    height_std_m: float = 0.0
+    pitch_std_rad: float = 0.0
+    correlation: float = 0.0
+    source: PoseSource = "given"
+    people: int = 0
+
+    @classmethod
+    def stated(cls, height_m: float, pitch_rad: float, known: CameraPose | None = None) -> CameraPose:
+        """The pose of parameters, in which `UNKNOWN_HEIGHT` and `UNKNOWN_PITCH` are taken from ``known``.
+
+        Args:
+            height_m: Height, m, or `UNKNOWN_HEIGHT`.
+            pitch_rad: Pitch, rad, or `UNKNOWN_PITCH`.
+            known: Pose from a file or from transforms; default: `ASSUMED`.
+        """
+        pose = known or ASSUMED
+        if pose.source == "given" and height_m <= UNKNOWN_HEIGHT and pitch_rad >= UNKNOWN_PITCH:
+            return pose
+        if height_m > UNKNOWN_HEIGHT:
+            pose = msgspec.structs.replace(pose, height_m=height_m, height_std_m=0.0, correlation=0.0)
+        if pitch_rad < UNKNOWN_PITCH:
+            pose = msgspec.structs.replace(pose, pitch_rad=pitch_rad, pitch_std_rad=0.0, correlation=0.0)
+        both = height_m > UNKNOWN_HEIGHT and pitch_rad < UNKNOWN_PITCH
+        return msgspec.structs.replace(pose, source="given", roll_rad=0.0) if both else pose
+
+    def __str__(self) -> str:
+        height = f"{self.height_m:.2f} +- {self.height_std_m:.2f} m"
+        pitch = f"{self.pitch_rad:.3f} +- {self.pitch_std_rad:.3f} rad down"
+        return f"{height} high, {pitch}"
+
+
+ASSUMED = CameraPose(
+    height_m=_USUAL_HEIGHT_M,
+    pitch_rad=_USUAL_PITCH_RAD,
+    height_std_m=_HEIGHT_SPREAD * _USUAL_HEIGHT_M,
+    pitch_std_rad=_PITCH_SPREAD,
+    source="assumed",
+)
+"""Pose of a camera of which nothing is known."""
+
+
 @dataclass(frozen=True)
 class CameraModel:
     """A pinhole camera at ``mount_height_m`` above the floor, looking down by ``pitch_rad``.
 
-    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. Raises ParameterError when
+    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. The other fields are those of
+    `CameraPose`. Raises ParameterError when
     a focal length, a size or the mount height is not above zero.
     """
 
@@ -39,6 +102,11 @@ class CameraModel:
     height: int
     mount_height_m: float = 1.62
     pitch_rad: float = 0.0
+    roll_rad: float = 0.0
+    height_std_m: float = 0.0
+    pitch_std_rad: float = 0.0
+    pose_correlation: float = 0.0
+    pose_source: PoseSource = "given"
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "width", "height", "mount_height_m"):
@@ -82,16 +150,14 @@ class CameraModel:
         height: int,
         *,
         hfov_rad: float,
-        mount_height_m: float,
-        pitch_rad: float,
+        pose: CameraPose,
     ) -> CameraModel:
         """The camera of images of ``width`` x ``height`` pixels; without ``info``, its field of view is ``hfov_rad``.
 
         Raises MessageError for an uncalibrated camera.
         """
-        if info is None:
-            return cls.from_field_of_view(width, height, hfov_rad, mount_height_m=mount_height_m, pitch_rad=pitch_rad)
-        return cls.from_info(info, mount_height_m=mount_height_m, pitch_rad=pitch_rad).scaled(width, height)
+        known = cls.from_field_of_view(width, height, hfov_rad) if info is None else cls.from_info(info)
+        return known.scaled(width, height).at(pose)
 
     def scaled(self, width: int, height: int) -> CameraModel:
         """The same camera with images scaled to ``width`` x ``height`` pixels."""
@@ -102,9 +168,38 @@ class CameraModel:
     def direction(self, u: float, v: float) -> tuple[float, float]:
         """Bearing (rad, left positive) and elevation (rad, up positive) of the pixel at ``u``, ``v``."""
         right, down = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        if self.roll_rad:
+            cos, sin = math.cos(self.roll_rad), math.sin(self.roll_rad)
+            right, down = cos * right - sin * down, sin * right + cos * down
         forward = math.cos(self.pitch_rad) - down * math.sin(self.pitch_rad)
         up = -math.sin(self.pitch_rad) - down * math.cos(self.pitch_rad)
         return math.atan2(-right, forward), math.atan2(up, math.hypot(right, forward))
+
+    def at(self, pose: CameraPose) -> CameraModel:
+        """The same camera at another ``pose``."""
+        return replace(
+            self,
+            mount_height_m=pose.height_m,
+            pitch_rad=pose.pitch_rad,
+            roll_rad=pose.roll_rad,
+            height_std_m=pose.height_std_m,
+            pitch_std_rad=pose.pitch_std_rad,
+            pose_correlation=pose.correlation,
+            pose_source=pose.source,
+        )
+
+    @property
+    def pose(self) -> CameraPose:
+        """Pose above the floor."""
+        return CameraPose(
+            height_m=self.mount_height_m,
+            pitch_rad=self.pitch_rad,
+            roll_rad=self.roll_rad,
+            height_std_m=self.height_std_m,
+            pitch_std_rad=self.pitch_std_rad,
+            correlation=self.pose_correlation,
+            source=self.pose_source,
+        )
 
     @property
     def horizon(self) -> float:

@@ -64,7 +64,7 @@ class NetworkDetector:
         threads: Parallel views; the result does not depend on it.
     """
 
-    box_width_m = 0.55
+    box_width_m = 0.60
 
     def __init__(
         self,

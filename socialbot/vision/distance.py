@@ -17,22 +17,23 @@ are nearer than the floor at its edge, and the visible part is no taller than th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from socialbot.vision.camera import Box, CameraModel
 from socialbot.vision.tracking import Cut
 
+PERSON_HEIGHT_M = 1.73
+"""Mean height of adults, with shoes and hair."""
 HEAD_CENTRE_M = 0.12  # From the top of the head to its middle.
 
 # Standard errors.
 _EDGE_PX, _EDGE_SHARE = 1.0, 0.03  # Top and bottom of a box: pixels, and share of its height.
 _WIDE_SHARE = 0.06  # Width of a box.
 _MOUNT_RAD = 0.010  # Camera pitch and slope of the floor.
-_HEIGHTS_M, _WIDTHS = 0.09, 0.22  # Heights (m) and widths (share) of people.
+_HEIGHTS_M, _WIDTHS = 0.10, 0.22  # Heights (m) and widths (share) of people.
 _POSTURE = 0.02  # Height of one person while walking, share.
 _TURNING = 0.15  # Width of one person while turning, share.
 _JITTER = 0.03  # Distance from frame to frame, share.
@@ -42,6 +43,22 @@ _LIKE_S = 0.5  # Correlation time of the error of a cue.
 _POSE_S = 5.0  # Duration of a pose, which causes such an error.
 _PACE, _WALK_S = 1.0, 2.0  # Usual speed along the line of sight (m/s), and how long it lasts.
 _NEAREST_M = 0.1
+
+# Postures: height of the head and width relative to standing.
+_SEATED, _SEATED_STD, _SEATED_WIDTH, _SEATED_WIDTHS = 0.74, 0.07, 1.45, 0.35
+_CHILD, _CHILD_STD = 0.70, 0.15
+_KNOWN_STD = 0.07  # The height of a person with a smaller error was learnt: no child.
+_FREE_RAD = 0.3  # Error of the pitch where the floor says nothing.
+_LEVELS, _LEVEL_STD = (0.35, 0.65, 0.95), 0.15  # Heights of occluding objects, m.
+_CLEAR = 0.7  # Probability from which a posture is stated.
+FACE_HEIGHT_M, _FACE_SPREAD = 0.13, 0.13  # Height of a face from the eyebrows to the chin, and its relative error.
+
+_LOGS = np.linspace(math.log(0.15), math.log(80.0), 224)
+_STEP = float(_LOGS[1] - _LOGS[0])
+_DISTANCES = np.exp(_LOGS)
+
+Posture = Literal["unknown", "standing", "seated"]
+"""Posture of a person, as far as it is clear."""
 
 
 class Estimate(NamedTuple):
@@ -58,7 +75,7 @@ class Stature(NamedTuple):
     width: Estimate
 
     @classmethod
-    def of_people(cls, height_m: float = 1.70, width_m: float = 0.5) -> Stature:
+    def of_people(cls, height_m: float = PERSON_HEIGHT_M, width_m: float = 0.5) -> Stature:
         """The prior for an unknown person."""
         return cls(Estimate(height_m, _HEIGHTS_M), Estimate(width_m, _WIDTHS * width_m))
 
@@ -79,41 +96,136 @@ class _BoxAngles(NamedTuple):
     edge: float
 
 
+class _Hypothesis(NamedTuple):
+    """Height of the head and of the lower end of the box above the floor (m), and width of the box; its probability."""
+
+    posture: Posture
+    top: Estimate
+    bottom: float
+    width: Estimate
+    share: float
+    free: bool = False  # Not on the floor of the camera, or its pose is wrong.
+
+
+class Measurement(NamedTuple):
+    """Distance of a person (m), and the posture if it is clear."""
+
+    distance: Estimate
+    posture: Posture
+
+
 def measure(
-    camera: CameraModel, box: Box, stature: Stature, cut: Cut | None = None, *, feet_hidden: bool = False
-) -> Estimate | None:
-    """Estimate the horizontal distance from the camera to the person in ``box`` (x, y, w, h).
+    camera: CameraModel,
+    box: Box,
+    stature: Stature,
+    cut: Cut | None = None,
+    *,
+    feet_hidden: bool = False,
+    face: Box | None = None,
+) -> Measurement | None:
+    """Estimate the horizontal distance from the camera to the person in ``box`` (x, y, w, h), and their posture.
 
     Args:
-        stature: Height and width of the person.
+        stature: Height and width of the person, standing.
         cut: Sides that the image cuts off.
         feet_hidden: Whether the feet are occluded.
+        face: Box of the face, if it was detected.
 
     Returns:
-        The distance; None for an empty box.
+        The measurement; None for an empty box.
     """
     view = _view(camera, box)
     if view is None:
         return None
     cut = cut or Cut()
-    feet, head, sides = not (cut.bottom or feet_hidden), not cut.top, not (cut.left or cut.right)
-    cues = [
-        *(_ground(camera, view) if feet else ()),
-        *(_height(camera, view, stature.height) if feet and head else ()),
-        *(_head(camera, view, stature.height) if head and not feet else ()),
+    hypotheses = _hypotheses(stature, seen=not cut.bottom, hidden=feet_hidden and not cut.bottom)
+    likelihood = np.array([_likelihood(camera, view, each, cut) for each in hypotheses])
+    if face is not None and face[3] > 0:
+        distances = FACE_HEIGHT_M * camera.fy / face[3]
+        likelihood += -0.5 * ((_LOGS - math.log(distances)) / _FACE_SPREAD) ** 2
+    # Between people who are equally likely at each distance, and at each logarithm of it.
+    likelihood += np.log([each.share for each in hypotheses])[:, None] + 0.5 * _LOGS
+    shares = np.exp(likelihood - likelihood.max())
+    shares /= shares.sum()
+    by_distance = shares.sum(axis=0)
+    log = float(by_distance @ _LOGS)
+    std = max(math.sqrt(float(by_distance @ (_LOGS - log) ** 2)), _STEP / 2)
+    by_posture: dict[Posture, float] = {}
+    for each, share in zip(hypotheses, shares.sum(axis=1).tolist(), strict=True):
+        by_posture[each.posture] = by_posture.get(each.posture, 0.0) + share
+    best = max(by_posture, key=lambda posture: by_posture[posture])
+    return Measurement(_metres(_Cue(log, std)), best if by_posture[best] > _CLEAR else "unknown")
+
+
+def _hypotheses(stature: Stature, *, seen: bool, hidden: bool) -> list[_Hypothesis]:
+    """What the box may show. Its lower end is the feet (``seen``), an occluding object (``hidden``) or cut off."""
+    height, width = stature
+    unknown = height.std > _KNOWN_STD
+    seated = Estimate(_SEATED * height.value, math.hypot(height.std * _SEATED, _SEATED_STD))
+    lap = Estimate(_SEATED_WIDTH * width.value, _SEATED_WIDTHS * _SEATED_WIDTH * width.value)
+    found = [
+        _Hypothesis("standing", height, 0.0, width, 0.80 if not hidden else 1e-3),
+        _Hypothesis("seated", seated, 0.0, lap, 0.08 if not hidden else 0.01),
     ]
-    by_width = math.log(stature.width.value / 2 / view.half)
-    if sides and not (feet and head):
-        cues.append(_Cue(by_width, math.hypot(stature.width.std / stature.width.value, _WIDE_SHARE)))
-    bounds = [_height_log(camera, view, stature.height.value + stature.height.std)]
-    if not feet and view.bottom < 0:
-        bounds.append(math.log(camera.mount_height_m / -view.bottom))
-    if not sides:
-        bounds.append(by_width)
-    if not cues:
-        return _metres(_Cue(min(bounds) - _WIDTHS, _WIDTHS))
-    cue = _combined(cues)
-    return _metres(cue if feet and head and sides else _below(cue, min(bounds)))
+    if unknown:
+        child = Estimate(_CHILD * height.value, _CHILD_STD)
+        found.append(_Hypothesis("standing", child, 0.0, _scaled(width, _CHILD), 0.04 if not hidden else 1e-3))
+    found.append(_Hypothesis("standing", height, 0.0, width, 0.003, free=True))
+    if seen:
+        found += [_Hypothesis("standing", height, level, width, 0.06 / len(_LEVELS)) for level in _LEVELS]
+        found += [_Hypothesis("seated", seated, level, width, 0.03 / 2) for level in _LEVELS[1:3]]
+    return found
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    return Estimate(factor * estimate.value, factor * estimate.std)
+
+
+def _likelihood(camera: CameraModel, view: _BoxAngles, what: _Hypothesis, cut: Cut) -> np.ndarray:
+    """Log likelihood of the box at each of `_DISTANCES`.
+
+    The tangents of its top and bottom have errors of their own, and common ones: those of the camera's pose.
+    """
+    height = camera.mount_height_m
+    lowest = np.maximum(_DISTANCES - _TOES_M, _NEAREST_M) if what.bottom == 0 else _DISTANCES
+    top = view.top - (what.top.value - height) / _DISTANCES
+    bottom = view.bottom - (what.bottom - height) / lowest
+    at_top, at_bottom = 1 + view.top**2, 1 + view.bottom**2
+    pitch = math.hypot(camera.pitch_std_rad, _FREE_RAD if what.free else _MOUNT_RAD)
+    lift = camera.height_std_m / _DISTANCES
+    mixed = -camera.pose_correlation * camera.pitch_std_rad * lift
+    tall = math.hypot(what.top.std, _POSTURE * what.top.value)
+    variance_top = view.edge**2 + (tall / _DISTANCES) ** 2
+    variance_top = variance_top + (pitch * at_top) ** 2 + lift**2 + 2 * mixed * at_top
+    # Hidden feet end anywhere.
+    vague = 0.0 if what.bottom == 0 else (_LEVEL_STD / _DISTANCES) ** 2
+    variance_bottom = (view.edge * at_bottom) ** 2 + vague + (pitch * at_bottom) ** 2 + lift**2 + 2 * mixed * at_bottom
+    common = pitch**2 * at_top * at_bottom + lift**2 + mixed * (at_top + at_bottom)
+    log = np.zeros_like(_DISTANCES)
+    if not (cut.top or cut.bottom):
+        determinant = np.maximum(variance_top * variance_bottom - common**2, 1e-12)
+        square = top**2 * variance_bottom - 2 * top * bottom * common + bottom**2 * variance_top
+        log -= 0.5 * square / determinant + 0.5 * np.log(determinant)
+    elif cut.bottom and not cut.top:
+        log -= 0.5 * top**2 / variance_top + 0.5 * np.log(variance_top)
+        # The feet are below the image, given the top.
+        rest = variance_bottom - common**2 / variance_top
+        log += _log_normal_cdf((bottom - top * common / variance_top) / np.sqrt(rest))
+    elif cut.top and not cut.bottom:
+        log -= 0.5 * bottom**2 / variance_bottom + 0.5 * np.log(variance_bottom)
+        rest = variance_top - common**2 / variance_bottom
+        log += _log_normal_cdf(-(top - bottom * common / variance_bottom) / np.sqrt(rest))
+    else:
+        log += _log_normal_cdf(bottom / np.sqrt(variance_bottom)) + _log_normal_cdf(-top / np.sqrt(variance_top))
+    wide = math.hypot(what.width.std / what.width.value, _WIDE_SHARE)
+    wider = (math.log(what.width.value / 2 / view.half) - _LOGS) / wide
+    log += _log_normal_cdf(wider) if cut.left or cut.right else -0.5 * wider**2 - math.log(wide)
+    return log
+
+
+def _log_normal_cdf(values: np.ndarray) -> np.ndarray:
+    """Approximate logarithm of the standard normal distribution function."""
+    return -np.logaddexp(0.0, -1.702 * values)
 
 
 def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
@@ -153,47 +265,10 @@ def _ground(camera: CameraModel, view: _BoxAngles) -> list[_Cue]:
     distance = camera.mount_height_m / -view.bottom
     # An angle d too small moves the point where the ray meets the floor by d (z2 + c2) / c.
     stretch = (distance**2 + camera.mount_height_m**2) / camera.mount_height_m / distance
-    return [_Cue(math.log(distance + _TOES_M), stretch * math.hypot(view.edge, _MOUNT_RAD))]
-
-
-def _height_log(camera: CameraModel, view: _BoxAngles, height: float) -> float:
-    return math.log(height / (view.top - view.bottom) + _TOES_M * camera.mount_height_m / height)
-
-
-def _height(camera: CameraModel, view: _BoxAngles, height: Estimate) -> list[_Cue]:
-    span = view.top - view.bottom
-    box = math.sqrt(2) * view.edge * (1 + view.bottom**2) / span
-    return [_Cue(_height_log(camera, view, height.value), math.hypot(height.std / height.value, box, _POSTURE))]
-
-
-def _head(camera: CameraModel, view: _BoxAngles, height: Estimate) -> list[_Cue]:
-    above = height.value - camera.mount_height_m
-    if above * view.top <= 0:
-        return []
-    edge = math.hypot(view.edge, _MOUNT_RAD) * (1 + view.top**2)
-    std = math.hypot(height.std / above, edge / view.top)
-    return [_Cue(math.log(above / view.top), std)] if std < 0.5 else []
-
-
-def _combined(cues: Sequence[_Cue]) -> _Cue:
-    weights = [cue.std**-2 for cue in cues]
-    whole = sum(weights)
-    log = sum(weight * cue.log for weight, cue in zip(weights, cues, strict=True)) / whole
-    # Cues that disagree have larger errors than estimated.
-    strain = sum(weight * (cue.log - log) ** 2 for weight, cue in zip(weights, cues, strict=True))
-    return _Cue(log, math.sqrt(max(1.0, strain / max(len(cues) - 1, 1)) / whole))
-
-
-def _below(cue: _Cue, bound: float) -> _Cue:
-    """The cue, truncated at ``bound``: the mode and the error around it.
-
-    A normal distribution truncated at ``limit`` has the mean -slope and the variance 1 - limit * slope - slope ** 2.
-    """
-    limit = max((bound - cue.log) / cue.std, -3.0)
-    density = math.exp(-(limit**2) / 2) / math.sqrt(2 * math.pi)
-    slope = density / (0.5 * math.erfc(-limit / math.sqrt(2)))
-    square = (1 - limit * slope - slope**2) + (min(limit, 0.0) + slope) ** 2
-    return _Cue(min(cue.log, bound), cue.std * math.sqrt(max(square, 0.05)))
+    lift, turn = camera.height_std_m / camera.mount_height_m, stretch * camera.pitch_std_rad
+    pose = lift**2 + turn**2 - 2 * camera.pose_correlation * lift * turn
+    error = math.sqrt(max(pose, 0.0) + stretch**2 * (view.edge**2 + _MOUNT_RAD**2))
+    return [_Cue(math.log(distance + _TOES_M), error)]
 
 
 def _metres(cue: _Cue) -> Estimate:

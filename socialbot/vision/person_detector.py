@@ -26,10 +26,12 @@ from socialbot.core.messages import (
 )
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.vision.camera import CameraModel, lens_error_rad
+from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
+from socialbot.vision.camera_pose import load_pose
 from socialbot.vision.depth import TOLERANCE_S, DepthSensors
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
+from socialbot.vision.distance import PERSON_HEIGHT_M
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
 
@@ -116,9 +118,18 @@ class PersonDetector(Node):
     hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
     faces = Parameter(True, "search the faces of near people; needs a tracker, not with hog", fixed=True)
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
-    mount_height_m = Parameter(1.62, "height of the camera above the floor, m", minimum=0.05, maximum=10.0)
-    pitch_rad = Parameter(0.052, "downward tilt of the camera, rad", minimum=-1.0, maximum=1.0)
-    person_height_m = Parameter(1.70, "assumed height of people, m", minimum=0.5, maximum=2.5)
+    mount_height_m = Parameter(
+        UNKNOWN_HEIGHT, "height of the camera above the floor, m; 0: not known, estimated", minimum=0.0, maximum=10.0
+    )
+    pitch_rad = Parameter(
+        UNKNOWN_PITCH, "downward tilt of the camera, rad; 2: not known, estimated", minimum=-1.5, maximum=UNKNOWN_PITCH
+    )
+    camera_file = Parameter(
+        "", "file with the pose of the camera, written by socialbot calibrate; read at the start", fixed=True
+    )
+    person_height_m = Parameter(
+        PERSON_HEIGHT_M, "mean height of adults, with shoes and hair, m", minimum=0.5, maximum=2.5
+    )
     hfov_rad = Parameter(1.09, "horizontal field of view until a camera_info arrives, rad", minimum=0.1, maximum=3.0)
     depth_tolerance_s = Parameter(
         TOLERANCE_S, "largest difference of the stamps of an image and its depth or points, s", minimum=0.0, maximum=2.0
@@ -146,6 +157,12 @@ class PersonDetector(Node):
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
         detector = self._spec.make(DetectorSettings(**settings))
+        self._filed_pose: CameraPose | None = None
+        if self.camera_file:
+            file = paths.in_workspace(Path(self.camera_file).expanduser(), where=f"{name}.camera_file")
+            self._filed_pose = load_pose(file)
+            if self._filed_pose is None:
+                self.log.warning("%s does not exist: the camera's pose is estimated from people", file)
         self._info: CameraInfo | None = None
         self._sensors = DepthSensors()
         self._pipeline = PersonPipeline(
@@ -228,8 +245,8 @@ class PersonDetector(Node):
                     f"camera_info is for {info.width}x{info.height} pixels but images have {width}x{height}: "
                     "its intrinsics are scaled"
                 )
-            pose = {name: self.parameter_values[name] for name in _GEOMETRY}
-            self._camera = CameraModel.of_images(info, width, height, **pose)
+            pose = CameraPose.stated(self.mount_height_m, self.pitch_rad, self._filed_pose)
+            self._camera = CameraModel.of_images(info, width, height, hfov_rad=self.hfov_rad, pose=pose)
         return self._camera
 
     def _warn_once(self, text: str) -> None:

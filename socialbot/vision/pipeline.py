@@ -16,13 +16,16 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
 from socialbot.vision._static_objects import StaticObjectFilter
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose
+from socialbot.vision.camera_pose import PoseEstimator
 from socialbot.vision.depth import Ranged, RangeImage, Source, measure_people
-from socialbot.vision.detector import Detections, Detector
+from socialbot.vision.detector import Detections, Detector, shared_area
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import (
+    PERSON_HEIGHT_M,
     Estimate,
     Figure,
+    Posture,
     Range,
     Stature,
     head_direction,
@@ -41,12 +44,22 @@ _WIDEST = 0.5  # A box wider than this share of its height is cut off at the fee
 # The pose of the camera is trusted if whole people have the usual height by it: so many, of such a median error.
 _LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
 _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
+_TOUCHING = 0.1  # Share of a box that another one covers.
+_ESTIMATED = ("assumed", "file")  # Sources of poses that are refined with people.
+_PERSON_ASPECT = (0.15, 0.6)  # Widths of people who stand, as shares of their height.
+_LEARNT_PER_IMAGE = 3  # People from whom the pose is learnt in one image; each costs some milliseconds.
+_SURE_HEIGHT = 0.15  # Relative error of the camera height from which the detector may use it.
+_LASTING = 0.6  # Share of the error of a distance that all images of a person have in common.
 _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 
 
 @dataclass
 class TrackState:
-    """Learned state of one track; ``stamp`` (ns) is that of its last image, ``ranged`` of its last depth."""
+    """Learned state of one track; ``stamp`` (ns) is that of its last image, ``ranged`` of its last depth.
+
+    ``least`` is the relative error of distances from images that more images do not reduce: that of the height of the
+    person and of the camera's pose.
+    """
 
     figure: Figure
     range: Range | None
@@ -54,6 +67,8 @@ class TrackState:
     attention: Attention = field(default_factory=Attention)
     ranged: int = -(2**62)
     source: Source = "depth"
+    posture: Posture = "unknown"
+    least: float = math.inf
 
 
 class PersonPipeline:
@@ -80,7 +95,7 @@ class PersonPipeline:
         tracker: str = "kalman",
         threshold: float | None = None,
         bridge_s: float = BRIDGE_S,
-        person_height_m: float = 1.70,
+        person_height_m: float = PERSON_HEIGHT_M,
         hide_still: bool = True,
         faces: bool = False,
     ) -> None:
@@ -94,6 +109,8 @@ class PersonPipeline:
         self._known: dict[str, TrackState] = {}
         self._errors: deque[float] = deque(maxlen=_MOST_WHOLE)
         self._stamp = 0
+        self._estimator: PoseEstimator | None = None
+        self._pose = ASSUMED
         self.set_threshold(threshold)
 
     def set_threshold(self, threshold: float | None) -> None:
@@ -103,6 +120,38 @@ class PersonPipeline:
         if self.tracker is not None:
             self.threshold = min(self._spec.weak, sure)
             self.tracker.sure, self.tracker.weak = sure, self.threshold
+
+    @property
+    def pose(self) -> CameraPose:
+        """Pose of the camera: as given, or as estimated from the people so far."""
+        return self._pose
+
+    def _located(self, camera: CameraModel) -> CameraModel:
+        """The camera at its estimated pose, unless its pose is known."""
+        given = camera.pose
+        if given.source not in _ESTIMATED:
+            self._pose = given
+            return camera
+        if self.tracker is None or self._estimator is None or self._estimator.prior != given:
+            self._estimator = PoseEstimator(given, person_height_m=self.person_height_m)
+        self._pose = self._estimator.pose
+        return camera.at(self._pose)
+
+    def _learn_pose(self, tracks: Sequence[Track], camera: CameraModel, stamp_ns: int) -> CameraModel:
+        """Learn the pose of the camera from people who are wholly visible."""
+        if camera.pose_source not in (*_ESTIMATED, "people") or self._estimator is None:
+            return camera
+        boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+        left = _LEARNT_PER_IMAGE
+        for number, track in enumerate(tracks):
+            x, y, w, h = track.box.tolist()
+            whole = not (any(track.cut) or track.feet_hidden or track.unseen_s) and track.score >= self._spec.sure
+            others = np.delete(boxes, number, axis=0)
+            if left and whole and _PERSON_ASPECT[0] < w / h < _PERSON_ASPECT[1] and not _touched(track.box, others):
+                name = track.id or f"{stamp_ns}.{number}"
+                left -= self._estimator.see(camera, (x, y, w, h), name, stamp_ns / SECOND)
+        self._pose = self._estimator.pose
+        return camera.at(self._pose)
 
     def find(
         self, image_bgr: np.ndarray, stamp_ns: int, camera: CameraModel, depth: Sequence[RangeImage] = ()
@@ -116,9 +165,11 @@ class PersonPipeline:
     def detect(self, image_bgr: np.ndarray, camera: CameraModel, threshold: float) -> Detections:
         """Run the detector alone, with a score ``threshold``."""
         self._detector.threshold = threshold
+        camera = self._located(camera)
         self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
         if self.tracker is not None:
-            self._detector.camera_height = camera.mount_height_m / self.person_height_m
+            sure = camera.height_std_m < _SURE_HEIGHT * camera.mount_height_m
+            self._detector.camera_height = camera.mount_height_m / self.person_height_m if sure else None
         return self._detector.detect(image_bgr)
 
     def follow(
@@ -132,6 +183,7 @@ class PersonPipeline:
         """Track the people ``found`` in an image, and measure their distance."""
         if self.tracker is None:
             return self.measured(found, camera, depth)
+        camera = self._located(camera)
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
         if self.hide_still:
             tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful)
@@ -147,16 +199,23 @@ class PersonPipeline:
         if self._faces is not None:
             attention = {name: person.attention for name, person in self._known.items()}
             self._faces.look(image_bgr, stamp_ns, tracks, attention)
-        return self._persons(_with_hidden_feet(tracks), stamp_ns, camera, depth)
+        tracks = _with_hidden_feet(tracks)
+        return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns), depth)
 
     def measured(
         self, found: Detections, camera: CameraModel, depth: Sequence[RangeImage] = ()
     ) -> tuple[PersonDetection, ...]:
-        """Measure the distance of the people ``found``, without tracking them."""
+        """Measure the distance of the people ``found``, without tracking them.
+
+        Without a tracker, images may be unrelated: an unknown pose of the camera is estimated from these people alone.
+        """
         tracks = [
             Track("", box, score, 0.0, cut_off(box, camera.width, camera.height))
             for box, score in zip(found.boxes, found.scores.tolist(), strict=True)
         ]
+        camera = self._located(camera)
+        if self.tracker is None:
+            camera = self._learn_pose(tracks, camera, 0)
         return self._persons(tracks, 0, camera, depth)
 
     def _persons(
@@ -179,17 +238,18 @@ class PersonPipeline:
             return known.range.estimate.value
         stature = self._anybody() if known is None else known.figure.stature
         box = tuple(track.box.tolist())
-        estimate = measure(camera, box, stature, track.cut, feet_hidden=track.feet_hidden)
-        return estimate and estimate.value
+        seen = measure(camera, box, stature, track.cut, feet_hidden=track.feet_hidden)
+        return seen and seen.distance.value
 
     def _person(self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None) -> PersonDetection:
         x, y, w, h = box = tuple(track.box.tolist())
         if track.id:
-            distance, height_m = self._followed(track, box, stamp_ns, camera, ranged)
+            distance, height_m, posture = self._followed(track, box, stamp_ns, camera, ranged)
         else:
             stature = self._anybody()
-            distance = ranged.estimate if ranged is not None else measure(camera, box, stature, track.cut)
-            height_m = stature.height.value
+            seen = measure(camera, box, stature, track.cut)
+            distance = ranged.estimate if ranged is not None else seen and seen.distance
+            height_m, posture = stature.height.value, seen.posture if seen else "unknown"
         bearing, elevation = head_direction(camera, box, track.cut, distance and distance.value, height_m)
         if track.feet_hidden and distance is not None and self._is_pose_trusted():
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
@@ -206,6 +266,7 @@ class PersonPipeline:
             distance_m=distance and distance.value,
             distance_std_m=distance and distance.std,
             distance_source="unknown" if distance is None else self._source(track, stamp_ns, ranged),
+            posture=posture,
             bearing_rad=bearing,
             elevation_rad=elevation,
             unseen_s=track.unseen_s,
@@ -229,8 +290,8 @@ class PersonPipeline:
 
     def _followed(
         self, track: Track, box: tuple[float, ...], stamp_ns: int, camera: CameraModel, ranged: Ranged | None
-    ) -> tuple[Estimate | None, float]:
-        """Distance and height of a tracked person."""
+    ) -> tuple[Estimate | None, float, Posture]:
+        """Distance, height and posture of a tracked person."""
         known = self._known[track.id]
         seconds = (stamp_ns - known.stamp) / SECOND
         known.stamp = stamp_ns
@@ -243,7 +304,11 @@ class PersonPipeline:
                 known.range.see(ranged.estimate, ranged.source, seconds)
             known.ranged, known.source = stamp_ns, ranged.source
         elif not track.unseen_s and stamp_ns - known.ranged >= _RANGED_NS:
-            now = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
+            seen = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
+            now = seen and seen.distance
+            known.posture = seen.posture if seen else "unknown"
+            if now is not None:
+                known.least = min(known.least, _LASTING * now.std / now.value)
             kind = (track.cut, track.feet_hidden)
             # A box cut off at the bottom and a side measures little; the prediction is better.
             sides = track.cut.left or track.cut.right
@@ -252,10 +317,13 @@ class PersonPipeline:
                 known.range = Range(now, kind)
             elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
                 known.range.see(now, kind, seconds)
-        if not (track.unseen_s or any(track.cut) or track.feet_hidden):
+        if not (track.unseen_s or any(track.cut) or track.feet_hidden) and known.posture == "standing":
             known.figure.learn(camera, box, seconds)
             self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
-        return known.range and known.range.estimate, known.figure.stature.height.value
+        distance = known.range and known.range.estimate
+        if distance is not None and ranged is None:
+            distance = Estimate(distance.value, max(distance.std, known.least * distance.value))
+        return distance, known.figure.stature.height.value, known.posture
 
 
 def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
@@ -271,6 +339,11 @@ def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
         else track
         for track in tracks
     )
+
+
+def _touched(box: np.ndarray, others: np.ndarray) -> bool:
+    """Whether one of ``others`` (n, 4) overlaps ``box``, so that its edges are less certain."""
+    return bool((shared_area(box, others) > _TOUCHING * box[2] * box[3]).any())
 
 
 def _behind(box: np.ndarray, others: np.ndarray) -> bool:

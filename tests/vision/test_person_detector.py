@@ -19,7 +19,7 @@ from socialbot.vision import person_detector
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.distance import Estimate, Stature, measure
+from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, measure
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import load_truth
 from socialbot.vision.network import LAYOUTS
@@ -53,7 +53,8 @@ class Rig:
     """The node in an inline runner, and what it has said. It is shown pictures in which nothing moves."""
 
     def __init__(self, **parameters) -> None:
-        config = NodeConfig("person_detector", PersonDetector, {"hide_still": False, **parameters})
+        known = {"hide_still": False, "mount_height_m": 1.62, "pitch_rad": 0.052}
+        config = NodeConfig("person_detector", PersonDetector, {**known, **parameters})
         self.runner = InlineRunner(Graph("g", (config,), inputs=frozenset({COLOR, INFO})))
         self.detections: list[Any] = []
         self.markers: list[Any] = []
@@ -96,11 +97,20 @@ def opencv_threads():
 BLANK = np.zeros((480, 640, 3), np.uint8)
 
 
-def distance_of(camera: CameraModel, box: np.ndarray, *, height_m: float = 1.70, width_m: float = 0.6) -> float:
+WIDTH_M = 0.6 * PERSON_HEIGHT_M / 1.70
+
+
+def distance_of(
+    camera: CameraModel,
+    box: np.ndarray,
+    *,
+    height_m: float = PERSON_HEIGHT_M,
+    width_m: float = 0.6 * PERSON_HEIGHT_M / 1.70,
+) -> float:
     stature = Stature.of_people(height_m, width_m)
     found = measure(camera, box.tolist(), stature, cut_off(box, camera.width, camera.height))
-    assert isinstance(found, Estimate)
-    return found.value
+    assert found is not None
+    return found.distance.value
 
 
 @pytest.mark.parametrize("tracker", ["kalman", "none"])

@@ -9,7 +9,7 @@ from socialbot.core.messages import PersonDetection
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSpec
-from socialbot.vision.distance import Stature, head_direction, measure
+from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, head_direction, measure
 from socialbot.vision.pipeline import PersonPipeline
 from socialbot.vision.tracking import cut_off
 from tests.vision.test_distance import box_of
@@ -80,14 +80,15 @@ def test_images_are_independent_without_a_tracker():
     for _ in range(2):
         (person,) = rig.find(found, at(8.0, 0.4))
         x, y, w, h = found[0]
-        distance = measure(CAMERA, found[0], Stature.of_people(1.70, 0.5))
-        assert distance is not None
+        seen = measure(CAMERA, found[0], Stature.of_people(PERSON_HEIGHT_M, 0.5 * PERSON_HEIGHT_M / 1.70))
+        assert seen is not None
+        distance = seen.distance
         bearing, elevation = head_direction(
-            CAMERA, found[0], cut_off(np.array(found[0]), 640, 480), distance.value, 1.70
+            CAMERA, found[0], cut_off(np.array(found[0]), 640, 480), distance.value, PERSON_HEIGHT_M
         )
         assert person == PersonDetection(
             x=x, y=y, w=w, h=h, score=0.7, distance_m=distance.value, distance_std_m=distance.std,
-            bearing_rad=bearing, elevation_rad=elevation, distance_source="image",
+            bearing_rad=bearing, elevation_rad=elevation, distance_source="image", posture=seen.posture,
         )  # fmt: skip
     assert rig.find() == ()
 
@@ -298,8 +299,8 @@ def test_person_behind_a_trolley_is_extended_to_the_floor(distance):
     x, y, w, h = box_of(CAMERA, distance, 0.0)
     (pushing,) = rig.repeat(5, ((x, y, w, 0.45 * h), 0.7))
     assert (pushing.x, pushing.y, pushing.w) == (pytest.approx(x, abs=3), y, pytest.approx(w, abs=6))
-    assert pushing.h == pytest.approx(h, rel=0.15)
-    assert metres(pushing)[0] == pytest.approx(distance, rel=0.15)
+    assert pushing.h == pytest.approx(h, rel=0.2)
+    assert metres(pushing)[0] == pytest.approx(distance, rel=0.2)
 
 
 def test_person_beside_their_trolley_keeps_their_height():

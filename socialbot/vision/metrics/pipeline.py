@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,11 +15,12 @@ import numpy as np
 from socialbot.core.errors import ImageError, ParameterError, TruthError, suggestion
 from socialbot.core.messages import CompressedImage, Image, PersonDetection
 from socialbot.graph.node import check_parameters
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
+from socialbot.vision.camera_pose import load_pose, pose_beside
 from socialbot.vision.depth import RangeImage
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
-from socialbot.vision.metrics.frames import EncodedImage, ImageSequence
+from socialbot.vision.metrics.frames import BagImages, EncodedImage, ImageSequence
 from socialbot.vision.metrics.workers import run_in_processes
 from socialbot.vision.person_detector import PersonDetector
 from socialbot.vision.pipeline import PersonPipeline
@@ -104,15 +106,25 @@ class EvaluatedPipeline:
     """Perception pipeline that, with ``recording``, also returns all boxes down to a low score."""
 
     def __init__(
-        self, settings: PipelineSettings, *, threads: int = 1, consecutive: bool = True, recording: bool = True
+        self,
+        settings: PipelineSettings,
+        images: ImageSequence | None = None,
+        *,
+        threads: int = 1,
+        recording: bool = True,
     ) -> None:
-        """Build the pipeline; images that are not ``consecutive`` are not tracked.
+        """Build the pipeline for ``images``, which are not tracked if they are not consecutive.
+
+        The pose of the camera is that of the settings, or else that of the pose file beside the bag.
 
         Raises:
             InstallationError: A package of the detector is missing.
             ParameterError: Its settings are invalid.
         """
         self._values = values = settings.values
+        consecutive = images is None or images.consecutive
+        beside = load_pose(pose_beside(Path(images.path))) if isinstance(images, BagImages) else None
+        self._pose = CameraPose.stated(values["mount_height_m"], values["pitch_rad"], beside)
         self._floor = settings.floor if recording else None
         own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
         self._pipeline = PersonPipeline(
@@ -128,8 +140,8 @@ class EvaluatedPipeline:
 
         Raises MessageError for an uncalibrated camera.
         """
-        pose = {name: self._values[name] for name in ("hfov_rad", "mount_height_m", "pitch_rad")}
-        camera = CameraModel.of_images(encoded.info, image.shape[1], image.shape[0], **pose)
+        (height, width), hfov_rad = image.shape[:2], self._values["hfov_rad"]
+        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=self._pose)
         depth: Sequence[RangeImage] = ()
         if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
             encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
@@ -185,7 +197,7 @@ def run_job(job: Job, advance: Callable[[int], None]) -> Found:
     """Run a job, and report the number of processed frames. Raises SocialbotError for unusable images or detectors."""
     # Jobs run in parallel, so one thread each is the fastest.
     cv2.setNumThreads(1)
-    pipeline = EvaluatedPipeline(job.pipeline, threads=1, consecutive=job.images.consecutive)
+    pipeline = EvaluatedPipeline(job.pipeline, job.images, threads=1)
     frames: list[FoundFrame] = []
     damaged, first = 0, ""
     for number, encoded in enumerate(job.images.read(), 1):
@@ -265,7 +277,7 @@ def _measure(jobs: Sequence[Job], threads: int) -> Speed | None:
 def _times(job: Job, threads: int, jobs: int) -> np.ndarray:
     """Seconds for decoding and for the rest, shape (n, 2), for images from the middle of ``job``, read in advance."""
     cv2.setNumThreads(threads)
-    pipeline = EvaluatedPipeline(job.pipeline, threads=threads, consecutive=job.images.consecutive, recording=False)
+    pipeline = EvaluatedPipeline(job.pipeline, job.images, threads=threads, recording=False)
     count = max(1, FRAMES // jobs) + WARM_UP
     begin = max(0, (job.frames - count) // 2)
     times: list[tuple[float, float]] = []
