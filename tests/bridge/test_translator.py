@@ -45,7 +45,7 @@ def test_translates_people_and_head_joints() -> None:
 
 
 def test_the_mounting_follows_detector_and_camera() -> None:
-    assert mounting_of(WALDO) == Mounting(1.62, 0.052, on_head=False, optical="camera_color_optical_frame")
+    assert mounting_of(WALDO) == Mounting(1.2, 0.0, on_head=False, optical="camera_color_optical_frame")
     changes = {
         "camera": {"frame_id": "eye"},
         "person_detector": {"mount_height_m": 0.9, "pitch_rad": -0.2},
