@@ -317,8 +317,9 @@ class PersonPipeline:
                 known.range = Range(now, kind)
             elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
                 known.range.see(now, kind, seconds)
-        if not (track.unseen_s or any(track.cut) or track.feet_hidden) and known.posture == "standing":
-            known.figure.learn(camera, box, seconds)
+        if not (track.unseen_s or any(track.cut) or track.feet_hidden):
+            if known.posture == "standing":
+                known.figure.learn(camera, box, seconds)
             self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
         distance = known.range and known.range.estimate
         if distance is not None and ranged is None:
