@@ -1,18 +1,22 @@
-"""Score Waldo's greetings and offers of help, given the detections of a pipeline.
+"""Score Waldo's greetings and offers of help by visitor, given the detections of a pipeline.
 
-Waldo's node runs on the detections in simulated time. It also runs on the ground truth of all people who count; its
-actions then are **due**.
+Waldo's node runs on the detections in simulated time. What it should do follows from the ground truth alone.
 
 A person is present if a quarter of them is visible within Waldo's ``range_m``. A *visit* lasts from the first to the
-last frame of presence, including absences shorter than ``vanish_s``.
+last frame of presence, including absences shorter than ``vanish_s``. A visitor *engages* from the first `ENGAGES_S` in
+which they face the robot (`FACES_RAD`), or, where the truth does not say so, stand or walk towards it. A visitor who
+returns within `RETURN_S` is not new.
 
-A due greeting is ``in time`` up to `GREET_S` after the start of the visit, then ``late`` until its end, or ``missed``.
-Other greetings go to ``nobody`` if no person was in the image in the last second. They are ``from afar`` if all people
-were beyond ``range_m`` plus `RANGE_SLACK_M`, and else repeated (``again``).
+A greeting is due to each new visitor who engages. A greeting addresses all visitors present. The visitor is greeted
+``in time`` up to `GREET_S` after the begin of engaging, then ``late`` until the end of the visit, or ``missed``. Any
+other greeting goes to ``nobody`` if no person was in the image in the last second. It is ``from afar`` if all people
+were beyond ``range_m`` plus `RANGE_SLACK_M`, ``passing`` if it addresses a new visitor who did not engage, and else
+repeated (``again``).
 
-An offer of help is ``too early`` if no person was present for ``help_after_s`` less `HELP_SLACK_S`, and goes to
-``nobody`` as above. A due offer is ``in time`` up to `OFFER_S` after that, then ``late``, or ``missed``. Any other one
-is repeated (``again``).
+An offer of help is due to each new visitor who engages and is present for ``help_after_s``. The visitor is served ``in
+time`` by an offer up to `OFFER_S` after that, then ``late``, or ``missed``. Any other offer goes to ``nobody``, as
+above, is ``too early`` if no person was present for ``help_after_s`` less `HELP_SLACK_S`, and else repeated
+(``again``).
 """
 
 from __future__ import annotations
@@ -20,16 +24,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from functools import cached_property
+from statistics import median
+from typing import Any, Literal
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import ActionRequest, Message, PersonDetection, PersonDetections
+from socialbot.core.messages import ActionRequest, Message, PersonDetections
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.pipeline import FoundFrame
-from socialbot.vision.metrics.truth import Person
+from socialbot.vision.metrics.truth import Person, TruthPerson
 
+ENGAGES_S = 0.5
+FACES_RAD = 1.05
+WALKS_MPS = 0.3
+PERSON_M, PERSON_ASPECT = 1.7, 2.5
+RETURN_S = 60.0
 GREET_S = 1.0
 OFFER_S = 1.5
 HELP_SLACK_S = 1.0
@@ -42,7 +53,7 @@ ACTIONS = "/waldo/actions"
 Deed = Literal["greeting", "offer"]
 
 OUTCOMES: Mapping[Deed, tuple[str, ...]] = {
-    "greeting": ("in time", "late", "missed", "nobody", "from afar", "again"),
+    "greeting": ("in time", "late", "missed", "nobody", "from afar", "passing", "again"),
     "offer": ("in time", "late", "missed", "too early", "nobody", "again"),
 }
 """Outcomes of greetings and offers, in the order of the tables."""
@@ -50,16 +61,17 @@ OUTCOMES: Mapping[Deed, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class PersonVisit:
-    """Presence of a person from ``begin`` to ``end`` (ns)."""
+    """Presence of a person from ``begin`` to ``end``; they engage from ``engages`` on, if at all (ns)."""
 
     person: str
     begin: int
     end: int
+    engages: int | None = None
 
 
 @dataclass(frozen=True)
 class Act:
-    """Action of Waldo, or a missed one, at ``time`` (ns), with its delay if it was due."""
+    """Action of Waldo as one visitor has it, or a missed one, at ``time`` (ns), with its delay if it was due."""
 
     deed: Deed
     outcome: str
@@ -80,16 +92,6 @@ class Behaviour:
         return {outcome: counts[outcome] for outcome in OUTCOMES[deed]}
 
 
-class _Due(NamedTuple):
-    """Due action: at ``time`` on the ground truth, in time until ``until``, valid from ``begin`` to ``end``."""
-
-    time: int
-    onset: int
-    begin: int
-    until: int
-    end: int
-
-
 def single_node(graph: Graph, name: str) -> Graph:
     """A graph of the node called ``name`` alone, fed with detections."""
     return Graph(name, (graph.node(name),), inputs=frozenset({DETECTIONS}))
@@ -101,37 +103,82 @@ def behaviour(graph: Graph, frames: Sequence[LabelledFrame], found: Iterable[Fou
     values: dict[str, Any] = {name: each.default for name, each in node.type.parameters().items()}
     values |= node.parameters
     range_m, vanish_s, help_after_s = (float(values[name]) for name in ("range_m", "vanish_s", "help_after_s"))
-    seen = _acts(graph, (_message(each.stamp, each.width, each.height, each.persons) for each in found))
-    due = _acts(
-        graph,
-        (_message(each.stamp, 1, 1, (_ideal(person) for person in each.persons if person.counts)) for each in frames),
-    )
-    there = visits(frames, range_m, vanish_s)
-    near = visits(frames, range_m + RANGE_SLACK_M, vanish_s)
-    slack, offer = nanoseconds(HELP_SLACK_S), nanoseconds(OFFER_S)
-    due_offers = [_Due(time, time, time - slack, time + offer, _last_end(there, time)) for time in due["offer"]]
-    acts = [
-        *_greetings(seen["greeting"], _due_greetings(due["greeting"], there, near), near, frames),
-        *_offers(seen["offer"], due_offers, near, frames, help_after_s - HELP_SLACK_S),
-    ]
-    return Behaviour(tuple(sorted(acts, key=lambda act: (act.time, act.deed))), tuple(there))
+    spoken = _acts(graph, (_message(each) for each in found))
+    scene = _Scene(visits(frames, range_m, vanish_s), visits(frames, range_m + RANGE_SLACK_M, vanish_s), frames)
+    acts = [*_greetings(spoken["greeting"], scene), *_offers(spoken["offer"], scene, help_after_s)]
+    return Behaviour(tuple(sorted(acts, key=lambda act: (act.time, act.deed))), tuple(scene.visits))
 
 
 def visits(frames: Iterable[LabelledFrame], range_m: float, gap_s: float) -> list[PersonVisit]:
     """Visits within ``range_m``; absences shorter than ``gap_s`` do not end one."""
-    ended: list[PersonVisit] = []
-    going: dict[str, PersonVisit] = {}
+    shown: dict[str, list[list[tuple[int, Person]]]] = {}
     for frame in frames:
         for person in frame.persons:
             if not person.counts or (person.distance_m is not None and person.distance_m > range_m):
                 continue
-            visit = going.get(person.id)
-            if visit is not None and frame.stamp - visit.end >= nanoseconds(gap_s):
-                ended.append(visit)
-                visit = None
-            begin = frame.stamp if visit is None else visit.begin
-            going[person.id] = PersonVisit(person.id, begin, frame.stamp)
-    return sorted([*ended, *going.values()], key=lambda visit: (visit.begin, visit.end, visit.person))
+            stays = shown.setdefault(person.id, [])
+            if not stays or frame.stamp - stays[-1][-1][0] >= nanoseconds(gap_s):
+                stays.append([])
+            stays[-1].append((frame.stamp, person))
+    result = [
+        PersonVisit(name, stay[0][0], stay[-1][0], _engages(stay)) for name, stays in shown.items() for stay in stays
+    ]
+    return sorted(result, key=lambda visit: (visit.begin, visit.end, visit.person))
+
+
+def _engages(stay: Sequence[tuple[int, Person]]) -> int | None:
+    """Begin of the first `ENGAGES_S` of a stay in which the person engages."""
+    first = 0
+    for last, (stamp, _) in enumerate(stay):
+        while stamp - stay[first + 1][0] >= nanoseconds(ENGAGES_S) if first < last else False:
+            first += 1
+        if stamp - stay[first][0] >= nanoseconds(ENGAGES_S) and _is_engaged(stay[first : last + 1]):
+            return stay[first][0]
+    return None
+
+
+def _is_engaged(looks: Sequence[tuple[int, Person]]) -> bool:
+    facings = [person.facing_rad for _, person in looks if isinstance(person, TruthPerson)]
+    known = [facing for facing in facings if facing is not None]
+    if known:
+        return median(known) <= FACES_RAD
+    (begin, first), (end, last) = looks[0], looks[-1]
+    seconds = (end - begin) / SECOND
+    metres_per_pixel = PERSON_M / max((first.h + last.h) / 2, PERSON_ASPECT * (first.w + last.w) / 2, 1.0)
+    sideways_mps = abs(last.x + last.w / 2 - first.x - first.w / 2) * metres_per_pixel / seconds
+    if first.distance_m is None or last.distance_m is None:
+        return sideways_mps <= WALKS_MPS
+    approach_mps = (first.distance_m - last.distance_m) / seconds
+    return approach_mps >= sideways_mps if max(sideways_mps, approach_mps) > WALKS_MPS else approach_mps >= -WALKS_MPS
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Visits within Waldo's range, and within a larger one; all people in ``frames``."""
+
+    visits: Sequence[PersonVisit]
+    near: Sequence[PersonVisit]
+    frames: Sequence[LabelledFrame]
+
+    @cached_property
+    def new(self) -> list[PersonVisit]:
+        """The visits of people who were not there within `RETURN_S` before."""
+        ends: dict[str, int] = {}
+        result: list[PersonVisit] = []
+        for visit in self.visits:
+            if visit.begin - ends.get(visit.person, visit.begin - nanoseconds(RETURN_S)) >= nanoseconds(RETURN_S):
+                result.append(visit)
+            ends[visit.person] = visit.end
+        return result
+
+    def approach(self, visit: PersonVisit) -> int:
+        """Begin of the visit in the larger range."""
+        begins = [near.begin for near in self.near if near.person == visit.person and near.begin <= visit.begin]
+        return max(begins, default=visit.begin)
+
+    def anybody(self, time: int) -> bool:
+        """Whether a person was in the image, however little visible, in the second before ``time``."""
+        return any(frame.persons for frame in self.frames if time - nanoseconds(RECENT_S) <= frame.stamp <= time)
 
 
 def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list[int]]:
@@ -155,81 +202,73 @@ def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list
     return times
 
 
-def _message(stamp: int, width: int, height: int, persons: Iterable[PersonDetection]) -> PersonDetections:
-    return PersonDetections(stamp=stamp, frame_id="camera", width=width, height=height, persons=tuple(persons))
+def _message(found: FoundFrame) -> PersonDetections:
+    return PersonDetections(
+        stamp=found.stamp, frame_id="camera", width=found.width, height=found.height, persons=tuple(found.persons)
+    )
 
 
-def _ideal(person: Person) -> PersonDetection:
-    box = dict(zip("xywh", person.box, strict=True))
-    return PersonDetection(**box, score=1.0, track_id=person.id, distance_m=person.distance_m)
+def _greetings(times: Sequence[int], scene: _Scene) -> Iterable[Act]:
+    useful: set[int] = set()
+    for visit in scene.new:
+        if visit.engages is None:
+            continue
+        # A greeting counts from the approach on; who arrives beside others hears theirs.
+        begin, end = scene.approach(visit), visit.end + nanoseconds(RECENT_S)
+        heard = [time for time in times if begin <= time <= end]
+        early = [time for time in heard if visit.engages - nanoseconds(GREET_S) <= time < visit.engages]
+        time = min((time for time in heard if time >= visit.engages), default=None)
+        if early and (time is None or time - visit.engages > nanoseconds(GREET_S)):
+            time = early[-1]
+        elif time is None and heard:
+            time = heard[-1]
+        if time is None:
+            yield Act("greeting", "missed", visit.engages)
+        else:
+            useful.add(time)
+            delay_s = max(0.0, (time - visit.engages) / SECOND)
+            yield Act("greeting", "in time" if delay_s <= GREET_S else "late", time, delay_s)
+    greeted: set[PersonVisit] = set()
+    for time in times:
+        addressed = _current(scene.near, time)
+        if time not in useful:
+            passing = [visit for visit in _current(scene.new, time) if visit.engages is None and visit not in greeted]
+            if not scene.anybody(time):
+                yield Act("greeting", "nobody", time)
+            elif not addressed:
+                yield Act("greeting", "from afar", time)
+            else:
+                yield Act("greeting", "passing" if passing else "again", time)
+        greeted |= set(_current(scene.new, time))
 
 
-def _due_greetings(times: Sequence[int], there: Sequence[PersonVisit], near: Sequence[PersonVisit]) -> list[_Due]:
-    result: list[_Due] = []
-    for previous, time in zip([-1, *times], times, strict=False):
-        begun = [visit for visit in there if visit.begin <= time]
-        # The visit that a greeting is for began after the last greeting, if any did.
-        fresh = [visit for visit in begun if visit.begin > previous]
-        onset = min(fresh, key=lambda visit: visit.begin) if fresh else max(begun, key=lambda visit: visit.begin)
-        approach = [visit.begin for visit in near if visit.person == onset.person and visit.begin <= onset.begin]
-        until, begin = onset.begin + nanoseconds(GREET_S), max(approach, default=onset.begin)
-        result.append(_Due(time, onset.begin, begin, until, _last_end(there, time)))
-    return result
-
-
-def _last_end(visits: Iterable[PersonVisit], time: int) -> int:
-    """Latest end of the visits that have begun at ``time``."""
-    return max([time, *(visit.end for visit in visits if visit.begin <= time)])
-
-
-def _greetings(
-    times: Sequence[int], due: Sequence[_Due], near: Sequence[PersonVisit], frames: Sequence[LabelledFrame]
-) -> Iterable[Act]:
-    matched, rest = _matched("greeting", times, due)
-    yield from matched
-    for time in rest:
-        outcome = "again" if _current(near, time) else "from afar"
-        yield Act("greeting", outcome if _anybody(frames, time) else "nobody", time)
-
-
-def _offers(
-    times: Sequence[int],
-    due: Sequence[_Due],
-    near: Sequence[PersonVisit],
-    frames: Sequence[LabelledFrame],
-    least_s: float,
-) -> Iterable[Act]:
+def _offers(times: Sequence[int], scene: _Scene, help_after_s: float) -> Iterable[Act]:
+    patience, least = nanoseconds(help_after_s), nanoseconds(help_after_s - HELP_SLACK_S)
     wrong: dict[int, str] = {}
     for time in times:
-        if not _anybody(frames, time):
+        if not scene.anybody(time):
             wrong[time] = "nobody"
-        elif max((time - visit.begin for visit in _current(near, time)), default=0) < nanoseconds(least_s):
+        elif max((time - visit.begin for visit in _current(scene.near, time)), default=0) < least:
             wrong[time] = "too early"
-    matched, rest = _matched("offer", [time for time in times if time not in wrong], due)
-    yield from matched
-    yield from (Act("offer", wrong.get(time, "again"), time) for time in (*rest, *wrong))
+    right = [time for time in times if time not in wrong]
+    useful: set[int] = set()
+    for visit in scene.new:
+        onset = max(visit.begin + patience, visit.engages or 0)
+        if visit.engages is None or onset > visit.end:
+            continue
+        time = next(
+            (time for time in right if visit.begin <= time <= max(visit.end, onset + nanoseconds(OFFER_S))), None
+        )
+        if time is None:
+            yield Act("offer", "missed", onset)
+        else:
+            useful.add(time)
+            delay_s = max(0.0, (time - onset) / SECOND)
+            yield Act("offer", "in time" if delay_s <= OFFER_S else "late", time, delay_s)
+    for time in times:
+        if time not in useful:
+            yield Act("offer", wrong.get(time, "again"), time)
 
 
 def _current(visits: Sequence[PersonVisit], time: int) -> list[PersonVisit]:
     return [visit for visit in visits if visit.begin <= time <= visit.end + nanoseconds(RECENT_S)]
-
-
-def _matched(deed: Deed, times: Sequence[int], due: Sequence[_Due]) -> tuple[list[Act], list[int]]:
-    """Match actions with due ones; returns the results and the times of unmatched actions."""
-    rest = list(times)
-    acts = []
-    for number, item in enumerate(due):
-        end = min([item.end, *(later.begin - 1 for later in due[number + 1 : number + 2])])
-        time = next((time for time in rest if item.begin <= time <= max(end, item.until)), None)
-        if time is None:
-            acts.append(Act(deed, "missed", item.time))
-        else:
-            rest.remove(time)
-            outcome = "in time" if time <= item.until else "late"
-            acts.append(Act(deed, outcome, time, (time - item.onset) / SECOND))
-    return acts, rest
-
-
-def _anybody(frames: Sequence[LabelledFrame], time: int) -> bool:
-    """Whether a person was in the image, however little visible, in the second before ``time``."""
-    return any(frame.persons for frame in frames if time - nanoseconds(RECENT_S) <= frame.stamp <= time)

@@ -4,6 +4,8 @@ import pytest
 
 from socialbot.graph.files import load_graph
 from socialbot.vision.metrics.behaviour import behaviour, single_node, visits
+from socialbot.vision.metrics.frames import LabelledFrame
+from socialbot.vision.metrics.truth import TruthPerson
 from tests.vision.metrics.scenes import START, TENTH, found, frame, person, seen
 
 WALDO = single_node(load_graph("waldo"), "bdi_engine")
@@ -43,7 +45,7 @@ def test_detector_without_fault():
     truth = story(30, A)
     acted = behaviour(WALDO, truth, sight(30, A))
     assert acted.count("greeting") == {
-        "in time": 1, "late": 0, "missed": 0, "nobody": 0, "from afar": 0, "again": 0,
+        "in time": 1, "late": 0, "missed": 0, "nobody": 0, "from afar": 0, "passing": 0, "again": 0,
     }  # fmt: skip
     assert {name: count for name, count in acted.count("offer").items() if count} == {"in time": 1}
     greeting, offer = acted.acts
@@ -95,6 +97,54 @@ def test_every_visit_is_judged():
     both = (("a", 5, 18, 3.0), ("b", 40, 55, 3.0))
     assert counts(story(60, *both), sight(60, both[0]), "greeting") == {"in time": 1, "missed": 1}
     assert counts(story(60, *both), sight(60, *both), "greeting") == {"in time": 2}
+
+
+def test_each_of_six_visitors_is_due_a_greeting():
+    six = tuple((f"v{n}", 5 + 9 * n, 11 + 9 * n, 3.0) for n in range(6))
+    assert counts(story(60, *six), sight(60, *six), "greeting") == {"in time": 6}
+    assert counts(story(60, *six), sight(60, *six), "offer") == {}
+    # A tracker that takes the six for one person.
+    one = tuple(("t1", begin, end, m) for _, begin, end, m in six)
+    assert counts(story(60, *six), sight(60, *one), "greeting") == {"in time": 1, "missed": 5}
+
+
+def test_visitor_who_returns_within_a_minute_is_not_due_again():
+    truth = story(60, ("a", 5, 12, 3.0), ("a", 30, 40, 3.0))
+    same = sight(60, ("t1", 5, 12, 3.0), ("t1", 30, 40, 3.0))
+    other = sight(60, ("t1", 5, 12, 3.0), ("t2", 30, 40, 3.0))
+    assert counts(truth, same, "greeting") == {"in time": 1}
+    assert counts(truth, other, "greeting") == {"in time": 1, "again": 1}
+
+
+def test_people_together_are_greeted_by_one_sentence():
+    both = (("a", 5, 12, 3.0), ("b", 5, 12, 3.0))
+    assert counts(story(20, *both), sight(20, *both), "greeting") == {"in time": 2}
+
+
+def turned(facing_rad: float) -> list[LabelledFrame]:
+    """Frames of somebody who stands there from 5 to 15 s and faces in one direction."""
+    looks = TruthPerson(x=0, y=0, w=10, h=20, id="a", distance_m=3.0, visible=1.0, facing_rad=facing_rad)
+    return [frame(*([looks] if 50 <= number < 150 else []), number=number) for number in range(200)]
+
+
+def test_person_with_the_back_turned_need_not_be_greeted():
+    shown = sight(20, ("t1", 5, 15, 3.0))
+    assert counts(turned(0.3), shown, "greeting") == {"in time": 1}
+    assert counts(turned(0.3), sight(20), "greeting") == {"missed": 1}
+    assert counts(turned(3.0), sight(20), "greeting") == {}
+    assert counts(turned(3.0), shown, "greeting") == {"passing": 1}
+
+
+@pytest.mark.parametrize(
+    ("far_mps", "across_mps", "due"), [(-1.2, 0.0, True), (0.0, 0.0, True), (1.2, 0.0, False), (-0.3, 1.2, False)]
+)
+def test_walking_towards_the_robot_or_standing_is_engaging(far_mps, across_mps, due):
+    moves = [
+        frame(person(5 * across_mps * number, w=20, h=85, distance=5.0 + far_mps * number / 10), number=number)
+        for number in range(20)
+    ]
+    (visit,) = visits(moves, 9.0, 2.5)
+    assert (visit.engages is not None) == due
 
 
 def test_visits():
