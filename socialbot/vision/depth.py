@@ -239,6 +239,8 @@ _LEAST_SCORE = 0.05
 _LEAST_SAMPLES: dict[Source, int] = {"depth": 12, "lidar": 3}
 _GRID = 64
 """Largest number of samples along each side of a box."""
+_SAME_BOX = 0.6
+"""Overlap (IoU) of two boxes of one person, which share its distance."""
 _APART_M = 0.3
 """A person farther away than another one by this is not seen where the other one is."""
 
@@ -352,7 +354,7 @@ def measure_people(
             seen, layer = samples[index], alone[index]
             hidden = np.zeros(seen.u.shape, bool)
             for other, nearer in enumerate(found):
-                if nearer is not None and _overlap(boxes[index], boxes[other]):
+                if nearer is not None and 0 < _overlap(boxes[index], boxes[other]) < _SAME_BOX:
                     x, y, w, h = boxes[other]
                     inside = (seen.u >= x) & (seen.u < x + w) & (seen.v >= y) & (seen.v < y + h)
                     hidden |= inside & (np.abs(seen.distance + _BODY_M - nearer.estimate.value) < _APART_M)
@@ -380,13 +382,12 @@ def _size(layer: _Layer | None) -> float:
     return 0.0 if layer is None else layer.size
 
 
-def _overlap(box: Box, other: Box) -> bool:
-    return (
-        box[0] < other[0] + other[2]
-        and other[0] < box[0] + box[2]
-        and box[1] < other[1] + other[3]
-        and other[1] < box[1] + box[3]
-    )
+def _overlap(box: Box, other: Box) -> float:
+    """Intersection over union of two boxes."""
+    across = min(box[0] + box[2], other[0] + other[2]) - max(box[0], other[0])
+    down = min(box[1] + box[3], other[1] + other[3]) - max(box[1], other[1])
+    shared = max(across, 0.0) * max(down, 0.0)
+    return shared / max(box[2] * box[3] + other[2] * other[3] - shared, 1e-9)
 
 
 def _layer(image: RangeImage, camera: CameraModel, box: Box, samples: Samples, expected: float | None) -> _Layer | None:

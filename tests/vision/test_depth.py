@@ -249,6 +249,14 @@ def test_distance_with_imprecise_boxes(
     assert found[0] == pytest.approx(room.people[0].distance, rel=0.12, abs=0.05)
 
 
+def test_two_boxes_of_one_person_have_one_distance() -> None:
+    room = Room([Blob(3.0)], wall=4.5)
+    x, y, w, h = box_of(room, 0)
+    images = with_depth(room).at(0, "eye", CAMERA)
+    found = measure_people(images, CAMERA, [(x, y, w, h), (x - w / 8, y, w, 0.9 * h)], [3.0, 4.5])
+    assert [each and each.estimate.value for each in found] == pytest.approx([3.0, 3.0], rel=0.05)
+
+
 def test_person_out_of_range_keeps_the_distance_of_the_image() -> None:
     room = Room([Blob(7.0)], wall=12.0, table=(2.0, 2.5, 0.7))
     assert measured(room, with_depth(room, farthest=4.5)) == [None]
