@@ -279,7 +279,7 @@ def test_person_who_is_not_occluded_keeps_their_height():
         assert h / 2 in heights
 
 
-@pytest.mark.parametrize(("mount_height_m", "pitch_rad"), [(0.8, 0.0), (3.0, 0.4), (1.62, -0.1)])
+@pytest.mark.parametrize(("mount_height_m", "pitch_rad"), [(0.8, 0.0), (3.0, 0.3), (1.62, -0.1)])
 def test_boxes_are_the_detector_s_with_a_wrong_camera_pose(mount_height_m, pitch_rad):
     rig = Rig()
     wrong = CameraModel(525, 525, 320, 240, 640, 480, mount_height_m, pitch_rad)
