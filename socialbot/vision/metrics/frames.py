@@ -17,7 +17,7 @@ from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.depth import DepthSensors, measure_people
 from socialbot.vision.detector import clip
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
@@ -339,9 +339,8 @@ def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
             height, width = encoded.bgr().shape[:2]
         except ImageError:
             continue
-        camera = CameraModel.of_images(
-            encoded.info, width, height, hfov_rad=HFOV_RAD, mount_height_m=1.0, pitch_rad=0.0
-        )
+        pose = CameraPose(height_m=1.0, pitch_rad=0.0)
+        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=HFOV_RAD, pose=pose)
         depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
         people = frame.clipped(width, height).persons
         found = measure_people(depth, camera, [each.box for each in people], [each.distance_m for each in people])
