@@ -9,6 +9,8 @@ import numpy as np
 
 _HEADS_ALIKE = 0.15  # Box tops this close belong to one head: share of the smaller height.
 _NARROWER = 0.4  # Boxes of one head differ less in width; distant people behind near ones are narrower.
+LEAST_FUSED = 0.25
+"""Score from which a box counts in an average. A fixed one: averages do not depend on a threshold below it."""
 _TALLER = 4 / 3  # A taller box may be the whole body, and the better one its upper half.
 
 
@@ -110,13 +112,37 @@ class Detector(Protocol):
         ...
 
 
+def fuse(boxes: np.ndarray, scores: np.ndarray, kept: np.ndarray, overlap: float) -> np.ndarray:
+    """The ``kept`` ones of ``boxes`` (n, 4), each averaged with those that overlap it by more than the IoU ``overlap``.
+
+    Weights are the squares of ``scores`` (n,); scores below `LEAST_FUSED` do not count. Several views of a person place
+    its edges better than the best one.
+    """
+    fused = boxes[kept]
+    for number, index in enumerate(kept):
+        same = (iou(boxes[index], boxes) > overlap) & (scores >= LEAST_FUSED)
+        if same.any():
+            fused[number] = np.average(boxes[same], axis=0, weights=scores[same] ** 2)
+    return fused
+
+
 def select(
-    boxes: np.ndarray, scores: np.ndarray, *, width: int, height: int, overlap: float, within: float = 1.0
+    boxes: np.ndarray,
+    scores: np.ndarray,
+    *,
+    width: int,
+    height: int,
+    overlap: float,
+    within: float = 1.0,
+    fused: float = 1.0,
 ) -> Detections:
-    """Suppress raw ``boxes`` (n, 4) with ``scores`` (n,), see `suppress`, and clip them to the image."""
+    """Suppress raw ``boxes`` (n, 4) with ``scores`` (n,), see `suppress`, and clip them to the image.
+
+    Boxes that overlap by more than the IoU ``fused`` are averaged, see `fuse`; 1 turns this off.
+    """
     boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)
     scores = np.asarray(scores, dtype=np.float64)
     kept = suppress(boxes, scores, overlap, within)
-    boxes = clip(boxes[kept], width, height)
+    boxes = clip(fuse(boxes, scores, kept, fused) if fused < 1 else boxes[kept], width, height)
     visible = (boxes[:, 2] > 0) & (boxes[:, 3] > 0)
     return Detections(boxes[visible], scores[kept][visible])

@@ -13,7 +13,7 @@ import numpy as np
 
 from socialbot.core.errors import ParameterError
 from socialbot.vision._hog import HogDetector
-from socialbot.vision.detector import Detections, Detector, select
+from socialbot.vision.detector import LEAST_FUSED, Detections, Detector, select
 from socialbot.vision.network import (
     LAYOUTS,
     LayoutMismatch,
@@ -57,6 +57,7 @@ class NetworkDetector:
         threshold: Least score, 0 to 1.
         overlap: IoU above which the weaker of two detections is suppressed.
         within: Share for the suppression of boxes with the same head, see `suppress`.
+        fused: IoU above which boxes are averaged; 1 turns this off.
         person: Index of the class "person".
         classes: Number of classes.
         channels: Order of the colours; empty: that of the layout.
@@ -75,6 +76,7 @@ class NetworkDetector:
         threshold: float,
         overlap: float = 0.6,
         within: float = 1.0,
+        fused: float = 1.0,
         person: int = 0,
         classes: int = 80,
         channels: str = "",
@@ -87,6 +89,7 @@ class NetworkDetector:
         self.camera_height: float | None = None
         self.overlap = overlap
         self.within = within
+        self.fused = fused
         self._network = network
         self._layout = layout
         self._views = views
@@ -100,11 +103,16 @@ class NetworkDetector:
     def detect(self, image: np.ndarray) -> Detections:
         """The people in ``image``, shape (height, width, 3), uint8, blue first."""
         height, width = image.shape[:2]
-        look = functools.partial(self._look, image, _table(self._pixels, _gain(image)), self.threshold)
-        found = list((self._pool.map if self._pool else map)(look, self._views(width, height, self.horizon)))
-        boxes = np.vstack([boxes for boxes, _ in found])
-        scores = np.concatenate([scores for _, scores in found])
-        return select(boxes, scores, width=width, height=height, overlap=self.overlap, within=self.within)
+        least = min(self.threshold, LEAST_FUSED) if self.fused < 1 else self.threshold
+        look = functools.partial(self._look, image, _table(self._pixels, _gain(image)), least)
+        parts = list((self._pool.map if self._pool else map)(look, self._views(width, height, self.horizon)))
+        boxes = np.vstack([boxes for boxes, _ in parts])
+        scores = np.concatenate([scores for _, scores in parts])
+        found = select(
+            boxes, scores, width=width, height=height, overlap=self.overlap, within=self.within, fused=self.fused
+        )
+        good = found.scores >= self.threshold
+        return Detections(found.boxes[good], found.scores[good])
 
     def _look(
         self, image: np.ndarray, table: np.ndarray, threshold: float, view: View
@@ -163,7 +171,7 @@ The first has the scale of the training images. Small boxes of the others are in
 """
 _BAND = (640 * 160, 800 * 200)
 """Least and most pixels of the view of the band; between them it has the full resolution."""
-_OVERLAP, _WITHIN = 0.55, 0.65  # The model adds weak boxes around a person and half of a neighbour.
+_OVERLAP, _WITHIN, _FUSED = 0.55, 0.65, 0.6  # The model adds weak boxes around a person and half of a neighbour.
 
 
 def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
@@ -184,6 +192,7 @@ def nanodet(threshold: float, *, threads: int = 1) -> NetworkDetector:
         threshold=threshold,
         overlap=_OVERLAP,
         within=_WITHIN,
+        fused=_FUSED,
         classes=1,
         threads=side_by_side,
     )

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.detector import clip, iou, same_head, select, suppress
+from socialbot.vision.detector import LEAST_FUSED, clip, iou, same_head, select, suppress
 
 coordinate = st.integers(0, 60)
 box = st.tuples(coordinate, coordinate, st.integers(1, 60), st.integers(1, 60))
@@ -115,3 +115,21 @@ def test_select_of_nothing():
     found = select(np.empty((0, 4)), np.empty(0), width=10, height=10, overlap=0.5)
     assert found.boxes.shape == (0, 4)
     assert len(found) == 0
+
+
+def test_boxes_of_one_person_are_averaged_by_squared_scores():
+    boxes = np.array([[100.0, 100, 50, 200], [104, 96, 50, 204], [300, 100, 50, 200]])
+    scores = np.array([0.8, 0.4, 0.6])
+    found = select(boxes, scores, width=640, height=480, overlap=0.5, fused=0.6)
+    assert found.boxes == pytest.approx(np.array([[100.8, 99.2, 50, 200.8], [300, 100, 50, 200]]))
+    assert found.scores.tolist() == [0.8, 0.6]
+
+
+@given(scored)
+def test_averages_do_not_depend_on_boxes_below_the_least_score(found):
+    boxes = np.array([one for one, _ in found], np.float64).reshape(-1, 4)
+    scores = np.array([score for _, score in found]) - 0.1
+    how = {"width": 640, "height": 480, "overlap": 0.5, "fused": 0.6}
+    strong = scores >= LEAST_FUSED
+    every, fewer = select(boxes, scores, **how), select(boxes[strong], scores[strong], **how)
+    assert every.boxes[every.scores >= LEAST_FUSED] == pytest.approx(fewer.boxes)
