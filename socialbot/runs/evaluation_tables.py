@@ -149,19 +149,20 @@ def summary_table(evaluation: Evaluation) -> Table:
 def paper_tables(evaluation: Evaluation) -> list[Table]:
     """The scores in the form of the paper's Tables 2 and 3, together with those of the paper.
 
-    Empty when matching by presence, which the paper does not use, and without any known distance.
+    Only scenes that stand for one of the paper are compared. Empty without such a scene, when matching by presence,
+    which the paper does not use, and without any known distance.
     """
-    scenes_of = [scene for result in evaluation.detectors.values() for scene in result.scenes.values()]
+    columns = {scene: name for scene, name in scene_columns(evaluation).items() if paper_scene(scene)}
+    scenes_of = [result.scenes[scene] for result in evaluation.detectors.values() for scene in columns]
     if not shown_bands(evaluation, scenes_of):
         return []
-    columns = scene_columns(evaluation)
     scenes = list(dict.fromkeys([*SCENES, *columns.values()]))
     found: list[tuple[str, str, Mapping[str, Score]]] = []
     for band in () if evaluation.plan.rules.presence else evaluation.plan.rules.keys:
         paper = {scene: scores[band] for scene, scores in PAPER.items() if band in scores}
         found += [(band, "paper", paper)] if paper else []
         for name, result in evaluation.detectors.items():
-            scores = {columns[scene]: each.score.bands[band].score for scene, each in result.scenes.items()}
+            scores = {name: result.scenes[scene].score.bands[band].score for scene, name in columns.items()}
             found += [(band, name, scores)] if any(map(_has_counts, scores.values())) else []
 
     def build(title: str, names: tuple[str, ...], cells: Callable[[Score], Sequence[object]]) -> Table:

@@ -25,8 +25,8 @@ def evaluate(*args: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_evaluates_bag_and_images_with_all_outputs(tmp_path):
-    bag = drawn_bag(tmp_path, scene="hall", split="held-back", frames=4)
-    tuning = drawn_bag(tmp_path, "tuning", scene="hall", split="tune", frames=1)
+    bag = drawn_bag(tmp_path, scene="scene1", split="held-back", frames=4)
+    tuning = drawn_bag(tmp_path, "tuning", scene="scene1", split="tune", frames=1)
     pictures = drawn_pictures(tmp_path / "room", 1)
     ended = evaluate(
         bag, tuning, "--images", pictures, "--split", "held-back", *QUICKLY, "--out", tmp_path / "out",
@@ -37,8 +37,8 @@ def test_evaluates_bag_and_images_with_all_outputs(tmp_path):
     assert "tuning is skipped: its split is tune" in ended.stderr
     figures = json.loads((tmp_path / "figures.json").read_text())
     scenes = figures["detectors"]["hog"]["scenes"]
-    assert set(scenes) == {"hall", "room"}
-    band = scenes["hall"]["bands"]["2-10"]
+    assert set(scenes) == {"scene1", "room"}
+    band = scenes["scene1"]["bands"]["2-10"]
     assert band["tp"] + band["fn"] == 4
     assert {"tp", "fp", "fn", "precision", "recall", "f1"} <= set(band)
     assert figures["detectors"]["hog"]["frames_per_s"] > 0
@@ -120,7 +120,7 @@ def test_unwritable_output_is_an_error_at_the_start(tmp_path, arguments, where):
         (["{bag}", "--detector", "hogg"], 4, "did you mean 'hog'"),
         (["{bag}", "--bands", "2"], 4, "is not a band"),
         (["{bag}", "--split", "tune"], 4, "no bag has the split tune"),
-        (["{bag}", "--truth", "x.json"], 4, "labels without images"),
+        (["{bag}", "--truth", "x.json"], 3, "x.json: No such file"),
         (["{bag}", "{bag}"], 4, "two sources have the name clip"),
         (["{bag}", "--set", "colour=red"], 4, "no setting 'colour'"),
         (["nowhere"], 3, "no such file or folder"),
