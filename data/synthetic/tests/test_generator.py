@@ -186,6 +186,25 @@ def test_every_theme_has_a_clip_for_tuning_and_a_held_back_one_with_other_camera
     assert len({clip.start for clip in rooms.ROOMS}) == len(rooms.ROOMS)
 
 
+def committed(clip):
+    """Path of the clip's bag in the repository."""
+    return Path(__file__).parents[1] / clip.name
+
+
+@pytest.mark.parametrize("clip", [c for c in rooms.ROOMS if committed(c).exists()], ids=lambda clip: clip.name)
+def test_a_committed_bag_and_its_truth_fit_their_clip(clip):
+    truth = load_truth(committed(clip).with_suffix(".truth.json"))
+    assert (truth.scene, truth.split, len(truth.frames)) == (clip.scene, clip.split, clip.frames())
+    assert truth.frames[0].stamp == clip.start * 10**9
+    persons = [person for frame in truth.frames for person in frame.persons]
+    assert {person.id for person in persons} <= {visit.name for visit in clip.visits}
+    assert all(person.facing_rad is not None and person.posture != "unknown" for person in persons)
+    with open_bag(committed(clip)) as bag:
+        topics = {topic.name for topic in bag.topics}
+    assert (recording.DEPTH_TOPIC in topics) == clip.depth
+    assert ("/tf" in topics) == bool(clip.turning)
+
+
 @pytest.mark.parametrize("clip", [c for c in rooms.ROOMS if c.scene == "visitors"], ids=lambda clip: clip.name)
 def test_six_visitors_come_one_after_the_other_and_face_the_camera(clip):
     calls, faces = [], {}
