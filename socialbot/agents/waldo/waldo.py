@@ -142,6 +142,7 @@ _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot
 _WALKS_MPS = 0.3  # slower people stand
 _REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
 _PATH_S = 0.3  # least time to measure a path
+_DECIDE_S = 1.0  # a person who has been present for this long engages even if no path was measured
 
 
 class Frame(NamedTuple):
@@ -264,9 +265,10 @@ class PersonSensor(Sensor):
         frames = self._recent(max(self._config.appear_s, _PATH_S))
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
-            if not looks:
-                continue
             engaged, path = person in self._engaged, _path(frames, person)
+            since = self._frames[-1].stamp - self._changed.get(person, 0)
+            if not looks or (path is None and _has_path(looks[-1]) and since < nanoseconds(_DECIDE_S)):
+                continue
             share = fmean(_is_attentive(look, path) for look in looks)
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
@@ -333,6 +335,11 @@ def _path(frames: Sequence[Frame], person: str) -> _Path | None:
     ahead, sideways = (first_m * math.cos(turn) - last_m) / seconds, first_m * math.sin(turn) / seconds
     speed = math.hypot(ahead, sideways)
     return _Path(speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
+
+
+def _has_path(person: PersonDetection) -> bool:
+    """Whether more frames will tell if a person comes nearer, which is not known otherwise."""
+    return person.facing_rad is None and person.distance_m is not None and person.bearing_rad is not None
 
 
 def _is_attentive(person: PersonDetection, path: _Path | None) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from msgspec.structs import replace
 
@@ -87,6 +89,41 @@ def test_short_tracks_are_ignored():
     for number in range(100):
         corridor.see(person(track=f"t{number}"))
     assert corridor.did == [(1.5, "stayIdle")]
+
+
+def walks(seconds: float, begin: tuple[float, float], speed: tuple[float, float]) -> list[tuple[float, str]]:
+    """What Waldo does as somebody walks: from m ahead and m to the left, with m/s."""
+    corridor = Corridor()
+    corridor.until(2)
+    for tenth in range(round(10 * seconds)):
+        ahead, left = (place + pace * tenth / 10 for place, pace in zip(begin, speed, strict=True))
+        distance_m, bearing_rad = math.hypot(ahead, left), math.atan2(left, ahead)
+        corridor.see(replace(ANNA, distance_m=distance_m, bearing_rad=bearing_rad))
+    return corridor.did[1:]
+
+
+@pytest.mark.parametrize(
+    ("begin", "speed", "greeted"),
+    [
+        ((5.5, 0.0), (-1.2, 0.0), True),
+        ((5.5, 0.5), (-1.2, 0.0), True),
+        ((3.0, 0.5), (0.0, 0.0), True),
+        ((4.0, -3.0), (0.0, 1.3), False),
+        ((2.0, 0.0), (1.0, 0.0), False),
+        ((5.0, 2.0), (-1.2, 0.2), False),
+    ],
+    ids=["walks up", "walks up beside", "stands", "walks across", "walks away", "passes at a distance"],
+)
+def test_only_who_walks_up_or_stands_is_greeted(begin, speed, greeted):
+    assert [what for _, what in walks(3.0, begin, speed)] == (["greeting"] if greeted else [])
+
+
+def test_slow_detector_greets_who_walks_up():
+    corridor = Corridor()
+    for second in range(4):
+        corridor.see(replace(ANNA, distance_m=5.0 - second, bearing_rad=0.0))
+        corridor.frame += 9
+    assert [what for _, what in corridor.did] == ["greeting"]
 
 
 def sensed(sensor: PersonSensor, tenth: int, *tracks: str) -> list[str]:
