@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -183,7 +183,12 @@ class StaticObjectFilter:
         self._begin: int | None = None
 
     def people(
-        self, image_bgr: np.ndarray, stamp_ns: int, tracks: Sequence[Track], doubtful: Sequence[Track] = ()
+        self,
+        image_bgr: np.ndarray,
+        stamp_ns: int,
+        tracks: Sequence[Track],
+        doubtful: Sequence[Track] = (),
+        people: Collection[str] = (),
     ) -> tuple[Track, ...]:
         """Tracks that are not static objects.
 
@@ -192,6 +197,7 @@ class StaticObjectFilter:
             stamp_ns: Time of the image.
             tracks: Published tracks.
             doubtful: Tracks that are not published. They may be people and are not learnt as background.
+            people: Ids of tracks that are people for another reason, such as a face.
 
         Returns:
             The people of ``tracks``.
@@ -211,7 +217,7 @@ class StaticObjectFilter:
         objects = {
             track.key
             for number, track in enumerate(both)
-            if self._is_object(track, number, now, then, motion, is_turning=is_turning)
+            if self._is_object(track, number, now, then, motion, is_turning=is_turning) and track.id not in people
         }
         self._objects = objects
         keys = {track.key for track in both}

@@ -110,6 +110,7 @@ _PAUSE_S = 0.15  # Least time between two searches for the same face.
 _LEAST_HEAD, _CLEAR_HEAD = 20.0, 28.0  # Heads are searched for faces, and can be said to have none, from here: pixels.
 _SMOOTHING = 0.5  # Weight of a new turn.
 _KEPT_S = 1.0  # A face counts for this long.
+_CERTAIN_FACES, _PERSON_S = 3, 30.0  # So many faces show a person, for this long.
 _AWAY_RAD, _MISSES, _MISSED_S = 2.5, 5, 0.8  # Without a face for so long, a person who stands is turned away.
 
 _WALK_S, _LEAST_WALK_S, _LEAST_POINTS = 1.2, 0.6, 5  # Duration of a walk that shows its direction.
@@ -124,6 +125,7 @@ class Attention:
     turn_rad: float = 0.0
     looked: int | None = None
     found: int | None = None
+    faces: int = 0
     first_miss: int = 0
     misses: int = 0
     _places: deque[tuple[int, float, float]] = field(default_factory=deque)
@@ -136,9 +138,14 @@ class Attention:
             share = _SMOOTHING if recent else 1.0
             self.turn_rad += share * (face.turn_rad - self.turn_rad)
             self.found, self.misses = stamp, 0
+            self.faces += 1
         elif clear:
             self.first_miss = self.first_miss if self.misses else stamp
             self.misses += 1
+
+    def is_person(self, stamp: int) -> bool:
+        """Whether faces have shown that this is a person."""
+        return self.faces >= _CERTAIN_FACES and stamp - (self.found or 0) <= _PERSON_S * SECOND
 
     def walk(self, stamp: int, distance_m: float, bearing_rad: float) -> None:
         """Record the place of the person, relative to the camera."""

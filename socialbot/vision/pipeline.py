@@ -185,8 +185,6 @@ class PersonPipeline:
             return self.measured(found, camera, depth)
         camera = self._located(camera)
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
-        if self.hide_still:
-            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful)
         if stamp_ns < self._stamp:
             self._known = {}
             self._errors.clear()
@@ -196,9 +194,12 @@ class PersonPipeline:
         for track in tracks:
             if track.id not in self._known:
                 self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
+        attention = {name: person.attention for name, person in self._known.items()}
         if self._faces is not None:
-            attention = {name: person.attention for name, person in self._known.items()}
             self._faces.look(image_bgr, stamp_ns, tracks, attention)
+        if self.hide_still:
+            people = {name for name, each in attention.items() if each.is_person(stamp_ns)}
+            tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful, people)
         tracks = _with_hidden_feet(tracks)
         return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns), depth)
 

@@ -108,6 +108,15 @@ def test_a_face_says_where_a_person_faces_for_a_second():
     assert attention.facing_rad(stamp + SECOND + 1) is None
 
 
+def test_some_faces_show_a_person_for_a_while():
+    attention = Attention()
+    for number in range(3):
+        assert not attention.is_person(number * SECOND)
+        attention.see(number * SECOND, FRONT, clear=True)
+    assert attention.is_person(20 * SECOND)
+    assert not attention.is_person(60 * SECOND)
+
+
 def test_turns_are_smoothed_with_their_signs():
     attention, stamp = looked(FRONT, Face(FRONT.box, 0.9, -0.1))
     assert attention.facing_rad(stamp) == pytest.approx(0.0)

@@ -51,6 +51,7 @@ class Camera:
         self.score = 0.6
         self.noise = 1.5
         self.keys: dict[str, int] = {}
+        self.people: set[str] = set()
         self.room = ROOM
 
     def look(self, reported: Box | None = None, skipped: int = 0, **things: tuple[np.ndarray, Box]) -> set[str]:
@@ -70,7 +71,8 @@ class Camera:
             )
             for name, (_, box) in things.items()
         ]
-        kept = self.filter.people(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), self.count * SECOND // 10, tracks)
+        color = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+        kept = self.filter.people(color, self.count * SECOND // 10, tracks, people=self.people)
         return {track.id for track in kept}
 
     def key(self, name: str) -> int:
@@ -121,6 +123,14 @@ def test_object_that_was_touched_is_removed_later():
 def test_high_score_keeps_a_still_person(score):
     camera = Camera()
     camera.score = score
+    assert all(camera.look(sitting=(PERSON, STAND), skipped=9) == {"sitting"} for _ in range(40))
+
+
+def test_person_with_a_face_is_kept():
+    camera = Camera()
+    camera.repeat(12, sitting=(PERSON, STAND))
+    assert camera.look(sitting=(PERSON, STAND)) == set()
+    camera.people = {"sitting"}
     assert all(camera.look(sitting=(PERSON, STAND), skipped=9) == {"sitting"} for _ in range(40))
 
 
