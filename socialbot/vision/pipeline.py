@@ -208,7 +208,8 @@ class PersonPipeline:
     ) -> tuple[PersonDetection, ...]:
         """Measure the distance of the people ``found``, without tracking them.
 
-        Without a tracker, images may be unrelated: an unknown pose of the camera is estimated from these people alone.
+        Without a tracker, images may be unrelated: an unknown pose of the camera is estimated from these people alone,
+        of whom weaker ones than the threshold do not count.
         """
         tracks = [
             Track("", box, score, 0.0, cut_off(box, camera.width, camera.height))
@@ -216,7 +217,8 @@ class PersonPipeline:
         ]
         camera = self._located(camera)
         if self.tracker is None:
-            camera = self._learn_pose(tracks, camera, 0)
+            good = [track for track in tracks if track.score >= self.threshold]
+            camera = self._learn_pose(good, camera, 0)
         return self._persons(tracks, 0, camera, depth)
 
     def _persons(

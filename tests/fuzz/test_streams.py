@@ -129,9 +129,12 @@ def test_frames_may_come_twice_and_out_of_order(order: list[int], times: int) ->
 
 
 @settings(quick, max_examples=100)
-@given(st.lists(st.tuples(st.integers(-(2**31) * SECOND, 2**31 * SECOND), st.integers(0, 10 * SECOND)), max_size=20))
-def test_the_stamps_of_a_bag_never_go_backwards(clocks: list[tuple[int, int]]) -> None:
-    stamps, time, last = Stamps("/image", set_right=True), START, None
+@given(
+    st.lists(st.tuples(st.integers(-(2**31) * SECOND, 2**31 * SECOND), st.integers(0, 10 * SECOND)), max_size=20),
+    st.booleans(),
+)
+def test_the_stamps_of_a_bag_never_go_backwards(clocks: list[tuple[int, int]], repeats: bool) -> None:
+    stamps, time, last = Stamps("/image", repeats=repeats), START, None
     for header, passed in clocks:
         time += passed
         stamp = stamps.next(header, time)

@@ -32,9 +32,9 @@ def box_of(model: CameraModel, distance: float, bearing: float, *, tall=1.70, wi
     return (*low.tolist(), *(high - low).tolist())
 
 
-def measured(model: CameraModel, box, stature: Stature = PEOPLE, **more: bool) -> Estimate:
+def measured(model: CameraModel, box, stature: Stature = PEOPLE, feet_hidden: bool = False) -> Estimate:
     """The distance of ``box``, cut off where it touches the picture's edge."""
-    found = measure(model, box, stature, cut_off(np.array(box), model.width, model.height), **more)
+    found = measure(model, box, stature, cut_off(np.array(box), model.width, model.height), feet_hidden=feet_hidden)
     assert found is not None
     return found.distance
 

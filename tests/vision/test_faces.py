@@ -39,7 +39,7 @@ def heads(corridor) -> list[tuple[np.ndarray, Person, float]]:
     for image, after in itertools.islice(zip(images, images[5:], strict=False), 0, None, 5):
         for person in people.get(image.stamp, ()):
             end = later.get((after.stamp, person.id))
-            if person.visible > 0.9 and person.h > 160 and end is not None:
+            if person.visible > 0.9 and person.h > 160 and end is not None and person.distance_m is not None:
                 found.append((bgr_from_compressed(image), person, end - person.distance_m))
     return found
 

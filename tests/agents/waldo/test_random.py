@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
+from socialbot.bdi import sensors
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetections
 from tests.agents.waldo.corridor import FAR, PERIOD_S, Corridor, offers, person
@@ -145,8 +146,8 @@ def test_arrival_and_departure_depend_on_shares_of_frames(scenes, appear_s, vani
         frame = PersonDetections(
             stamp=newest * SECOND // 10, frame_id="c", width=9, height=9, persons=(person(),) * count
         )
-        sensed = sensor.sense(frame)
-        changes = [str(change) for change in sensed if change.literal.functor == "personDetected"] if sensed else []
+        sensed = sensors.changes(sensor.sense(frame))
+        changes = [str(change) for change in sensed if change.literal.functor == "personDetected"]
         shows = {
             seconds: [count > 0 for count in counts[max(0, newest - round(10 * seconds)) : newest + 1]]
             for seconds in (appear_s, vanish_s)

@@ -28,6 +28,8 @@ WALDO = single_node(load_graph("waldo"), "bdi_engine")
 START = 1_700_000_000 * SECOND
 IMAGES = "/camera/image_raw/compressed"
 TENTH = SECOND // 10
+POSE = ("mount_height_m=1.62", "pitch_rad=0.052")
+"""Pose of the camera that people are drawn for."""
 TOP = 202
 """Where the head is of somebody 220 pixels high who stands on the floor before Waldo's camera."""
 

@@ -11,8 +11,9 @@ from socialbot.vision.metrics.coco import CocoImage, CocoScore, coco_image, coco
 from socialbot.vision.metrics.exports import coco_results, export, mot_lines
 from socialbot.vision.metrics.formats import labelled_sources
 from socialbot.vision.metrics.frames import bag_source, image_sources
+from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
 from socialbot.vision.metrics.truth import Region
-from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, evaluated, frame, person, seen
+from tests.vision.metrics.scenes import POSE, drawn_bag, drawn_pictures, evaluated, frame, person, seen
 
 REFERENCE = Path(__file__).with_name("reference")
 FIGURES = json.loads((REFERENCE / "figures.json").read_text())["coco"]
@@ -131,7 +132,9 @@ def test_results_have_the_ids_of_the_data_set(tmp_path):
 
 
 def test_tracks_are_ten_columns_with_whole_numbers(tmp_path):
-    evaluation = evaluated([bag_source(drawn_bag(tmp_path, frames=6, objects=[]))])
+    evaluation = evaluated(
+        [bag_source(drawn_bag(tmp_path, frames=6, objects=[]))], with_changes(PipelineSettings("hog"), POSE)
+    )
     [scene] = evaluation.detectors["hog"].scenes.values()
     lines = [line.split(",") for line in mot_lines(scene.clips[0])]
     assert lines

@@ -15,7 +15,7 @@ from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan, eval
 from socialbot.vision.metrics.frames import bag_source, image_sources
 from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
 from socialbot.vision.metrics.scores import PrecisionRecallCurve
-from tests.vision.metrics.scenes import START, WALDO, drawn_bag, drawn_pictures, evaluated, with_band
+from tests.vision.metrics.scenes import POSE, START, WALDO, drawn_bag, drawn_pictures, evaluated, with_band
 
 HOG = PipelineSettings("hog")
 
@@ -32,8 +32,8 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tracked(bag) -> Evaluation:
-    """Evaluation of the bag with tracking."""
-    return evaluated([bag_source(bag)])
+    """Evaluation of the bag with tracking, and with the pose of the camera: people stand on the floor."""
+    return evaluated([bag_source(bag)], with_changes(HOG, POSE))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_progress_is_reported_up_to_the_last_frame(bag):
 
 def test_raw_detections_do_not_depend_on_tracking(bag, tracked):
     scene = tracked.detectors["hog"].scenes["hall"]
-    other = evaluated([bag_source(bag)], with_changes(HOG, ["hide_still=false", "bridge_s=1.0"]))
+    other = evaluated([bag_source(bag)], with_changes(HOG, [*POSE, "hide_still=false", "bridge_s=1.0"]))
     frames = other.detectors["hog"].scenes["hall"].clips[0].frames
     assert [each.found.raw for each in scene.clips[0].frames] == [each.found.raw for each in frames]
 
