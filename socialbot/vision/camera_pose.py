@@ -46,7 +46,7 @@ _MAX_ZOOMS = 3
 _BORDER_MASS = 0.02  # Probability at the border above which the grid is too small.
 _MAX_SIGHTS, _MAX_PEOPLE = 12, 80  # Kept observations of one person, and people.
 _GAP_S, _MOVED = 0.3, 0.06  # An observation is later than this, and its box has moved by this share of its height.
-_COMMON_HEIGHT, _COMMON_PITCH_RAD = 0.04, 0.004  # Errors that all observations share: population and detector.
+_COMMON_HEIGHT, _COMMON_PITCH_RAD = 0.06, 0.012  # Errors that all observations share: population, boxes, slopes.
 
 _FLOOR_POINTS, _FLOOR_SHARE, _FLOOR_TRIALS = 50, 0.1, 200
 _FLOOR_LEVEL, _FLOOR_THICKNESS_M = math.cos(math.radians(40)), 0.03

@@ -34,6 +34,8 @@ _EDGE_PX, _EDGE_SHARE = 1.0, 0.03  # Top and bottom of a box: pixels, and share 
 _WIDE_SHARE = 0.06  # Width of a box.
 _MOUNT_RAD = 0.010  # Camera pitch and slope of the floor.
 _HEIGHTS_M, _WIDTHS = 0.10, 0.22  # Heights (m) and widths (share) of people.
+_GROUP, _BOXES = 0.03, 0.043  # Common to all: mean height of a group (0.05 m), and of their boxes, share.
+_BY_HEIGHT = 0.12  # Distance from the height of a person alone, share.
 _POSTURE = 0.02  # Height of one person while walking, share.
 _TURNING = 0.15  # Width of one person while turning, share.
 _JITTER = 0.03  # Distance from frame to frame, share.
@@ -269,6 +271,20 @@ def _ground(camera: CameraModel, view: _BoxAngles) -> list[_Cue]:
     pose = lift**2 + turn**2 - 2 * camera.pose_correlation * lift * turn
     error = math.sqrt(max(pose, 0.0) + stretch**2 * (view.edge**2 + _MOUNT_RAD**2))
     return [_Cue(math.log(distance + _TOES_M), error)]
+
+
+def shared_error(camera: CameraModel, distance: float) -> float:
+    """Relative error that the estimated pose of ``camera`` gives to all distances of about ``distance`` m; 0 if known.
+
+    Neither more people nor more images reduce it: a group may be taller than usual, and a detector's boxes too large.
+    """
+    lift, pitch = camera.height_std_m / camera.mount_height_m, camera.pitch_std_rad
+    if not (lift or pitch):
+        return 0.0
+    turn = (distance / camera.mount_height_m + camera.mount_height_m / distance) * pitch
+    ground = math.sqrt(max(lift**2 + turn**2 - 2 * camera.pose_correlation * lift * turn, 0.0))
+    # The height of people limits it where the floor says little.
+    return math.hypot(_GROUP, _BOXES, 1 / math.hypot(1 / max(ground, 1e-6), 1 / _BY_HEIGHT))
 
 
 def _metres(cue: _Cue) -> Estimate:

@@ -31,6 +31,7 @@ from socialbot.vision.distance import (
     head_direction,
     height_on_floor,
     measure,
+    shared_error,
     whole_height,
 )
 from socialbot.vision.faces import Attention, FaceFinder
@@ -326,7 +327,9 @@ class PersonPipeline:
             self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
         distance = known.range and known.range.estimate
         if distance is not None and ranged is None:
-            distance = Estimate(distance.value, max(distance.std, known.least * distance.value))
+            own = max(distance.std, known.least * distance.value)
+            shared = shared_error(camera, distance.value) * distance.value
+            distance = Estimate(distance.value, math.hypot(own, shared))
         return distance, known.figure.stature.height.value, known.posture
 
 

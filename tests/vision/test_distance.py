@@ -2,13 +2,23 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
-from socialbot.vision.distance import Estimate, Figure, Range, Stature, head_direction, measure, whole_height
+from socialbot.vision.distance import (
+    Estimate,
+    Figure,
+    Range,
+    Stature,
+    head_direction,
+    measure,
+    shared_error,
+    whole_height,
+)
 from socialbot.vision.tracking import Cut, cut_off
 from tests.vision.test_camera import PITCHES, camera, project
 
@@ -344,3 +354,11 @@ def test_how_far_down_the_feet_are_follows_from_the_distance(distance, share):
 
 def test_empty_box_has_no_whole_height():
     assert whole_height(camera(0.052), (300.0, 200.0, 0.0, 10.0), 3.0) == 10.0
+
+
+def test_error_of_an_estimated_pose_is_common_to_all_distances():
+    exact = camera()
+    assert shared_error(exact, 5.0) == 0.0
+    rough = exact.at(msgspec.structs.replace(exact.pose, height_std_m=0.1, pitch_std_rad=0.01))
+    rougher = exact.at(msgspec.structs.replace(exact.pose, height_std_m=0.3, pitch_std_rad=0.05))
+    assert 0.05 < shared_error(rough, 5.0) < shared_error(rougher, 5.0) < 0.15
