@@ -34,6 +34,7 @@ from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, Dete
 from socialbot.vision.distance import PERSON_HEIGHT_M
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
+from socialbot.vision.tracking import REMEMBER_S
 
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
@@ -115,6 +116,12 @@ class PersonDetector(Node):
     )
     tracker = Parameter("kalman", "tracker", choices=TRACKERS, fixed=True)
     bridge_s = Parameter(BRIDGE_S, "how long a lost track is still published, s", minimum=0.0, maximum=2.0)
+    remember_s = Parameter(
+        REMEMBER_S,
+        "how long a lost person is recognised by colours and keeps the id, s; 0: never; needs a tracker",
+        minimum=0.0,
+        maximum=600.0,
+    )
     hide_still = Parameter(True, "remove objects that never move: coat stands, posters; needs a tracker")
     faces = Parameter(True, "search the faces of near people; needs a tracker, not with hog", fixed=True)
     threads = Parameter(1, "processor threads for OpenCV and the detector", minimum=1, maximum=64, fixed=True)
@@ -166,7 +173,12 @@ class PersonDetector(Node):
         self._info: CameraInfo | None = None
         self._sensors = DepthSensors()
         self._pipeline = PersonPipeline(
-            self._spec, detector, tracker=self.tracker, bridge_s=self.bridge_s, faces=self.faces
+            self._spec,
+            detector,
+            tracker=self.tracker,
+            bridge_s=self.bridge_s,
+            remember_s=self.remember_s,
+            faces=self.faces,
         )
         for parameter in ("threshold", "person_height_m", "hide_still", "depth_pose"):
             self.on_parameter(parameter)
@@ -184,8 +196,8 @@ class PersonDetector(Node):
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
             self._pipeline.set_threshold(None if self.threshold < 0 else self.threshold)
-        elif name == "bridge_s" and self._pipeline.tracker is not None:
-            self._pipeline.tracker.bridge_s = self.bridge_s
+        elif name in ("bridge_s", "remember_s") and self._pipeline.tracker is not None:
+            setattr(self._pipeline.tracker, name, self.parameter_values[name])
         elif name == "hide_still":
             self._pipeline.hide_still = self.hide_still
         elif name == "person_height_m":

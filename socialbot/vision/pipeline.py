@@ -16,6 +16,7 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
 from socialbot.vision._static_objects import StaticObjectFilter
+from socialbot.vision.appearance import looks_of
 from socialbot.vision.camera import ASSUMED, CameraModel, CameraPose
 from socialbot.vision.camera_pose import PoseEstimator
 from socialbot.vision.depth import Ranged, RangeImage, Source, measure_people
@@ -35,7 +36,7 @@ from socialbot.vision.distance import (
     whole_height,
 )
 from socialbot.vision.faces import Attention, FaceFinder
-from socialbot.vision.tracking import Track, Tracker, cut_off
+from socialbot.vision.tracking import REMEMBER_S, Track, Tracker, cut_off
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
@@ -85,6 +86,7 @@ class PersonPipeline:
         bridge_s: Longest time to publish a lost track, s.
         person_height_m: Usual height of a person, m.
         hide_still: Whether tracks that never move are removed; needs a tracker.
+        remember_s: How long a lost person is recognised by colours and keeps the id, s; 0 turns this off.
         faces: Whether faces of tracked people are searched; detectors without ``spec.faces`` never do.
     """
 
@@ -98,10 +100,13 @@ class PersonPipeline:
         bridge_s: float = BRIDGE_S,
         person_height_m: float = PERSON_HEIGHT_M,
         hide_still: bool = True,
+        remember_s: float = REMEMBER_S,
         faces: bool = False,
     ) -> None:
         self.person_height_m = person_height_m
-        self.tracker = Tracker(spec.sure, spec.weak, bridge_s=bridge_s) if tracker == "kalman" else None
+        self.tracker = (
+            Tracker(spec.sure, spec.weak, bridge_s=bridge_s, remember_s=remember_s) if tracker == "kalman" else None
+        )
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
         self._static_objects = StaticObjectFilter(spec.sure)
@@ -185,7 +190,9 @@ class PersonPipeline:
         if self.tracker is None:
             return self.measured(found, camera, depth)
         camera = self._located(camera)
-        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, (image_bgr.shape[1], image_bgr.shape[0]))
+        looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
+        size = image_bgr.shape[1], image_bgr.shape[0]
+        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks)
         if stamp_ns < self._stamp:
             self._known = {}
             self._errors.clear()

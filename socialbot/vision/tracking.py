@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.detector import clip, iou, same_head
+from socialbot.vision.appearance import Appearance
+from socialbot.vision.detector import clip, iou, same_head, shared_area
 
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
@@ -146,6 +148,20 @@ _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
 _HIDDEN_S = 1.5  # for at most this long.
 
+REMEMBER_S = 90.0
+"""How long a lost person can be recognised, s."""
+_MOST_REMEMBERED = 32
+_LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
+_LEAST_MORE = 0.2  # and it must fit better by this.
+_LIKE, _UNLIKE = 0.1, 0.3  # Distances of looks that one person usually stays below, and other people above.
+_RETURNED = 0.15  # A lost person is recognised below this distance,
+_CLEARER = 0.7  # if other known people are farther by this factor.
+_DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
+_LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
+_UNSURE_S = 0.3  # A track lost for so long continues with no other look.
+_TOUCHING = 0.1  # Tracks that share this part of a box may be confused.
+_MIXED_S = 3.0  # for this long after it was lost or touched by another one.
+
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -180,6 +196,14 @@ class _Person:
     usual_score: float = 0.0
     best: float = 0.0
     hidden_s: float = 0.0
+    begun: int = 0
+    last: int = 0
+    mixed: int = -(2**62)
+    appearance: Appearance = field(default_factory=Appearance)
+    others: list[np.ndarray] = field(default_factory=list)
+    met: set[str] = field(default_factory=set)
+    due: bool = False
+    new: bool = False
 
     @property
     def feet_hidden(self) -> bool:
@@ -216,19 +240,27 @@ class Tracker:
         confirm: int = 2,
         bridge_s: float = 0.5,
         keep_s: float = 2.0,
+        remember_s: float = REMEMBER_S,
     ) -> None:
         self.sure = sure
         self.weak = weak
         self.confirm = confirm
         self.bridge_s = bridge_s
         self.keep_s = keep_s
+        self.remember_s = remember_s
         self._persons: list[_Person] = []
         self._stamp: int | None = None
         self._count = self._begun = 0
+        self._lost: list[_Person] = []
         self.doubtful: tuple[Track, ...] = ()
 
     def update(
-        self, stamp_ns: int, boxes: np.ndarray, scores: np.ndarray, size: tuple[int, int] | None = None
+        self,
+        stamp_ns: int,
+        boxes: np.ndarray,
+        scores: np.ndarray,
+        size: tuple[int, int] | None = None,
+        looks: np.ndarray | None = None,
     ) -> tuple[Track, ...]:
         """Update with the detections of the image taken at ``stamp_ns``; an earlier stamp starts a new recording.
 
@@ -236,6 +268,7 @@ class Tracker:
             boxes: x, y, w, h in pixels, shape (n, 4).
             scores: Shape (n,).
             size: Width and height of the image; without it no box counts as cut off.
+            looks: Colours of each box (`appearance.looks_of`); without them nobody is recognised.
 
         Returns:
             The tracks, best score first.
@@ -246,60 +279,98 @@ class Tracker:
         boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4), np.asarray(scores, np.float64)
         order = np.lexsort((*boxes.T[::-1], -scores))
         boxes, scores = boxes[order], scores[order]
+        recognising = looks is not None
+        looks = looks[order] if looks is not None else np.full((len(boxes), 1, 1), np.nan)
         cuts = [cut_off(box, *size) if size else Cut() for box in boxes]
         expected = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
-        taken = self._match(clip(expected, *size) if size else expected, boxes, scores)
+        taken = self._match(clip(expected, *size) if size else expected, boxes, scores, looks)
         for number, person in enumerate(self._persons):
             if number in taken:
                 index = taken[number]
                 self._see(person, boxes[index], float(scores[index]), cuts[index], seconds)
             else:
+                person.mixed = stamp_ns
                 person.misses += 1
                 person.unseen_s += seconds
         seen = list(taken.values())
+        matched = [self._persons[number] for number in taken]
+        if recognising:
+            for person, index in zip(matched, seen, strict=True):
+                shared = shared_area(boxes[index], boxes[seen]) > _TOUCHING * np.prod(boxes[index, 2:])
+                self._look(person, looks[index], touched=shared.sum() > 1)
+        for person in matched:
+            if person.due or (person.new and recognising):
+                self._confirm(person)
         # Largest first, so that parts of a person find the whole.
         left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
         for index in [index for index in left if scores[index] >= self.sure]:
             at_once = after_gap or bool(scores[index] >= 2 * self.sure - self.weak)
-            self._begin(boxes[index], float(scores[index]), cuts[index], boxes[seen], at_once=at_once)
+            self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=at_once)
             seen.append(index)
         for index in [index for index in left if self.weak <= scores[index] < self.sure]:
-            self._begin(boxes[index], float(scores[index]), cuts[index], boxes[seen], at_once=False)
-        self._persons = [person for person in self._persons if self._kept(person, size)]
+            self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=False)
+        self._drop([person for person in self._persons if not self._kept(person, size)])
+        if recognising:
+            self._meet([person for person in self._persons if person.id and not person.misses])
         return self._published(size)
 
     def _pass_to(self, stamp_ns: int) -> tuple[bool, float]:
         """Whether the image is the first or follows a gap, and the seconds since the last one."""
         before, self._stamp = self._stamp, stamp_ns
         if before is None or stamp_ns < before:
-            self._persons = []
+            self._persons, self._lost = [], []
             return True, 0.0
         seconds = (stamp_ns - before) / SECOND
-        self._persons = [person for person in self._persons if person.unseen_s + seconds <= max(self.keep_s, _GAP_S)]
+        self._drop([person for person in self._persons if person.unseen_s + seconds > max(self.keep_s, _GAP_S)])
+        oldest = stamp_ns - round(self.remember_s * SECOND)
+        self._lost = [person for person in self._lost if person.last >= oldest]
         return seconds >= _GAP_S, seconds
 
-    def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray) -> dict[int, int]:
+    def _drop(self, persons: Sequence[_Person]) -> None:
+        """Delete tracks, and remember their people."""
+        if persons:
+            self._persons = [each for each in self._persons if each not in persons]
+            self._remember(each for each in persons if each.id and len(each.appearance) >= _LEAST_LOOKS)
+
+    def _remember(self, persons: Iterable[_Person]) -> None:
+        self._lost = [*self._lost, *persons][-_MOST_REMEMBERED:]
+        known = {each.id for each in (*self._persons, *self._lost)}
+        for each in (*self._persons, *self._lost):
+            each.met &= known
+
+    def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray, looks: np.ndarray) -> dict[int, int]:
         """Assign boxes to tracks: box index by track index."""
         sure = np.flatnonzero(scores >= self.sure)
         weak = np.flatnonzero((scores >= self.weak) & (scores < self.sure))
         known = [number for number, person in enumerate(self._persons) if person.id]
         new = [number for number, person in enumerate(self._persons) if not person.id]
-        taken = self._assigned(known, sure, expected, boxes, _LEAST_FIT)
+        taken = self._assigned(known, sure, expected, boxes, looks, _LEAST_FIT)
         near = [number for number in known if number not in taken and self._persons[number].unseen_s <= _RECENT_S]
         weak = weak[~_within(boxes[weak], boxes[list(taken.values())]).any(axis=1)]
-        taken |= self._assigned(near, weak, expected, boxes, _LEAST_FIT_WEAK)
+        taken |= self._assigned(near, weak, expected, boxes, looks, _LEAST_FIT_WEAK)
         rest = np.array([index for index in (*sure, *weak) if index not in taken.values()], np.intp)
-        return taken | self._assigned(new, rest, expected, boxes, _LEAST_FIT)
+        return taken | self._assigned(new, rest, expected, boxes, looks, _LEAST_FIT)
 
     def _assigned(
-        self, numbers: list[int], indices: np.ndarray, expected: np.ndarray, boxes: np.ndarray, least: float
+        self,
+        numbers: list[int],
+        indices: np.ndarray,
+        expected: np.ndarray,
+        boxes: np.ndarray,
+        looks: np.ndarray,
+        least: float,
     ) -> dict[int, int]:
         costs = np.ones((len(numbers), len(indices)))
         for row, number in enumerate(numbers):
-            fit = _fit(self._persons[number].motion, expected[number], boxes[indices])
-            absence = _ABSENCE_COSTS * min(self._persons[number].unseen_s, 1.0)
-            costs[row] = np.where(fit >= least, 1 - fit + absence, np.inf)
-        return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0)}
+            person = self._persons[number]
+            fit = _fit(person.motion, expected[number], boxes[indices])
+            absence = _ABSENCE_COSTS * min(person.unseen_s, 1.0)
+            far = person.appearance.distances(looks[indices])
+            unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), 0.0)
+            other = (unlike >= 1) & (person.unseen_s > _UNSURE_S)
+            good = fit >= least + _LEAST_MORE * unlike
+            costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
+        return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
 
     def _see(self, person: _Person, box: np.ndarray, score: float, cut: Cut, seconds: float) -> None:
         _, top, height, _ = person.motion.value
@@ -309,14 +380,48 @@ class Tracker:
         person.motion.correct(box, cut, feet_hidden=person.feet_hidden)
         person.box, person.score, person.cut = box, score, cut
         person.hits, person.misses, person.unseen_s = person.hits + 1, 0, 0.0
+        person.last = self._stamp or 0
         # The running mean starts with the first sure box.
         first = person.best < self.sure <= score
         person.usual_score = score if first else person.usual_score + _NEWS * (score - person.usual_score)
         person.best = max(person.best, score)
         if not person.id and person.hits >= self.confirm and person.best >= self.sure:
-            self._confirm(person)
+            person.due = True
 
-    def _begin(self, box: np.ndarray, score: float, cut: Cut, others: np.ndarray, *, at_once: bool) -> None:
+    def _meet(self, present: Sequence[_Person]) -> None:
+        """Note who is in view at once, and so not the same person."""
+        names = {person.id for person in present}
+        for person in present:
+            person.met |= names - {person.id}
+
+    def _look(self, person: _Person, look: np.ndarray, *, touched: bool) -> None:
+        """Learn the ``look`` of a track, or notice that it shows somebody else since it was lost or touched."""
+        now = self._stamp or 0
+        if touched:
+            person.mixed = now
+        mixed = now - person.mixed <= _MIXED_S * SECOND
+        if not mixed:
+            person.others.clear()
+        far = float(person.appearance.distances(look[None])[0]) if person.id else math.inf
+        if mixed and len(person.appearance) >= _LEAST_LOOKS and _UNLIKE < far < math.inf:
+            person.others.append(look)
+            if len(person.others) >= _LEAST_LOOKS:
+                self._replace(person)
+        else:
+            if math.isfinite(far):
+                person.others.clear()
+            person.appearance.see(look)
+
+    def _replace(self, person: _Person) -> None:
+        """Let a track be another person than before."""
+        self._remember([replace(person, last=person.mixed)])
+        person.begun, person.met, person.id, person.due = self._stamp or 0, set(), "", True
+        person.appearance = Appearance(person.others)
+        person.others.clear()
+
+    def _begin(
+        self, box: np.ndarray, score: float, cut: Cut, look: np.ndarray, others: np.ndarray, *, at_once: bool
+    ) -> None:
         """Start a track, unless ``box`` is a part of a person in ``others`` (n, 4)."""
         within = _within(box[None], others)[0]
         # A person cut off below is near and large; a box within another one is then an arm.
@@ -324,13 +429,40 @@ class Tracker:
             return
         self._begun += 1
         person = _Person(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
+        person.begun = person.last = self._stamp or 0
+        person.appearance.see(look)
         self._persons.append(person)
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
             self._confirm(person)
 
     def _confirm(self, person: _Person) -> None:
-        self._count += 1
-        person.id = f"t{self._count}"
+        """Give a track the id of the lost person whom it shows, or else, if it has none, a new one.
+
+        The id of a new track is decided with its first looks.
+        """
+        before = self._recognised(person)
+        if before is not None:
+            self._persons = [each for each in self._persons if each is not before]
+            self._lost = [each for each in self._lost if each is not before]
+            person.id, person.new = before.id, False
+            before.appearance.learn(person.appearance)
+            person.appearance, person.met = before.appearance, person.met | before.met
+        elif not person.id:
+            self._count += 1
+            person.id, person.new = f"t{self._count}", True
+        person.new = person.new and len(person.appearance) < _DECIDING_LOOKS
+        person.due = False
+
+    def _recognised(self, person: _Person) -> _Person | None:
+        """The lost person whom a track shows."""
+        known = [*self._lost, *(each for each in self._persons if each.id and each is not person)]
+        far = {each.id: each.appearance.distance_to(person.appearance) for each in known}
+        lost = [each for each in known if each.last < person.begun and each.id not in person.met]
+        best = min(lost, key=lambda each: (far[each.id], -each.last), default=None)
+        if best is None or far[best.id] > _RETURNED:
+            return None
+        alike = [each for each in known if each is not best and far[best.id] > _CLEARER * far[each.id]]
+        return None if any(each.id in best.met for each in alike) else best
 
     def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
         if not person.misses:

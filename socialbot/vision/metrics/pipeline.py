@@ -132,7 +132,7 @@ class EvaluatedPipeline:
             settings.spec.make(DetectorSettings(threads=threads, **own)),
             tracker=values["tracker"] if consecutive else "none",
             threshold=settings.sure,
-            **{name: values[name] for name in ("bridge_s", "person_height_m", "hide_still", "faces")},
+            **{name: values[name] for name in ("bridge_s", "remember_s", "person_height_m", "hide_still", "faces")},
         )
 
     def find(self, image: np.ndarray, encoded: EncodedImage) -> tuple[Persons, Persons]:

@@ -1,0 +1,144 @@
+"""Appearance of people: colours of the upper body and of the legs, to tell people apart for a minute or two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+from socialbot.vision.detector import shared_area
+
+_PARTS = ((0.17, 0.5), (0.5, 0.86))  # Rows of upper body and legs as shares of the height of a whole person.
+_MIDDLE = (0.2, 0.8)  # Columns of a box that mostly show the person.
+_SPREAD = 0.3  # The middle counts most: standard deviation of the weights, as a share of these columns.
+_ROWS, _COLUMNS = 48, 16  # Pixels to which a whole person is reduced.
+_LEAST_PX = 8  # Narrower middles of boxes show no colours.
+_TALL = 2.2  # A whole standing person is at least this many times as high as wide.
+_LEAST_SPACE_PX = 2  # Boxes this near to the left or right edge may be cut off, so their middle is not the person's.
+_COVERED = 0.1  # A box that a nearer one covers by this share shows colours of both.
+
+_BINS = (4, 8, 8)  # Of CIE L*, a* and b*;
+_LOW, _HIGH = (0.0, -32.0, -32.0), (100.0, 32.0, 32.0)  # their range.
+_USUAL_GREY, _LEAST_GREY = 110.0, 20.0  # Images are scaled to this mean; darker ones show no colours.
+_STEP = 8  # The mean is that of each such row and column.
+
+
+def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """Colours of the people in ``boxes``, (n, 4) as x, y, w, h, in an image (height, width, 3), uint8.
+
+    Returns:
+        Square roots of soft histograms in CIE L*a*b*, (n, 2, bins): upper body and legs. They are NaN where a part is
+        outside the image, hidden by a nearer box or too small or dark, and of boxes at the left and right edge.
+    """
+    looks = np.full((len(boxes), len(_PARTS), int(np.prod(_BINS))), np.nan, np.float32)
+    width = image_bgr.shape[1]
+    grey = float(image_bgr[::_STEP, ::_STEP].mean()) if len(boxes) else 0.0
+    if grey < _LEAST_GREY:
+        return looks
+    for number, box in enumerate(boxes):
+        others = np.delete(boxes, number, axis=0)
+        inside = box[0] >= _LEAST_SPACE_PX and box[0] + box[2] <= width - _LEAST_SPACE_PX
+        nearer = others[others[:, 1] + others[:, 3] > box[1] + box[3]]
+        if inside and not (shared_area(box, nearer) > _COVERED * box[2] * box[3]).any():
+            _describe(image_bgr, box, _USUAL_GREY / grey, looks[number])
+    return looks
+
+
+def _describe(image_bgr: np.ndarray, box: np.ndarray, gain: float, look: np.ndarray) -> None:
+    """Fill in the ``look`` (2, bins) of one person."""
+    x, y, w, h = box.tolist()
+    full = max(h, _TALL * w)
+    left, right = max(0, round(x + _MIDDLE[0] * w)), round(x + _MIDDLE[1] * w)
+    part = image_bgr[max(0, round(y)) : round(y + h), left:right]
+    if part.shape[1] < _LEAST_PX or part.shape[0] < _LEAST_PX:
+        return
+    rows = max(1, round(_ROWS * part.shape[0] / full))
+    small = cv2.resize(part, (_COLUMNS, rows), interpolation=cv2.INTER_AREA).astype(np.float32)
+    lab = cv2.cvtColor(np.minimum(small * np.float32(gain / 255), 1), cv2.COLOR_BGR2LAB)
+    weights = np.exp(-((((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) / _SPREAD) ** 2) / 2)
+    for number, (first, last) in enumerate(_PARTS):
+        start, end = round(first * _ROWS), round(last * _ROWS)
+        if end <= rows:
+            histogram = _histogram(lab[start:end].reshape(-1, 3), np.tile(weights, end - start))
+            look[number] = np.sqrt(histogram / histogram.sum())
+
+
+def _histogram(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Histogram of ``values`` (n, 3), each shared between its nearest bins."""
+    low, high, bins = np.array(_LOW), np.array(_HIGH), np.array(_BINS)
+    places = np.clip((values - low) / (high - low) * bins - 0.5, 0, bins - 1.001)
+    first = places.astype(np.intp)
+    rest = places - first
+    strides = np.array([bins[1] * bins[2], bins[2], 1])
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    shares = np.prod(np.where(corners[:, None], rest, 1 - rest), axis=2) * weights
+    return np.bincount(((first + corners[:, None]) @ strides).ravel(), shares.ravel(), int(bins.prod()))
+
+
+_ALIKE = 0.12  # Looks closer than this are one exemplar.
+_EXEMPLARS = 6
+_MEMORY = 20.0  # An exemplar is a mean over about so many looks.
+
+
+class Appearance:
+    """Looks of one person as a few exemplars, for example the front and the back."""
+
+    __slots__ = ("_counts", "_exemplars")
+
+    def __init__(self, looks: Iterable[np.ndarray] = ()) -> None:
+        self._exemplars: list[np.ndarray] = []
+        self._counts: list[int] = []
+        for look in looks:
+            self.see(look)
+
+    def __len__(self) -> int:
+        """Number of looks so far, but for forgotten exemplars."""
+        return sum(self._counts)
+
+    def see(self, look: np.ndarray) -> None:
+        """Learn a look, (2, bins); one without any colours is ignored."""
+        if np.isnan(look[:, 0]).all():
+            return
+        if self._exemplars:
+            far = _distances(np.array(self._exemplars), look[None])[:, 0]
+            nearest = int(np.argmin(far))
+            if far[nearest] < _ALIKE:
+                self._counts[nearest] += 1
+                mean, share = self._exemplars[nearest], 1 / min(self._counts[nearest], _MEMORY)
+                blended = mean + np.float32(share) * (look - mean)
+                self._exemplars[nearest] = np.where(np.isnan(mean), look, np.where(np.isnan(look), mean, blended))
+                return
+        if len(self._exemplars) == _EXEMPLARS:
+            rarest = int(np.argmin(self._counts))
+            del self._exemplars[rarest], self._counts[rarest]
+        self._exemplars.append(look.copy())
+        self._counts.append(1)
+
+    def distances(self, looks: np.ndarray) -> np.ndarray:
+        """Distance of each look (n, 2, bins) to the nearest exemplar, 0 to 1; infinite if nothing can be compared."""
+        usual = self._usual()
+        return _distances(np.array(usual), looks).min(axis=0) if usual and len(looks) else np.full(len(looks), np.inf)
+
+    def distance_to(self, other: Appearance) -> float:
+        """Least distance of the exemplars of two people, 0 to 1; infinite if nothing can be compared."""
+        return float(self.distances(np.array(other._usual())).min(initial=np.inf))
+
+    def learn(self, other: Appearance) -> None:
+        """Add the exemplars of another track of the same person."""
+        for look in other._exemplars:
+            self.see(look)
+
+    def _usual(self) -> list[np.ndarray]:
+        """Exemplars that were seen more than once, if there are such."""
+        often = [each for each, count in zip(self._exemplars, self._counts, strict=True) if count > 1]
+        return often or self._exemplars
+
+
+def _distances(some: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Squared Hellinger distances of looks (n, 2, bins) and (m, 2, bins): the mean of parts that both show; (n, m)."""
+    shared = np.einsum("npb,mpb->nmp", some, others)
+    shown = ~np.isnan(shared)
+    count = shown.sum(axis=2)
+    near = np.where(shown, shared, 0.0).sum(axis=2) / np.maximum(count, 1)
+    return np.where(count > 0, np.maximum(0.0, 1 - near), np.inf)

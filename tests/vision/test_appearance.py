@@ -1,0 +1,224 @@
+"""People are told apart by their colours, and recognised when they come back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from socialbot.core.clock import SECOND
+from socialbot.vision.appearance import Appearance, looks_of
+from socialbot.vision.tracking import Track, Tracker
+from tests.vision.scenes import SIZE, ids
+
+RED, GREEN, BLUE = (60, 50, 190), (70, 150, 60), (170, 80, 50)
+BLACK, BEIGE = (35, 32, 30), (150, 185, 205)
+ANNA, BEN, CLEO = (RED, BLACK), (GREEN, BEIGE), (BLUE, BLACK)
+BLANK = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+NOISE = np.random.default_rng(0).normal(0, 6, (2 * SIZE[1], SIZE[0], 3)).astype(np.float32)
+Clothes = tuple[tuple[int, int, int], tuple[int, int, int]]
+
+
+def picture(*people: tuple[tuple[float, ...], Clothes], light: float = 1.0, seed: int = 0) -> np.ndarray:
+    """An image of people as coloured rectangles with noise; the last one is in front."""
+    image = np.full((SIZE[1], SIZE[0], 3), 120.0, np.float32)
+    for (x, y, w, h), (shirt, trousers) in people:
+        left, right = max(0, round(x + 0.15 * w)), max(0, round(x + 0.85 * w))
+        image[max(0, round(y)) : max(0, round(y + 0.5 * h)), left:right] = shirt
+        image[max(0, round(y + 0.5 * h)) : max(0, round(y + h)), left:right] = trousers
+    return np.clip(light * image + NOISE[seed : seed + SIZE[1]], 0, 255).astype(np.uint8)
+
+
+class Room:
+    """A tracker that gets ten images a second of people in clothes."""
+
+    def __init__(self, **how: float) -> None:
+        self.tracker = Tracker(0.5, 0.15, **how)  # type: ignore[arg-type]
+        self.time_s = 0.0
+        self.show(after_s=0.1)
+
+    def show(
+        self, *people: tuple[tuple[float, ...], Clothes], after_s: float = 0.1, light: float = 1.0
+    ) -> tuple[Track, ...]:
+        """Show an image; people behind others by more than a half are not detected."""
+        self.time_s += after_s
+        boxes = np.array([box for box, _ in people], float).reshape(-1, 4)
+        image = picture(*people, light=light, seed=round(10 * self.time_s) % SIZE[1]) if people else BLANK
+        visible = [
+            not any(abs(box[0] - other[0]) < 0.5 * box[2] for other in boxes[number + 1 :])
+            for number, box in enumerate(boxes)
+        ]
+        boxes = boxes[np.array(visible, bool)]
+        scores = np.full(len(boxes), 0.7)
+        return self.tracker.update(round(self.time_s * SECOND), boxes, scores, SIZE, looks_of(image, boxes))
+
+    def stay(self, *people: tuple[tuple[float, ...], Clothes], seconds: float, light: float = 1.0) -> list[str]:
+        """Show the same people for some time; the ids in the last image, from left to right."""
+        tracks: tuple[Track, ...] = ()
+        for _ in range(round(10 * seconds)):
+            tracks = self.show(*people, light=light)
+        return ids(tuple(sorted(tracks, key=lambda track: track.box[0])))
+
+
+def at(x: float, y: float = 120.0, h: float = 240.0) -> tuple[float, ...]:
+    return x, y, 0.4 * h, h
+
+
+@pytest.mark.parametrize("away_s", [1.0, 5.0, 20.0, 80.0])
+def test_person_who_returns_elsewhere_keeps_the_id(away_s):
+    room = Room()
+    room.stay((at(100), ANNA), seconds=2)
+    for _ in range(round(away_s / 0.4)):
+        room.show(after_s=0.4)
+    assert room.stay((at(450, h=180), ANNA), seconds=1) == ["t1"]
+
+
+def test_person_who_returns_later_than_remembered_is_new():
+    room = Room(remember_s=10.0)
+    room.stay((at(100), ANNA), seconds=2)
+    room.stay(seconds=12)
+    assert room.stay((at(450), ANNA), seconds=1) == ["t2"]
+
+
+def test_another_person_gets_a_new_id():
+    room = Room()
+    assert room.stay((at(300), ANNA), seconds=2) == ["t1"]
+    room.stay(seconds=4)
+    assert room.stay((at(300), BEN), seconds=2) == ["t2"]
+    room.stay(seconds=4)
+    assert room.stay((at(300), CLEO), seconds=2) == ["t3"], "the trousers alone are those of t1"
+
+
+def test_another_person_at_the_same_door_at_once_gets_a_new_id():
+    room = Room()
+    room.stay((at(300), ANNA), seconds=2)
+    room.stay(seconds=0.6)
+    assert room.stay((at(300), BEN), seconds=2) == ["t2"]
+
+
+def test_light_of_another_level_is_no_other_person():
+    room = Room()
+    room.stay((at(300), ANNA), seconds=2)
+    assert room.stay((at(300), ANNA), seconds=2, light=0.7) == ["t1"]
+    room.stay(seconds=5)
+    assert room.stay((at(100), ANNA), seconds=2, light=1.2) == ["t1"]
+
+
+def test_people_who_cross_keep_their_ids():
+    room = Room()
+    before = room.stay((at(100, h=220), ANNA), (at(500, y=110, h=260), BEN), seconds=0.5)
+    for step in range(41):
+        room.show((at(100 + 10 * step, h=220), ANNA), (at(500 - 10 * step, y=110, h=260), BEN))
+    assert room.stay((at(500, h=220), ANNA), (at(100, y=110, h=260), BEN), seconds=1) == before[::-1]
+
+
+def test_people_who_meet_and_turn_back_keep_their_ids():
+    room = Room()
+    before = room.stay((at(100, h=220), ANNA), (at(480, y=110, h=260), BEN), seconds=0.5)
+    for step in [*range(20), *reversed(range(20))]:
+        room.show((at(100 + 10 * step, h=220), ANNA), (at(480 - 10 * step, y=110, h=260), BEN))
+    assert room.stay((at(100, h=220), ANNA), (at(480, y=110, h=260), BEN), seconds=1) == before
+
+
+def test_person_who_steps_out_from_behind_another_takes_no_foreign_id():
+    room = Room()
+    before = room.stay((at(300, h=220), ANNA), (at(420, y=110, h=260), BEN), seconds=1)
+    for step in range(12):
+        room.show((at(300, h=220), ANNA), (at(420 - 10 * step, y=110, h=260), BEN))
+    room.stay((at(300, h=220), ANNA), (at(302, y=110, h=260), BEN), seconds=1)
+    assert room.stay((at(300, h=220), ANNA), seconds=1) == before[:1]
+
+
+def test_two_people_in_the_same_clothes_keep_two_ids():
+    room = Room()
+    assert room.stay((at(100), ANNA), (at(400), ANNA), seconds=2) == ["t1", "t2"]
+    room.stay((at(100), ANNA), seconds=3)
+    assert room.stay((at(100), ANNA), (at(400), ANNA), seconds=2)[0] == "t1"
+    room.stay(seconds=3)
+    back = room.stay((at(100), ANNA), (at(400), ANNA), seconds=2)
+    assert len(set(back)) == 2
+
+
+def test_person_in_clothes_of_two_others_is_not_guessed():
+    room = Room()
+    room.stay((at(100), ANNA), (at(400), ANNA), seconds=2)
+    room.stay(seconds=3)
+    assert room.stay((at(250), ANNA), seconds=1) == ["t3"]
+
+
+def test_without_looks_nobody_is_recognised():
+    room = Room()
+    room.stay((at(100), ANNA), seconds=2)
+    room.stay(seconds=5)
+    boxes, tracks = np.array([at(100)]), ()
+    for _ in range(3):
+        room.time_s += 0.1
+        tracks = room.tracker.update(round(room.time_s * SECOND), boxes, np.array([0.9]), SIZE)
+    assert ids(tracks) == ["t2"]
+
+
+def test_new_recording_forgets_everybody():
+    room = Room()
+    room.stay((at(100), ANNA), seconds=2)
+    room.time_s = 0.0
+    assert room.stay((at(100), ANNA), seconds=1) == ["t2"]
+
+
+def test_memory_is_bounded():
+    room, random = Room(remember_s=600.0), np.random.default_rng(5)
+    for _ in range(45):
+        shirt, trousers = random.integers(20, 235, (2, 3)).tolist()
+        room.stay((at(float(random.uniform(50, 500))), (tuple(shirt), tuple(trousers))), seconds=0.4)
+        room.show(after_s=2.5)
+    assert len(room.tracker._lost) <= 32
+    assert all(len(person.met) <= 33 and len(person.appearance._exemplars) <= 6 for person in room.tracker._lost)
+
+
+def test_covered_cut_off_dark_and_small_people_show_no_colours():
+    people = [(at(200), ANNA), (at(230, y=140), BEN), (at(-30), CLEO), (at(500, h=24), ANNA)]
+    boxes = np.array([box for box, _ in people])
+    boxes[2] = (0, 120, 66, 240)
+    looks = looks_of(picture(*people), boxes)
+    assert np.isnan(looks).all(axis=(1, 2)).tolist() == [True, False, True, True]
+    assert np.isnan(looks_of(picture((at(200), ANNA), light=0.1), boxes[:1])).all()
+
+
+def test_person_cut_off_at_the_waist_shows_the_upper_body():
+    box, image = (200.0, 240.0, 200.0, 240.0), picture(((200.0, 240.0, 200.0, 500.0), ANNA))
+    (look,) = looks_of(image, np.array([box]))
+    assert np.isnan(look).all(axis=1).tolist() == [False, True]
+    (whole,) = looks_of(picture((at(100), ANNA)), np.array([at(100)]))
+    assert Appearance([whole]).distances(look[None])[0] < 0.1
+
+
+def test_looks_do_not_depend_on_the_order_of_boxes():
+    image = picture((at(100), ANNA), (at(400), BEN))
+    boxes = np.array([at(100), at(400)])
+    assert np.array_equal(looks_of(image, boxes), looks_of(image, boxes[::-1])[::-1])
+    assert looks_of(image, boxes[:0]).shape[0] == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.tuples(st.floats(-80, 640), st.floats(-80, 480), st.floats(1, 300), st.floats(1, 500)), max_size=5))
+def test_looks_of_any_boxes_are_unit_vectors_or_unknown(found):
+    boxes = np.array(found, float).reshape(-1, 4)
+    image = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)
+    looks = looks_of(image, boxes)
+    norms = np.linalg.norm(looks, axis=2)
+    assert np.all(np.isnan(norms) | (np.abs(norms - 1) < 1e-3))
+    for look in looks:
+        appearance = Appearance(looks)
+        far = float(appearance.distances(look[None])[0])
+        assert far < 0.13 or np.isinf(far)
+
+
+def test_same_images_give_the_same_ids():
+    def run() -> list[list[str]]:
+        room, random, seen = Room(), np.random.default_rng(2), []
+        for _ in range(40):
+            who = [each for each in (ANNA, BEN, CLEO) if random.random() < 0.7]
+            seen.append(ids(room.show(*[(at(float(random.uniform(0, 560))), each) for each in who])))
+        return seen
+
+    assert run() == run()
