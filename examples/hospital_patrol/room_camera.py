@@ -1,4 +1,4 @@
-"""The camera of a room: while somebody patrols the room, it shows what goes on there, as recorded clips have it."""
+"""The camera of a room: while somebody patrols the room, it shows recorded clips of what happens there."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def load_clip(path: Path) -> Clip:
 
 
 class RoomCamera(Node):
-    """Hangs in one room, and is on as long as a robot patrols there."""
+    """Hangs in one room. It is on for ``learn_s`` at first, and while a robot patrols there."""
 
     state = Input(WardState, STATE, Delivery.LATCHED)
     image_color = Output(Image, "/camera/image_color", Delivery.NEWEST)
@@ -116,6 +116,9 @@ class RoomCamera(Node):
     scenes = Parameter("0 scene1_tune 0-2.5", "what goes on there: s of the run, clip, s of the clip; ...", fixed=True)
     folder = Parameter(str(CLIPS), "where the clips are", fixed=True)
     rate_hz = Parameter(2.0, "pictures a second", minimum=0.1, maximum=30.0)
+    learn_s = Parameter(
+        0.0, "s from the start to show the room, so that its objects are known", minimum=0.0, fixed=True
+    )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for scenes that cannot be, BagError for clips that cannot be read."""
@@ -127,15 +130,16 @@ class RoomCamera(Node):
 
     @state
     def on_state(self, message: WardState) -> None:
-        """Goes on when a patrol of the room begins, and off when it ends."""
+        """Goes on when the run or a patrol of the room begins, and off when the patrol ends."""
         if self._begin is None:
             self._begin = message.stamp
         patrolled = any(agent.busy == f"{PATROL}({agent.name}, {self.room})" for agent in message.agents)
-        if patrolled and self._timer is None:
+        learns = self._seconds(message.stamp) < self.learn_s
+        if (patrolled or learns) and self._timer is None:
             first = self._clips[self.scene_at(message.stamp).clip].camera
             self.camera_info.publish(msgspec.structs.replace(first, stamp=self.clock.now(), frame_id=self.frame_id))
             self._film()
-        elif not patrolled and self._timer is not None:
+        elif not (patrolled or learns) and self._timer is not None:
             self._timer.cancel()
             self._timer = None
 

@@ -74,6 +74,7 @@ NODES = [
     ("cleaner", "init_dset", {}),
     ("cleaner", "init_reactive_rules_set", {}),
     ("hospital_coordinator", "memory_file", {}),
+    ("person_detector", "camera_file", {}),
     ("person_detector", "model", {"detector": "onnx"}),
     ("camera", "source", {}),
 ]

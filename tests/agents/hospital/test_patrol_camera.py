@@ -245,9 +245,9 @@ def test_room_without_enough_images_does_not_pass(looks):
 # The camera
 
 
-def watched(busy: str, *, scenes: str = "0 scene2_tune 0-3") -> list[Image]:
+def watched(busy: str, **parameters: object) -> list[Image]:
     """The pictures that a camera at 2 Hz takes while a robot is so busy for 2 s, and for 2 s afterwards."""
-    config = NodeConfig("room_camera", room_camera.RoomCamera, {"scenes": scenes})
+    config = NodeConfig("room_camera", room_camera.RoomCamera, {"scenes": "0 scene2_tune 0-3", **parameters})
     runner = InlineRunner(Graph("camera", (config,), inputs=frozenset({STATE})), start=SECOND)
     pictures: list[Image] = []
     runner.tap(IMAGES, lambda _, message: pictures.append(message))  # type: ignore[arg-type]
@@ -269,6 +269,10 @@ def test_camera_is_on_during_a_patrol_of_its_room():
 @pytest.mark.parametrize("busy", [f"a_patrol_room({SPOT}, room2)", f"a_navigate_to({SPOT}, {ROOM})"])
 def test_camera_is_off_otherwise(busy):
     assert watched(busy) == []
+
+
+def test_camera_shows_the_room_at_first():
+    assert [picture.stamp / SECOND for picture in watched("", learn_s=2.0)] == [1.0, 1.5, 2.0, 2.5, 3.0]
 
 
 @given(
