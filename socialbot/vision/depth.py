@@ -224,37 +224,45 @@ def points_of(cloud: PointCloud) -> np.ndarray:
 
 _BODY_M, _BODY_STD_M = 0.10, 0.06
 """From the visible surface of a body to its axis, and the error of that."""
-_NOISE, _NOISE_M = 0.01, 0.002
+_NOISE: dict[Source, tuple[float, float]] = {"depth": (0.01, 0.002), "lidar": (0.005, 0.0)}
 """Share of the distance, and metres per square metre of distance: the noise of stereo and quantisation."""
 _PACE = 1.0
 """Speed of a person (m/s) between the image and the measurement."""
-_LAYER_M, _LAYER_SHARE = 0.35, 0.04
+_LAYER_M = 0.35
+_LAYER_SHARE: dict[Source, float] = {"depth": 0.04, "lidar": 0.01}
 """Half the thickness of a layer: a person with arms, and the noise."""
 _BIN = 0.04
 """Width of the bins of the logarithm of the distance."""
-_PRIOR = 0.5
-"""Width of the prior around the distance from the image, as a logarithm: its tails are heavy."""
+_PRIOR, _PRIOR_STDS, _OUTLIERS = 0.2, 1.5, 0.08
+"""Prior around the distance from the image: least width as a logarithm, standard errors, and share of outliers."""
 _MOST_HEIGHT_M, _LEAST_HEIGHT_M, _MOST_WIDTH_M = 2.3, 0.7, 1.6
-_LEAST_SCORE = 0.05
+_LEAST_SCORE = 0.03
+_MOST_STD = 0.3
+"""Relative error from which a distance is not stated."""
+_UNSEEN, _ENOUGH = 0.3, 8.0
+"""Score of a person without measurements in an empty box; it falls with the number of measurements by ``_ENOUGH``."""
 _LEAST_SAMPLES: dict[Source, int] = {"depth": 12, "lidar": 3}
-_GRID = 64
+_GRID = 32
 """Largest number of samples along each side of a box."""
-_SAME_BOX = 0.6
-"""Overlap (IoU) of two boxes of one person, which share its distance."""
-_APART_M = 0.3
-"""A person farther away than another one by this is not seen where the other one is."""
+_GAP, _BESIDE, _ABOVE, _FEET = 0.15, 0.6, 0.25, 0.8
+"""The background is seen beside a box, from ``_GAP`` to ``_BESIDE`` of its width, and up to ``_ABOVE`` of its height
+above it, but not below ``_FEET`` of its height."""
+_CONTINUED = 0.4
+"""Share of the surroundings from which a layer is rather background."""
+_CLAIM = 0.08
+"""Share of its width by which a person exceeds the box."""
 
 
 class Samples(NamedTuple):
     """Valid measurements in a box: pixels ``u``, ``v`` of the picture, and horizontal ``distance``, shape (n,) each.
 
-    ``share`` is the share of valid measurements.
+    ``density`` is the number of measurements in a square pixel, with the invalid ones; 0 if it is not constant.
     """
 
     u: np.ndarray
     v: np.ndarray
     distance: np.ndarray
-    share: float
+    density: float
 
 
 class RangeImage(Protocol):
@@ -270,8 +278,8 @@ class RangeImage(Protocol):
         """Time from the measurement to the picture, without sign."""
         ...
 
-    def samples(self, camera: CameraModel, box: Box) -> Samples:
-        """The measurements in ``box``."""
+    def samples(self, camera: CameraModel, box: Box, step: float) -> Samples:
+        """The measurements in ``box``, about ``step`` pixels of the picture apart if there are more."""
         ...
 
 
@@ -283,45 +291,42 @@ class RegisteredDepth:
     age_s: float = 0.0
     source: Source = "depth"
 
-    def samples(self, camera: CameraModel, box: Box) -> Samples:
+    def samples(self, camera: CameraModel, box: Box, step: float) -> Samples:
         height, width = self.pixels.shape
         across, down = width / camera.width, height / camera.height
         left, right = (min(max(math.floor(x * across), 0), width) for x in (box[0], box[0] + box[2]))
         top, bottom = (min(max(math.floor(y * down), 0), height) for y in (box[1], box[1] + box[3]))
-        step_x, step_y = max(1, (right - left) // _GRID), max(1, (bottom - top) // _GRID)
+        step_x, step_y = max(1, int(step * across)), max(1, int(step * down))
         z = _metres(self.pixels[top:bottom:step_y, left:right:step_x])
-        valid = np.isfinite(z)
-        if not valid.any():
-            none = np.empty(0)
-            return Samples(none, none, none, 0.0)
-        rows, columns = np.nonzero(valid)
+        rows, columns = np.nonzero(np.isfinite(z))
+        z = z[rows, columns]
         u = (left + columns * step_x + 0.5) / across
         v = (top + rows * step_y + 0.5) / down
-        z = z[valid].astype(float)
-        distance = _horizontal(camera, (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z)
-        return Samples(u, v, distance, float(valid.mean()))
+        x, y = (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z
+        return Samples(u, v, _horizontal(camera, x, y, z), across * down / (step_x * step_y))
 
 
 @dataclass(frozen=True)
 class ProjectedPoints:
-    """Points (n, 3) in the optical frame of the camera: x right, y down, z forward."""
+    """Points (n, 3) in the optical frame of the camera: right, down and forward, m."""
 
     points: np.ndarray
     age_s: float = 0.0
     source: Source = "lidar"
 
-    def samples(self, camera: CameraModel, box: Box) -> Samples:
+    def samples(self, camera: CameraModel, box: Box, step: float) -> Samples:
         x, y, z = self.points.T
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = camera.cx + camera.fx * x / z, camera.cy + camera.fy * y / z
         inside = (z > NEAREST_M) & (u >= box[0]) & (u < box[0] + box[2]) & (v >= box[1]) & (v < box[1] + box[3])
         x, y, z = x[inside], y[inside], z[inside]
-        return Samples(u[inside], v[inside], _horizontal(camera, x, y, z), 1.0)
+        return Samples(u[inside], v[inside], _horizontal(camera, x, y, z), 0.0)
 
 
 def _horizontal(camera: CameraModel, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    forward = z * math.cos(camera.pitch_rad) - y * math.sin(camera.pitch_rad)
-    return np.hypot(x, forward)
+    cos, sin = math.cos(camera.roll_rad), math.sin(camera.roll_rad)
+    right, down = cos * x - sin * y, sin * x + cos * y
+    return np.hypot(right, z * math.cos(camera.pitch_rad) - down * math.sin(camera.pitch_rad))
 
 
 class Ranged(NamedTuple):
@@ -332,40 +337,40 @@ class Ranged(NamedTuple):
 
 
 def measure_people(
-    images: Sequence[RangeImage], camera: CameraModel, boxes: Sequence[Box], expected: Sequence[float | None]
+    images: Sequence[RangeImage], camera: CameraModel, boxes: Sequence[Box], expected: Sequence[Estimate | None]
 ) -> list[Ranged | None]:
     """Distance of the person in each box (x, y, w, h): horizontal, to the axis of the body.
+
+    The clearest and largest person is measured first. Their measurements are then ignored in the other boxes, unless
+    such a box seems to show the same person.
 
     Args:
         images: Measurements, the preferred ones first.
         boxes: All people in the picture: one may be in front of another.
-        expected: Their distances (m) from the picture; None if unknown.
+        expected: Their distances from the picture; None if unknown.
 
     Returns:
         The distances; None where no sensor measures the person.
     """
     found: list[Ranged | None] = [None] * len(boxes)
     for image in images:
-        missing = [index for index, each in enumerate(found) if each is None]
-        samples = {index: image.samples(camera, boxes[index]) for index in missing}
-        alone = {index: _layer(image, camera, boxes[index], samples[index], expected[index]) for index in missing}
-        # A layer in several boxes belongs to the box that has most of it: the others show parts of that person.
-        for index in sorted(missing, key=lambda index: -_size(alone[index])):
-            seen, layer = samples[index], alone[index]
-            hidden = np.zeros(seen.u.shape, bool)
-            for other, nearer in enumerate(found):
-                if nearer is not None and 0 < _overlap(boxes[index], boxes[other]) < _SAME_BOX:
-                    x, y, w, h = boxes[other]
-                    inside = (seen.u >= x) & (seen.u < x + w) & (seen.v >= y) & (seen.v < y + h)
-                    hidden |= inside & (np.abs(seen.distance + _BODY_M - nearer.estimate.value) < _APART_M)
-            if hidden.any():
-                left = Samples(seen.u[~hidden], seen.v[~hidden], seen.distance[~hidden], seen.share)
-                layer = _layer(image, camera, boxes[index], left, expected[index])
-            if layer is not None:
-                value = layer.distance + _BODY_M
-                noise = math.hypot(_NOISE * value, _NOISE_M * value**2)
-                std = math.hypot(layer.std, noise, _BODY_STD_M, _PACE * image.age_s)
-                found[index] = Ranged(Estimate(value, std), image.source)
+        views = {
+            index: _View(image, camera, box, expected[index])
+            for index, (box, each) in enumerate(zip(boxes, found, strict=True))
+            if each is None and box[2] > 0 and box[3] > 0
+        }
+        while views:
+            index = max(views, key=lambda index: views[index].claim)
+            layer = views.pop(index).choice
+            if layer is None:
+                continue
+            value = layer.distance + _BODY_M
+            linear, square = _NOISE[image.source]
+            noise = math.hypot(linear * value, square * value**2)
+            std = math.hypot(layer.std, noise, _BODY_STD_M, _PACE * image.age_s)
+            found[index] = Ranged(Estimate(value, std), image.source)
+            for other in views.values():
+                other.exclude(boxes[index], layer)
     return found
 
 
@@ -378,10 +383,6 @@ class _Layer(NamedTuple):
     size: float
 
 
-def _size(layer: _Layer | None) -> float:
-    return 0.0 if layer is None else layer.size
-
-
 def _overlap(box: Box, other: Box) -> float:
     """Intersection over union of two boxes."""
     across = min(box[0] + box[2], other[0] + other[2]) - max(box[0], other[0])
@@ -390,39 +391,122 @@ def _overlap(box: Box, other: Box) -> float:
     return shared / max(box[2] * box[3] + other[2] * other[3] - shared, 1e-9)
 
 
-def _layer(image: RangeImage, camera: CameraModel, box: Box, samples: Samples, expected: float | None) -> _Layer | None:
-    """Layer of the person in ``box``; None if there is none."""
-    x, y, w, h = box
-    distances, least = samples.distance, _LEAST_SAMPLES[image.source]
-    if not (w > 0 and h > 0) or distances.size < least:
-        return None
-    # The trunk is in the middle of the upper half; the legs have gaps.
-    across = np.abs((samples.u - x) / w - 0.5)
-    down = (samples.v - y) / h
-    weights = np.clip(1.0 - across / 0.45, 0.02, 1.0) * np.where(down < 0.65, 1.0, 0.35) * np.where(down < 0.08, 0.3, 1)
-    whole = weights.sum()
-    layers: list[_Layer] = []
-    for middle in _peaks(distances, weights):
-        near = np.abs(distances - middle) < _LAYER_M + _LAYER_SHARE * middle
-        middle = _weighted_median(distances[near], weights[near])
-        near = np.abs(distances - middle) < _LAYER_M + _LAYER_SHARE * middle
-        count = np.count_nonzero(near)
-        if count < least:
-            continue
-        middle = _weighted_median(distances[near], weights[near])
-        share = float(weights[near].sum() / whole) * samples.share
-        spread = float(1.48 * np.median(np.abs(distances[near] - middle)))
-        size = count / distances.size * samples.share * w * h
-        score = share * _likelihood(camera, box, middle, expected)
-        layers.append(_Layer(middle, spread / math.sqrt(min(count, 9)), score, size))
-    layers.sort(key=lambda layer: -layer.score)
-    if not layers or layers[0].score < _LEAST_SCORE:
-        return None
-    best = layers[0]
-    rivals = [layer.score for layer in layers if abs(layer.distance - best.distance) > _LAYER_M]
-    # With another layer that is nearly as good, the choice is uncertain.
-    doubt = 0.3 * best.distance * max(max(rivals, default=0.0) / best.score - 0.5, 0.0)
-    return best._replace(std=math.hypot(best.std, doubt))
+class _View:
+    """Measurements in and around the box of a person, and the layer that is most likely the person."""
+
+    def __init__(self, image: RangeImage, camera: CameraModel, box: Box, expected: Estimate | None) -> None:
+        self._source: Source = image.source
+        self._camera, self._box, self._expected = camera, box, expected
+        x, y, w, h = box
+        wide = (x - _BESIDE * w, y - _ABOVE * h, (1 + 2 * _BESIDE) * w, (1 + _ABOVE) * h)
+        self._samples = image.samples(camera, wide, max(w, h / 2) / _GRID)
+        across, down = (self._samples.u - x) / w, (self._samples.v - y) / h
+        self._inside = (across >= 0) & (across < 1) & (down >= 0)
+        beside = (down >= 0) & (down < _FEET)
+        self._sides = (
+            beside & (across < -_GAP),
+            beside & (across >= 1 + _GAP),
+            (down < -_GAP / 2) & (across >= 0) & (across < 1),
+        )
+        # The trunk is in the middle of the upper half; the legs have gaps.
+        weights = np.clip(1.0 - np.abs(across - 0.5) / 0.45, 0.02, 1.0)
+        self._weights = weights * np.where(down < 0.65, 1.0, 0.35) * np.where(down < 0.08, 0.3, 1.0)
+        self._whole = float(self._weights[self._inside].sum())
+        if self._samples.density and self._whole:
+            width = min(x + w, camera.width) - max(x, 0.0)
+            height = min(y + h, camera.height) - max(y, 0.0)
+            valid = np.count_nonzero(self._inside) / (self._samples.density * width * height)
+            self._whole /= min(valid, 1.0)
+        self._free = np.ones(self._inside.shape, bool)
+        self._same: list[_Layer] = []
+        self._layers = self._find()
+
+    @property
+    def claim(self) -> float:
+        """How well the best layer belongs to this box: a layer in several boxes is of the box with most of it."""
+        best = max((*self._layers, *self._same), key=lambda layer: layer.score, default=None)
+        return 0.0 if best is None else best.score * best.size
+
+    @property
+    def choice(self) -> _Layer | None:
+        """The best layer, with an error that includes the doubt about it; None if there is no person in it."""
+        layers = sorted((*self._layers, *self._same), key=lambda layer: -layer.score)
+        unseen = max(_UNSEEN * math.exp(-np.count_nonzero(self._inside) / _ENOUGH), _LEAST_SCORE)
+        if not layers or layers[0].score < unseen:
+            return None
+        best = layers[0]
+        rivals = [(layer.distance, layer.score) for layer in layers[1:]]
+        if self._expected is not None:
+            rivals.append((self._expected.value - _BODY_M, unseen))
+        # With another layer that is nearly as good, the choice is uncertain.
+        doubt = 0.0
+        for distance, score in rivals:
+            odds = (score / best.score) ** 4
+            doubt = max(doubt, abs(distance - best.distance) * math.sqrt(odds / (1 + odds)))
+        std = math.hypot(best.std, doubt)
+        return best._replace(std=std) if std < _MOST_STD * best.distance else None
+
+    def exclude(self, box: Box, layer: _Layer) -> None:
+        """Ignore the measurements of another person, of ``layer`` in ``box``, or share them in a box of that person."""
+        x, y, w, h = box
+        u, v, distances, _ = self._samples
+        theirs = (u >= x - _CLAIM * w) & (u < x + (1 + _CLAIM) * w) & (v >= y - _CLAIM * w) & (v < y + h + _CLAIM * w)
+        theirs &= self._free & (np.abs(distances - layer.distance) < self._thickness(layer.distance))
+        if not theirs.any():
+            return
+        alone = [each.score for each in self._layers if abs(each.distance - layer.distance) < _LAYER_M]
+        if alone:
+            # The larger the common part, the less likely are two people.
+            self._same.append(layer._replace(score=max(alone) * _overlap(self._box, box) ** 2))
+        self._free &= ~theirs
+        self._layers = self._find()
+
+    def _thickness(self, distance: float) -> float:
+        return _LAYER_M + _LAYER_SHARE[self._source] * distance
+
+    def _find(self) -> list[_Layer]:
+        """Layers of the measurements that are not of other people."""
+        mine = self._inside & self._free
+        order = np.argsort(self._samples.distance[mine])
+        distances, weights = self._samples.distance[mine][order], self._weights[mine][order]
+        self._around = [np.sort(self._samples.distance[side & self._free]) for side in self._sides]
+        least = _LEAST_SAMPLES[self._source]
+        layers: list[_Layer] = []
+        if distances.size < least:
+            return layers
+        total = np.concatenate([[0.0], np.cumsum(weights)])
+        pixels = self._box[2] * self._box[3] / np.count_nonzero(self._inside)
+        for middle in _peaks(distances, weights):
+            first = end = 0
+            for _ in range(2):
+                thickness = self._thickness(middle)
+                first, end = np.searchsorted(distances, [middle - thickness, middle + thickness]).tolist()
+                if end > first:
+                    half = np.searchsorted(total, (total[first] + total[end]) / 2)
+                    middle = float(distances[min(max(half - 1, first), end - 1)])
+            if end - first < least or any(abs(layer.distance - middle) < _BIN * middle for layer in layers):
+                continue
+            share = float(total[end] - total[first]) / self._whole
+            score = share * _likelihood(self._camera, self._box, middle, self._expected)
+            if score < _LEAST_SCORE / 3:
+                continue
+            score /= 1.0 + (self._continued(middle) / _CONTINUED) ** 2
+            spread = float(1.48 * np.median(np.abs(distances[first:end] - middle)))
+            layers.append(_Layer(middle, spread / math.sqrt(min(end - first, 9)), score, (end - first) * pixels))
+        return layers
+
+    def _continued(self, distance: float) -> float:
+        """Share of the surroundings of the box at ``distance``, among those that nothing nearer hides.
+
+        A wall continues on all sides, a person on none.
+        """
+        thickness, least = self._thickness(distance), _LEAST_SAMPLES[self._source]
+        shares: list[float] = []
+        for side in self._around:
+            first, end = np.searchsorted(side, [distance - thickness, distance + thickness]).tolist()
+            if side.size - first >= least:
+                shares.append((end - first) / (side.size - first))
+        return sum(shares) / len(shares) if shares else 0.0
 
 
 def _peaks(distances: np.ndarray, weights: np.ndarray) -> list[float]:
@@ -437,13 +521,15 @@ def _peaks(distances: np.ndarray, weights: np.ndarray) -> list[float]:
     ]
 
 
-def _likelihood(camera: CameraModel, box: Box, distance: float, expected: float | None) -> float:
+def _likelihood(camera: CameraModel, box: Box, distance: float, expected: Estimate | None) -> float:
     """How well a person at ``distance`` fits the size of the box and the distance ``expected`` from the picture."""
     _, y, w, h = box
     height, width = distance * h / camera.fy, distance * w / camera.fx
     fit = 1.0
-    if expected is not None and expected > 0:
-        fit = 1.0 / (1.0 + (math.log((distance + _BODY_M) / expected) / _PRIOR) ** 2)
+    if expected is not None and expected.value > 0:
+        prior = math.hypot(_PRIOR, _PRIOR_STDS * expected.std / expected.value)
+        apart = math.log((distance + _BODY_M) / expected.value) / prior
+        fit = _OUTLIERS + (1.0 - _OUTLIERS) / (1.0 + apart**2)
     if height > _MOST_HEIGHT_M:
         fit *= math.exp(-(((height / _MOST_HEIGHT_M - 1.0) / 0.15) ** 2))
     if width > _MOST_WIDTH_M:
@@ -452,12 +538,6 @@ def _likelihood(camera: CameraModel, box: Box, distance: float, expected: float 
     if not cut and height < _LEAST_HEIGHT_M:
         fit *= math.exp(-(((_LEAST_HEIGHT_M / height - 1.0) / 0.4) ** 2))
     return fit
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 # Synchronisation

@@ -232,25 +232,24 @@ class PersonPipeline:
     def _persons(
         self, tracks: Sequence[Track], stamp_ns: int, camera: CameraModel, depth: Sequence[RangeImage]
     ) -> tuple[PersonDetection, ...]:
-        ranged: Sequence[Ranged | None] = [None] * len(tracks)
+        ranged: dict[int, Ranged | None] = {}
         if depth:
-            boxes = [tuple(track.box.tolist()) for track in tracks]
-            expected = [self._expected(track, stamp_ns, camera) for track in tracks]
-            ranged = measure_people(depth, camera, boxes, expected)
-        return tuple(
-            self._person(track, stamp_ns, camera, None if track.unseen_s else each)
-            for track, each in zip(tracks, ranged, strict=True)
-        )
+            # The box of a lost track is a prediction, and may show somebody else.
+            seen = [number for number, track in enumerate(tracks) if not track.unseen_s]
+            boxes = [tuple(tracks[number].box.tolist()) for number in seen]
+            expected = [self._expected(tracks[number], stamp_ns, camera) for number in seen]
+            ranged = dict(zip(seen, measure_people(depth, camera, boxes, expected), strict=True))
+        return tuple(self._person(track, stamp_ns, camera, ranged.get(number)) for number, track in enumerate(tracks))
 
-    def _expected(self, track: Track, stamp_ns: int, camera: CameraModel) -> float | None:
+    def _expected(self, track: Track, stamp_ns: int, camera: CameraModel) -> Estimate | None:
         """Distance of a person from the last depth, or else from the image."""
         known = self._known.get(track.id)
         if known is not None and known.range is not None and stamp_ns - known.ranged < _RANGED_NS:
-            return known.range.estimate.value
+            return known.range.estimate
         stature = self._anybody() if known is None else known.figure.stature
         box = tuple(track.box.tolist())
         seen = measure(camera, box, stature, track.cut, feet_hidden=track.feet_hidden)
-        return seen and seen.distance.value
+        return seen and seen.distance
 
     def _person(self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None) -> PersonDetection:
         x, y, w, h = box = tuple(track.box.tolist())

@@ -174,12 +174,26 @@ def cloud(
     )  # fmt: skip
 
 
+LIDARS = {16: (-15.0, 15.0, 0.2), 32: (-30.0, 10.0, 0.2), 64: (-24.8, 2.0, 0.18)}
+"""Beams of usual lidars: lowest and highest elevation, and step of the azimuth (degrees)."""
+
+
 def scan(room: Room, height: float, *, rings: int = 16, seed: int = 0) -> np.ndarray:
-    """Points of a lidar with 16 rings at ``height``: ahead, left, up of the lidar."""
-    azimuth, elevation = np.meshgrid(np.radians(np.arange(-60, 60, 0.4)), np.radians(np.linspace(-15, 15, rings)))
+    """Points of a lidar of `LIDARS` at ``height``: ahead, left, up of the lidar."""
+    low, high, step = LIDARS[rings]
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(-36, 36, step)), np.radians(np.linspace(low, high, rings)))
     rays = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     ).reshape(-1, 3)
     along = room.along(rays, height)
     along = along + np.random.default_rng(seed).normal(0, 0.02, along.shape)
-    return (rays * along[:, None])[np.isfinite(along) & (along < 50)]
+    return (rays * along[:, None])[np.isfinite(along) & (along < 80)]
+
+
+def visible_share(room: Room, person: int, camera: CameraModel = CAMERA) -> float:
+    """Share of a person that nothing else hides, of the part in the image."""
+    rays = rays_of(camera)
+    alone = _hits(room.people[person], rays, camera.mount_height_m)
+    seen = np.isfinite(alone)
+    in_front = room.along(rays[seen], camera.mount_height_m) < alone[seen] - 1e-6
+    return 1.0 - float(in_front.mean()) if seen.any() else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
 from typing import Any
 
@@ -16,7 +17,15 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, ParameterError
 from socialbot.core.messages import CompressedDepth, DepthImage, DepthInfo, Message, PointCloud, Transform, Transforms
 from socialbot.vision.camera import Box, CameraModel
-from socialbot.vision.depth import DepthSensors, depth_from_compressed, depth_from_image, measure_people, points_of
+from socialbot.vision.depth import (
+    DepthSensors,
+    ProjectedPoints,
+    depth_from_compressed,
+    depth_from_image,
+    measure_people,
+    points_of,
+)
+from socialbot.vision.distance import Estimate
 from tests.vision.depth_scenes import (
     CAMERA,
     Blob,
@@ -27,6 +36,7 @@ from tests.vision.depth_scenes import (
     depth_image,
     render,
     scan,
+    visible_share,
     with_errors,
 )
 
@@ -191,6 +201,11 @@ def test_refuses_clouds_without_points(change: dict[str, Any]) -> None:
 # Distances of people
 
 
+def guessed(distance: float, share: float = 0.25) -> Estimate:
+    """Distance from the image, with a relative standard error."""
+    return Estimate(distance, share * distance)
+
+
 def measured(
     room: Room,
     sensors: DepthSensors,
@@ -202,7 +217,7 @@ def measured(
     """Distance and standard error of each person; the image says ``guess`` times their distance."""
     given_boxes = boxes or [box_of(room, index) for index in range(len(room.people))]
     images = sensors.at(0, "eye", camera)
-    guesses = [person.distance * guess for person in room.people]
+    guesses = [guessed(person.distance * guess) for person in room.people]
     found = measure_people(images, camera, given_boxes, guesses)
     return [each and (each.estimate.value, each.estimate.std) for each in found]
 
@@ -253,8 +268,44 @@ def test_two_boxes_of_one_person_have_one_distance() -> None:
     room = Room([Blob(3.0)], wall=4.5)
     x, y, w, h = box_of(room, 0)
     images = with_depth(room).at(0, "eye", CAMERA)
-    found = measure_people(images, CAMERA, [(x, y, w, h), (x - w / 8, y, w, 0.9 * h)], [3.0, 4.5])
+    found = measure_people(images, CAMERA, [(x, y, w, h), (x - w / 8, y, w, 0.9 * h)], [guessed(3.0), guessed(4.5)])
     assert [each and each.estimate.value for each in found] == pytest.approx([3.0, 3.0], rel=0.05)
+
+
+def test_a_person_in_front_hides_most_of_the_box_behind() -> None:
+    room = Room([Blob(2.0), Blob(4.0, 0.35)])
+    for guess in (0.6, 1.0, 1.6):
+        found = measured(room, with_depth(room), guess=guess)
+        assert [each and each[0] for each in found] == pytest.approx([2.0, math.hypot(4.0, 0.35)], rel=0.06)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("grow", [0.6, 1.0, 1.25])
+def test_the_wall_does_not_become_a_second_person(first: int, grow: float) -> None:
+    """Of two boxes of one seated person, the second one has the wall left, which fits the image better."""
+    room = Room([Blob(4.5, 0.3, seated=True)], wall=6.0)
+    x, y, w, h = box_of(room, 0)
+    boxes = [(x, y, w, h), (x + w / 10 - w * (grow - 1) / 2, y, w * grow, h * grow)]
+    boxes.insert(0, boxes.pop(first))
+    images = with_depth(room, holes=0.0).at(0, "eye", CAMERA)
+    found = measure_people(images, CAMERA, boxes, [guessed(6.2, 0.1)] * 2)
+    assert [each and each.estimate.value for each in found] == pytest.approx([room.people[0].distance] * 2, rel=0.06)
+
+
+@pytest.mark.parametrize("left", [-1.0, 1.0])
+def test_person_at_the_edge_of_the_image(left: float) -> None:
+    room = Room([Blob(2.0, left)], wall=2.8)
+    (found,) = measured(room, with_depth(room), guess=1.5)
+    assert found is not None
+    assert found[0] == pytest.approx(room.people[0].distance, rel=0.06)
+
+
+def test_people_who_stand_side_by_side() -> None:
+    """An undetected neighbour at the same distance does not make a person background."""
+    room = Room([Blob(3.0, 0.5), Blob(3.0, 0.0), Blob(3.0, -0.5)], wall=5.0)
+    found = measured(room, with_depth(room), boxes=[box_of(room, 1)])
+    assert found[0] is not None
+    assert found[0][0] == pytest.approx(3.0, rel=0.06)
 
 
 def test_person_out_of_range_keeps_the_distance_of_the_image() -> None:
@@ -331,6 +382,43 @@ def test_lidar(ahead: float, given_pose: bool) -> None:
     assert sensors.at(0, "eye", LEVEL)[0].source == "lidar"
 
 
+@pytest.mark.parametrize("rings", [16, 32, 64])
+def test_lidar_with_floor_wall_and_occluders(rings: int) -> None:
+    """Visible people are precise up to 15 m; up to 30 m, a distance is stated with an honest error, or none."""
+    random = np.random.default_rng(3)
+    errors: list[float] = []
+    honest: list[bool] = []
+    for ahead in (3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 20.0, 29.0):
+        people = [Blob(ahead, 0.2 * ahead, seated=ahead == 6.0), Blob(ahead, -0.05 * ahead), Blob(0.7 * ahead)]
+        room = Room(people, wall=ahead + 1.5, table=(0.5 * ahead, 0.5 * ahead + 0.7, 0.75))
+        ahead_left_up = scan(room, 1.0, rings=rings)
+        points = np.stack([-ahead_left_up[:, 1], 0.3 - ahead_left_up[:, 2], ahead_left_up[:, 0]], axis=1)
+        # The nearest person is not detected.
+        visible = [index for index in (0, 1) if visible_share(room, index, LEVEL) > 0.5]
+        boxes = [box_of(room, index, LEVEL) for index in visible]
+        guesses = [guessed(ahead * math.exp(random.normal(0, 0.2)), 0.2) for _ in visible]
+        found = measure_people([ProjectedPoints(points.astype(np.float32))], LEVEL, boxes, guesses)
+        for index, each in zip(visible, found, strict=True):
+            if each is None:
+                assert ahead > 15
+                continue
+            error = abs(each.estimate.value - people[index].distance)
+            honest.append(error < 2 * each.estimate.std)
+            if ahead < 15:
+                errors.append(error / people[index].distance)
+    assert len(errors) > 6
+    assert np.median(errors) < 0.02
+    assert np.quantile(errors, 0.9) < 0.05
+    assert np.mean(honest) >= 0.9
+
+
+def test_lidar_without_enough_points() -> None:
+    room = Room([Blob(12.0)], wall=60.0)
+    box = box_of(room, 0, LEVEL)
+    points = np.array([[0.0, 0.0, 11.9], [0.0, 0.1, 11.9], [5.0, 0.0, 11.9]], np.float32)
+    assert measure_people([ProjectedPoints(points)], LEVEL, [box], [guessed(12.0)]) == [None]
+
+
 def test_lidar_without_a_transform_is_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
     room = Room([Blob(3.0)])
     with caplog.at_level("WARNING"):
@@ -347,7 +435,7 @@ def test_depth_is_taken_by_stamp() -> None:
         sensors.take(depth_image(render(room), stamp=index * SECOND))
     for stamp, distance in ((3 * SECOND, 3.5), (9 * SECOND - SECOND // 10, 6.5)):
         room = Room([Blob(distance)])
-        found = measure_people(sensors.at(stamp, "eye", CAMERA), CAMERA, [box_of(room, 0)], [distance])
+        found = measure_people(sensors.at(stamp, "eye", CAMERA), CAMERA, [box_of(room, 0)], [guessed(distance)])
         if stamp > 7 * SECOND:
             assert found[0] is not None
             assert found[0].estimate.value == pytest.approx(distance, rel=0.05)

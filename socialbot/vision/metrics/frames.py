@@ -20,6 +20,7 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.depth import DepthSensors, measure_people
 from socialbot.vision.detector import clip
+from socialbot.vision.distance import Estimate
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 from socialbot.vision.metrics.truth import (
     LEAST_VISIBLE,
@@ -343,7 +344,8 @@ def with_distances(source: LabelledSource, topic: str) -> LabelledSource:
         camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=HFOV_RAD, pose=pose)
         depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
         people = frame.clipped(width, height).persons
-        found = measure_people(depth, camera, [each.box for each in people], [each.distance_m for each in people])
+        stated = [None if each.distance_m is None else Estimate(each.distance_m, 0.0) for each in people]
+        found = measure_people(depth, camera, [each.box for each in people], stated)
         persons = tuple(
             person
             if person.distance_m is not None or each is None
