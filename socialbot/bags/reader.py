@@ -304,11 +304,14 @@ class Bag(AbstractContextManager["Bag"]):
         if (points := best_points(clouds, with_depth=depth is not None)) is not None:
             found[points] = PointCloud
         if any(self._frame(name) != frame for name in found):
-            found |= {name: Transforms for name in ("/tf", "/tf_static") if self._is_transforms(name)}
+            found |= self.transforms
         return found
 
-    def _is_transforms(self, name: str) -> bool:
-        return any(codec.decodable_types().get(topic.type) is Transforms for topic in self.topics if topic.name == name)
+    @property
+    def transforms(self) -> dict[str, type[Message]]:
+        """The topics of transforms, and their message types."""
+        kinds = {topic.name: codec.decodable_types().get(topic.type) for topic in self.topics}
+        return {name: Transforms for name in ("/tf", "/tf_static") if kinds.get(name) is Transforms}
 
     def _frame(self, name: str) -> str:
         """Frame of the first message on a topic; empty if unknown."""

@@ -24,6 +24,7 @@ import numpy as np
 
 from socialbot.core.errors import ParameterError
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
+from socialbot.vision.transforms import AXES, OPTICAL, TransformTree
 
 HEIGHTS_M, PITCHES_RAD = (0.15, 8.0), (-0.7, 1.3)
 """Range of the poses that are estimated."""
@@ -47,6 +48,10 @@ _BORDER_MASS = 0.02  # Probability at the border above which the grid is too sma
 _MAX_SIGHTS, _MAX_PEOPLE = 12, 80  # Kept observations of one person, and people.
 _GAP_S, _MOVED = 0.3, 0.06  # An observation is later than this, and its box has moved by this share of its height.
 _COMMON_HEIGHT, _COMMON_PITCH_RAD = 0.06, 0.012  # Errors that all observations share: population, boxes, slopes.
+
+_BASES = ("base_footprint", "base_link")
+_BASE_HEIGHT_M, _BASE_PITCH_RAD = 0.25, 0.05  # Errors of a pose above base_link, which may be anywhere in the base.
+_UPRIGHT = 0.7
 
 _FLOOR_POINTS, _FLOOR_SHARE, _FLOOR_TRIALS = 50, 0.1, 200
 _FLOOR_LEVEL, _FLOOR_THICKNESS_M = math.cos(math.radians(40)), 0.03
@@ -285,6 +290,43 @@ def floor_plane(points: np.ndarray) -> tuple[float, float, float] | None:
     normal = np.linalg.svd(points[best] - centre, full_matrices=False)[2][2]
     normal *= math.copysign(1.0, normal[1])
     return float(normal @ centre), math.asin(float(np.clip(normal[2], -1, 1))), math.atan2(-normal[0], normal[1])
+
+
+def base_frames(transforms: TransformTree) -> list[str]:
+    """Frames of robot bases, those on the floor first (REP-105, REP-120)."""
+    names = sorted(transforms.frames())
+    return [name for base in _BASES for name in names if name.rpartition("/")[2] == base]
+
+
+def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -> CameraPose | None:
+    """Pose of the camera ``frame_id`` above the floor at about ``stamp`` (ns), from the transform to a robot base.
+
+    The origin of base_footprint is on the floor. That of base_link may be above it, so its pose has an error.
+
+    Returns:
+        The pose; None if no base is connected to the camera, or the transform puts it below the floor.
+    """
+    for base in base_frames(transforms):
+        matrix = transforms.lookup(base, frame_id, stamp)
+        if matrix is None or frame_id.lstrip("/") == base:
+            continue
+        if matrix[2, 2] > _UPRIGHT and not OPTICAL.search(frame_id):
+            matrix = matrix @ AXES.T  # Some drivers name the body frame of a camera as that of its images.
+        pitch = math.asin(float(np.clip(-matrix[2, 2], -1, 1)))
+        roll = math.atan2(-matrix[2, 0], -matrix[2, 1])
+        height = float(matrix[2, 3])
+        if not (HEIGHTS_M[0] <= height <= HEIGHTS_M[1] and abs(roll) < math.pi / 2 and pitch <= PITCHES_RAD[1]):
+            continue
+        exact = base.endswith(_BASES[0])
+        return CameraPose(
+            height_m=height,
+            pitch_rad=pitch,
+            roll_rad=roll,
+            height_std_m=0.0 if exact else _BASE_HEIGHT_M,
+            pitch_std_rad=0.0 if exact else _BASE_PITCH_RAD,
+            source="tf",
+        )
+    return None
 
 
 def pose_beside(bag: Path) -> Path:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import math
-import re
 import struct
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -32,10 +31,11 @@ from socialbot.core.messages import (
     PointCloud,
     Transforms,
 )
-from socialbot.vision.camera import Box, CameraModel
+from socialbot.vision.camera import Box, CameraModel, CameraPose
+from socialbot.vision.camera_pose import base_frames, pose_from_transforms
 from socialbot.vision.distance import Estimate
 from socialbot.vision.images import MOST_PIXELS
-from socialbot.vision.transforms import AXES, Matrix, TransformTree, parse_pose
+from socialbot.vision.transforms import AXES, OPTICAL, Matrix, TransformTree, parse_pose
 
 log = logging.getLogger("socialbot.depth")
 
@@ -546,8 +546,8 @@ TOLERANCE_S = 0.15
 """Largest difference of the stamps of a picture and a measurement."""
 _KEPT_S = 3.0
 _KEPT_IMAGES, _KEPT_CLOUDS = 20, 5
-_OPTICAL = re.compile(r"optical")
 _SAME = 0.03
+_PLACED_NS = 2 * SECOND  # Transforms that place the camera come within this time of its first image.
 """Largest relative difference of the intrinsics of a registered depth image and the picture."""
 _MOST_POINTS = 120_000
 
@@ -567,6 +567,7 @@ class DepthSensors:
     _transforms: TransformTree = field(default_factory=TransformTree, init=False)
     _pose: Matrix | None = field(default=None, init=False)
     _warned: set[str] = field(default_factory=set, init=False)
+    _unplaced_since: int = field(default=2**62, init=False)
 
     def set_pose(self, text: str) -> None:
         """Set the pose of the sensor, for frames without a transform.
@@ -586,6 +587,19 @@ class DepthSensors:
             _keep(self._depth, message, _KEPT_IMAGES)
         elif isinstance(message, PointCloud):
             _keep(self._clouds, message, _KEPT_CLOUDS)
+
+    def camera_pose(self, frame_id: str, stamp: int) -> CameraPose | None:
+        """Pose of the camera ``frame_id`` at ``stamp`` (ns) by the transforms; None, logged once, if they lack it."""
+        pose = pose_from_transforms(self._transforms, frame_id, stamp)
+        if pose is not None or not (bases := base_frames(self._transforms)):
+            return pose
+        self._unplaced_since = min(self._unplaced_since, stamp)
+        if stamp - self._unplaced_since > _PLACED_NS:
+            self._warn(
+                f"the transforms do not place the camera {frame_id!r} above the floor of {bases[0]}: its pose is "
+                "estimated from people; check frame_id of the images, and /tf_static"
+            )
+        return None
 
     def at(self, stamp: int, frame_id: str, camera: CameraModel) -> tuple[RangeImage, ...]:
         """Measurements for the picture of ``stamp`` (ns) in ``frame_id``; unusable ones are logged once."""
@@ -632,7 +646,7 @@ class DepthSensors:
         points = points_of(message)
         points = points[:: 1 + len(points) // _MOST_POINTS]
         # An organised cloud comes from a depth camera.
-        source: Source = "depth" if message.height > 1 and _OPTICAL.search(message.frame_id) else "lidar"
+        source: Source = "depth" if message.height > 1 and OPTICAL.search(message.frame_id) else "lidar"
         return ProjectedPoints(_transformed(points, to_camera), age_s, source)
 
     def _intrinsics(self, width: int, height: int) -> CameraModel | None:
@@ -645,10 +659,10 @@ class DepthSensors:
     def _to_camera(self, sensor: str, camera: str, stamp: int, what: str) -> Matrix | None:
         """Transform from the frame ``sensor`` to the optical axes of ``camera``; None, with a warning, if unknown."""
         found = self._transforms.lookup(camera, sensor, stamp)
-        sensor_is_optical = what == "depth" or _OPTICAL.search(sensor) is not None
+        sensor_is_optical = what == "depth" or OPTICAL.search(sensor) is not None
         if found is not None:
             # Some drivers name the body frame of a camera, whose z axis points up, as that of its images.
-            upright = found[2, 2] > 0.7 and not sensor_is_optical and not _OPTICAL.search(camera)
+            upright = found[2, 2] > 0.7 and not sensor_is_optical and not OPTICAL.search(camera)
             return AXES @ found if upright else found
         if self._pose is not None:
             return AXES @ self._pose @ (AXES.T if sensor_is_optical else np.eye(4))

@@ -190,6 +190,11 @@ class PersonDetector(Node):
         """The detector to use; override it for a detector of your own."""
         return DETECTORS[self.detector]
 
+    @property
+    def camera_pose(self) -> CameraPose:
+        """Pose of the camera at the last image: as given, or as estimated from the people so far."""
+        return self._pipeline.pose
+
     def start(self) -> None:
         cv2.setNumThreads(self.threads)
 
@@ -231,7 +236,7 @@ class PersonDetector(Node):
 
     @image
     def on_image(self, image: Image) -> None:
-        camera = self._camera_of(image)
+        camera = self._placed(self._camera_of(image), image)
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
         bgr = image.bgr()
         persons = self._pipeline.find(bgr, image.stamp, camera, depth)
@@ -260,6 +265,13 @@ class PersonDetector(Node):
             pose = CameraPose.stated(self.mount_height_m, self.pitch_rad, self._filed_pose)
             self._camera = CameraModel.of_images(info, width, height, hfov_rad=self.hfov_rad, pose=pose)
         return self._camera
+
+    def _placed(self, camera: CameraModel, image: Image) -> CameraModel:
+        """The camera at the pose of the transforms, if neither parameters nor a file state one."""
+        if self._filed_pose is not None or camera.pose_source == "given":
+            return camera
+        known = self._sensors.camera_pose(image.frame_id, image.stamp)
+        return camera if known is None else camera.at(CameraPose.stated(self.mount_height_m, self.pitch_rad, known))
 
     def _warn_once(self, text: str) -> None:
         if text not in self._warned:

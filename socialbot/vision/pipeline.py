@@ -47,7 +47,6 @@ _WIDEST = 0.5  # A box wider than this share of its height is cut off at the fee
 _LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
 _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
 _TOUCHING = 0.1  # Share of a box that another one covers.
-_ESTIMATED = ("assumed", "file")  # Sources of poses that are refined with people.
 _PERSON_ASPECT = (0.15, 0.6)  # Widths of people who stand, as shares of their height.
 _LEARNT_PER_IMAGE = 3  # People from whom the pose is learnt in one image; each costs some milliseconds.
 _SURE_HEIGHT = 0.15  # Relative error of the camera height from which the detector may use it.
@@ -135,7 +134,7 @@ class PersonPipeline:
     def _located(self, camera: CameraModel) -> CameraModel:
         """The camera at its estimated pose, unless its pose is known."""
         given = camera.pose
-        if given.source not in _ESTIMATED:
+        if _is_known(given):
             self._pose = given
             return camera
         if self.tracker is None or self._estimator is None or self._estimator.prior != given:
@@ -145,7 +144,7 @@ class PersonPipeline:
 
     def _learn_pose(self, tracks: Sequence[Track], camera: CameraModel, stamp_ns: int) -> CameraModel:
         """Learn the pose of the camera from people who are wholly visible."""
-        if camera.pose_source not in (*_ESTIMATED, "people") or self._estimator is None:
+        if _is_known(camera.pose) or self._estimator is None:
             return camera
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         left = _LEARNT_PER_IMAGE
@@ -337,6 +336,11 @@ class PersonPipeline:
             shared = shared_error(camera, distance.value) * distance.value
             distance = Estimate(distance.value, math.hypot(own, shared))
         return distance, known.figure.stature.height.value, known.posture
+
+
+def _is_known(pose: CameraPose) -> bool:
+    """Whether a pose is exact; any other is refined with people."""
+    return pose.source == "given" or not (pose.height_std_m or pose.pitch_std_rad)
 
 
 def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:

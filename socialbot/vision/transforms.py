@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from collections.abc import Iterable
 
@@ -16,6 +17,9 @@ Matrix = np.ndarray
 
 AXES: Matrix = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From body axes (forward, left, up) to optical axes (right, down, forward), REP-103."""
+
+OPTICAL = re.compile(r"optical")
+"""Part of the names of frames with optical axes, REP-103."""
 
 _KEPT = 200
 """Transforms kept of each frame."""
@@ -40,6 +44,10 @@ class TransformTree:
         to_root, of_root = self._chain(source.lstrip("/"), stamp), self._chain(target.lstrip("/"), stamp)
         common = next((frame for frame in to_root if frame in of_root), None)
         return None if common is None else np.linalg.inv(of_root[common]) @ to_root[common]
+
+    def frames(self) -> set[str]:
+        """Names of all frames."""
+        return {*self._parents, *(known[-1].parent for known in self._parents.values())}
 
     def _chain(self, frame: str, stamp: int) -> dict[str, Matrix]:
         """Transforms from ``frame`` to itself and each of its ancestors, in this order."""

@@ -9,8 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.messages import Transform, Transforms
 from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose
-from socialbot.vision.camera_pose import PoseEstimator, floor_plane, load_pose, pose_beside, save_pose
+from socialbot.vision.camera_pose import (
+    PoseEstimator,
+    floor_plane,
+    load_pose,
+    pose_beside,
+    pose_from_transforms,
+    save_pose,
+)
+from socialbot.vision.depth import DepthSensors
+from socialbot.vision.transforms import AXES, TransformTree, matrix_of
 from tests.vision.test_distance import box_of
 
 DATA = Path(__file__).parents[2] / "data/synthetic"
@@ -110,3 +120,90 @@ def test_pose_file_is_written_and_read(tmp_path):
 def test_rendered_bags_state_their_pose():
     pose = load_pose(pose_beside(DATA / "corridor"))
     assert pose == CameraPose(height_m=1.62, pitch_rad=0.052)
+
+
+Quaternion = tuple[float, float, float, float]
+LEVEL: Quaternion = (0.0, 0.0, 0.0, 1.0)
+TO_OPTICAL: Quaternion = (-0.5, 0.5, -0.5, 0.5)
+"""Turn from body axes to optical axes, REP-103."""
+
+
+def turn(axis: int, angle: float) -> Quaternion:
+    values = [0.0, 0.0, 0.0, math.cos(angle / 2)]
+    values[axis] = math.sin(angle / 2)
+    return values[0], values[1], values[2], values[3]
+
+
+def link(parent: str, child: str, height: float = 0.0, rotation: Quaternion = LEVEL, stamp: int = 0) -> Transform:
+    return Transform(stamp=stamp, parent=parent, child=child, translation=(0.1, 0.0, height), rotation=rotation)
+
+
+def head(base: str, height: float, pitch: float, roll: float, *, stamp: int = 0) -> list[Transform]:
+    """A head with a camera: tilted down by ``pitch`` and then turned clockwise by ``roll``."""
+    return [
+        link(base, "tilt", height, turn(1, pitch), stamp),
+        link("tilt", "camera_link", 0.0, turn(0, roll), stamp),
+        link("camera_link", "camera_optical_frame", 0.0, TO_OPTICAL, stamp),
+    ]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(0.3, 2.5), st.floats(-0.4, 0.8), st.floats(-0.3, 0.3), st.floats(1, 8), st.floats(-1, 1), st.floats(0, 2)
+)
+def test_transforms_give_the_directions_of_points(height, pitch, roll, forward, left, up):
+    tree = TransformTree()
+    tree.add(head("base_footprint", height, pitch, roll))
+    pose = pose_from_transforms(tree, "camera_optical_frame", 0)
+    assert pose is not None
+    assert (pose.source, pose.height_std_m, pose.pitch_std_rad) == ("tf", 0.0, 0.0)
+    to_base = tree.lookup("base_footprint", "camera_optical_frame", 0)
+    assert to_base is not None
+    x, y, z, _ = np.linalg.inv(to_base) @ (forward + to_base[0, 3], left, up, 1.0)
+    if z < 0.1:
+        return
+    model = CameraModel.from_field_of_view(640, 480, 1.3).at(pose)
+    bearing, elevation = model.direction(model.cx + model.fx * x / z, model.cy + model.fy * y / z)
+    assert elevation == pytest.approx(math.atan2(up - pose.height_m, math.hypot(forward, left)), abs=1e-6)
+    if abs(roll) < 1e-9:
+        assert bearing == pytest.approx(math.atan2(left, forward), abs=1e-6)
+
+
+def test_body_frame_of_a_camera_has_the_pose_of_its_optical_frame():
+    tree = TransformTree()
+    tree.add(head("robot/base_footprint", 1.2, 0.2, 0.1))
+    poses = [pose_from_transforms(tree, frame, 0) for frame in ("camera_link", "camera_optical_frame")]
+    assert [each and (each.pitch_rad, each.roll_rad) for each in poses] == [pytest.approx((0.2, 0.1))] * 2
+    assert np.allclose(matrix_of((0, 0, 0), TO_OPTICAL), AXES[:4, :4].T)
+
+
+def test_pose_follows_a_head_that_tilts():
+    tree = TransformTree()
+    for stamp, pitch in ((0, 0.0), (100, 0.3)):
+        tree.add(head("base_footprint", 1.2, pitch, 0.0, stamp=stamp))
+    poses = [pose_from_transforms(tree, "camera_optical_frame", stamp) for stamp in (10, 90)]
+    assert [each and each.pitch_rad for each in poses] == pytest.approx([0.0, 0.3])
+
+
+def test_base_link_may_be_above_the_floor():
+    tree = TransformTree()
+    tree.add(head("base_link", 1.0, 0.0, 0.0))
+    rough = pose_from_transforms(tree, "camera_optical_frame", 0)
+    assert rough is not None
+    assert rough.height_std_m > 0.1
+    tree.add([link("base_link", "base_footprint", -0.2)])
+    exact = pose_from_transforms(tree, "camera_optical_frame", 0)
+    assert exact is not None
+    assert (exact.height_m, exact.height_std_m) == (pytest.approx(1.2), 0.0)
+
+
+def test_camera_that_is_not_connected_to_a_base_is_told_once(caplog):
+    sensors = DepthSensors()
+    assert sensors.camera_pose("eye", 0) is None
+    sensors.take(Transforms(stamp=0, transforms=tuple(head("base_link", 1.0, 0.0, 0.0))))
+    for second in range(5):
+        assert sensors.camera_pose("eye", second * 10**9) is None
+    assert [record.getMessage() for record in caplog.records if "base_link" in record.getMessage()] == [
+        "the transforms do not place the camera 'eye' above the floor of base_link: its pose is estimated from people; "
+        "check frame_id of the images, and /tf_static"
+    ]

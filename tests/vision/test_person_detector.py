@@ -12,11 +12,20 @@ from socialbot.bags.reader import open_bag
 from socialbot.bridge._callback_queue import CallbackQueue
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
-from socialbot.core.messages import BoxMarkers, CameraInfo, CompressedImage, DepthImage, Image, PersonDetections
+from socialbot.core.messages import (
+    BoxMarkers,
+    CameraInfo,
+    CompressedImage,
+    DepthImage,
+    Image,
+    PersonDetections,
+    Transform,
+    Transforms,
+)
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, measure
@@ -367,3 +376,21 @@ def test_nobody_says_nothing_of_a_turned_camera(caplog):
     for number in range(8):
         rig.show(corridor(), stamp=round((1 + 0.5 * number) * SECOND))
     assert not [record for record in caplog.records if "turned" in record.getMessage()]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "height_m", "source"),
+    [({}, 1.0, "tf"), ({"mount_height_m": 1.4}, 1.4, "tf"), ({"mount_height_m": 1.4, "pitch_rad": 0.1}, 1.4, "given")],
+)
+def test_pose_of_transforms_is_used_unless_parameters_state_it(stub, parameters, height_m, source):
+    rig = Rig(**{"mount_height_m": UNKNOWN_HEIGHT, "pitch_rad": UNKNOWN_PITCH, **parameters})
+    rig.info()
+    optical = Transform(
+        stamp=0, parent="base_footprint", child="eye", translation=(0.0, 0.0, 1.0), rotation=(-0.5, 0.5, -0.5, 0.5)
+    )
+    rig.runner.feed("/tf_static", Transforms(stamp=0, transforms=(optical,)))
+    rig.show(BLANK)
+    assert isinstance(rig.node, PersonDetector)
+    pose = rig.node.camera_pose
+    assert (pose.height_m, pose.source) == (pytest.approx(height_m), source)
+    assert pose.height_std_m == pose.pitch_std_rad == 0.0

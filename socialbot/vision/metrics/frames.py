@@ -85,6 +85,7 @@ class BagImages:
         with open_bag(self.path) as bag:
             info_topic = bag.camera_info_topic_for(self.image_topic)
             depth = bag.depth_sensors_for(self.image_topic, self.depth)
+            depth |= bag.transforms
             sensors = DepthSensors() if depth else None
             topics = [self.image_topic, *([info_topic.name] if info_topic else []), *depth]
             for topic, message in bag.messages(dict(zip(topics, topics, strict=True)), depth):

@@ -115,7 +115,7 @@ class EvaluatedPipeline:
     ) -> None:
         """Build the pipeline for ``images``, which are not tracked if they are not consecutive.
 
-        The pose of the camera is that of the settings, or else that of the pose file beside the bag.
+        The pose of the camera is that of the settings, else of the pose file beside the bag, else of its transforms.
 
         Raises:
             InstallationError: A package of the detector is missing.
@@ -124,7 +124,8 @@ class EvaluatedPipeline:
         self._values = values = settings.values
         consecutive = images is None or images.consecutive
         beside = load_pose(pose_beside(Path(images.path))) if isinstance(images, BagImages) else None
-        self._pose = CameraPose.stated(values["mount_height_m"], values["pitch_rad"], beside)
+        self._stated = values["mount_height_m"], values["pitch_rad"]
+        self._pose = CameraPose.stated(*self._stated, beside)
         self._floor = settings.floor if recording else None
         own = {each.name: values[each.name] for each in fields(DetectorSettings) if each.name != "threads"}
         self._pipeline = PersonPipeline(
@@ -144,6 +145,9 @@ class EvaluatedPipeline:
         camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=self._pose)
         depth: Sequence[RangeImage] = ()
         if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
+            if self._pose.source == "assumed":
+                known = encoded.sensors.camera_pose(encoded.content.frame_id, encoded.stamp)
+                camera = camera if known is None else camera.at(CameraPose.stated(*self._stated, known))
             encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
             encoded.sensors.set_pose(self._values["depth_pose"])
             depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)
