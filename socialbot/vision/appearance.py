@@ -12,7 +12,8 @@ from socialbot.vision.detector import shared_area
 _PARTS = ((0.17, 0.5), (0.5, 0.86))  # Rows of upper body and legs as shares of the height of a whole person.
 _MIDDLE = (0.2, 0.8)  # Columns of a box that mostly show the person.
 _SPREAD = 0.3  # The middle counts most: standard deviation of the weights, as a share of these columns.
-_ROWS, _COLUMNS = 48, 16  # Pixels to which a whole person is reduced.
+_ROWS, _COLUMNS = 36, 12  # Pixels to which a whole person is reduced.
+_FINE = 3  # Of larger images of a person, not every pixel is read.
 _LEAST_PX = 8  # Narrower middles of boxes show no colours.
 _TALL = 2.2  # A whole standing person is at least this many times as high as wide.
 _LEAST_SPACE_PX = 2  # Boxes this near to the left or right edge may be cut off, so their middle is not the person's.
@@ -31,7 +32,7 @@ def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
         Square roots of soft histograms in CIE L*a*b*, (n, 2, bins): upper body and legs. They are NaN where a part is
         outside the image, hidden by a nearer box or too small or dark, and of boxes at the left and right edge.
     """
-    looks = np.full((len(boxes), len(_PARTS), int(np.prod(_BINS))), np.nan, np.float32)
+    looks = np.full((len(boxes), len(_PARTS), _SIZE), np.nan, np.float32)
     width = image_bgr.shape[1]
     grey = float(image_bgr[::_STEP, ::_STEP].mean()) if len(boxes) else 0.0
     if grey < _LEAST_GREY:
@@ -53,27 +54,47 @@ def _describe(image_bgr: np.ndarray, box: np.ndarray, gain: float, look: np.ndar
     part = image_bgr[max(0, round(y)) : round(y + h), left:right]
     if part.shape[1] < _LEAST_PX or part.shape[0] < _LEAST_PX:
         return
-    rows = max(1, round(_ROWS * part.shape[0] / full))
-    small = cv2.resize(part, (_COLUMNS, rows), interpolation=cv2.INTER_AREA).astype(np.float32)
+    rows = min(_ROWS, max(1, round(_ROWS * part.shape[0] / full)))
+    step = max(1, part.shape[0] // (_FINE * _ROWS))
+    small = cv2.resize(part[::step, ::step], (_COLUMNS, rows), interpolation=cv2.INTER_AREA).astype(np.float32)
     lab = cv2.cvtColor(np.minimum(small * np.float32(gain / 255), 1), cv2.COLOR_BGR2LAB)
-    weights = np.exp(-((((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) / _SPREAD) ** 2) / 2)
-    for number, (first, last) in enumerate(_PARTS):
-        start, end = round(first * _ROWS), round(last * _ROWS)
+    histograms = _histograms(lab)
+    for number, (_, end) in enumerate(_ENDS):
         if end <= rows:
-            histogram = _histogram(lab[start:end].reshape(-1, 3), np.tile(weights, end - start))
-            look[number] = np.sqrt(histogram / histogram.sum())
+            look[number] = np.sqrt(histograms[number] / histograms[number].sum())
 
 
-def _histogram(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Histogram of ``values`` (n, 3), each shared between its nearest bins."""
-    low, high, bins = np.array(_LOW), np.array(_HIGH), np.array(_BINS)
-    places = np.clip((values - low) / (high - low) * bins - 0.5, 0, bins - 1.001)
+_ENDS = tuple((round(first * _ROWS), round(last * _ROWS)) for first, last in _PARTS)
+_PART_OF = np.full(_ROWS, len(_PARTS))  # Number of the part in each row; further ones are left out.
+for _number, (_start, _end) in enumerate(_ENDS):
+    _PART_OF[_start:_end] = _number
+_WEIGHTS = np.exp(-((((np.arange(_COLUMNS) + 0.5) / _COLUMNS - 0.5) / _SPREAD) ** 2) / 2)
+_SCALE = np.array(_BINS) / (np.array(_HIGH) - np.array(_LOW))
+_LAST = np.array(_BINS) - 1.001
+_SIZE = int(np.prod(_BINS))
+_STRIDES = np.array([_BINS[1] * _BINS[2], _BINS[2], 1])
+
+
+def _histograms(lab: np.ndarray) -> np.ndarray:
+    """Histograms of the parts in an image (rows, columns, 3), shape (parts + 1, bins).
+
+    Each value is shared between its nearest bins.
+    """
+    rows = len(lab)
+    places = np.clip((lab - np.array(_LOW)) * _SCALE - 0.5, 0, _LAST).reshape(-1, 3).T
     first = places.astype(np.intp)
-    rest = places - first
-    strides = np.array([bins[1] * bins[2], bins[2], 1])
-    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
-    shares = np.prod(np.where(corners[:, None], rest, 1 - rest), axis=2) * weights
-    return np.bincount(((first + corners[:, None]) @ strides).ravel(), shares.ravel(), int(bins.prod()))
+    above = places - first
+    below = 1 - above
+    corner = _STRIDES @ first + np.repeat(_PART_OF[:rows] * _SIZE, _COLUMNS)
+    weights = np.tile(_WEIGHTS, rows)
+    bins, shares = [], []
+    for i, light in enumerate((weights * below[0], weights * above[0])):
+        for j, red in enumerate((light * below[1], light * above[1])):
+            for k, share in enumerate((red * below[2], red * above[2])):
+                bins.append(corner + int(_STRIDES @ (i, j, k)))
+                shares.append(share)
+    size = (len(_PARTS) + 1) * _SIZE
+    return np.bincount(np.concatenate(bins), np.concatenate(shares), size).reshape(-1, _SIZE)
 
 
 _ALIKE = 0.12  # Looks closer than this are one exemplar.

@@ -192,6 +192,12 @@ def test_person_cut_off_at_the_waist_shows_the_upper_body():
     assert Appearance([whole]).distances(look[None])[0] < 0.1
 
 
+def test_boxes_between_two_pixels_are_rounded():
+    image = picture((at(100), ANNA))
+    boxes = [(100.0, y, 14.0, height) for height in np.arange(31.0, 34.0, 0.25) for y in (100.0, 100.5, 101.75)]
+    assert all(not np.isnan(looks_of(image, np.array([box]))).any() for box in boxes)
+
+
 def test_looks_do_not_depend_on_the_order_of_boxes():
     image = picture((at(100), ANNA), (at(400), BEN))
     boxes = np.array([at(100), at(400)])
