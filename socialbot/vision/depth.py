@@ -490,7 +490,9 @@ class _View:
             score = share * _likelihood(self._camera, self._box, middle, self._expected)
             if score < _LEAST_SCORE / 3:
                 continue
-            score /= 1.0 + (self._continued(middle) / _CONTINUED) ** 2
+            # A layer that fills the box cannot be the background of the person in it.
+            background = self._continued(middle) * (1.0 - share**4)
+            score /= 1.0 + (background / _CONTINUED) ** 2
             spread = float(1.48 * np.median(np.abs(distances[first:end] - middle)))
             layers.append(_Layer(middle, spread / math.sqrt(min(end - first, 9)), score, (end - first) * pixels))
         return layers

@@ -308,6 +308,15 @@ def test_people_who_stand_side_by_side() -> None:
     assert found[0][0] == pytest.approx(3.0, rel=0.06)
 
 
+@pytest.mark.parametrize("guess", [0.6, 1.0, 1.6])
+def test_depth_without_any_background(guess: float) -> None:
+    room = Room([Blob(3.0)])
+    flat = np.full((CAMERA.height, CAMERA.width), 2.9)
+    found = measured(room, with_depth(room, depth_image(flat)), guess=guess)
+    assert found[0] is not None
+    assert found[0][0] == pytest.approx(3.0, rel=0.06)
+
+
 def test_person_out_of_range_keeps_the_distance_of_the_image() -> None:
     room = Room([Blob(7.0)], wall=12.0, table=(2.0, 2.5, 0.7))
     assert measured(room, with_depth(room, farthest=4.5)) == [None]
