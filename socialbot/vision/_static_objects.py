@@ -41,12 +41,12 @@ _FROZEN = 0.02  # Cells whose difference has a lower variance have not been upda
 _FROZEN_SHARE = 0.5
 _TURNED_PX = 0.8  # The camera moves when the background does.
 
-# Scores as multiples of the score that counts alone.
-_ALONE_S, _ALONE_SCORE = 0.5, 1.73  # Still since the first image, before anybody moved: objects below this score.
-_STILL_S, _STILL_SCORE = 8.0, 1.55  # Still for so long: objects below this score,
+# Scores as multiples of the score that is certain.
+_ALONE_S, _ALONE_SCORE = 0.5, 1.0  # Still since the first image, before anybody moved: objects below this score.
+_STILL_S, _STILL_SCORE = 8.0, 0.9  # Still for so long: objects below this score,
 _LIFE_S = 30.0  # if they never moved; after a movement they may be still for longer.
 _AWAKE_S, _ASIDE = 1.5, 0.7  # An object that moves for so long, others being so many widths away, is a person.
-_CERTAIN = 1.82  # A score that contradicts the background.
+_FAMILIAR_SCORE = 1.05  # A score that contradicts the background.
 _FIRST_S = 0.35  # Tracks that begin so early were there in the first image.
 _NEWS = 0.1  # Weight of the newest score in the mean.
 
@@ -167,11 +167,11 @@ class StaticObjectFilter:
     """Removes tracks that never move and do not look like people with certainty.
 
     Args:
-        sure: Score from which a detection counts alone.
+        certain: Score from which a box shows a person for certain; infinite if none does.
     """
 
-    def __init__(self, sure: float) -> None:
-        self._sure = sure
+    def __init__(self, certain: float) -> None:
+        self._certain = certain
         self._forget((0, 0))
 
     def _forget(self, shape: tuple[int, ...]) -> None:
@@ -264,12 +264,12 @@ class StaticObjectFilter:
             least = _SAME if is_moving and not was_object else _FAMILIAR
             if was_object and not history.moved:
                 least = _STILL_VAGUE
-            if familiar >= least and min(track.score, history.score) < _CERTAIN * self._sure:
+            if familiar >= least and min(track.score, history.score) < _FAMILIAR_SCORE * self._certain:
                 return True
         self._company |= is_moving
-        if history.first and not history.moved and not self._company and history.score < _ALONE_SCORE * self._sure:
+        if history.first and not history.moved and not self._company and history.score < _ALONE_SCORE * self._certain:
             is_object = was_object or history.still_s >= _ALONE_S
-        elif history.score >= _STILL_SCORE * self._sure:
+        elif history.score >= _STILL_SCORE * self._certain:
             return False
         else:
             is_object = history.still_s >= (_LIFE_S if history.moved else _STILL_S) or (was_object and not is_moving)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -237,6 +238,8 @@ class DetectorSpec:
         weak: Score from which a detection continues a track.
         make: Builds the detector with its threshold at ``sure``. It raises InstallationError for a missing package
             and ParameterError for invalid settings.
+        certain: Score from which a box shows a person even if it never moves; infinite where no score says so. The
+            default suits scores from 0 to 1.
         faces: Whether the faces of its people are searched, which needs onnxruntime.
     """
 
@@ -244,6 +247,7 @@ class DetectorSpec:
     sure: float
     weak: float
     make: Callable[[DetectorSettings], Detector]
+    certain: float = 0.8
     faces: bool = True
 
 
@@ -302,9 +306,9 @@ def _canvas(settings: DetectorSettings, network: OnnxModel) -> tuple[int, int] |
 DETECTORS: Mapping[str, DetectorSpec] = {
     spec.name: spec
     for spec in (
-        DetectorSpec("nanodet", 0.45, 0.25, _nanodet),
-        DetectorSpec("hog", 0.55, 0.3, _hog, faces=False),
-        DetectorSpec("onnx", 0.4, 0.2, _onnx),
+        DetectorSpec("nanodet", 0.45, 0.25, _nanodet, certain=0.78),
+        DetectorSpec("hog", 0.55, 0.3, _hog, certain=math.inf, faces=False),
+        DetectorSpec("onnx", 0.4, 0.2, _onnx, certain=0.7),
     )
 }
 """Detectors by name, the default first.

@@ -108,7 +108,7 @@ class PersonPipeline:
         )
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
-        self._static_objects = StaticObjectFilter(spec.sure)
+        self._static_objects = StaticObjectFilter(spec.certain)
         self._spec = spec
         self._detector = detector
         self._known: dict[str, TrackState] = {}
