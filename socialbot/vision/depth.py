@@ -670,7 +670,7 @@ class DepthSensors:
             return AXES @ self._pose @ (AXES.T if sensor_is_optical else np.eye(4))
         self._warn(
             f"{what} in {sensor or 'a frame without a name'}: no transform to {camera or 'the camera'} is known, so "
-            "they are not used; record /tf and /tf_static, or set depth_pose"
+            "they are not used; record /tf and /tf_static (over ROS, install the package tf2_msgs), or set depth_pose"
         )
         return None
 
