@@ -1,14 +1,20 @@
-"""``socialbot calibrate``: find the pose of a camera above the floor from the people in its images."""
+"""``socialbot calibrate``: find the pose of a camera above the floor from its transforms or the people in view."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from socialbot.cli._options import BagArgument, many
+
+if TYPE_CHECKING:
+    from socialbot.vision.camera import CameraPose
+
+_STEADY_M, _STEADY_RAD = 0.02, 0.01  # A pose that changes more is that of a camera that moves.
 
 
 def calibrate(
@@ -17,13 +23,14 @@ def calibrate(
     hfov_rad: Annotated[float, typer.Option(min=0.1, max=3.0, help="Field of view without a camera_info.")] = 1.09,
     save: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the pose file.")] = None,
 ) -> None:
-    """Find height and pitch of the camera of a bag from the people in view.
+    """Find height and pitch of the camera of a bag from its transforms, or else from the people in view.
 
     The intrinsics come from camera_info. The person detector takes the result by its parameters, or reads the file that
     its parameter camera_file names. A file NAME.camera.json beside a bag is used by replay and evaluate.
     """
     from socialbot.bags.reader import open_bag
     from socialbot.core.errors import BagError, ImageError
+    from socialbot.core.messages import CompressedImage, Image
     from socialbot.vision.camera import ASSUMED, CameraModel
     from socialbot.vision.camera_pose import save_pose
     from socialbot.vision.detectors import DETECTORS, DetectorSettings
@@ -36,15 +43,25 @@ def calibrate(
     spec = DETECTORS["nanodet"]
     pipeline = PersonPipeline(spec, spec.make(DetectorSettings()), hide_still=False)
     frames, calibrated = 0, False
+    placed: list[CameraPose] = []
     for encoded in BagImages(str(bag), topic).read():
         try:
             image = encoded.bgr()
         except ImageError:
             continue
         height, width = image.shape[:2]
-        camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=ASSUMED)
-        pipeline.find(image, encoded.stamp, camera)
         frames, calibrated = frames + 1, encoded.info is not None
+        known = None
+        if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
+            known = encoded.sensors.camera_pose(encoded.content.frame_id, encoded.stamp)
+        if known is not None and not known.height_std_m:
+            placed.append(known)
+        else:
+            camera = CameraModel.of_images(encoded.info, width, height, hfov_rad=hfov_rad, pose=known or ASSUMED)
+            pipeline.find(image, encoded.stamp, camera)
+    if placed:
+        _show_placed(console, placed, frames, bag, save)
+        return
     pose = pipeline.pose
     if not pose.people:
         raise BagError(
@@ -54,11 +71,34 @@ def calibrate(
         )
     console.print(f"height  {pose.height_m:.2f} +- {pose.height_std_m:.2f} m above the floor")
     console.print(f"pitch   {pose.pitch_rad:.3f} +- {pose.pitch_std_rad:.3f} rad down")
-    console.print(f"from    {pose.people} tracks of people in {many(frames, 'image')}")
+    console.print(f"source  people: {pose.people} tracks of people in {many(frames, 'image')}")
     if not calibrated:
         console.print(f"[yellow]no camera_info[/]: a field of view of {hfov_rad:.2f} rad is assumed (--hfov-rad)")
     settings = f"--set person_detector.mount_height_m={pose.height_m:.2f}"
     console.print(f"use     {settings} --set person_detector.pitch_rad={pose.pitch_rad:.3f}", soft_wrap=True)
+    if save is not None:
+        save_pose(pose, save)
+        console.print(f"file    {save}; or: --set person_detector.camera_file={save}", soft_wrap=True)
+
+
+def _show_placed(console: Console, poses: Sequence[CameraPose], frames: int, bag: Path, save: Path | None) -> None:
+    """Show the poses of the transforms, and save that of a camera that does not move."""
+    from socialbot.core.errors import BagError
+    from socialbot.vision.camera_pose import save_pose
+
+    heights, pitches = [each.height_m for each in poses], [each.pitch_rad for each in poses]
+    moves = max(heights) - min(heights) > _STEADY_M or max(pitches) - min(pitches) > _STEADY_RAD
+    pose = poses[len(poses) // 2]
+    if moves:
+        console.print(f"height  {min(heights):.2f} to {max(heights):.2f} m above the floor: the camera moves")
+        console.print(f"pitch   {min(pitches):.3f} to {max(pitches):.3f} rad down")
+    else:
+        console.print(f"height  {pose.height_m:.2f} m above the floor")
+        console.print(f"pitch   {pose.pitch_rad:.3f} rad down")
+    console.print(f"source  transforms, in {len(poses)} of {many(frames, 'image')}")
+    console.print("use     no settings: the person detector takes the pose from /tf and /tf_static")
+    if save is not None and moves:
+        raise BagError("the camera moves, so it has no fixed pose", where=str(bag), remedy="omit --save")
     if save is not None:
         save_pose(pose, save)
         console.print(f"file    {save}; or: --set person_detector.camera_file={save}", soft_wrap=True)

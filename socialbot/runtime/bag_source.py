@@ -190,7 +190,16 @@ class BagSource(RunSource):
 
 
 def _with_camera_pose(graph: Graph, bag: Path) -> Graph:
-    """Set the pose in the file beside the bag, if there is one, in detectors that do not state one."""
+    """Set the pose in the file beside the bag, if there is one, in detectors that do not state one.
+
+    Detectors do not write their pose files, so that each replay gives the same.
+    """
+    kept = [
+        each.name
+        for each in graph.nodes
+        if each.parameters.get("camera_file") and "keep_pose" in each.type.parameters()
+    ]
+    graph = graph.with_parameters({name: {"keep_pose": False} for name in kept}) if kept else graph
     nodes = [each for each in graph.nodes if each.type.parameters().keys() >= {"mount_height_m", "pitch_rad"}]
     if not nodes:
         return graph

@@ -11,6 +11,7 @@ import numpy as np
 
 from socialbot.core import paths
 from socialbot.core.clock import SECOND
+from socialbot.core.errors import ParameterError
 from socialbot.core.messages import (
     BoxMarkers,
     CameraInfo,
@@ -26,8 +27,8 @@ from socialbot.core.messages import (
 )
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
-from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
-from socialbot.vision.camera_pose import load_pose
+from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
+from socialbot.vision.camera_pose import load_pose, save_pose
 from socialbot.vision.depth import TOLERANCE_S, DepthSensors
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
@@ -39,6 +40,8 @@ from socialbot.vision.tracking import REMEMBER_S
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()
 _LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
+
+_SAVE_NS = 60 * SECOND  # Pause between two writes of the pose file.
 
 _CHECK_S, _LONGEST_CHECK_S = 0.5, 60.0  # Pauses between two checks, doubled after a round without people.
 _TURNED_SCORE, _BETTER = 0.6, 0.05  # Score of people in a turned image, and its lead over that in upright ones.
@@ -132,8 +135,9 @@ class PersonDetector(Node):
         UNKNOWN_PITCH, "downward tilt of the camera, rad; 2: not known, estimated", minimum=-1.5, maximum=UNKNOWN_PITCH
     )
     camera_file = Parameter(
-        "", "file with the pose of the camera, written by socialbot calibrate; read at the start", fixed=True
+        "", "file with the pose of the camera; read at the start, and written when people refine it", fixed=True
     )
+    keep_pose = Parameter(True, "write camera_file, at most once a minute; replays never do")
     person_height_m = Parameter(
         PERSON_HEIGHT_M, "mean height of adults, with shoes and hair, m", minimum=0.5, maximum=2.5
     )
@@ -164,12 +168,14 @@ class PersonDetector(Node):
             path = Path(self.model).expanduser()
             settings["model"] = str(paths.in_workspace(path, where=f"{name}.model"))
         detector = self._spec.make(DetectorSettings(**settings))
+        self._file: Path | None = None
         self._filed_pose: CameraPose | None = None
+        self._saved, self._saved_at = ASSUMED, -(2**62)
         if self.camera_file:
-            file = paths.in_workspace(Path(self.camera_file).expanduser(), where=f"{name}.camera_file")
-            self._filed_pose = load_pose(file)
+            self._file = paths.in_workspace(Path(self.camera_file).expanduser(), where=f"{name}.camera_file")
+            self._filed_pose = load_pose(self._file)
             if self._filed_pose is None:
-                self.log.warning("%s does not exist: the camera's pose is estimated from people", file)
+                self.log.warning("%s does not exist yet: the camera's pose is estimated from people", self._file)
         self._info: CameraInfo | None = None
         self._sensors = DepthSensors()
         self._pipeline = PersonPipeline(
@@ -197,6 +203,9 @@ class PersonDetector(Node):
 
     def start(self) -> None:
         cv2.setNumThreads(self.threads)
+
+    def stop(self) -> None:
+        self._save_pose(0)
 
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
@@ -247,6 +256,7 @@ class PersonDetector(Node):
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
+        self._save_pose(_SAVE_NS)
         turn = self._turned.look(bgr, image.stamp, persons) if self._turned is not None else ""
         if turn:
             self._warn_once(f"the camera seems to be turned: people are upright in images turned by {turn}")
@@ -272,6 +282,23 @@ class PersonDetector(Node):
             return camera
         known = self._sensors.camera_pose(image.frame_id, image.stamp)
         return camera if known is None else camera.at(CameraPose.stated(self.mount_height_m, self.pitch_rad, known))
+
+    def _save_pose(self, pause_ns: int) -> None:
+        """Write a pose that people have refined to its file, at most every ``pause_ns``."""
+        pose, now = self.camera_pose, self.clock.now()
+        if (
+            self._file is None
+            or not self.keep_pose
+            or pose.source != "people"
+            or pose == self._saved
+            or 0 <= now - self._saved_at < pause_ns
+        ):
+            return
+        self._saved, self._saved_at = pose, now
+        try:
+            save_pose(pose, self._file)
+        except ParameterError as error:
+            self._warn_once(f"the pose of the camera is not kept: {error}")
 
     def _warn_once(self, text: str) -> None:
         if text not in self._warned:

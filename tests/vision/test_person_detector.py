@@ -25,7 +25,8 @@ from socialbot.core.messages import (
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
-from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel
+from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose
+from socialbot.vision.camera_pose import save_pose
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, measure
@@ -35,6 +36,7 @@ from socialbot.vision.network import LAYOUTS
 from socialbot.vision.person_detector import PersonDetector
 from socialbot.vision.tracking import cut_off
 from tests.vision.drawn import add_person, corridor
+from tests.vision.test_distance import box_of
 
 COLOR, INFO = "/camera/image_color", "/camera/camera_info"
 BOXES = np.array([[290.0, 150, 60, 180], [100, 200, 40, 120]])
@@ -394,3 +396,44 @@ def test_pose_of_transforms_is_used_unless_parameters_state_it(stub, parameters,
     pose = rig.node.camera_pose
     assert (pose.height_m, pose.source) == (pytest.approx(height_m), source)
     assert pose.height_std_m == pose.pitch_std_rad == 0.0
+
+
+def walk(rig: Rig, model: CameraModel, seconds: range) -> None:
+    """Show a person who walks up to the camera."""
+    for second in seconds:
+        Stub.boxes = np.array([box_of(model, 8.0 - 0.4 * (second % 12), 0.0), (0.0, 0.0, 1.0, 1.0)])
+        for tick in range(5):
+            rig.show(BLANK, stamp=second * SECOND + tick * SECOND // 5)
+
+
+def test_estimated_pose_is_kept_in_its_file_and_read_at_the_start(stub, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Stub, "boxes", BOXES)
+    monkeypatch.setattr(person_detector, "save_pose", saved := Saved())
+    model = CameraModel.from_field_of_view(640, 480, 1.09, mount_height_m=1.2, pitch_rad=0.05)
+    unknown = {"mount_height_m": UNKNOWN_HEIGHT, "pitch_rad": UNKNOWN_PITCH, "camera_file": "camera.json"}
+    rig = Rig(**unknown)
+    walk(rig, model, range(10, 20))
+    assert isinstance(rig.node, PersonDetector)
+    assert rig.node.camera_pose.source == "people"
+    assert saved.count == 1, "at most once a minute"
+    walk(rig, model, range(80, 90))
+    assert saved.count == 2
+    rig.runner.close()
+    Stub.boxes = np.zeros((2, 4))
+    again = Rig(**unknown)
+    again.show(BLANK)
+    assert isinstance(again.node, PersonDetector)
+    assert again.node.camera_pose.source == "file"
+    assert again.node.camera_pose.height_m == pytest.approx(rig.node.camera_pose.height_m)
+
+
+class Saved:
+    """Writes pose files, and counts them."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, pose: CameraPose, path: Path) -> None:
+        self.count += 1
+        save_pose(pose, path)

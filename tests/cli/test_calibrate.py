@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialbot.bags.reader import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Image
+from socialbot.vision.camera_pose import load_pose
+from tests.system.running import socialbot_here
+
+DATA = Path(__file__).parents[2] / "data/synthetic"
+START = 1_700_000_000 * SECOND
+
+
+def test_transforms_of_a_bag_give_the_pose_of_a_head_that_turns(tmp_path: Path) -> None:
+    done = socialbot_here("calibrate", DATA / "turning_tune")
+    assert done.returncode == 0, done.stderr
+    assert "height  1.23 to 1.23 m above the floor: the camera moves" in done.stdout
+    assert "pitch   -0.029 to 0.167 rad down" in done.stdout
+    assert "source  transforms, in 70 of 70 images" in done.stdout
+    refused = socialbot_here("calibrate", DATA / "turning_tune", "--save", tmp_path / "camera.json")
+    assert refused.returncode == 3
+    assert "the camera moves" in refused.stderr
+    assert not (tmp_path / "camera.json").exists()
+
+
+def test_bag_without_people_ends_with_error_3(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "empty") as bag:
+        for index in range(3):
+            stamp = START + index * SECOND
+            image = Image.from_bgr(np.full((240, 320, 3), 90, np.uint8), stamp=stamp, frame_id="camera")
+            bag.write("/camera/image_raw", image, stamp)
+    done = socialbot_here("calibrate", tmp_path / "empty", "--save", tmp_path / "camera.json")
+    assert done.returncode == 3
+    assert "nobody is wholly visible in 3 images" in done.stderr
+    assert "record people who walk through the view" in done.stderr
+    assert not (tmp_path / "camera.json").exists()
+
+
+@pytest.mark.slow
+def test_people_give_the_pose_and_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "camera.json"
+    done = socialbot_here("calibrate", DATA / "corridor", "--save", file)
+    assert done.returncode == 0, done.stderr
+    assert "source  people: " in done.stdout
+    assert str(file) in done.stdout
+    pose = load_pose(file)
+    assert pose is not None
+    assert f"height  {pose.height_m:.2f} +- {pose.height_std_m:.2f} m" in done.stdout
+    assert f"pitch   {pose.pitch_rad:.3f} +- {pose.pitch_std_rad:.3f} rad" in done.stdout
+    assert (pose.source, pose.people > 0) == ("file", True)
+    assert abs(pose.height_m - 1.62) < 2 * pose.height_std_m
+    assert abs(pose.pitch_rad - 0.052) < 2 * pose.pitch_std_rad
