@@ -128,7 +128,7 @@ def test_rates_lie_between_none_and_all_and_within_their_intervals(frames):
             assert 0 <= low <= rate <= high <= 1
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(scenes, st.randoms(use_true_random=False))
 def test_order_of_matches_does_not_matter(frames, random):
     shuffled = [list(each) for each in frames]
