@@ -153,7 +153,8 @@ REMEMBER_S = 90.0
 _MOST_REMEMBERED = 32
 _LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
 _LEAST_MORE = 0.2  # and it must fit better by this.
-_LIKE, _UNLIKE = 0.1, 0.3  # Distances of looks that one person usually stays below, and other people above.
+_LIKE, _UNLIKE = 0.15, 0.4  # Distances of looks that one person usually stays below, and other people above.
+_FOREIGN = 0.5  # A track that looks so different shows somebody else.
 _RETURNED = 0.15  # A lost person is recognised below this distance,
 _CLEARER = 0.7  # if other known people are farther by this factor.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
@@ -403,7 +404,7 @@ class Tracker:
         if not mixed:
             person.others.clear()
         far = float(person.appearance.distances(look[None])[0]) if person.id else math.inf
-        if mixed and len(person.appearance) >= _LEAST_LOOKS and _UNLIKE < far < math.inf:
+        if mixed and len(person.appearance) >= _LEAST_LOOKS and _FOREIGN < far < math.inf:
             person.others.append(look)
             if len(person.others) >= _LEAST_LOOKS:
                 self._replace(person)
