@@ -81,5 +81,5 @@ def _ask_image_topic(names: Sequence[str]) -> str | None:
         return None
     for number, name in enumerate(names, 1):
         typer.echo(f"  {number}  {name}")
-    answer = typer.prompt("Topic of the images", type=int, default=1)
+    answer: int = typer.prompt("Topic of the images", type=int, default=1)
     return names[answer - 1] if 1 <= answer <= len(names) else None
