@@ -34,7 +34,7 @@ def aim(scene: bpy.types.Scene, view: View) -> None:
 
 
 def static_depth(scene: bpy.types.Scene, view: View, step: int = 1) -> np.ndarray:
-    """Depth (m) of what stands in each pixel of the scene as it is now, far away where there is nothing.
+    """Depth (m) of the surface in each pixel of the current scene; pixels without a surface have a large depth.
 
     step: pixels from one measured point to the next; those between get the depth of the nearest one.
     """

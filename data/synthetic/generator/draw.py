@@ -45,12 +45,12 @@ HAIR_STEP, HAIR_WIDTH = 2, 2.6
 CREASES = 0.05  # m around a point in which a crease is looked for
 TILE = View(size=(800, 680), focal=500.0)
 TILES = (-56.0, 0.0, 56.0)
-CLEAR, MIRRORED = np.array([0.70, 0.71, 0.64]), 0.2  # of panes of glass: what comes through (b, g, r)
+CLEAR, MIRRORED = np.array([0.70, 0.71, 0.64]), 0.2  # Panes of glass: transmitted share (b, g, r), and reflected share
 
 
 @dataclass(frozen=True)
 class Model:
-    """What is drawn of a person or a thing, at rest: faces (m, 3), colours (n, 3: b, g, r), gloss (n,), fabrics."""
+    """Surfaces of a person or an object at rest: faces (m, 3), colours (n, 3: b, g, r), gloss (n,), fabrics."""
 
     faces: np.ndarray
     colour: np.ndarray
@@ -285,7 +285,7 @@ class Stage:
         return Set(view, light, depth)
 
     def posed(self, time: float) -> list[Posed]:
-        """Everybody who is there."""
+        """The people in the scene."""
         out = []
         for number, visit in enumerate(self.clip.visits):
             if present(visit.role, time):
@@ -443,7 +443,7 @@ def records(people: list[Posed], scene: Set) -> tuple[list[dict], list[dict], np
 
 
 def standing(placed: list[furniture.Placed], view: View) -> list[dict]:
-    """Boxes of what stands there all the time and could be taken for a person."""
+    """Boxes of static objects that may be taken for a person."""
     out = []
     for thing in placed:
         pixels = view.projected(thing.points)

@@ -77,7 +77,7 @@ def samples(corners: np.ndarray) -> np.ndarray:
 def drawn(pixels: np.ndarray, faces: np.ndarray, shape: tuple[int, int]) -> DepthMap | None:
     """The depth map of a mesh: projected vertices (n, 3: u, v, depth), triangles (m, 3). None when out of reach.
 
-    shape: rows and columns of the picture. What is tall in the picture is drawn in larger cells.
+    shape: rows and columns of the picture. Outlines that are tall in the picture are drawn with larger cells.
     """
     near = pixels[:, 2] > NEAR
     faces = faces[near[faces].all(1)]

@@ -1,4 +1,4 @@
-"""Triangles drawn into pictures by numba: depths, what is seen in each sample, shadows from above, shading."""
+"""Rasterizer in numba: depth, visible triangle of each sample, shadows of light from above, shading."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def lit_share(x, y, z, slopes, corner, cell, maps, bias):
 
 @numba.njit(**COMPILED)
 def floor_shares(depth, eye, rays, slopes, corner, cell, maps):
-    """The share of the light from above that reaches what stands in each pixel (h, w); rays (h, w, 3) of depth 1."""
+    """The share of the light from above that reaches the surface in each pixel (h, w); rays (h, w, 3) of depth 1."""
     high, wide = depth.shape
     out = np.ones((high, wide), np.float32)
     for y in range(high):

@@ -16,7 +16,7 @@ from visits import Go, Sit, Stay, Visit, visit
 
 LIT = Light("lamps", ambient=(0.40, 0.38, 0.35))
 NIGHT = Light("night", lamps=0.07, every=2, ambient=(0.009, 0.009, 0.011))
-EVER = -4.0  # s, for people who are there from the first picture on
+EVER = -4.0  # s; begin of people who are present in the first picture
 BEHIND = 0.43  # m from the feet of a seated person to the middle of the seat
 
 
