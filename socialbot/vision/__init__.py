@@ -6,7 +6,7 @@ AGENT = AgentPackage(
     name="vision",
     module="socialbot.vision",
     nodes={
-        "camera": "socialbot.vision.camera:Camera",
+        "camera": "socialbot.vision.camera_node:Camera",
         "image_converter": "socialbot.vision.images:ImageConverter",
         "person_detector": "socialbot.vision.person_detector:PersonDetector",
         "picture_receiver": "socialbot.vision.image_transport:ImageReceiver",

@@ -16,8 +16,11 @@ _ROWS, _COLUMNS = 36, 12  # Pixels to which a whole person is reduced.
 _FINE = 3  # Of larger images of a person, not every pixel is read.
 _LEAST_PX = 8  # Narrower middles of boxes show no colours.
 _TALL = 2.2  # A whole standing person is at least this many times as high as wide.
-_LEAST_SPACE_PX = 2  # Boxes this near to the left or right edge may be cut off, so their middle is not the person's.
-_COVERED = 0.1  # A box that a nearer one covers by this share shows colours of both.
+_SPACE_PX = 2  # Boxes this near to the left or right edge are cut off there:
+_INNER = 0.6  # this part of their width, from the edge, shows the person,
+_LEAST_ASPECT = 0.2  # unless they are narrower than this share of their height.
+_NEARER = 0.02  # A box that ends lower by this share of its height is nearer, and covers the other one.
+_LEAST_FREE = 0.4  # Boxes cover the rest; a part shows colours if this share of its weight is free.
 
 _BINS = (4, 8, 8)  # Of CIE L*, a* and b*;
 _LOW, _HIGH = (0.0, -32.0, -32.0), (100.0, 32.0, 32.0)  # their range.
@@ -28,9 +31,11 @@ _STEP = 8  # The mean is that of each such row and column.
 def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Colours of the people in ``boxes``, (n, 4) as x, y, w, h, in an image (height, width, 3), uint8.
 
+    Pixels that a nearer box covers do not count.
+
     Returns:
         Square roots of soft histograms in CIE L*a*b*, (n, 2, bins): upper body and legs. They are NaN where a part is
-        outside the image, hidden by a nearer box or too small or dark, and of boxes at the left and right edge.
+        outside the image, mostly covered, too small or too dark.
     """
     looks = np.full((len(boxes), len(_PARTS), _SIZE), np.nan, np.float32)
     width = image_bgr.shape[1]
@@ -38,19 +43,37 @@ def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     if grey < _LEAST_GREY:
         return looks
     for number, box in enumerate(boxes):
-        others = np.delete(boxes, number, axis=0)
-        inside = box[0] >= _LEAST_SPACE_PX and box[0] + box[2] <= width - _LEAST_SPACE_PX
-        nearer = others[others[:, 1] + others[:, 3] > box[1] + box[3]]
-        if inside and not (shared_area(box, nearer) > _COVERED * box[2] * box[3]).any():
-            _describe(image_bgr, box, _USUAL_GREY / grey, looks[number])
+        columns = _columns(box, width)
+        if columns[1] > columns[0]:
+            nearer = boxes[:, 1] + boxes[:, 3] > box[1] + (1 + _NEARER) * box[3]
+            nearer &= shared_area(box, boxes) > 0
+            _describe(image_bgr, box, columns, boxes[nearer], _USUAL_GREY / grey, looks[number])
     return looks
 
 
-def _describe(image_bgr: np.ndarray, box: np.ndarray, gain: float, look: np.ndarray) -> None:
-    """Fill in the ``look`` (2, bins) of one person."""
-    x, y, w, h = box.tolist()
+def _columns(box: np.ndarray, width: int) -> tuple[int, int]:
+    """First and last column that mostly show the person in ``box``; empty if too little of them is in the image."""
+    left, right = box[0] < _SPACE_PX, box[0] + box[2] > width - _SPACE_PX
+    x = max(float(box[0]), 0.0)
+    w = min(float(box[0] + box[2]), width) - x
+    if (left and right) or ((left or right) and w < _LEAST_ASPECT * box[3]):
+        return 0, 0
+    first, last = (0.0, _INNER) if left else (1 - _INNER, 1.0) if right else _MIDDLE
+    return max(0, round(x + first * w)), round(x + last * w)
+
+
+def _describe(
+    image_bgr: np.ndarray,
+    box: np.ndarray,
+    columns: tuple[int, int],
+    nearer: np.ndarray,
+    gain: float,
+    look: np.ndarray,
+) -> None:
+    """Fill in the ``look`` (2, bins) of one person in ``columns`` of the image; boxes ``nearer`` (n, 4) cover them."""
+    _, y, w, h = box.tolist()
     full = max(h, _TALL * w)
-    left, right = max(0, round(x + _MIDDLE[0] * w)), round(x + _MIDDLE[1] * w)
+    left, right = columns
     part = image_bgr[max(0, round(y)) : round(y + h), left:right]
     if part.shape[1] < _LEAST_PX or part.shape[0] < _LEAST_PX:
         return
@@ -58,9 +81,15 @@ def _describe(image_bgr: np.ndarray, box: np.ndarray, gain: float, look: np.ndar
     step = max(1, part.shape[0] // (_FINE * _ROWS))
     small = cv2.resize(part[::step, ::step], (_COLUMNS, rows), interpolation=cv2.INTER_AREA).astype(np.float32)
     lab = cv2.cvtColor(np.minimum(small * np.float32(gain / 255), 1), cv2.COLOR_BGR2LAB)
-    histograms = _histograms(lab)
-    for number, (_, end) in enumerate(_ENDS):
-        if end <= rows:
+    weights = np.tile(_WEIGHTS, (rows, 1))
+    if len(nearer):
+        scale = np.array([_COLUMNS / part.shape[1], rows / part.shape[0]])
+        corners = np.hstack([nearer[:, :2], nearer[:, :2] + nearer[:, 2:]]) - np.tile([left, max(0, round(y))], 2)
+        for x0, y0, x1, y1 in np.clip(np.rint(corners * np.tile(scale, 2)), 0, None).astype(int).tolist():
+            weights[y0:y1, x0:x1] = 0.0
+    histograms = _histograms(lab, weights.ravel())
+    for number, (first, end) in enumerate(_ENDS):
+        if end <= rows and weights[first:end].sum() >= _LEAST_FREE * (end - first) * _WEIGHTS.sum():
             look[number] = np.sqrt(histograms[number] / histograms[number].sum())
 
 
@@ -75,8 +104,8 @@ _SIZE = int(np.prod(_BINS))
 _STRIDES = np.array([_BINS[1] * _BINS[2], _BINS[2], 1])
 
 
-def _histograms(lab: np.ndarray) -> np.ndarray:
-    """Histograms of the parts in an image (rows, columns, 3), shape (parts + 1, bins).
+def _histograms(lab: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Histograms of the parts in an image (rows, columns, 3), shape (parts + 1, bins), with a weight for each pixel.
 
     Each value is shared between its nearest bins.
     """
@@ -86,7 +115,6 @@ def _histograms(lab: np.ndarray) -> np.ndarray:
     above = places - first
     below = 1 - above
     corner = _STRIDES @ first + np.repeat(_PART_OF[:rows] * _SIZE, _COLUMNS)
-    weights = np.tile(_WEIGHTS, rows)
     bins, shares = [], []
     for i, light in enumerate((weights * below[0], weights * above[0])):
         for j, red in enumerate((light * below[1], light * above[1])):

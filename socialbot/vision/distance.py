@@ -1,17 +1,19 @@
 """Distance of people from one camera, with standard errors.
 
-Four cues estimate the distance. Their symbols are the elevations e of the box's top and bottom, the camera height c,
+Five cues estimate the distance. Their symbols are the elevations e of the box's top and bottom, the camera height c,
 and the person's height p and width q:
 
 * ground, c / -tan(e_bottom): needs visible feet below the horizon, on the floor of the camera;
 * height, p / (tan(e_top) - tan(e_bottom)): needs the whole person, upright;
 * head, (p - c) / tan(e_top): useful if the camera is much lower or higher than heads;
 * width, q / (2 tan(b / 2)) with b the angle of the box at the shoulders: for hidden feet. It is rough, since a person
-  seen from the side is half as wide.
+  seen from the side is half as wide;
+* face, f / angle of the height of its box: for near people, whose feet are below the image.
 
-Ground and height measure the foot that is nearest to the camera; the body is a little farther. Each cue is a logarithm
-with a standard error, and they are combined by inverse variance. A cut box gives an upper bound: feet below the image
-are nearer than the floor at its edge, and the visible part is no taller than the person.
+Ground and height measure the foot that is nearest to the camera; the body is a little farther, that of a seated
+person more so. Each cue is a logarithm with a standard error, and they are combined by inverse variance. A cut box
+gives an upper bound: feet below the image are nearer than the floor at its edge, and the visible part is no taller
+than the person.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from socialbot.vision.camera import Box, CameraModel
-from socialbot.vision.tracking import Cut
+from socialbot.vision.motion import Cut
 
 PERSON_HEIGHT_M = 1.73
 """Mean height of adults, with shoes and hair."""
@@ -40,7 +42,8 @@ _POSTURE = 0.02  # Height of one person while walking, share.
 _TURNING = 0.15  # Width of one person while turning, share.
 _JITTER = 0.03  # Distance from frame to frame, share.
 
-_TOES_M = 0.12  # From the body to the nearer foot.
+_TOES_M, _TOES_STD_M = 0.12, 0.08  # From the body to the nearer foot.
+_KNEES_M, _KNEES_STD_M = 0.35, 0.15  # The same of seated people.
 _LIKE_S = 0.5  # Correlation time of the error of a cue.
 _POSE_S = 5.0  # Duration of a pose, which causes such an error.
 _PACE, _WALK_S = 1.0, 2.0  # Usual speed along the line of sight (m/s), and how long it lasts.
@@ -52,8 +55,8 @@ _CHILD, _CHILD_STD = 0.70, 0.15
 _KNOWN_STD = 0.07  # The height of a person with a smaller error was learnt: no child.
 _FREE_RAD = 0.3  # Error of the pitch where the floor says nothing.
 _LEVELS, _LEVEL_STD = (0.35, 0.65, 0.95), 0.15  # Heights of occluding objects, m.
-_CLEAR = 0.7  # Probability from which a posture is stated.
-FACE_HEIGHT_M, _FACE_SPREAD = 0.13, 0.13  # Height of a face from the eyebrows to the chin, and its relative error.
+_CLEAR, _WHOLE = 0.7, 0.9  # Probabilities from which a posture is stated, and from which a box ends at the feet.
+FACE_HEIGHT_M, _FACE_SPREAD = 0.16, 0.15  # Height of the box of a face, and its relative error.
 
 _LOGS = np.linspace(math.log(0.15), math.log(80.0), 224)
 _STEP = float(_LOGS[1] - _LOGS[0])
@@ -98,6 +101,9 @@ class _BoxAngles(NamedTuple):
     edge: float
 
 
+_TOES, _KNEES = Estimate(_TOES_M, _TOES_STD_M), Estimate(_KNEES_M, _KNEES_STD_M)
+
+
 class _Hypothesis(NamedTuple):
     """Height of the head and of the lower end of the box above the floor (m), and width of the box; its probability."""
 
@@ -107,13 +113,15 @@ class _Hypothesis(NamedTuple):
     width: Estimate
     share: float
     free: bool = False  # Not on the floor of the camera, or its pose is wrong.
+    toes: Estimate = _TOES  # From the body to the lower end of a box that ends at the feet.
 
 
 class Measurement(NamedTuple):
-    """Distance of a person (m), and the posture if it is clear."""
+    """Distance of a person (m), the posture if it is clear, and whether the box clearly ends at the feet."""
 
     distance: Estimate
     posture: Posture
+    whole: bool
 
 
 def measure(
@@ -123,7 +131,7 @@ def measure(
     cut: Cut | None = None,
     *,
     feet_hidden: bool = False,
-    face: Box | None = None,
+    face: float = 0.0,
 ) -> Measurement | None:
     """Estimate the horizontal distance from the camera to the person in ``box`` (x, y, w, h), and their posture.
 
@@ -131,7 +139,7 @@ def measure(
         stature: Height and width of the person, standing.
         cut: Sides that the image cuts off.
         feet_hidden: Whether the feet are occluded.
-        face: Box of the face, if it was detected.
+        face: Height of the face from the eyebrows to the chin, pixels; 0 if it is not known.
 
     Returns:
         The measurement; None for an empty box.
@@ -142,9 +150,8 @@ def measure(
     cut = cut or Cut()
     hypotheses = _hypotheses(stature, seen=not cut.bottom, hidden=feet_hidden and not cut.bottom)
     likelihood = np.array([_likelihood(camera, view, each, cut) for each in hypotheses])
-    if face is not None and face[3] > 0:
-        distances = FACE_HEIGHT_M * camera.fy / face[3]
-        likelihood += -0.5 * ((_LOGS - math.log(distances)) / _FACE_SPREAD) ** 2
+    if face > 0:
+        likelihood -= 0.5 * ((_LOGS - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD) ** 2
     # Between people who are equally likely at each distance, and at each logarithm of it.
     likelihood += np.log([each.share for each in hypotheses])[:, None] + 0.5 * _LOGS
     shares = np.exp(likelihood - likelihood.max())
@@ -156,7 +163,9 @@ def measure(
     for each, share in zip(hypotheses, shares.sum(axis=1).tolist(), strict=True):
         by_posture[each.posture] = by_posture.get(each.posture, 0.0) + share
     best = max(by_posture, key=lambda posture: by_posture[posture])
-    return Measurement(_metres(_Cue(log, std)), best if by_posture[best] > _CLEAR else "unknown")
+    whole = sum(shares[number].sum() for number, each in enumerate(hypotheses) if each.bottom == 0 and not each.free)
+    posture = best if by_posture[best] > _CLEAR else "unknown"
+    return Measurement(_metres(_Cue(log, std)), posture, bool(whole > _WHOLE))
 
 
 def _hypotheses(stature: Stature, *, seen: bool, hidden: bool) -> list[_Hypothesis]:
@@ -167,7 +176,7 @@ def _hypotheses(stature: Stature, *, seen: bool, hidden: bool) -> list[_Hypothes
     lap = Estimate(_SEATED_WIDTH * width.value, _SEATED_WIDTHS * _SEATED_WIDTH * width.value)
     found = [
         _Hypothesis("standing", height, 0.0, width, 0.80 if not hidden else 1e-3),
-        _Hypothesis("seated", seated, 0.0, lap, 0.08 if not hidden else 0.01),
+        _Hypothesis("seated", seated, 0.0, lap, 0.08 if not hidden else 0.01, toes=_KNEES),
     ]
     if unknown:
         child = Estimate(_CHILD * height.value, _CHILD_STD)
@@ -188,19 +197,19 @@ def _likelihood(camera: CameraModel, view: _BoxAngles, what: _Hypothesis, cut: C
 
     The tangents of its top and bottom have errors of their own, and common ones: those of the camera's pose.
     """
-    height = camera.mount_height_m
-    lowest = np.maximum(_DISTANCES - _TOES_M, _NEAREST_M) if what.bottom == 0 else _DISTANCES
+    height = camera.pose.height_m
+    lowest = np.maximum(_DISTANCES - what.toes.value, _NEAREST_M) if what.bottom == 0 else _DISTANCES
     top = view.top - (what.top.value - height) / _DISTANCES
     bottom = view.bottom - (what.bottom - height) / lowest
     at_top, at_bottom = 1 + view.top**2, 1 + view.bottom**2
-    pitch = math.hypot(camera.pitch_std_rad, _FREE_RAD if what.free else _MOUNT_RAD)
-    lift = camera.height_std_m / _DISTANCES
-    mixed = -camera.pose_correlation * camera.pitch_std_rad * lift
+    pitch = math.hypot(camera.pose.pitch_std_rad, _FREE_RAD if what.free else _MOUNT_RAD)
+    lift = camera.pose.height_std_m / _DISTANCES
+    mixed = -camera.pose.correlation * camera.pose.pitch_std_rad * lift
     tall = math.hypot(what.top.std, _POSTURE * what.top.value)
     variance_top = view.edge**2 + (tall / _DISTANCES) ** 2
     variance_top = variance_top + (pitch * at_top) ** 2 + lift**2 + 2 * mixed * at_top
     # Hidden feet end anywhere.
-    vague = 0.0 if what.bottom == 0 else (_LEVEL_STD / _DISTANCES) ** 2
+    vague = (height * what.toes.std / lowest**2 if what.bottom == 0 else _LEVEL_STD / _DISTANCES) ** 2
     variance_bottom = (view.edge * at_bottom) ** 2 + vague + (pitch * at_bottom) ** 2 + lift**2 + 2 * mixed * at_bottom
     common = pitch**2 * at_top * at_bottom + lift**2 + mixed * (at_top + at_bottom)
     log = np.zeros_like(_DISTANCES)
@@ -235,7 +244,7 @@ def whole_height(camera: CameraModel, box: Box, distance: float) -> float:
     view = _view(camera, box)
     if view is None:
         return box[3]
-    feet = camera.mount_height_m / max(distance - _TOES_M, _NEAREST_M)
+    feet = camera.pose.height_m / max(distance - _TOES_M, _NEAREST_M)
     return box[3] * (view.top + feet) / (view.top - view.bottom)
 
 
@@ -244,7 +253,7 @@ def height_on_floor(camera: CameraModel, box: Box) -> float:
     view = _view(camera, box)
     if view is None or view.bottom >= 0:
         return 0.0
-    return camera.mount_height_m * (1 - view.top / view.bottom)
+    return camera.pose.height_m * (1 - view.top / view.bottom)
 
 
 def _view(camera: CameraModel, box: Box) -> _BoxAngles | None:
@@ -264,11 +273,11 @@ def _view(camera: CameraModel, box: Box) -> _BoxAngles | None:
 def _ground(camera: CameraModel, view: _BoxAngles) -> list[_Cue]:
     if view.bottom >= 0:
         return []
-    distance = camera.mount_height_m / -view.bottom
+    distance = camera.pose.height_m / -view.bottom
     # An angle d too small moves the point where the ray meets the floor by d (z2 + c2) / c.
-    stretch = (distance**2 + camera.mount_height_m**2) / camera.mount_height_m / distance
-    lift, turn = camera.height_std_m / camera.mount_height_m, stretch * camera.pitch_std_rad
-    pose = lift**2 + turn**2 - 2 * camera.pose_correlation * lift * turn
+    stretch = (distance**2 + camera.pose.height_m**2) / camera.pose.height_m / distance
+    lift, turn = camera.pose.height_std_m / camera.pose.height_m, stretch * camera.pose.pitch_std_rad
+    pose = lift**2 + turn**2 - 2 * camera.pose.correlation * lift * turn
     error = math.sqrt(max(pose, 0.0) + stretch**2 * (view.edge**2 + _MOUNT_RAD**2))
     return [_Cue(math.log(distance + _TOES_M), error)]
 
@@ -278,11 +287,11 @@ def shared_error(camera: CameraModel, distance: float) -> float:
 
     Neither more people nor more images reduce it: a group may be taller than usual, and a detector's boxes too large.
     """
-    lift, pitch = camera.height_std_m / camera.mount_height_m, camera.pitch_std_rad
+    lift, pitch = camera.pose.height_std_m / camera.pose.height_m, camera.pose.pitch_std_rad
     if not (lift or pitch):
         return 0.0
-    turn = (distance / camera.mount_height_m + camera.mount_height_m / distance) * pitch
-    ground = math.sqrt(max(lift**2 + turn**2 - 2 * camera.pose_correlation * lift * turn, 0.0))
+    turn = (distance / camera.pose.height_m + camera.pose.height_m / distance) * pitch
+    ground = math.sqrt(max(lift**2 + turn**2 - 2 * camera.pose.correlation * lift * turn, 0.0))
     # The height of people limits it where the floor says little.
     return math.hypot(_GROUP, _BOXES, 1 / math.hypot(1 / max(ground, 1e-6), 1 / _BY_HEIGHT))
 
@@ -310,7 +319,7 @@ class Figure:
         if view is None or not ground:
             return
         distance, std = math.exp(ground[0].log), ground[0].std
-        tall, wide = camera.mount_height_m + distance * view.top, 2 * distance * view.half
+        tall, wide = camera.pose.height_m + distance * view.top, 2 * distance * view.half
         news = min(seconds / _LIKE_S, 1.0)
         self._learnt_s += seconds
         height = _learnt(self.stature.height, Estimate(tall, tall * math.hypot(std, _POSTURE)), news, 0.5 * std * tall)
@@ -397,7 +406,7 @@ def head_direction(
     if distance is None:
         return bearing, top
     if cut.top:
-        return bearing, max(top, math.atan2(height_m - HEAD_CENTRE_M - camera.mount_height_m, distance))
+        return bearing, max(top, math.atan2(height_m - HEAD_CENTRE_M - camera.pose.height_m, distance))
     _, bottom = camera.direction(x + w / 2, y + h)
     middle = math.atan(math.tan(top) - HEAD_CENTRE_M / distance)
     return bearing, max(middle, (top + bottom) / 2)

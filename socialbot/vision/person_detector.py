@@ -29,7 +29,7 @@ from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
 from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
 from socialbot.vision.camera_pose import load_pose, save_pose
-from socialbot.vision.depth import TOLERANCE_S, DepthSensors
+from socialbot.vision.depth_sensors import TOLERANCE_S, DepthSensors
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M
@@ -42,6 +42,7 @@ _USUAL = DetectorSettings()
 _LENS_ERROR_RAD = 0.1  # Larger errors of directions are told.
 
 _SAVE_NS = 60 * SECOND  # Pause between two writes of the pose file.
+_REPORT_NS = 10 * SECOND  # Pause between two reports of the pose.
 
 _CHECK_S, _LONGEST_CHECK_S = 0.5, 60.0  # Pauses between two checks, doubled after a round without people.
 _TURNED_SCORE, _BETTER = 0.6, 0.05  # Score of people in a turned image, and its lead over that in upright ones.
@@ -176,6 +177,7 @@ class PersonDetector(Node):
             self._filed_pose = load_pose(self._file)
             if self._filed_pose is None:
                 self.log.warning("%s does not exist yet: the camera's pose is estimated from people", self._file)
+        self._reported, self._reported_at = "", -(2**62)
         self._info: CameraInfo | None = None
         self._sensors = DepthSensors()
         self._pipeline = PersonPipeline(
@@ -257,6 +259,7 @@ class PersonDetector(Node):
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
         self.annotations.publish(BoxMarkers(stamp=image.stamp, frame_id=image.frame_id, boxes=boxes))
         self._save_pose(_SAVE_NS)
+        self._report_pose(image.stamp)
         turn = self._turned.look(bgr, image.stamp, persons) if self._turned is not None else ""
         if turn:
             self._warn_once(f"the camera seems to be turned: people are upright in images turned by {turn}")
@@ -278,7 +281,7 @@ class PersonDetector(Node):
 
     def _placed(self, camera: CameraModel, image: Image) -> CameraModel:
         """The camera at the pose of the transforms, if neither parameters nor a file state one."""
-        if self._filed_pose is not None or camera.pose_source == "given":
+        if self._filed_pose is not None or camera.pose.source == "given":
             return camera
         known = self._sensors.camera_pose(image.frame_id, image.stamp)
         return camera if known is None else camera.at(CameraPose.stated(self.mount_height_m, self.pitch_rad, known))
@@ -299,6 +302,13 @@ class PersonDetector(Node):
             save_pose(pose, self._file)
         except ParameterError as error:
             self._warn_once(f"the pose of the camera is not kept: {error}")
+
+    def _report_pose(self, stamp: int) -> None:
+        """Report the pose of the camera with the health of the node, at most every ten seconds."""
+        text = f"camera {self.camera_pose}"
+        if text != self._reported and not 0 <= stamp - self._reported_at < _REPORT_NS:
+            self._reported, self._reported_at = text, stamp
+            self.report_health("ok", text)
 
     def _warn_once(self, text: str) -> None:
         if text not in self._warned:

@@ -36,7 +36,8 @@ from socialbot.vision.distance import (
     whole_height,
 )
 from socialbot.vision.faces import Attention, FaceFinder
-from socialbot.vision.tracking import REMEMBER_S, Track, Tracker, cut_off
+from socialbot.vision.motion import cut_off
+from socialbot.vision.tracking import REMEMBER_S, Track, Tracker
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
@@ -45,7 +46,9 @@ _HIDING, _NEARER = 0.5, 0.1
 _WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
 # The pose of the camera is trusted if whole people have the usual height by it: so many, of such a median error.
 _LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
+_LEAST_AGAINST = 3  # So many whole people can contradict a stated pose, which is trusted until then.
 _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better than the distance from the image.
+_FACE_NS = 4 * SECOND // 10  # A face gives the distance for this long.
 _TOUCHING = 0.1  # Share of a box that another one covers.
 _PERSON_ASPECT = (0.15, 0.6)  # Widths of people who stand, as shares of their height.
 _LEARNT_PER_IMAGE = 3  # People from whom the pose is learnt in one image; each costs some milliseconds.
@@ -58,6 +61,7 @@ _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 class TrackState:
     """Learned state of one track; ``stamp`` (ns) is that of its last image, ``ranged`` of its last depth.
 
+    ``whole`` is whether the last box ended at the feet, ``face`` the stamp (ns) and the height (px) of the last face.
     ``least`` is the relative error of distances from images that more images do not reduce: that of the height of the
     person and of the camera's pose.
     """
@@ -69,7 +73,16 @@ class TrackState:
     ranged: int = -(2**62)
     source: Source = "depth"
     posture: Posture = "unknown"
+    whole: bool = False
     least: float = math.inf
+    face: tuple[int, float] = (-(2**62), 0.0)
+
+    def face_height(self, stamp_ns: int) -> float:
+        """Height in pixels of the face found in this image or shortly before; 0 if there is none."""
+        if self.attention.face is not None:
+            self.face = stamp_ns, self.attention.face.box[3]
+        stamp, height = self.face
+        return height if 0 <= stamp_ns - stamp <= _FACE_NS else 0.0
 
 
 class PersonPipeline:
@@ -173,8 +186,8 @@ class PersonPipeline:
         camera = self._located(camera)
         self._detector.horizon = min(max(camera.horizon, 0.0), 1.0)
         if self.tracker is not None:
-            sure = camera.height_std_m < _SURE_HEIGHT * camera.mount_height_m
-            self._detector.camera_height = camera.mount_height_m / self.person_height_m if sure else None
+            sure = camera.pose.height_std_m < _SURE_HEIGHT * camera.pose.height_m
+            self._detector.camera_height = camera.pose.height_m / self.person_height_m if sure else None
         return self._detector.detect(image_bgr)
 
     def follow(
@@ -292,7 +305,9 @@ class PersonPipeline:
         return known.source if known is not None and stamp_ns - known.ranged < _RANGED_NS else "image"
 
     def _is_pose_trusted(self) -> bool:
-        return len(self._errors) >= _LEAST_WHOLE and float(np.median(self._errors)) <= _POSE_ERROR
+        if len(self._errors) < (_LEAST_AGAINST if _is_known(self._pose) else _LEAST_WHOLE):
+            return _is_known(self._pose)
+        return float(np.median(self._errors)) <= _POSE_ERROR
 
     def _anybody(self) -> Stature:
         return Stature.of_people(self.person_height_m, self._detector.box_width_m * self.person_height_m / 1.70)
@@ -313,12 +328,13 @@ class PersonPipeline:
                 known.range.see(ranged.estimate, ranged.source, seconds)
             known.ranged, known.source = stamp_ns, ranged.source
         elif not track.unseen_s and stamp_ns - known.ranged >= _RANGED_NS:
-            seen = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden)
+            face = known.face_height(stamp_ns)
+            seen = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden, face=face)
             now = seen and seen.distance
-            known.posture = seen.posture if seen else "unknown"
+            known.posture, known.whole = (seen.posture, seen.whole) if seen else ("unknown", False)
             if now is not None:
                 known.least = min(known.least, _LASTING * now.std / now.value)
-            kind = (track.cut, track.feet_hidden)
+            kind = (track.cut, track.feet_hidden, face > 0)
             # A box cut off at the bottom and a side measures little; the prediction is better.
             sides = track.cut.left or track.cut.right
             vague = sides and (track.cut.bottom or track.feet_hidden)
@@ -327,7 +343,7 @@ class PersonPipeline:
             elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
                 known.range.see(now, kind, seconds)
         if not (track.unseen_s or any(track.cut) or track.feet_hidden):
-            if known.posture == "standing":
+            if known.posture == "standing" and known.whole:
                 known.figure.learn(camera, box, seconds)
             self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
         distance = known.range and known.range.estimate

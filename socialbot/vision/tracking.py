@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.vision.appearance import Appearance
 from socialbot.vision.detector import clip, iou, same_head, shared_area
+from socialbot.vision.motion import BoxFilter, Cut, cut_off
 
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
@@ -34,109 +34,12 @@ def _unit_weights(count: int) -> np.ndarray:
     return np.tile(np.array([1, 0], np.float32), (count, 1))
 
 
-_EDGE_SHARE, _BOX_SHARE = 0.005, 0.02  # A box this near to an edge is cut off: shares of image and box size.
-
-# Noise of middle, top, height and width, relative to the height: measurement, first speed, change of speed per
-# second; and the time constants of the speeds, s.
-_MEASURED = np.array([0.03, 0.03, 0.05, 0.06])
-_FIRST_SPEED = np.array([0.8, 0.2, 0.5, 0.3])
-_RESTLESS = np.array([0.8, 0.15, 0.35, 0.2])
-_EASE_S = np.array([1.5, 0.7, 0.7, 0.4])
-_LEAST_PX = 1.0
-
-
-class Cut(NamedTuple):
-    """Sides of a box that the image edge cuts off."""
-
-    left: bool = False
-    top: bool = False
-    right: bool = False
-    bottom: bool = False
-
-
-def cut_off(box: np.ndarray, width: float, height: float) -> Cut:
-    """The sides of ``box`` (x, y, w, h) that an image of ``width`` x ``height`` pixels cuts off."""
-    x, y, w, h = box
-    across, down = _EDGE_SHARE * width + _BOX_SHARE * w, _EDGE_SHARE * height + _BOX_SHARE * h
-    return Cut(bool(x <= across), bool(y <= down), bool(x + w >= width - across), bool(y + h >= height - down))
-
-
-class BoxFilter:
-    """Kalman filters of middle x, top y, height and width of a box (pixels), each with a decaying speed.
-
-    All noise is relative to the height, so it does not depend on the distance. Where the image cuts the box off, the
-    rest is predicted: the state is the whole person.
-    """
-
-    __slots__ = ("_both", "_speed_variance", "speed", "value", "variance")
-
-    def __init__(self, box: np.ndarray) -> None:
-        x, y, w, h = box
-        self.value = np.array([x + w / 2, y, max(h, _LEAST_PX), max(w, _LEAST_PX)])
-        self.speed = np.zeros(4)
-        self.variance = (_MEASURED * self.value[2]) ** 2
-        self._both = np.zeros(4)
-        self._speed_variance = (_FIRST_SPEED * self.value[2]) ** 2
-
-    @property
-    def box(self) -> np.ndarray:
-        """Box of the whole person: x, y, w, h, shape (4,); may exceed the image."""
-        middle, top, height, width = self.value
-        return np.array([middle - width / 2, top, width, height])
-
-    def predict(self, seconds: float) -> None:
-        """Advance by ``seconds`` (0 or more)."""
-        # With ease e = exp(-t / T) a speed v moves by T (1 - e) v in the time t.
-        ease = np.exp(-seconds / _EASE_S)
-        path = _EASE_S * (1 - ease)
-        unrest, time = (_RESTLESS * self.value[2]) ** 2, min(seconds, 1.0)
-        self.value = self.value + path * self.speed
-        self.value[2:] = np.maximum(self.value[2:], _LEAST_PX)
-        self.speed = ease * self.speed
-        self.variance = self.variance + path * (2 * self._both + path * self._speed_variance) + unrest * time**3 / 3
-        self._both = ease * (self._both + path * self._speed_variance) + unrest * time**2 / 2
-        self._speed_variance = ease**2 * self._speed_variance + unrest * time
-
-    def correct(self, box: np.ndarray, cut: Cut, *, feet_hidden: bool = False) -> None:
-        """Update with the detected ``box``: x, y, w, h, clipped to the image.
-
-        With ``feet_hidden`` the lower part is occluded, and the height stays as predicted.
-        """
-        measured, seen = self._whole(box, cut, feet_hidden)
-        noise = (_MEASURED * measured[2]) ** 2
-        share = np.where(seen, self.variance / (self.variance + noise), 0.0)
-        pull = np.where(seen, self._both / (self.variance + noise), 0.0)
-        missed = measured - self.value
-        self.value = self.value + share * missed
-        self.speed = self.speed + pull * missed
-        self._speed_variance = self._speed_variance - pull * self._both
-        self.variance = (1 - share) * self.variance
-        self._both = (1 - share) * self._both
-
-    def _whole(self, box: np.ndarray, cut: Cut, feet_hidden: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Measurement of the whole person, shape (4,), and a mask of its measured components."""
-        x, y, w, h = box
-        _, _, height, width = self.value
-        # A cut box is a lower bound.
-        narrow, short = (cut.left or cut.right) and width > w, (cut.top or cut.bottom or feet_hidden) and height > h
-        width, height = (width if narrow else w), (height if short else h)
-        middle, top = x + w / 2, y
-        if narrow and cut.left is not cut.right:
-            middle = x + w - width / 2 if cut.left else x + width / 2
-        if short and cut.top and not cut.bottom:
-            top = y + h - height
-        seen = np.array([not (narrow and cut.left and cut.right), not (cut.top and cut.bottom), not short, not narrow])
-        return np.array([middle, top, height, width]), seen
-
-    def spread(self) -> tuple[float, float]:
-        """Standard errors of the middle and of the top, in pixels."""
-        return math.sqrt(self.variance[0]), math.sqrt(self.variance[1])
-
-
 _LEAST_FIT, _LEAST_FIT_WEAK = 0.2, 0.4  # Smallest IoU of a track with a box above the threshold, and with a weak box.
 _ABSENCE_COSTS = 0.15  # A track unseen for a second must fit better by this IoU.
 _SAME = 0.5  # A prediction that overlaps a detected box this much is hidden by it or a duplicate,
 _WITHIN = 0.8  # and so is a box that lies within another one by this share.
+_DOUBLE = 0.25  # A new track that overlaps another one by this IoU may be a second box of the same person,
+_DOUBLE_HITS = 5  # until it has so many sure detections.
 _RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box.
 _HEADS_ALIKE = 0.1  # Box tops closer than this share of the height belong to one head.
 _GAP_S = 0.5  # After a longer gap between images, new tracks are published at once.
@@ -153,9 +56,10 @@ REMEMBER_S = 90.0
 _MOST_REMEMBERED = 32
 _LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
 _LEAST_MORE = 0.2  # and it must fit better by this.
-_LIKE, _UNLIKE = 0.15, 0.4  # Distances of looks that one person usually stays below, and other people above.
-_FOREIGN = 0.5  # A track that looks so different shows somebody else.
-_RETURNED = 0.15  # A lost person is recognised below this distance,
+_LIKE, _UNLIKE = 0.1, 0.3  # Distances of looks that one person usually stays below, and other people above.
+_UNKNOWN = 0.2  # A box whose colours are covered counts as this much unlike.
+_FOREIGN = 0.4  # A track that looks so different shows somebody else.
+_RETURNED = 0.12  # A lost person is recognised below this distance,
 _CLEARER = 0.7  # if other known people are farther by this factor.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
 _LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
@@ -192,6 +96,7 @@ class _Person:
     key: int
     id: str = ""
     hits: int = 1
+    sure_hits: int = 0
     misses: int = 0
     unseen_s: float = 0.0
     usual_score: float = 0.0
@@ -216,6 +121,9 @@ class Tracker:
 
     A new track is published after ``confirm`` detections. It is published at once in a first image, after a gap, or if
     its score exceeds ``sure`` by as much as ``sure`` exceeds ``weak``, unless it lies within another person.
+
+    A new track that overlaps another person may be a second box around that person. It is published when its colours
+    differ from theirs, or later.
 
     A lost track is published as predicted for up to ``bridge_s``. Its scores must have reached ``sure``, its prediction
     must be precise, and the person must not be leaving the image or within another box.
@@ -300,7 +208,7 @@ class Tracker:
                 shared = shared_area(boxes[index], boxes[seen]) > _TOUCHING * np.prod(boxes[index, 2:])
                 self._look(person, looks[index], touched=shared.sum() > 1)
         for person in matched:
-            if person.due or (person.new and recognising):
+            if (person.due and not self._is_double(person)) or (person.new and recognising):
                 self._confirm(person)
         # Largest first, so that parts of a person find the whole.
         left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
@@ -364,12 +272,13 @@ class Tracker:
         costs = np.ones((len(numbers), len(indices)))
         for row, number in enumerate(numbers):
             person = self._persons[number]
-            fit = _fit(person.motion, expected[number], boxes[indices])
+            fit = person.motion.fit(expected[number], boxes[indices])
             absence = _ABSENCE_COSTS * min(person.unseen_s, 1.0)
             far = person.appearance.distances(looks[indices])
-            unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), 0.0)
+            unknown = _UNKNOWN if len(person.appearance) >= _LEAST_LOOKS else 0.0
+            unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown)
             other = (unlike >= 1) & (person.unseen_s > _UNSURE_S)
-            good = fit >= least + _LEAST_MORE * unlike
+            good = person.motion.is_head(boxes[indices]) & (fit >= least + _LEAST_MORE * unlike)
             costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
 
@@ -382,12 +291,22 @@ class Tracker:
         person.box, person.score, person.cut = box, score, cut
         person.hits, person.misses, person.unseen_s = person.hits + 1, 0, 0.0
         person.last = self._stamp or 0
+        person.sure_hits += score >= self.sure
         # The running mean starts with the first sure box.
         first = person.best < self.sure <= score
         person.usual_score = score if first else person.usual_score + _NEWS * (score - person.usual_score)
         person.best = max(person.best, score)
         if not person.id and person.hits >= self.confirm and person.best >= self.sure:
             person.due = True
+
+    def _is_double(self, person: _Person) -> bool:
+        """Whether a track without an id may be a second box around a person."""
+        if person.id or person.sure_hits >= _DOUBLE_HITS:
+            return False
+        others = [each for each in self._persons if each.id and not each.misses]
+        shared = iou(person.box, np.array([each.box for each in others]).reshape(-1, 4)) > _DOUBLE
+        looks = [each.appearance.distance_to(person.appearance) for each in others]
+        return any(near and not _UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
 
     def _meet(self, present: Sequence[_Person]) -> None:
         """Note who is in view at once, and so not the same person."""
@@ -430,6 +349,7 @@ class Tracker:
             return
         self._begun += 1
         person = _Person(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
+        person.sure_hits = int(score >= self.sure)
         person.begun = person.last = self._stamp or 0
         person.appearance.see(look)
         self._persons.append(person)
@@ -531,11 +451,3 @@ def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
     shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
     return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)
-
-
-def _fit(motion: BoxFilter, expected: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """IoU of ``expected`` (4,) with ``boxes`` (n, 4), both enlarged by the standard error of the prediction."""
-    across, down = motion.spread()
-    across, down = min(across, motion.value[2] / 2), min(down, motion.value[2] / 4)
-    margin = np.array([-across, -down, 2 * across, 2 * down])
-    return iou(expected + margin, boxes + margin)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from socialbot.core.messages import CompressedDepth, DepthImage, PointCloud, PointField
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 
-CAMERA = CameraModel.from_field_of_view(320, 240, 1.09, mount_height_m=1.3, pitch_rad=0.08)
+CAMERA = CameraModel.from_field_of_view(320, 240, 1.09, CameraPose(height_m=1.3, pitch_rad=0.08))
 
 
 @dataclass(frozen=True)
@@ -92,19 +92,19 @@ def rays_of(camera: CameraModel) -> np.ndarray:
     """Rays (pixels, 3: ahead, left, up) of the pixels, of length 1 along the optical axis."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     right, down = (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
-    cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
+    cos, sin = math.cos(camera.pose.pitch_rad), math.sin(camera.pose.pitch_rad)
     return np.stack([cos - down * sin, -right, -sin - down * cos], axis=-1).reshape(-1, 3)
 
 
 def render(room: Room, camera: CameraModel = CAMERA) -> np.ndarray:
     """Depth along the optical axis, shape (height, width), m, without errors."""
-    return room.along(rays_of(camera), camera.mount_height_m).reshape(camera.height, camera.width)
+    return room.along(rays_of(camera), camera.pose.height_m).reshape(camera.height, camera.width)
 
 
 def box_of(room: Room, person: int, camera: CameraModel = CAMERA) -> tuple[float, float, float, float]:
     """Box of a person, also where another one hides them."""
     alone = replace(room, people=[room.people[person]], table=None)
-    hit = np.isfinite(_hits(alone.people[0], rays_of(camera), camera.mount_height_m))
+    hit = np.isfinite(_hits(alone.people[0], rays_of(camera), camera.pose.height_m))
     rows, columns = np.nonzero(hit.reshape(camera.height, camera.width))
     return float(columns.min()), float(rows.min()), float(np.ptp(columns) + 1), float(np.ptp(rows) + 1)
 
@@ -193,7 +193,7 @@ def scan(room: Room, height: float, *, rings: int = 16, seed: int = 0) -> np.nda
 def visible_share(room: Room, person: int, camera: CameraModel = CAMERA) -> float:
     """Share of a person that nothing else hides, of the part in the image."""
     rays = rays_of(camera)
-    alone = _hits(room.people[person], rays, camera.mount_height_m)
+    alone = _hits(room.people[person], rays, camera.pose.height_m)
     seen = np.isfinite(alone)
-    in_front = room.along(rays[seen], camera.mount_height_m) < alone[seen] - 1e-6
+    in_front = room.along(rays[seen], camera.pose.height_m) < alone[seen] - 1e-6
     return 1.0 - float(in_front.mean()) if seen.any() else 0.0

@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.camera import CameraModel, lens_error_rad
+from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]
 
 
 def camera(pitch: float = 0.0, height: float = 1.62) -> CameraModel:
-    return CameraModel(525, 530, 322, 238, 640, 480, height, pitch)
+    return CameraModel(525, 530, 322, 238, 640, 480, CameraPose(height_m=height, pitch_rad=pitch))
 
 
 def project(model: CameraModel, points: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) of ``points`` (n, 3) in the robot frame, by a rotation matrix and the pinhole equations."""
-    c, s = math.cos(model.pitch_rad), math.sin(model.pitch_rad)
+    c, s = math.cos(model.pose.pitch_rad), math.sin(model.pose.pitch_rad)
     tilt = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    seen = (points - [0, 0, model.mount_height_m]) @ tilt
+    seen = (points - [0, 0, model.pose.height_m]) @ tilt
     forward, left, up = seen.T
     return np.stack([model.cx - model.fx * left / forward, model.cy - model.fy * up / forward], axis=1)
 
@@ -55,8 +55,8 @@ def info(k: tuple[float, ...], width: int = 640, height: int = 480) -> CameraInf
 
 
 def test_from_info():
-    model = CameraModel.from_info(info((500, 0, 310, 0, 510, 250, 0, 0, 1)), mount_height_m=1.0, pitch_rad=0.2)
-    assert model == CameraModel(500, 510, 310, 250, 640, 480, 1.0, 0.2)
+    model = CameraModel.from_info(info((500, 0, 310, 0, 510, 250, 0, 0, 1)), CameraPose(height_m=1.0, pitch_rad=0.2))
+    assert model == CameraModel(500, 510, 310, 250, 640, 480, CameraPose(height_m=1.0, pitch_rad=0.2))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_uncalibrated_info_is_refused(bad):
 
 
 def test_from_field_of_view():
-    model = CameraModel.from_field_of_view(640, 480, 1.2)
+    model = CameraModel.from_field_of_view(640, 480, 1.2, CameraPose(height_m=1.2, pitch_rad=0.0))
     assert model.direction(0, 240)[0] == pytest.approx(0.6)
     assert model.direction(640, 240)[0] == pytest.approx(-0.6)
     assert model.fx == model.fy
@@ -88,11 +88,16 @@ def test_impossible_field_of_view_is_refused(hfov):
         CameraModel.from_field_of_view(640, 480, hfov)
 
 
-@pytest.mark.parametrize(("name", "value"), [("fx", 0.0), ("height", 0), ("mount_height_m", -1.0), ("fy", math.inf)])
+@pytest.mark.parametrize(("name", "value"), [("fx", 0.0), ("height", 0), ("fy", math.inf)])
 def test_impossible_camera_is_refused(name, value):
     fields = {"fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "width": 640, "height": 480, name: value}
     with pytest.raises(ParameterError, match=name):
         CameraModel(**fields)
+
+
+def test_camera_below_the_floor_is_refused():
+    with pytest.raises(ParameterError, match="height_m"):
+        camera(height=-1.0)
 
 
 def test_scaling_keeps_directions():

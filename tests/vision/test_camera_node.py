@@ -11,8 +11,9 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.vision import camera as frames
-from socialbot.vision.camera import Camera, CameraModel
+from socialbot.vision import camera_node as frames
+from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera_node import Camera
 
 
 class Rig:

@@ -19,7 +19,7 @@ from socialbot.vision.camera_pose import (
     pose_from_transforms,
     save_pose,
 )
-from socialbot.vision.depth import DepthSensors
+from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.transforms import AXES, TransformTree, matrix_of
 from tests.vision.test_distance import box_of
 
@@ -46,7 +46,7 @@ def crowd(model: CameraModel, seed: int, people: int = 10) -> PoseEstimator:
 @given(st.floats(0.3, 2.5), st.floats(-0.15, 0.25), st.integers(0, 1000))
 def test_pose_is_found_from_people_within_its_error(height, pitch, seed):
     pitch += 0.1 * (height - 1.2)
-    model = CameraModel.from_field_of_view(640, 480, 1.3, mount_height_m=height, pitch_rad=pitch)
+    model = CameraModel.from_field_of_view(640, 480, 1.3, CameraPose(height_m=height, pitch_rad=pitch))
     pose = crowd(model, seed).pose
     assert pose.source in ("people", "assumed")
     assert abs(pose.height_m - height) < 3.5 * pose.height_std_m
@@ -54,7 +54,7 @@ def test_pose_is_found_from_people_within_its_error(height, pitch, seed):
 
 
 def test_many_people_make_the_pose_precise():
-    model = CameraModel.from_field_of_view(640, 480, 1.3, mount_height_m=1.1, pitch_rad=0.1)
+    model = CameraModel.from_field_of_view(640, 480, 1.3, CameraPose(height_m=1.1, pitch_rad=0.1))
     pose = crowd(model, 3, people=20).pose
     assert pose.people == 20
     assert pose.height_std_m < 0.1
@@ -64,14 +64,14 @@ def test_many_people_make_the_pose_precise():
 
 
 def test_person_who_stands_still_is_counted_once():
-    model = CameraModel.from_field_of_view(640, 480, 1.3, mount_height_m=1.1, pitch_rad=0.0)
+    model = CameraModel.from_field_of_view(640, 480, 1.3, CameraPose(height_m=1.1, pitch_rad=0.0))
     estimator, box = PoseEstimator(), box_of(model, 4.0, 0.0)
     assert estimator.see(model, box, "a", 0.0)
     assert not any(estimator.see(model, box, "a", second) for second in range(1, 50))
 
 
 def test_known_height_stays_and_the_pitch_is_found():
-    model = CameraModel.from_field_of_view(640, 480, 1.3, mount_height_m=1.1, pitch_rad=0.1)
+    model = CameraModel.from_field_of_view(640, 480, 1.3, CameraPose(height_m=1.1, pitch_rad=0.1))
     estimator = PoseEstimator(CameraPose.stated(1.1, UNKNOWN_PITCH))
     for number, distance in enumerate((3.0, 4.0, 5.0, 6.5, 8.0)):
         estimator.see(model, box_of(model, distance, 0.0), str(number), number)

@@ -16,15 +16,10 @@ from hypothesis import strategies as st
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, ParameterError
 from socialbot.core.messages import CompressedDepth, DepthImage, DepthInfo, Message, PointCloud, Transform, Transforms
-from socialbot.vision.camera import Box, CameraModel
-from socialbot.vision.depth import (
-    DepthSensors,
-    ProjectedPoints,
-    depth_from_compressed,
-    depth_from_image,
-    measure_people,
-    points_of,
-)
+from socialbot.vision.camera import Box, CameraModel, CameraPose
+from socialbot.vision.depth import ProjectedPoints, measure_people
+from socialbot.vision.depth_images import depth_from_compressed, depth_from_image, points_of
+from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.distance import Estimate
 from tests.vision.depth_scenes import (
     CAMERA,
@@ -346,7 +341,9 @@ def transform(
 
 def test_depth_of_another_camera_is_projected() -> None:
     room = Room([Blob(2.5, 0.4)])
-    depth_camera = CameraModel(400.0, 400.0, 320.0, 200.0, 640, 400, CAMERA.mount_height_m, CAMERA.pitch_rad)
+    depth_camera = CameraModel(
+        400.0, 400.0, 320.0, 200.0, 640, 400, CameraPose(height_m=CAMERA.pose.height_m, pitch_rad=CAMERA.pose.pitch_rad)
+    )
     image = depth_image(with_errors(render(room, depth_camera)), frame="depth_optical_frame")
     info, pose = (
         info_of(depth_camera, "depth_optical_frame"),
@@ -369,7 +366,7 @@ def test_unregistered_depth_is_refused_by_name(caplog: pytest.LogCaptureFixture)
 
 # From the axes of a lidar (ahead, left, up) to those of a level camera, as a quaternion of the camera in the lidar.
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)
-LEVEL = CameraModel.from_field_of_view(320, 240, 1.09, mount_height_m=1.3)
+LEVEL = CameraModel.from_field_of_view(320, 240, 1.09, CameraPose(height_m=1.3, pitch_rad=0.0))
 
 
 @pytest.mark.parametrize("ahead", [1.5, 3.0, 6.0, 9.0])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from socialbot.vision.camera import CameraModel
 from socialbot.vision.distance import (
+    FACE_HEIGHT_M,
     Estimate,
     Figure,
     Range,
@@ -19,7 +20,7 @@ from socialbot.vision.distance import (
     shared_error,
     whole_height,
 )
-from socialbot.vision.tracking import Cut, cut_off
+from socialbot.vision.motion import Cut, cut_off
 from tests.vision.test_camera import PITCHES, camera, project
 
 DISTANCES = [1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0]
@@ -42,9 +43,12 @@ def box_of(model: CameraModel, distance: float, bearing: float, *, tall=1.70, wi
     return (*low.tolist(), *(high - low).tolist())
 
 
-def measured(model: CameraModel, box, stature: Stature = PEOPLE, feet_hidden: bool = False) -> Estimate:
+def measured(
+    model: CameraModel, box, stature: Stature = PEOPLE, feet_hidden: bool = False, face: float = 0.0
+) -> Estimate:
     """The distance of ``box``, cut off where it touches the picture's edge."""
-    found = measure(model, box, stature, cut_off(np.array(box), model.width, model.height), feet_hidden=feet_hidden)
+    cut = cut_off(np.array(box), model.width, model.height)
+    found = measure(model, box, stature, cut, feet_hidden=feet_hidden, face=face)
     assert found is not None
     return found.distance
 
@@ -74,7 +78,7 @@ def test_ground_corrects_for_tall_and_small_people():
 def test_height_corrects_for_a_wrong_pitch_more_the_farther():
     seen, believed = camera(0.052), camera(0.04)
     box = box_of(seen, 12.0, 0.0)
-    ground_only = believed.mount_height_m / -math.tan(believed.direction(box[0] + box[2] / 2, box[1] + box[3])[1])
+    ground_only = believed.pose.height_m / -math.tan(believed.direction(box[0] + box[2] / 2, box[1] + box[3])[1])
     assert abs(ground_only - 12) > 1.0
     assert measured(believed, box).value == pytest.approx(12.0, rel=0.07)
 
@@ -362,3 +366,30 @@ def test_error_of_an_estimated_pose_is_common_to_all_distances():
     rough = exact.at(msgspec.structs.replace(exact.pose, height_std_m=0.1, pitch_std_rad=0.01))
     rougher = exact.at(msgspec.structs.replace(exact.pose, height_std_m=0.3, pitch_std_rad=0.05))
     assert 0.05 < shared_error(rough, 5.0) < shared_error(rougher, 5.0) < 0.15
+
+
+def test_face_gives_the_distance_of_somebody_near():
+    model = camera()
+    x, y, w, h = box_of(model, 1.4, 0.0)
+    assert y + h == 480
+    without, near = measured(model, (x, y, w, h)), measured(model, (x, y, w, h), face=FACE_HEIGHT_M * model.fy / 1.0)
+    assert near.value < 0.85 * without.value
+    assert near.std / near.value < without.std / without.value
+
+
+def test_feet_of_seated_people_are_before_them():
+    """Somebody of 1.28 m sits, with the feet 0.35 m before the body."""
+    model, distance = camera(), 4.0
+    top = model.cy - model.fy * math.tan(math.atan((1.28 - model.pose.height_m) / distance) + model.pose.pitch_rad)
+    x, y, w, h = box_of(model, distance - 0.23, 0.0, tall=1.28, wide=0.7)
+    seen = measure(model, (x, top, w, y + h - top), Stature.of_people())
+    assert seen is not None
+    assert seen.posture == "seated"
+    assert seen.distance.value == pytest.approx(distance, rel=0.06)
+
+
+def test_only_a_box_that_clearly_ends_at_the_feet_is_whole():
+    model = camera()
+    x, y, w, h = box_of(model, 5.0, 0.0)
+    seen = [measure(model, (x, y, w, share * h), Stature.of_people()) for share in (1.0, 0.6)]
+    assert [each and each.whole for each in seen] == [True, False]

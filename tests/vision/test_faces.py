@@ -14,8 +14,9 @@ from socialbot.core.messages import CompressedImage
 from socialbot.vision.faces import SHA256, Attention, Face, FaceDetector, FaceFinder
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import Person, load_truth
+from socialbot.vision.motion import Cut
 from socialbot.vision.network import included_model
-from socialbot.vision.tracking import Cut, Track
+from socialbot.vision.tracking import Track
 from tests.vision.drawn import corridor as empty_room
 
 FRONT = Face((10.0, 10.0, 30.0, 30.0), 0.9, 0.1)

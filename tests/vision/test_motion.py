@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.detector import clip
-from socialbot.vision.tracking import BoxFilter, Cut, cut_off
+from socialbot.vision.motion import BoxFilter, Cut, cut_off
 
 WIDTH, HEIGHT = 640, 480
 

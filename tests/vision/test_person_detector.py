@@ -32,9 +32,9 @@ from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, measure
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import load_truth
+from socialbot.vision.motion import cut_off
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.person_detector import PersonDetector
-from socialbot.vision.tracking import cut_off
 from tests.vision.drawn import add_person, corridor
 from tests.vision.test_distance import box_of
 
@@ -163,7 +163,7 @@ def test_camera_model_uses_camera_info_and_parameters(stub):
     rig = Rig(mount_height_m=1.2, pitch_rad=0.1, person_height_m=1.8)
     rig.info(focal=400.0)
     person = rig.show(BLANK).persons[0]
-    camera = CameraModel(400, 400, 320, 240, 640, 480, 1.2, 0.1)
+    camera = CameraModel(400, 400, 320, 240, 640, 480, CameraPose(height_m=1.2, pitch_rad=0.1))
     width = 0.6 * 1.8 / 1.7
     assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0], height_m=1.8, width_m=width))
     assert person.bearing_rad == camera.direction(320, 150)[0]
@@ -173,7 +173,7 @@ def test_cut_off_person_is_measured_by_the_box_width_of_the_detector(stub, monke
     rig = Rig()
     rig.info()
     monkeypatch.setattr(Stub, "boxes", np.array([[300.0, 150, 120, 330], [0, 0, 1, 1]]))
-    camera = CameraModel(525, 525, 320, 240, 640, 480, 1.62, 0.052)
+    camera = CameraModel(525, 525, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052))
     near = rig.show(BLANK).persons[0].distance_m
     assert near == pytest.approx(distance_of(camera, Stub.boxes[0]))
     assert near != pytest.approx(distance_of(camera, Stub.boxes[0], width_m=0.5))
@@ -184,7 +184,7 @@ def test_missing_camera_info_is_logged_once(stub, caplog):
     with caplog.at_level(logging.WARNING):
         person = rig.show(BLANK, 1).persons[0]
         rig.show(BLANK, 2)
-    camera = CameraModel.from_field_of_view(640, 480, 1.2, pitch_rad=0.052)
+    camera = CameraModel.from_field_of_view(640, 480, 1.2, CameraPose(height_m=1.62, pitch_rad=0.052))
     assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
     assert sum("no camera_info" in record.message for record in caplog.records) == 1
     rig.info()
@@ -197,7 +197,7 @@ def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stu
     with caplog.at_level(logging.WARNING):
         person = rig.show(BLANK, 1).persons[0]
         rig.show(BLANK, 2)
-    camera = CameraModel(450, 600, 320, 240, 640, 480, 1.62, 0.052)
+    camera = CameraModel(450, 600, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052))
     assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
     assert sum("1280x720" in record.message and "640x480" in record.message for record in caplog.records) == 1
 
@@ -410,7 +410,7 @@ def test_estimated_pose_is_kept_in_its_file_and_read_at_the_start(stub, tmp_path
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Stub, "boxes", BOXES)
     monkeypatch.setattr(person_detector, "save_pose", saved := Saved())
-    model = CameraModel.from_field_of_view(640, 480, 1.09, mount_height_m=1.2, pitch_rad=0.05)
+    model = CameraModel.from_field_of_view(640, 480, 1.09, CameraPose(height_m=1.2, pitch_rad=0.05))
     unknown = {"mount_height_m": UNKNOWN_HEIGHT, "pitch_rad": UNKNOWN_PITCH, "camera_file": "camera.json"}
     rig = Rig(**unknown)
     walk(rig, model, range(10, 20))
@@ -437,3 +437,15 @@ class Saved:
     def __call__(self, pose: CameraPose, path: Path) -> None:
         self.count += 1
         save_pose(pose, path)
+
+
+def test_health_states_the_pose_of_the_camera_at_most_every_ten_seconds(stub, monkeypatch):
+    monkeypatch.setattr(Stub, "boxes", BOXES)
+    model = CameraModel.from_field_of_view(640, 480, 1.09, CameraPose(height_m=1.2, pitch_rad=0.05))
+    rig = Rig(mount_height_m=UNKNOWN_HEIGHT, pitch_rad=UNKNOWN_PITCH)
+    told: list[tuple[str, str]] = []
+    monkeypatch.setattr(rig.node, "report_health", lambda state, reason: told.append((state, reason)))
+    walk(rig, model, range(10, 35))
+    assert [state for state, _ in told] == ["ok"] * 3
+    assert told[0][1].startswith("camera 1.18 +- 0.43 m high, 0.091 +- ")
+    assert all(text.endswith(("(1 person)", " people)")) for _, text in told)

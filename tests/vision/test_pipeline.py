@@ -1,20 +1,22 @@
 from __future__ import annotations
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSpec
-from socialbot.vision.distance import PERSON_HEIGHT_M, Stature, head_direction, measure
-from socialbot.vision.pipeline import PersonPipeline
-from socialbot.vision.tracking import cut_off
+from socialbot.vision.distance import FACE_HEIGHT_M, PERSON_HEIGHT_M, Figure, Stature, head_direction, measure
+from socialbot.vision.faces import Face
+from socialbot.vision.motion import cut_off
+from socialbot.vision.pipeline import PersonPipeline, TrackState
 from tests.vision.test_distance import box_of
 
-CAMERA = CameraModel(525, 525, 320, 240, 640, 480, 1.62, 0.052)
+CAMERA = CameraModel(525, 525, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052))
 BLANK = np.zeros((480, 640, 3), np.uint8)
 SPEC = DetectorSpec("scripted", 0.5, 0.2, lambda settings: Scripted())
 
@@ -177,14 +179,14 @@ def test_detector_learns_where_the_horizon_is():
     rig = Rig()
     rig.find()
     assert rig.detector.horizon == pytest.approx(CAMERA.horizon)
-    rig.finder.find(BLANK, 10**10, CameraModel(525, 525, 320, 240, 640, 480, 1.62, 1.0))
+    rig.finder.find(BLANK, 10**10, CameraModel(525, 525, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=1.0)))
     assert rig.detector.horizon == 0.0
 
 
 def test_detector_learns_how_high_the_camera_is_above_the_floor():
     rig = Rig(person_height_m=1.8)
     rig.find()
-    assert rig.detector.camera_height == pytest.approx(CAMERA.mount_height_m / 1.8)
+    assert rig.detector.camera_height == pytest.approx(CAMERA.pose.height_m / 1.8)
 
 
 def test_in_single_images_people_may_stand_anywhere():
@@ -270,6 +272,31 @@ def test_occluded_person_is_extended_to_the_floor():
     assert hidden.h == pytest.approx(h, rel=0.15)
 
 
+def extended(pose: CameraPose, *seen: tuple[float, float, float, float]) -> bool:
+    """Whether the box of an occluded person is extended to the floor after an image of the boxes ``seen``."""
+    rig, camera = Rig(), CAMERA.at(pose)
+    x, y, w, h = box_of(CAMERA, 5.0, 0.0)
+    near = box_of(CAMERA, 1.5, -0.05)
+    rig.detector.found = [(box, 0.9) for box in seen]
+    rig.finder.find(BLANK, 0, camera)
+    rig.detector.found = [(near, 0.9), ((x, y, w, h / 2), 0.7)]
+    found = [rig.finder.find(BLANK, 12 * SECOND + step * SECOND // 10, camera) for step in range(5)]
+    _, hidden = found[-1]
+    return hidden.h > 1.1 * h / 2
+
+
+def test_stated_pose_is_trusted_until_people_contradict_it():
+    estimated = msgspec.structs.replace(CAMERA.pose, height_std_m=0.05, pitch_std_rad=0.01, source="people")
+    wrong = msgspec.structs.replace(CAMERA.pose, height_m=1.2)
+    whole = [box_of(CAMERA, 4.0, bearing) for bearing in (-0.3, 0.0, 0.3)]
+    assert extended(CAMERA.pose)
+    assert extended(msgspec.structs.replace(CAMERA.pose, source="tf"))
+    assert not extended(estimated)
+    assert extended(CAMERA.pose, *whole)
+    assert extended(wrong, *whole[:2])
+    assert not extended(wrong, *whole)
+
+
 def test_person_who_is_not_occluded_keeps_their_height():
     rig = Rig()
     x, y, w, h = box_of(CAMERA, 5.0, 0.0)
@@ -282,7 +309,7 @@ def test_person_who_is_not_occluded_keeps_their_height():
 @pytest.mark.parametrize(("mount_height_m", "pitch_rad"), [(0.8, 0.0), (3.0, 0.3), (1.62, -0.1)])
 def test_boxes_are_the_detector_s_with_a_wrong_camera_pose(mount_height_m, pitch_rad):
     rig = Rig()
-    wrong = CameraModel(525, 525, 320, 240, 640, 480, mount_height_m, pitch_rad)
+    wrong = CameraModel(525, 525, 320, 240, 640, 480, CameraPose(height_m=mount_height_m, pitch_rad=pitch_rad))
     whole, (x, y, w, h) = box_of(CAMERA, 4.0, 0.4), box_of(CAMERA, 5.0, 0.0)
     near, short = box_of(CAMERA, 1.5, -0.05), (x, y, w, 0.45 * h)
     found = ()
@@ -325,3 +352,37 @@ def test_box_does_not_reach_beyond_the_image():
     near, hidden = rig.repeat(5, *found)
     assert near.y + near.h == pytest.approx(CAMERA.height)
     assert hidden.y + hidden.h == pytest.approx(CAMERA.height)
+
+
+class Looking:
+    """Finds the same face of everybody in every third image."""
+
+    def __init__(self, height: float) -> None:
+        self.height, self.count = height, 0
+
+    def look(self, image, stamp, tracks, known):
+        self.count += 1
+        for attention in known.values():
+            attention.face = Face((300.0, 20.0, self.height, self.height), 0.9, 0.0) if self.count % 3 == 0 else None
+
+
+def test_face_gives_the_distance_of_a_person_whose_feet_are_below_the_image(monkeypatch):
+    def distances(height: float) -> list[float]:
+        rig = Rig()
+        if height:
+            monkeypatch.setattr(rig.finder, "_faces", Looking(height))
+        x, y, w, _ = box_of(CAMERA, 1.6, 0.0)
+        return [metres(rig.find(((x, y, w, 480 - y), 0.9))[0])[0] for _ in range(20)]
+
+    alone, near = distances(0.0)[-1], distances(FACE_HEIGHT_M * CAMERA.fy / 1.2)[5:]
+    assert max(near) < 0.9 * alone
+    assert max(near) < 1.1 * min(near), "also in images without a search"
+
+
+def test_face_counts_for_a_moment_after_its_image():
+    state = TrackState(Figure(Stature.of_people()), None, 0)
+    state.attention.face = Face((300.0, 20.0, 40.0, 40.0), 0.9, 0.0)
+    assert state.face_height(10 * SECOND) == 40.0
+    state.attention.face = None
+    heights = [state.face_height(10 * SECOND + tenths * SECOND // 10) for tenths in (1, 4, 5, -1)]
+    assert heights == [40.0, 40.0, 0.0, 0.0]

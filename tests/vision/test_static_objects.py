@@ -9,7 +9,8 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.vision._static_objects import StaticObjectFilter
-from socialbot.vision.tracking import Cut, Track
+from socialbot.vision.motion import Cut
+from socialbot.vision.tracking import Track
 
 WIDTH, HEIGHT = 640, 480
 CERTAIN = 0.78

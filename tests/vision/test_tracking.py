@@ -352,6 +352,32 @@ def test_tracks_with_one_head_are_merged():
     assert [ids(tracks) for tracks in shown] == [["t1"]] * 5
 
 
+def test_second_box_on_a_person_gets_no_id():
+    scene, seen = Scene(), set()
+    scene.repeat(5, STANDING)
+    second = (325.0, 104.0, 78.0, 190.0)
+    for _ in range(10):
+        for found in [(STANDING, second)] * 3 + [(second,)] * 4 + [(STANDING, (*second, 0.3)), (STANDING,)]:
+            seen |= set(ids(scene.show(*found)))
+    assert seen == {"t1"}
+
+
+def test_person_close_to_another_is_a_track_after_several_detections():
+    scene = Scene()
+    scene.repeat(5, STANDING)
+    shown = [len(scene.show(STANDING, (330.0, 104.0, 78.0, 190.0))) for _ in range(8)]
+    assert shown == sorted(shown)
+    assert (shown[2], shown[-1]) == (1, 2)
+
+
+def test_near_person_in_front_does_not_take_over_a_track():
+    scene, far, near = Scene(), (300.0, 140.0, 80.0, 230.0), (290.0, 10.0, 120.0, 470.0)
+    scene.repeat(10, far)
+    for _ in range(4):
+        assert [track.id for track in scene.show(near) if track.box[1] < 100] in ([], ["t2"])
+    assert sorted(ids(scene.show(far, near))) == ["t1", "t2"]
+
+
 def test_child_before_a_person_is_a_track():
     scene = Scene()
     shown = [len(scene.show((*STANDING, 0.8), (320, 200, 40, 100, 0.7))) for _ in range(5)]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.detectors import _views
 from socialbot.vision.network import View, band, fitting, scaled, whole
 
@@ -115,7 +115,7 @@ def test_band_is_within_the_image(width, height, horizon):
 
 
 def test_band_holds_people_from_10_m_on_whether_the_horizon_is_known_or_not():
-    camera = CameraModel.from_field_of_view(640, 480, 1.09, mount_height_m=1.62, pitch_rad=0.052)
+    camera = CameraModel.from_field_of_view(640, 480, 1.09, CameraPose(height_m=1.62, pitch_rad=0.052))
     known = (240 - camera.fy * math.tan(0.052)) / 480
     for horizon in (known, 0.5):
         _, top, _, height = band(640, 480, horizon)

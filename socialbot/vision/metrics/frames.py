@@ -18,7 +18,8 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.vision.camera import CameraModel, CameraPose
-from socialbot.vision.depth import DepthSensors, measure_people
+from socialbot.vision.depth import measure_people
+from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.detector import clip
 from socialbot.vision.distance import Estimate
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image

@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -68,11 +68,20 @@ class Rules:
         return next((_key(band) for band in self.bands if band[0] <= distance_m < band[1]), OUTSIDE)
 
 
+class MeasuredDistance(NamedTuple):
+    """Detected and true distance of a person, m, and the standard error of the detected one."""
+
+    value: float
+    std: float
+    true: float
+
+
 @dataclass(frozen=True)
 class Match:
     """Result of matching one detection or person ("spared": not scored), in the distance ``band`` of that name.
 
-    ``box`` is that of the detection or of the missed person; it is empty when matching by presence.
+    ``box`` is that of the detection or of the missed person; it is empty when matching by presence. ``distance``
+    compares the distance of a detected person with the true one, if both are known.
     """
 
     kind: Literal["hit", "false", "missed", "spared"]
@@ -81,6 +90,7 @@ class Match:
     score: float = 0.0
     person: str = ""
     cause: str = ""
+    distance: MeasuredDistance | None = None
 
 
 def _key(band: Band) -> str:
@@ -163,7 +173,9 @@ def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rul
     for detection, box, index in zip(found, boxes, pairs, strict=True):
         at = (detection.x, detection.y, detection.w, detection.h)
         if index >= 0:
-            yield Match("hit", rules.key_of(asked[index].distance_m), at, detection.score, asked[index].id)
+            person = asked[index]
+            band, distance = rules.key_of(person.distance_m), _distance(detection, person)
+            yield Match("hit", band, at, detection.score, person.id, distance=distance)
             continue
         false = index == FALSE and frame.complete and _share_within(box, frame.ignore).max(initial=0.0) < INSIDE
         cause = _cause(box, frame, asked, hit, hidden) if false else ""
@@ -172,6 +184,12 @@ def _by_boxes(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rul
     for number, person in enumerate(asked):
         if number not in hit:
             yield Match("missed", rules.key_of(person.distance_m), person.box, person=person.id)
+
+
+def _distance(detection: PersonDetection, person: Person) -> MeasuredDistance | None:
+    """The detected distance beside the true one."""
+    value, std, true = detection.distance_m, detection.distance_std_m, person.distance_m
+    return MeasuredDistance(value, std, true) if value is not None and std is not None and true else None
 
 
 def _by_presence(frame: LabelledFrame, found: Sequence[PersonDetection], rules: Rules) -> Iterable[Match]:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core.messages import PersonDetection, PersonDetections
-from socialbot.vision.metrics.matches import FALSE, Match, Rules, box_array, pair, ranked
+from socialbot.vision.metrics.matches import FALSE, Match, MeasuredDistance, Rules, box_array, pair, ranked
 from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, TruthPerson
 
 
@@ -146,6 +146,40 @@ class PrecisionRecallCurve:
 
 
 @dataclass(frozen=True)
+class DistanceScore:
+    """Distance errors of detected people, as shares of the true distances.
+
+    Args:
+        people: Number of distances.
+        median: Median of the absolute errors.
+        p90: 90th percentile of the absolute errors.
+        bias: Median of the errors; above 0 if detected distances are too large.
+        within: Share of the distances that differ by at most two of their standard errors.
+    """
+
+    people: int
+    median: float
+    p90: float
+    bias: float
+    within: float
+
+
+def distance_score(distances: Sequence[MeasuredDistance]) -> DistanceScore | None:
+    """Errors of ``distances``; None if there are none."""
+    if not distances:
+        return None
+    values, stds, true = np.array(distances, np.float64).T
+    errors = (values - true) / true
+    return DistanceScore(
+        people=len(distances),
+        median=float(np.median(np.abs(errors))),
+        p90=float(np.quantile(np.abs(errors), 0.9)),
+        bias=float(np.median(errors)),
+        within=float(np.mean(np.abs(values - true) <= 2 * stds)),
+    )
+
+
+@dataclass(frozen=True)
 class BandScore:
     """Score of one band.
 
@@ -155,6 +189,7 @@ class BandScore:
         ap: Average precision of the detector alone.
         curve: Curve of the detector alone.
         causes: Number of false positives by cause.
+        distance: Errors of the distances; None if none is known.
     """
 
     score: Score
@@ -162,6 +197,7 @@ class BandScore:
     ap: float | None = None
     curve: PrecisionRecallCurve | None = None
     causes: Mapping[str, int] = field(default_factory=dict)
+    distance: DistanceScore | None = None
 
 
 @dataclass(frozen=True)
@@ -226,7 +262,14 @@ def _band_score(scored: list[tuple[int, Match]], raw: list[tuple[int, Match]], d
             "ap": (area, areas),
         }
         intervals = {name: _interval(values, rate) for name, (rate, values) in rates.items() if rate is not None}
-    return BandScore(score, intervals, area, curve, dict(sorted(causes.items(), key=lambda item: (-item[1], item[0]))))
+    return BandScore(
+        score,
+        intervals,
+        area,
+        curve,
+        dict(sorted(causes.items(), key=lambda item: (-item[1], item[0]))),
+        distance_score([match.distance for _, match in scored if match.distance is not None]),
+    )
 
 
 def _interval(values: np.ndarray, figure: float) -> Interval:

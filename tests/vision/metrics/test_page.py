@@ -25,7 +25,7 @@ BLIND = with_changes(PipelineSettings("hog"), ["threshold=9", "tracker=none"])
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clips")
-    bag = drawn_bag(folder, scene="scene1", frames=6)
+    bag = drawn_bag(folder, scene="scene1", frames=4)
     pictures = image_sources(drawn_pictures(folder / "<room>", 2))
     # A threshold that nothing reaches in one of the scenes makes frames worth looking at.
     return evaluated([bag_source(bag), *pictures])
@@ -34,7 +34,7 @@ def evaluation(tmp_path_factory):
 @pytest.fixture(scope="module")
 def blind(tmp_path_factory):
     """Everybody is missed."""
-    bag = drawn_bag(tmp_path_factory.mktemp("clips"), frames=6, objects=[])
+    bag = drawn_bag(tmp_path_factory.mktemp("clips"), frames=3, objects=[])
     return evaluated([bag_source(bag)], BLIND)
 
 
@@ -97,6 +97,7 @@ def test_page_looks_like_all_others_and_has_every_part(evaluation):
         "Precision and recall",
         "Average precision",
         "Tracking",
+        "Errors of distances",
         "Where false positives come from",
         "What Waldo does with it",
         "The worst frames",
@@ -176,7 +177,11 @@ def test_document_agrees_with_the_json(evaluation, tmp_path):
     assert f"{f1:.3f}" in text
     assert "| 0-2 m | paper | 0.613 | 0.575 | 0.593 | 0.522 | 0.398 | 0.452 |" in text
     tables = [block.splitlines() for block in text.split("\n\n") if block.startswith("|")]
-    assert len(tables) == 7
+    assert len(tables) == 8
+    distance = evaluation.detectors["hog"].scenes["scene1"].score.overall.distance
+    assert distance is not None
+    row = next(line for line in tables[6] if "| all |" in line)
+    assert f"| all | {distance.people} | {distance.median:.1%} | {distance.p90:.1%} |" in row
     assert all(len({line.count("|") for line in table}) == 1 for table in tables)
     drawing = ElementTree.fromstring((tmp_path / "new" / "curves.svg").read_text())
     charts = [each for each in drawing if each.get("class") == "chart"]

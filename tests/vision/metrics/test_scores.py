@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.metrics.matches import Match
+from socialbot.core.messages import PersonDetection
+from socialbot.vision.metrics.matches import Match, Rules, judge
 from socialbot.vision.metrics.scores import FrameMatches, average_precision, score_scene
+from tests.vision.metrics.scenes import frame, person
 
 KEYS = ("0-2", "2-10")
 
@@ -27,6 +29,13 @@ def scored(*frames, raw=None):
     """The score of frames, each a list of verdicts and a block of its own."""
     scored = [FrameMatches(number, tuple(matches)) for number, matches in enumerate(frames)]
     return score_scene(scored, scored if raw is None else [FrameMatches(n, tuple(v)) for n, v in enumerate(raw)], KEYS)
+
+
+def quickly_scored(*frames):
+    """The same with a tenth of the draws of the bootstrap, for many random frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("socialbot.vision.metrics.scores.DRAWS", 100)
+        return scored(*frames)
 
 
 def test_counts_by_band():
@@ -118,7 +127,7 @@ scenes = st.lists(st.lists(matches, max_size=4), min_size=1, max_size=8)
 @settings(deadline=None, max_examples=40)
 @given(scenes)
 def test_rates_lie_between_none_and_all_and_within_their_intervals(frames):
-    result = scored(*frames)
+    result = quickly_scored(*frames)
     for band in (*result.bands.values(), result.overall):
         rates = {"precision": band.score.precision, "recall": band.score.recall, "f1": band.score.f1, "ap": band.ap}
         assert set(band.intervals) in ({name for name, rate in rates.items() if rate is not None}, set())
@@ -134,7 +143,7 @@ def test_order_of_matches_does_not_matter(frames, random):
     shuffled = [list(each) for each in frames]
     for each in shuffled:
         random.shuffle(each)
-    one, other = scored(*frames), scored(*shuffled)
+    one, other = quickly_scored(*frames), quickly_scored(*shuffled)
     for key in KEYS:
         assert one.bands[key].score == other.bands[key].score
         assert one.bands[key].ap == other.bands[key].ap
@@ -148,3 +157,29 @@ def test_average_precision_is_between_the_curve_and_one(points):
     area = float(average_precision(recall, precision))
     assert np.sum(np.diff(recall, prepend=0) * precision) <= area + 1e-12
     assert area <= recall[-1] * precision.max() + 1e-12
+
+
+def test_errors_of_distances_are_those_of_found_people_with_known_distances():
+    # Errors: 0.1, -0.2, 0.5, 0 of the true distances; the standard error is 0.4 m.
+    truth = [5.0, 5.0, 4.0, 1.0, None, 3.0]
+    detected = [5.5, 4.0, 6.0, 1.0, 4.0, None]
+    frames = []
+    for there, value in zip(truth, detected, strict=True):
+        std = None if value is None else 0.4
+        seen = PersonDetection(x=0, y=0, w=10, h=20, score=0.5, distance_m=value, distance_std_m=std)
+        false = PersonDetection(x=300, y=0, w=10, h=20, score=0.4, distance_m=9.0, distance_std_m=0.1)
+        frames.append(list(judge(frame(person(distance=there), person(100.0)), [seen, false], Rules())))
+    result = scored(*frames)
+    near, far = result.bands["0-2"].distance, result.bands["2-10"].distance
+    assert near is not None
+    assert far is not None
+    assert (near.people, near.median, near.p90, near.bias, near.within) == (1, 0, 0, 0, 1)
+    assert (far.people, far.median, far.bias) == (3, pytest.approx(0.2), pytest.approx(0.1))
+    assert far.p90 == pytest.approx(0.2 + 0.8 * 0.3)
+    assert far.within == pytest.approx(1 / 3)
+    assert result.overall.distance is not None
+    assert result.overall.distance.people == 4
+
+
+def test_no_errors_of_distances_without_distances():
+    assert scored([hit(), missed(), false()]).overall.distance is None

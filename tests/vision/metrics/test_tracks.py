@@ -217,11 +217,11 @@ def test_incomplete_labels_have_no_false_tracks():
 
 
 def test_recordings_have_a_tracking_score_and_single_images_not(tmp_path):
-    source = bag_source(drawn_bag(tmp_path, frames=6, objects=[]))
+    source = bag_source(drawn_bag(tmp_path, frames=3, objects=[]))
     [scene] = evaluated([source]).detectors["hog"].scenes.values()
     assert scene.tracking is not None
     assert scene.tracking.people == 1
-    assert scene.tracking.hits + scene.tracking.missed == 6
+    assert scene.tracking.hits + scene.tracking.missed == 3
     settings = PipelineSettings("hog", {"tracker": "none"})
     [scene] = evaluated([source], settings).detectors["hog"].scenes.values()
     assert scene.tracking is None

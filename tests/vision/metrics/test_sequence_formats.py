@@ -1,0 +1,197 @@
+"""Label formats of recordings: MOTChallenge, KITTI and CVAT."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import TruthError
+from socialbot.vision.metrics.formats import labelled_sources
+from socialbot.vision.metrics.frames import VideoImages
+from tests.vision.metrics.label_files import (
+    BOX,
+    CVAT_IMAGES,
+    CVAT_VIDEO,
+    EXAMPLES,
+    FOUR,
+    HEIGHT,
+    KITTI,
+    MOT,
+    SEQINFO,
+    WIDTH,
+    one,
+    write,
+)
+
+# MOTChallenge
+
+
+def test_mot_classes_times_and_ids(tmp_path):
+    _, files, images = EXAMPLES["mot"]
+    source = one(write(tmp_path, files, images))
+    first, second = source.frames
+    assert source.name == "Hall-01"
+    assert (first.stamp, second.stamp) == (0, SECOND // 25)
+    assert first.persons[0].visible == 0.75
+    assert [(person.id, person.ignore) for person in second.persons] == [("1", False), ("2", True), ("3", True)]
+    assert [region.box for region in second.ignore] == [(0, 90, 60, 30)]
+    assert source.images.consecutive
+    assert source.identities
+    assert source.notes == ("1 boxes of class car are not used",)
+    assert source.least_visible == 0
+
+
+def test_mot15_has_coordinates_instead_of_a_class(tmp_path):
+    files = {"gt/gt.txt": "1,1,40,20,30,80,1,-1,-1,-1\n1,2,90,20,30,80,0,4.5,-2.1,0\n", "seqinfo.ini": SEQINFO}
+    source = one(write(tmp_path, files, EXAMPLES["mot"][2]))
+    assert [(person.ignore, person.visible) for person in source.frames[0].persons] == [(False, 1.0), (True, 1.0)]
+
+
+def test_mot_without_ids_is_not_scored_for_identity(tmp_path):
+    source = one(write(tmp_path, {"gt/gt.txt": "1,-1,40,20,30,80,1\n1,-1,90,20,30,80,1\n"}, EXAMPLES["mot"][2]))
+    assert not source.identities
+    assert len(source.frames[0].persons) == 2
+
+
+def test_mot_image_numbers_are_frames_where_they_fit(tmp_path):
+    source = one(write(tmp_path, {"gt.txt": "9,1,40,20,30,80,1,1,1\n"}, ("7.jpg", "8.jpg", "9.jpg")))
+    assert [len(frame.persons) for frame in source.frames] == [0, 0, 1]
+    source = one(write(tmp_path / "other", {"gt.txt": "1,1,40,20,30,80,1,1,1\n"}, ("7.jpg", "8.jpg", "9.jpg")))
+    assert [len(frame.persons) for frame in source.frames] == [1, 0, 0]
+
+
+def test_mot_beside_a_video(tmp_path):
+    write(tmp_path, {"gt/gt.txt": MOT}, ())
+    film = cv2.VideoWriter(str(tmp_path / "hall.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (WIDTH, HEIGHT))
+    for _ in range(3):
+        film.write(np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+    film.release()
+    source = one(tmp_path)
+    assert isinstance(source.images, VideoImages)
+    assert [frame.stamp for frame in source.frames] == [0, SECOND // 10, SECOND // 5]
+    assert [each.stamp for each in source.images.read()] == [frame.stamp for frame in source.frames]
+    assert [len(frame.persons) for frame in source.frames] == [1, 3, 0]
+    # The video may be somewhere else.
+    other = write(tmp_path / "other", {"gt.txt": MOT}, ())
+    assert one(tmp_path / "hall.avi", other / "gt.txt").frames == source.frames
+
+
+def test_many_mot_sequences(tmp_path):
+    for name in ("MOT-02", "MOT-10"):
+        write(tmp_path / "train" / name, {"gt/gt.txt": MOT}, ("img1/000001.jpg", "img1/000002.jpg"))
+    assert [source.name for source in labelled_sources(tmp_path)] == ["MOT-02", "MOT-10"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1,1,2,3", "line 2: 4 columns"),
+        ("1,1,2,x,4,5,1,1,1", "line 2: 'x' in column 4 is not a number"),
+        ("1,1,2,nan,4,5,1,1,1", "line 2: 'nan' in column 4"),
+        ("1,1,2,3,-4,5,1,1,1", "line 2: the box 2, 3, -4, 5"),
+        ("1.5,1,2,3,4,5,1,1,1", "line 2: frame 1.5 and id 1 must be whole numbers"),
+        ("1,1,2,3,4,5,1,1,1", "line 2: id 1 has two boxes in one image"),
+    ],
+)
+def test_broken_mot(tmp_path, line, message):
+    write(tmp_path, {"gt/gt.txt": f"1,1,40,20,30,80,1,1,1\n{line}\n"}, EXAMPLES["mot"][2])
+    with pytest.raises(TruthError, match=message) as error:
+        labelled_sources(tmp_path)
+    assert "gt.txt" in str(error.value)
+    assert error.value.remedy
+
+
+def test_broken_seqinfo(tmp_path):
+    write(tmp_path, {"gt/gt.txt": MOT, "seqinfo.ini": "[Sequence]\nframeRate=fast\n"}, EXAMPLES["mot"][2])
+    with pytest.raises(TruthError, match="frameRate is 'fast'"):
+        labelled_sources(tmp_path)
+    write(tmp_path, {"seqinfo.ini": "frameRate=3\n"}, ())
+    with pytest.raises(TruthError, match=r"seqinfo.ini: cannot be read"):
+        labelled_sources(tmp_path)
+
+
+# KITTI
+
+
+def test_kitti_distances_and_ignored(tmp_path):
+    _, files, images = EXAMPLES["kitti"]
+    [frame] = one(write(tmp_path, files, images)).frames
+    walking, sitting, cyclist = frame.persons
+    assert walking.distance_m == 5  # 3 m to the side, 4 m ahead
+    assert not walking.ignore
+    assert sitting.ignore  # four fifths are cut off
+    assert cyclist.ignore
+    assert [region.box for region in frame.ignore] == [(0, 0, 20, 20)]
+    assert frame.ranged
+
+
+def test_kitti_tracking(tmp_path):
+    _, files, images = EXAMPLES["kitti tracking"]
+    source = one(write(tmp_path, files, images))
+    assert [len(frame.persons) for frame in source.frames] == [1, 0, 1]
+    assert [frame.stamp for frame in source.frames] == [0, SECOND // 10, SECOND // 5]
+    assert source.identities
+    assert source.frames[0].persons[0].id == "4"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("Pedestrian 0 0 0 1 2 3 4", "000004.txt, line 6: 8 columns instead of 15"),
+        ("Pedestrian 0 0 0 x 2 3 4 1 1 1 1 1 1 1", "line 6: 'x' in column 4"),
+        ("Pedestrian 0 0 0 9 2 3 4 1 1 1 1 1 1 1", "line 6: the box 9, 2, -6, 2"),
+    ],
+)
+def test_broken_kitti(tmp_path, line, message):
+    write(tmp_path, {"label_2/000004.txt": KITTI + line + "\n"}, ("image_2/000004.png",))
+    with pytest.raises(TruthError, match=message):
+        labelled_sources(tmp_path)
+
+
+# CVAT
+
+
+def test_cvat_images(tmp_path):
+    _, files, images = EXAMPLES["cvat images"]
+    source = one(write(tmp_path, files, images))
+    assert source.name == "hall"
+    first, second = source.frames
+    assert [person.box for person in first.persons] == [BOX, (90, 20, 20, 40)]
+    assert second.persons == ()
+    assert source.notes == ("1 boxes of class car are not used", "1 boxes of shape points are not used")
+
+
+def test_cvat_tracks_outside_and_between_key_frames(tmp_path):
+    source = one(write(tmp_path, {"annotations.xml": CVAT_VIDEO}, FOUR))
+    assert [[person.box for person in frame.persons] for frame in source.frames] == [
+        [BOX], [(45, 20, 30, 80)], [(50, 20, 30, 80)], [],
+    ]  # fmt: skip
+    assert {person.id for frame in source.frames for person in frame.persons} == {"3"}
+    assert source.identities
+    assert source.frames[0].size == (WIDTH, HEIGHT)
+
+
+def test_cvat_with_steps_between_frames(tmp_path):
+    text = CVAT_VIDEO.replace("<mode>", "<start_frame>10</start_frame><frame_filter>step=3</frame_filter><mode>")
+    text = text.replace('frame="0"', 'frame="10"').replace('frame="2"', 'frame="13"').replace('frame="3"', 'frame="16"')
+    images = ("images/frame_000010.png", "images/frame_000013.png", "images/frame_000016.png")
+    source = one(write(tmp_path, {"annotations.xml": text}, images))
+    assert [len(frame.persons) for frame in source.frames] == [1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (CVAT_IMAGES.replace('xtl="40.00"', ""), "line 6: <box> has no xtl"),
+        (CVAT_IMAGES.replace("40.00", "left"), "line 6, xtl: 'left' in column 1"),
+        (CVAT_VIDEO.replace('frame="2"', 'frame="-2"'), "frame is -2"),
+        (CVAT_IMAGES.replace("</annotations>", ""), "not valid XML: no element found"),
+    ],
+)
+def test_broken_cvat(tmp_path, text, message):
+    write(tmp_path, {"annotations.xml": text}, ("images/a.jpg", "images/b.jpg", *FOUR))
+    with pytest.raises(TruthError, match=message) as error:
+        labelled_sources(tmp_path, format="cvat")
+    assert "annotations.xml" in str(error.value)
