@@ -190,7 +190,7 @@ def test_the_plan_does_not_hang_on_how_busy_the_machine_is():
     known, asked, deadline = warehouse(6, 3)
     limits = PlannerLimits(timeout_s=1.0, makespan_s=deadline)
     alone = Kairos().solve(known, asked, limits)
-    with busy.busy_machine(30):
+    with busy.busy_machine(12):
         among_others = Kairos().solve(known, asked, limits)
     assert among_others.seconds > limits.timeout_s, "nobody was in its way"
     assert (among_others.verdict, among_others.plan) == (PlannerVerdict.SOLVED, alone.plan)
@@ -350,3 +350,41 @@ def test_mutated_texts_neither_hang_nor_raise(seed):
 @given(st.integers(0, 1 << 30))
 def test_many_mutated_texts_neither_hang_nor_raise(seed):
     check_mutations(seed)
+
+
+PATROL = """(define (domain patrol) (:types robot place)
+  (:predicates (at ?r - robot ?p - place) (seen ?p - place) (free ?r - robot) (open))
+  (:functions (distance ?a ?b - place) (speed ?r - robot) (total-cost))
+  (:durative-action go :parameters (?r - robot ?a ?b - place)
+    :duration (= ?duration (/ (distance ?a ?b) (speed ?r)))
+    :condition (and (at start (at ?r ?a)) (at start (free ?r)))
+    :effect (and (at start (not (at ?r ?a))) (at start (not (free ?r)))
+      (at end (at ?r ?b)) (at end (free ?r)) (at end (increase (total-cost) (distance ?a ?b)))))
+  (:durative-action look :parameters (?r - robot ?p - place) :duration (= ?duration 0.7)
+    :condition (and (over all (at ?r ?p)) (over all (open))) :effect (at end (seen ?p))))"""
+
+
+def patrol(chance: random.Random, init: str) -> tuple[PddlDomain, PddlProblem]:
+    places = [f"p{number}" for number in range(5)]
+    distances = (f"(= (distance {a} {b}) {chance.uniform(1, 9):.2f})" for a in places for b in places if a != b)
+    speeds = (f"(= (speed {r}) {chance.uniform(0.3, 0.7):.3f}) (at {r} p0) (free {r})" for r in ("r1", "r2"))
+    goal = " ".join(f"(seen {place})" for place in places)
+    domain = read_domain(PATROL)
+    text = f"""(define (problem p) (:domain patrol) (:objects {" ".join(places)} - place r1 r2 - robot)
+      (:init {" ".join(distances)} {" ".join(speeds)} {init}) (:goal (and {goal})))"""
+    return domain, read_problem(text, domain)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_plans_with_durations_of_many_digits_are_accepted(seed):
+    found = Kairos().solve(*patrol(random.Random(seed), "(open)"), LONG)
+    assert (found.verdict, found.message) == (PlannerVerdict.SOLVED, "")
+
+
+def test_plans_wait_for_timed_initial_literals():
+    domain, problem = patrol(random.Random(1), "(at 40 (open)) (at 400 (not (open)))")
+    found = Kairos().solve(domain, problem, LONG)
+    assert found.plan is not None, found.message
+    looks = [step for step in found.plan.steps if step.action == "look"]
+    assert len(looks) == 5
+    assert min(step.start_s for step in looks) >= 40.0

@@ -231,11 +231,11 @@ def test_a_problem_has_its_initial_state():
         ("(define (domain d) (:types a - ))", "a name belongs before -, and a type after it"),
         ("(define (domain d) (:types object - a))", "object is the type of everything"),
         ("(define (domain d) (:types and))", "'and' cannot be the name of a type"),
-        ("(define (domain d) (:constants a a))", "the object a is declared twice"),
+        ("(define (domain d) (:types t u) (:constants a - t a - u))", "the object a is declared twice"),
         ("(define (domain d) (:constants a - bx) (:types box))", "unknown type 'bx'\n  remedy: did you mean 'box'?"),
         ("(define (domain d) (:predicates (p) (p ?x)))", "the predicate p is declared twice"),
         ("(define (domain d) (:predicates (p x)))", "expected a variable, found x"),
-        ("(define (domain d) (:predicates (p ?x ?x)))", "the variable ?x is declared twice"),
+        ("(define (domain d) (:action a :parameters (?x ?x)))", "the variable ?x is declared twice"),
         ("(define (domain d) (:predicates p))", "expected a predicate in parentheses, found p"),
         ("(define (domain d) (:functions (f) - object))", "not supported by socialbot: functions whose values are no"),
         ("(define (domain d) (:requirements :typo))", "unknown requirement ':typo'"),
@@ -333,7 +333,7 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
     ("rest", "message"),
     [
         ("(:objects b - bok)", "problem:2: unknown type 'bok'\n  remedy: did you mean 'box'?"),
-        ("(:objects b - box b - box)", "problem:2: the object b is declared twice"),
+        ("(:objects b - box b - lid)", "problem:2: the object b is declared twice"),
         ("(:objects c1 - lid)", "problem:2: the object c1 is declared twice"),
         ("(:init (p b))", "problem:2: unknown object 'b'"),
         ("(:init (p ?x))", "problem:2: unknown variable '?x'"),
@@ -342,7 +342,9 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
         ("(:init (= (n) (n)))", "problem:2: expected a number, found (n)"),
         ("(:init (= (n) 1e999))", "problem:2: 1e999 is too large a number"),
         ("(:init (= c1 c1))", "problem:2: expected a number, found c1"),
-        ("(:init (at 5 (p c1)))", "problem:2: not supported by socialbot: timed initial literals: (at 5 (p c1))"),
+        ("(:init (at 0 (p c1)))", "problem:2: a timed initial literal must have a time > 0: (at 0 (p c1))"),
+        ("(:init (at 5 (= c1 2)))", "problem:2: unknown function 'c1'"),
+        ("(:init (at 5 (not (p b))))", "problem:2: unknown object 'b'"),
         ("(:init (p c1) (not (p c1)))", "problem:2: (p c1) is both true and false"),
         ("(:goal (p c1) (p c1))", "problem:2: :goal takes one condition, not 2"),
         ("(:goal (p b))", "problem:2: unknown object 'b'"),
@@ -431,3 +433,39 @@ def test_random_domains_are_read(seed):
     domain = read_domain(domain_text(chance))
     assert len(domain.actions) == 5
     assert read_problem(problem_text(chance), domain).values
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(:predicates (in ?x ?x))",
+        "(:types number) (:constants n - number)",
+        "(:types t) (:constants a - t a - t)",
+        "(:types t) (:predicates (p ?x - t)) (:action a :precondition (exists (?x) (p ?x)))",
+        "(:types t) (:predicates (p ?x - t)) (:action a :effect (forall (?x) (when (p ?x) (not (p ?x)))))",
+    ],
+)
+def test_domains_in_use_are_read(text):
+    """Such domains are among those of the planning competitions."""
+    assert read_domain(f"(define (domain d) {text})").name == "d"
+
+
+def test_parameters_of_actions_must_fit_exactly():
+    text = "(:types t) (:predicates (p ?x - t)) (:action a :parameters (?x) :precondition (p ?x))"
+    with pytest.raises(PlanningError, match="\\?x is a object, but the predicate p takes a t"):
+        read_domain(f"(define (domain d) {text})")
+
+
+def test_timed_initial_literals_are_read_in_order():
+    domain = read_domain("(define (domain d) (:predicates (open ?x)) (:functions (level)) (:constants a))")
+    text = "(:init (at 9 (not (open a))) (at 2.5 (open a)) (at 4 (= (level) 3)))"
+    problem = read_problem(f"(define (problem p) (:domain d) {text})", domain)
+    assert [str(one) for one in problem.timed] == ["(at 2.5 (open a))", "(at 4 (= (level) 3))", "(at 9 (not (open a)))"]
+    assert problem.facts == frozenset()
+
+
+@pytest.mark.parametrize(("init", "cost"), [("", 0.0), ("(= (total-cost) 7)", 7.0)])
+def test_total_cost_is_0_at_the_start_unless_given(init, cost):
+    domain = read_domain("(define (domain d) (:functions (total-cost) - number))")
+    problem = read_problem(f"(define (problem p) (:domain d) (:init {init}))", domain)
+    assert list(problem.values.values()) == [cost]

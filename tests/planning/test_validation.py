@@ -13,6 +13,7 @@ from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import ground
 from socialbot.planning.pddl.state import PddlState
 from socialbot.planning.pddl.validation import ReadWriteAnalysis, validate_plan
+from socialbot.planning.planners.planner import separated
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
 from tests.planning.texts import CRANE_PLAN, cellar, crane
@@ -83,7 +84,7 @@ def test_without_a_goal_any_end_will_do():
         ("0: (come carrier_x bay) [6]", "0.000 s: (come carrier_x bay): there is no object carrier_x"),
         ("1: (come crane_a bay) [6]", "1.000 s: (come crane_a bay): crane_a is a crane, no carrier"),
         ("-1: (come carrier_a bay) [6]", "-1.000 s: (come carrier_a bay) starts before the plan does"),
-        ("0: (come carrier_a bay) [0]", "0.000 s: (come carrier_a bay) must last longer than 0 s"),
+        ("0: (come carrier_a bay) [0]", "0.000 s: (come carrier_a bay) lasts 0 s, less than 6 s"),
         ("0: (come carrier_a bay) [1e999]", "0.000 s: (come carrier_a bay): its time is not finite"),
         ("0: (come carrier_a bay) [5.9]", "0.000 s: (come carrier_a bay) lasts 5.9 s, less than 6 s"),
         ("0: (come carrier_a bay) [6.1]", "0.000 s: (come carrier_a bay) lasts 6.1 s, more than 6 s"),
@@ -263,3 +264,77 @@ def test_interfering_events_cannot_be_simultaneous(one, other, clash):
     )
     assert first.clash(second) == clash
     assert second.clash(first) == clash
+
+
+TIMED = """(define (domain d) (:predicates (open) (in) (lit) (done)) (:functions (level) (time-of))
+  (:durative-action enter :parameters () :duration (= ?duration 2)
+    :condition (over all (open)) :effect (at end (in)))
+  (:durative-action flash :parameters () :duration (= ?duration (time-of))
+    :condition (at end (lit)) :effect (and (at start (lit)) (at end (not (lit))) (at end (done))))
+  (:action finish :parameters () :precondition (and (in) (>= (level) 2)) :effect (done)))"""
+
+
+def timed_faults(plan: str, init: str, goal: str = "(in)") -> list[str]:
+    domain = read_domain(TIMED)
+    problem = read_problem(f"(define (problem p) (:domain d) (:init {init}) (:goal {goal}))", domain)
+    return [str(fault) for fault in validate_plan(domain, problem, parse_plan(plan))]
+
+
+WINDOW = "(at 5 (open)) (at 10 (not (open)))"
+
+
+@pytest.mark.parametrize(
+    ("start", "fault"),
+    [
+        ("4.9", "4.900 s: (enter) cannot go on: (open) does not hold"),
+        ("5.001", None),
+        ("7.9", None),
+        ("8.1", "10.000 s: (enter) cannot go on: (open) does not hold"),
+    ],
+)
+def test_timed_initial_literals_open_and_close_a_window(start, fault):
+    found = timed_faults(f"{start}: (enter) [2]", WINDOW)
+    assert found[:1] == ([] if fault is None else [fault])
+
+
+def test_timed_initial_fluents_change_a_function():
+    init = "(open) (= (level) 1) (at 5 (= (level) 2))"
+    assert timed_faults("0: (enter) [2]\n6: (finish)", init, "(done)") == []
+    assert "cannot start" in timed_faults("0: (enter) [2]\n4: (finish)", init, "(done)")[0]
+
+
+def test_a_step_may_not_start_at_the_moment_of_a_timed_literal_that_it_needs():
+    found = timed_faults("0: (enter) [2]\n5: (finish)", "(open) (= (level) 1) (at 5 (= (level) 2))", "(done)")
+    assert "both need (level)" in found[0]
+
+
+def test_a_step_of_0_s_ends_after_its_start():
+    assert timed_faults("1: (flash) [0]", "(= (time-of) 0)", "(and (done) (not (lit)))") == []
+
+
+def test_a_step_of_0_s_still_interferes_with_others_of_its_moment():
+    found = timed_faults("1: (flash) [0]\n1: (flash) [0]", "(= (time-of) 0)", "(done)")
+    assert "both need (lit)" in found[0]
+
+
+GATED = """(define (domain d) (:predicates (nearer ?a ?b) (free ?a) (loaded ?a))
+  (:durative-action unload :parameters (?a) :duration (= ?duration 1) :effect (at end (free ?a)))
+  (:durative-action load :parameters (?a) :duration (= ?duration 1)
+    :condition (at start (forall (?b) (imply (nearer ?b ?a) (free ?b)))) :effect (at end (loaded ?a))))"""
+
+
+def test_interference_counts_all_atoms_of_a_condition():
+    """VAL rejects this plan as well, though no object is nearer than ``a``."""
+    domain = read_domain(GATED)
+    text = "(define (problem p) (:domain d) (:objects a b) (:init (nearer a b)) (:goal (loaded a)))"
+    problem = read_problem(text, domain)
+    plan = parse_plan("0: (unload b) [1]\n1: (load a) [1]")
+    (fault,) = validate_plan(domain, problem, plan)
+    assert fault.interference
+    assert "both need (free b)" in str(fault)
+    assert separated(domain, problem, plan) == (parse_plan("0: (unload b) [1]\n1.001: (load a) [1]"), ())
+
+
+def test_events_of_one_moment_happen_in_the_order_of_their_times():
+    text = "0: (move crane_a bay stack) [5.0004]\n5: (pick crane_a box_2 box_1 stack) [3]"
+    assert "(over crane_a stack) does not hold" in messages(text)[0]

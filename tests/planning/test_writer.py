@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.planning.pddl.domain import PddlProblem, problem_text
+from socialbot.planning.pddl.domain import PddlProblem, PlanStep, parse_plan, problem_text
 from socialbot.planning.pddl.formulas import Fluent, Number, Predicate, TypedName, number_text, typed_text
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from tests.planning.random_worlds import domain_text, formula
 from tests.planning.random_worlds import problem_text as random_problem_text
 from tests.planning.texts import crane
 
-COPIED = ("name", "domain", "objects", "facts", "values", "goal", "metric")
+COPIED = ("name", "domain", "objects", "facts", "values", "goal", "metric", "timed")
 
 
 def same(one: PddlProblem, other: PddlProblem) -> bool:
@@ -52,7 +52,9 @@ def test_written_problems_are_read_unchanged(seed, with_metric):
     domain = read_domain(domain_text(chance))
     goal = formula(chance, 4).replace("?x", "b")
     metric = " (:metric minimize (+ (total-time) (n a)))" if with_metric else ""
-    text = random_problem_text(chance)[:-1].replace("(:init", "(:objects d e - t) (:init")
+    text = random_problem_text(chance)[:-1].replace(
+        "(:init", "(:objects d e - t) (:init (at 3 (p d)) (at 0.5 (not (p a))) (at 1e-7 (= (n a) 2))"
+    )
     problem = read_problem(f"{text} (:goal {goal}){metric})", domain)
     assert same(read_problem(problem_text(problem), domain), problem)
 
@@ -91,3 +93,16 @@ def test_actions_write_their_parts():
             again = f"{domain.text[:-1]}(:action again :parameters (?x - t) :effect {one.effect}))"
             assert [part.effect for part in read_domain(again).actions["again"].effects] == [one.effect]
     assert str(Predicate("on", ("a", "b"))) == "(on a b)"
+
+
+@settings(max_examples=200)
+@given(st.floats(0, 1e6), st.floats(0, 1e6))
+def test_written_plans_keep_nanoseconds(start_s, duration_s):
+    step = PlanStep(start_s, "go", ("a",), duration_s)
+    (back,) = parse_plan(str(step)).steps
+    assert back.start_s == pytest.approx(start_s, abs=6e-10)
+    assert back.duration_s == pytest.approx(duration_s, abs=6e-10)
+
+
+def test_times_have_at_least_three_decimals():
+    assert str(PlanStep(0.0, "go", ("a", "b"), 10 / 3)) == "0.000: (go a b) [3.333333333]"

@@ -91,7 +91,7 @@ class FormulaReader:
     def _quantified(self, group: SexpGroup, scope: Scope) -> tuple[tuple[TypedName, ...], Sexpression, Scope]:
         listed, part = self.names.parts(group, 2)
         variables = self.names.variables(self.names.group(listed, "variables").items)
-        return variables, part, scope.within(variables)
+        return variables, part, scope.within(variables, quantified=True)
 
     def _is_term(self, item: Sexpression) -> bool:
         return (
@@ -234,7 +234,7 @@ class FormulaReader:
             parameters,
             self._bounds(fields[":duration"], scope) if durative else None,
             self.conditions(fields[keys[-2]], scope, time) if keys[-2] in fields else (),
-            self.effects(fields.get(":effect", empty), Scope(scope.variables, durative), time),
+            self.effects(fields.get(":effect", empty), replace(scope, duration=durative), time),
             group.line,
         )
 

@@ -100,13 +100,21 @@ _NAME = re.compile(r"[^\W\d][\w-]*")
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Variables of a formula with their types, and whether ``?duration`` is allowed."""
+    """Variables of a formula with their types.
+
+    Attributes:
+        duration: Whether ``?duration`` is allowed.
+        untyped: Variables of quantifiers without a type. They stand for all objects and fit every parameter.
+    """
 
     variables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     duration: bool = False
+    untyped: frozenset[str] = frozenset()
 
-    def within(self, variables: Iterable[TypedName]) -> Scope:
-        return Scope({**self.variables, **{typed.name: typed.types for typed in variables}}, self.duration)
+    def within(self, variables: Iterable[TypedName], *, quantified: bool = False) -> Scope:
+        new = {typed.name: typed.types for typed in variables}
+        untyped = {name for name, types in new.items() if quantified and types == (OBJECT,)}
+        return Scope({**self.variables, **new}, self.duration, (self.untyped - new.keys()) | untyped)
 
 
 @dataclass
@@ -151,12 +159,13 @@ class Vocabulary:
         return group.rest
 
     def new_name(self, word: SexpWord, what: str) -> str:
-        if word.text in RESERVED or not _NAME.fullmatch(word.text):
+        reserved = word.text in RESERVED and not (what == "a type" and word.text == "number")
+        if reserved or not _NAME.fullmatch(word.text):
             raise self.error(
                 f"{word.text!r} cannot be the name of {what}",
                 word,
                 "names begin with a letter and consist of letters, digits, - and _"
-                if word.text not in RESERVED
+                if not reserved
                 else "the word means something in PDDL; choose another",
             )
         return word.text
@@ -193,22 +202,23 @@ class Vocabulary:
                 raise self.unknown("type", name, self.domain.types, at)
         return types
 
-    def variables(self, items: Sequence[Sexpression]) -> tuple[TypedName, ...]:
-        found: dict[str, TypedName] = {}
+    def variables(self, items: Sequence[Sexpression], *, distinct: bool = True) -> tuple[TypedName, ...]:
+        """Return declared variables; a name may only occur twice if they need not be ``distinct``."""
+        found: list[TypedName] = []
         for word, types in self.typed_list(items):
             if not word.text.startswith("?") or not _NAME.fullmatch(word.text[1:]):
                 raise self.error(f"expected a variable, found {word}", word, "variables begin with ?: ?box")
             if word.text == "?duration":
                 raise self.error("?duration is the duration of an action and cannot be declared", word)
-            if word.text in found:
+            if distinct and any(word.text == one.name for one in found):
                 raise self.error(f"the variable {word} is declared twice", word)
-            found[word.text] = TypedName(word.text, self.known_types(types, word))
-        return tuple(found.values())
+            found.append(TypedName(word.text, self.known_types(types, word)))
+        return tuple(found)
 
-    def signature(self, item: Sexpression, what: str) -> Signature:
+    def signature(self, item: Sexpression, what: str, *, distinct: bool = False) -> Signature:
         group = self.group(item, what)
         name = self.new_name(self.word(group.items, 0, f"the name of {what}", group), what)
-        return Signature(name, self.variables(group.rest))
+        return Signature(name, self.variables(group.rest, distinct=distinct))
 
     def terms(self, word: SexpWord, group: SexpGroup, scope: Scope, kind: str) -> Terms:
         """Return the arguments of a declared predicate or function, which must match its signature."""
@@ -225,7 +235,7 @@ class Vocabulary:
         terms = tuple(self.term(item, scope) for item in group.rest)
         for item, term, parameter in zip(group.rest, terms, signature.parameters, strict=True):
             types = scope.variables[term] if term.startswith("?") else self.objects[term]
-            if not self.domain.fits(types, parameter.types):
+            if term not in scope.untyped and not self.domain.fits(types, parameter.types):
                 raise self.error(
                     f"{term} is {_either(types)}, but the {kind} {signature.name} takes {_either(parameter.types)}",
                     item,

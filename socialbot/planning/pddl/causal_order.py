@@ -183,7 +183,7 @@ def _sequence(
     def comes_first(one: PlanEvent, other: PlanEvent) -> bool:
         needs_it = other.edge == "start" and not written[one].isdisjoint(invariants[other.step].reads)
         needed_it = one.edge == "end" and not written[other].isdisjoint(invariants[one.step].reads)
-        return one.step != other.step and (needs_it or needed_it)
+        return one.edge == "start" if one.step == other.step else needs_it or needed_it
 
     found: list[PlanEvent] = []
     while waiting:

@@ -9,10 +9,13 @@ from typing import Literal
 
 from socialbot.core.errors import PlanningError
 from socialbot.planning.pddl.formulas import (
+    Add,
+    Delete,
     Effect,
     Expression,
     Fluent,
     Formula,
+    NumericEffect,
     Predicate,
     TypedName,
     number_text,
@@ -114,9 +117,27 @@ class Metric:
         return f"{self.direction} {self.expression}"
 
 
+@dataclass(frozen=True, slots=True)
+class TimedInitialEffect:
+    """Timed initial literal or fluent: a change of the world at a time (s) that no action causes."""
+
+    time_s: float
+    effect: Add | Delete | NumericEffect
+
+    def __str__(self) -> str:
+        effect = self.effect
+        what = f"(= {effect.fluent} {effect.amount})" if isinstance(effect, NumericEffect) else effect
+        return f"(at {number_text(self.time_s)} {what})"
+
+
 @dataclass(frozen=True)
 class PddlProblem:
-    """Problem of PDDL: initial state and goal. ``objects`` maps names to types; constants may be missing."""
+    """Problem of PDDL: initial state and goal.
+
+    Attributes:
+        objects: Maps names to types; constants may be missing.
+        timed: Timed initial literals and fluents in the order of time.
+    """
 
     name: str
     domain: str
@@ -125,6 +146,7 @@ class PddlProblem:
     values: Mapping[Fluent, float] = field(default_factory=dict)
     goal: Formula | None = None
     metric: Metric | None = None
+    timed: tuple[TimedInitialEffect, ...] = ()
     text: str = field(default="", compare=False, repr=False)
     where: str = field(default="", compare=False)
 
@@ -154,7 +176,13 @@ class PlanStep:
         return f"({' '.join((self.action, *self.args))})"
 
     def __str__(self) -> str:
-        return f"{self.start_s:.3f}: {self.call} [{self.duration_s:.3f}]"
+        return f"{_seconds(self.start_s)}: {self.call} [{_seconds(self.duration_s)}]"
+
+
+def _seconds(value: float) -> str:
+    """Return seconds to the nanosecond, with at least three decimals."""
+    whole, _, decimals = f"{value:.9f}".partition(".")
+    return f"{whole}.{decimals.rstrip('0'):0<3}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +237,7 @@ def problem_text(problem: PddlProblem, constants: Container[str] = ()) -> str:
         f"(define (problem {problem.name})",
         f"  (:domain {problem.domain})",
         _section(":objects", (typed_text([one]) for one in sorted(objects, key=lambda one: (one.types, one.name)))),
-        _section(":init", [*sorted(map(str, problem.facts)), *sorted(values)]),
+        _section(":init", [*sorted(map(str, problem.facts)), *sorted(values), *map(str, problem.timed)]),
     ]
     if problem.goal is not None:
         lines.append(f"  (:goal {problem.goal})")

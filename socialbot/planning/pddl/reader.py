@@ -1,8 +1,9 @@
 """Reader of PDDL 2.1 domains and problems.
 
 Supported are type hierarchies and ``either``, constants, functions, durative actions, negative, disjunctive and
-quantified conditions, equality, conditional effects, duration inequalities, and derived predicates. Timed initial
-literals, preferences, constraints and continuous effects are errors. ``:requirements`` may be incomplete.
+quantified conditions, equality, conditional effects, duration inequalities, derived predicates, and timed initial
+literals and fluents. Preferences, constraints and continuous effects are errors. ``:requirements`` may be incomplete.
+The function ``(total-cost)`` is 0 at the start unless the problem says otherwise.
 """
 
 from __future__ import annotations
@@ -12,8 +13,29 @@ from dataclasses import replace
 
 from socialbot.planning.pddl._formula_reader import FormulaReader, is_number
 from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, read_sexpression
-from socialbot.planning.pddl.domain import OBJECT, Metric, PddlAction, PddlDomain, PddlProblem, Signature
-from socialbot.planning.pddl.formulas import And, Equality, Fluent, Formula, Or, Predicate, Quantified, TypedName
+from socialbot.planning.pddl.domain import (
+    OBJECT,
+    Metric,
+    PddlAction,
+    PddlDomain,
+    PddlProblem,
+    Signature,
+    TimedInitialEffect,
+)
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    Delete,
+    Equality,
+    Fluent,
+    Formula,
+    Number,
+    NumericEffect,
+    Or,
+    Predicate,
+    Quantified,
+    TypedName,
+)
 from socialbot.planning.pddl.semantics import substitute
 from socialbot.planning.pddl.state import Derivation
 
@@ -32,6 +54,9 @@ _UNSUPPORTED = {
     ":process": "continuous change (:process)",
     ":event": "events of the world (:event)",
 }
+
+
+_TOTAL_COST = Fluent("total-cost")
 
 
 def read_domain(text: str, *, where: str = "domain") -> PddlDomain:
@@ -94,7 +119,7 @@ class _FileReader:
         names, found = self._names, {}
         for word, types in names.typed_list(section.rest):
             name = names.new_name(word, "an object")
-            if name in found or names.objects.get(name, types) != types:
+            if found.get(name, types) != types or names.objects.get(name, types) != types:
                 raise names.error(f"the object {name} is declared twice", word)
             found[name] = names.known_types(types, word)
         names.objects.update(found)
@@ -170,7 +195,7 @@ class _DomainReader(_FileReader):
             if len(section.rest) != 2:
                 raise names.error(f":derived takes a predicate and a condition, not {len(section.rest)} parts", section)
             head, condition = section.rest
-            signature = names.signature(head, "a predicate")
+            signature = names.signature(head, "a predicate", distinct=True)
             declared = names.domain.predicates.get(signature.name)
             if declared is None:
                 raise names.unknown("predicate", signature.name, names.domain.predicates, head)
@@ -227,7 +252,9 @@ class _ProblemReader(_FileReader):
         self._check_domain(parts.get(":domain"))
         self._requirements(self._section(sections, ":requirements"))
         objects = self._objects(self._section(sections, ":objects"))
-        facts, values = self._init(self._section(sections, ":init"))
+        facts, values, timed = self._init(self._section(sections, ":init"))
+        if domain.functions.get(_TOTAL_COST.name) == Signature(_TOTAL_COST.name):
+            values.setdefault(_TOTAL_COST, 0.0)
         goal, metric = parts.get(":goal"), parts.get(":metric")
         if goal is not None and len(goal.rest) != 1:
             raise names.error(f":goal takes one condition, not {len(goal.rest)}", goal, "join them: (and ...)")
@@ -239,6 +266,7 @@ class _ProblemReader(_FileReader):
             values,
             goal=self._formulas.formula(goal.rest[0], Scope()) if goal is not None else None,
             metric=self._metric(metric) if metric is not None else None,
+            timed=timed,
             text=text,
             where=where,
         )
@@ -251,20 +279,22 @@ class _ProblemReader(_FileReader):
         if word.text != names.domain.name:
             raise names.error(f"the problem is for the domain {word}, not {names.domain.name}", word)
 
-    def _init(self, section: SexpGroup) -> tuple[frozenset[Predicate], dict[Fluent, float]]:
+    def _init(
+        self, section: SexpGroup
+    ) -> tuple[frozenset[Predicate], dict[Fluent, float], tuple[TimedInitialEffect, ...]]:
         names = self._names
         facts: set[Predicate] = set()
         denied: dict[Predicate, Sexpression] = {}
         values: dict[Fluent, float] = {}
+        timed: list[TimedInitialEffect] = []
         for item in section.rest:
             group = names.group(item, "a fact")
             if group.head == "=":
-                left, right = names.parts(group, 2)
-                value, fluent = self._formulas.number(right), self._formulas.fluent(left, Scope())
+                fluent, value = self._value(group)
                 if values.setdefault(fluent, value) != value:
                     raise names.error(f"{fluent} has two values", group)
             elif group.head == "at" and len(group.items) == 3 and is_number(group.items[1]):
-                raise names.unsupported(f"timed initial literals: {group}", group)
+                timed.append(self._timed(group))
             elif group.head == "not" and len(group.rest) == 1:
                 denied[self._fact(group.rest[0])] = group
             else:
@@ -272,7 +302,25 @@ class _ProblemReader(_FileReader):
         for predicate, item in denied.items():
             if predicate in facts:
                 raise names.error(f"{predicate} is both true and false", item)
-        return frozenset(facts), values
+        return frozenset(facts), values, tuple(sorted(timed, key=lambda one: one.time_s))
+
+    def _value(self, group: SexpGroup) -> tuple[Fluent, float]:
+        left, right = self._names.parts(group, 2)
+        value = self._formulas.number(right)
+        return self._formulas.fluent(left, Scope()), value
+
+    def _timed(self, group: SexpGroup) -> TimedInitialEffect:
+        """Read ``(at 5 (p a))``, ``(at 5 (not (p a)))`` or ``(at 5 (= (f a) 3))``."""
+        time_s = self._formulas.number(group.items[1])
+        if time_s <= 0:
+            raise self._names.error(f"a timed initial literal must have a time > 0: {group}", group)
+        what = self._names.group(group.items[2], "a fact")
+        if what.head == "=":
+            fluent, value = self._value(what)
+            return TimedInitialEffect(time_s, NumericEffect("assign", fluent, Number(value)))
+        if what.head == "not":
+            return TimedInitialEffect(time_s, Delete(self._fact(*self._names.parts(what, 1))))
+        return TimedInitialEffect(time_s, Add(self._fact(what)))
 
     def _fact(self, item: Sexpression) -> Predicate:
         predicate = self._formulas.predicate(item, Scope())

@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
+from socialbot.planning.pddl.domain import (
+    PddlDomain,
+    PddlPlan,
+    PddlProblem,
+    PlanStep,
+    TimedEffect,
+    TimedInitialEffect,
+)
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
@@ -43,7 +50,7 @@ from socialbot.planning.pddl.semantics import (
 )
 from socialbot.planning.pddl.state import PddlState
 
-EPSILON_S = 0.0005
+EPSILON_S = 0.00005
 """Events nearer than this (s) are simultaneous."""
 
 Edge = Literal["start", "end"]
@@ -58,10 +65,16 @@ class PlanEvent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TimePoint:
-    """Simultaneous events, ends first, in the order of the steps."""
+    """Simultaneous events in the order of the steps: ends, then starts, then ends of steps that last 0 s."""
 
     time_s: float
     events: tuple[PlanEvent, ...]
+
+    @property
+    def phases(self) -> tuple[tuple[PlanEvent, ...], ...]:
+        """The events in groups that happen one after the other: a step of 0 s ends after all starts."""
+        late = tuple(one for one in self.events if one.edge == "end" and PlanEvent(one.step, "start") in self.events)
+        return (tuple(one for one in self.events if one not in late), late) if late else (self.events,)
 
 
 def time_points(plan: PddlPlan, actions: Sequence[GroundAction], running: Collection[int] = ()) -> list[TimePoint]:
@@ -93,7 +106,8 @@ def time_points(plan: PddlPlan, actions: Sequence[GroundAction], running: Collec
 
 
 def _in_order(together: list[PlanEvent]) -> tuple[PlanEvent, ...]:
-    return tuple(sorted(together, key=lambda one: (one.edge == "start", one.step)))
+    starts = {one.step for one in together if one.edge == "start"}
+    return tuple(sorted(together, key=lambda one: (one.edge == "start" or 2 * (one.step in starts), one.step)))
 
 
 @dataclass
@@ -136,12 +150,21 @@ class ReadWriteSets:
 
 
 class ReadWriteAnalysis:
-    """Computes the read and write sets of the actions of a domain."""
+    """Computes the read and write sets of the actions of a domain.
 
-    def __init__(self, domain: PddlDomain) -> None:
+    Args:
+        timed: Timed initial effects, which change the world as actions do.
+        skip_settled: Leave out parts of conditions that no change can decide, such as those for which the rest of an
+            ``or`` is constant. Interference of simultaneous events counts all atoms of their conditions (PDDL 2.1).
+    """
+
+    def __init__(
+        self, domain: PddlDomain, timed: Iterable[TimedInitialEffect] = (), *, skip_settled: bool = True
+    ) -> None:
         self._domain = domain
-        effects = (one.effect for action in domain.actions.values() for one in action.effects)
-        self._changing = frozenset((*_changing(effects), *domain.derived))
+        self._skip_settled = skip_settled
+        effects = [one.effect for action in domain.actions.values() for one in action.effects]
+        self._changing = frozenset((*_changing((*effects, *(one.effect for one in timed))), *domain.derived))
 
     def of(self, action: GroundAction, edge: Edge, state: PddlState) -> ReadWriteSets:
         """Return the read and write sets of the start or end of an action."""
@@ -209,7 +232,9 @@ class ReadWriteAnalysis:
             _add_group(into, inside.reads)
 
     def _static_truth(self, formula: Formula, state: PddlState, binding: Binding) -> bool | None:
-        """Return the truth of a static formula; None if actions can change it."""
+        """Return the truth of a static formula; None if actions can change it, or if nothing is to be skipped."""
+        if not self._skip_settled:
+            return None
         return truth(formula, _StaticWorld(state, self._changing), binding)  # type: ignore[arg-type]
 
     def _read_by_effects(
@@ -268,12 +293,17 @@ DURATION_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class PlanFault:
-    """Error of a plan, with the index of the step and the violated condition if any."""
+    """Error of a plan, with the index of the step and the violated condition if any.
+
+    Attributes:
+        interference: Two simultaneous events interfere, the later of them that of ``step``.
+    """
 
     message: str
     time_s: float = 0.0
     step: int | None = None
     condition: Formula | None = None
+    interference: bool = False
 
     def __str__(self) -> str:
         return f"{self.time_s:.3f} s: {self.message}"
@@ -296,7 +326,7 @@ def validate_plan(
     ]
     if wrong:
         return tuple(wrong)
-    return tuple(_Simulation(domain, state, plan, running).run(problem.goal))
+    return tuple(_Simulation(domain, state, plan, problem.timed, running).run(problem.goal))
 
 
 def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
@@ -320,19 +350,31 @@ def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running:
         return f"{step.call} starts before the plan does"
     if action.duration is None and step.duration_s > DURATION_S:
         return f"{step.call} is instantaneous and cannot last {step.duration_s:g} s"
-    if action.duration is not None and step.duration_s < EPSILON_S:
-        return f"{step.call} must last longer than 0 s"
+    if step.duration_s < 0:
+        return f"{step.call} cannot last {step.duration_s:g} s"
     return None
 
 
 class _Simulation:
-    def __init__(self, domain: PddlDomain, state: PddlState, plan: PddlPlan, running: Collection[int]) -> None:
+    """Simulation of a plan. Timed initial effects are instantaneous steps after those of the plan."""
+
+    def __init__(
+        self,
+        domain: PddlDomain,
+        state: PddlState,
+        plan: PddlPlan,
+        timed: Sequence[TimedInitialEffect],
+        running: Collection[int],
+    ) -> None:
         self._state = state
-        self._steps = plan.steps
+        self._planned = len(plan.steps)
+        self._steps = (*plan.steps, *(PlanStep(one.time_s, str(one)[1:-1]) for one in timed))
         self._actions = [ground(domain.actions[step.action], step.args) for step in plan.steps]
+        self._actions += [GroundAction("at", (), None, (), (TimedEffect("start", one.effect),)) for one in timed]
         self._running = running
-        self._sets = ReadWriteAnalysis(domain)
-        self._timeline = time_points(plan, self._actions, running)
+        self._sets = ReadWriteAnalysis(domain, timed)
+        self._all_atoms = ReadWriteAnalysis(domain, timed, skip_settled=False)
+        self._timeline = time_points(PddlPlan(self._steps), self._actions, running)
         self._invariants: dict[int, frozenset[Key]] = {}
         """Read sets of the invariants of running steps."""
 
@@ -342,22 +384,26 @@ class _Simulation:
         for point in self._timeline:
             time_s = point.time_s
             yield from self._interference(point)
-            for event in point.events:
-                yield from self._condition_errors(event, time_s)
-            for event in point.events:
-                if event.edge == "end":
-                    self._invariants.pop(event.step, None)
-            changed: set[Key] = set()
-            for event in point.events:
-                yield from self._apply(event, time_s, changed)
-            for index in [index for index, read in self._invariants.items() if not read.isdisjoint(changed)]:
-                yield from self._invariant_errors(index, time_s)
-            starts = (one.step for one in point.events if one.edge == "start")
-            yield from self._check_invariants(
-                (index for index in starts if self._actions[index].duration is not None), time_s
-            )
+            for events in point.phases:
+                yield from self._happen(events, time_s)
         for formula in unmet(() if goal is None else (goal,), self._state):
             yield PlanFault(f"the goal is not reached: {formula} does not hold", time_s, None, formula)
+
+    def _happen(self, events: Sequence[PlanEvent], time_s: float) -> Iterator[PlanFault]:
+        for event in events:
+            yield from self._condition_errors(event, time_s)
+        for event in events:
+            if event.edge == "end":
+                self._invariants.pop(event.step, None)
+        changed: set[Key] = set()
+        for event in events:
+            yield from self._apply(event, time_s, changed)
+        for index in [index for index, read in self._invariants.items() if not read.isdisjoint(changed)]:
+            yield from self._invariant_errors(index, time_s)
+        starts = (one.step for one in events if one.edge == "start")
+        yield from self._check_invariants(
+            (index for index in starts if self._actions[index].duration is not None), time_s
+        )
 
     def _check_invariants(self, indexes: Iterable[int], time_s: float) -> Iterator[PlanFault]:
         for index in indexes:
@@ -402,13 +448,14 @@ class _Simulation:
     def _interference(self, point: TimePoint) -> Iterator[PlanFault]:
         if len(point.events) < 2:
             return
-        sets = [(one, self._sets.of(self._actions[one.step], one.edge, self._state)) for one in point.events]
+        sets = [(one, self._all_atoms.of(self._actions[one.step], one.edge, self._state)) for one in point.events]
         for (one, mine), (other, theirs) in itertools.combinations(sets, 2):
-            what = mine.clash(theirs)
+            what = mine.clash(theirs) if one.step != other.step else None
             if what is not None:
                 first, second = self._steps[one.step].call, self._steps[other.step].call
                 yield PlanFault(
                     f"{first} cannot {one.edge} at the moment that {second} {other.edge}s: both need {what}",
                     point.time_s,
-                    other.step,
+                    next((event.step for event in (other, one) if event.step < self._planned), None),
+                    interference=True,
                 )

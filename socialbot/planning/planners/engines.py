@@ -140,7 +140,7 @@ def _called(action: str) -> tuple[str, list[str]]:
 def _plan(steps: Iterable[tuple[float | None, str, list[str], float | None]]) -> PddlPlan:
     """Return a plan of start times (s), names, objects and durations (s)."""
     found = (
-        PlanStep(round(float(start or 0), 6), name.lower(), tuple(map(str.lower, args)), round(float(duration or 0), 6))
+        PlanStep(float(start or 0), name.lower(), tuple(map(str.lower, args)), float(duration or 0))
         for start, name, args, duration in steps
     )
     return PddlPlan(tuple(sorted(found, key=lambda step: step.start_s)))

@@ -15,9 +15,9 @@ from typing import Protocol
 
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
-from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
+from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.reader import read_problem
-from socialbot.planning.pddl.validation import validate_plan
+from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 
 
@@ -191,8 +191,29 @@ class ChildPlanner(ABC):
     def _validated(self, answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
         if answer.plan is None:
             return answer
-        found = validate_plan(domain, problem, answer.plan)
-        return PlannerAnswer(PlannerVerdict.INVALID, message=f"{self.name}: {found[0]}") if found else answer
+        plan, faults = separated(domain, problem, answer.plan)
+        if faults:
+            return PlannerAnswer(PlannerVerdict.INVALID, message=f"{self.name}: {faults[0]}")
+        return replace(answer, plan=plan)
+
+
+def separated(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> tuple[PddlPlan, tuple[PlanFault, ...]]:
+    """Return a plan in which interfering events are no longer simultaneous, and its remaining faults.
+
+    Planners call two events of one moment independent if the conditions that both touch cannot matter in this problem;
+    PDDL 2.1 forbids them. Each such step is delayed by `SEPARATION_S` with all that follow it.
+    """
+    faults = validate_plan(domain, problem, plan)
+    for _ in plan.steps:
+        if not faults or not faults[0].interference or faults[0].step is None:
+            break
+        late = faults[0].step
+        steps = enumerate(plan.steps)
+        plan = PddlPlan(
+            tuple(replace(one, start_s=one.start_s + SEPARATION_S) if n >= late else one for n, one in steps)
+        )
+        faults = validate_plan(domain, problem, plan)
+    return plan, faults
 
 
 def _shorter(late: PddlPlan, answer: PlannerAnswer, search: SearchJob) -> PlannerAnswer:
