@@ -9,10 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
+from socialbot.agents.warehouse.carrier import Carrier
+from socialbot.agents.warehouse.gripper import gripper_of
+from socialbot.agents.warehouse.scenario import GRIPPER
+from socialbot.agents.warehouse.world_node import WarehouseWorld, world_of
+from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import TraceRecord
 from socialbot.deliberation import _execution as merging
 from socialbot.deliberation._action_executor import ActionExecutor
 from socialbot.deliberation._plan_executor import PlanExecutor
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 
 
 @pytest.fixture(autouse=True)
@@ -112,3 +119,26 @@ def test_a_director_that_does_not_mind_silent_sensors_is_caught(monkeypatch):
     monkeypatch.setattr(PlanExecutor, "hold", lambda self, reason: None)
     violations = play(Story(seed=4, faults="12 silent carrier_a 10", limit_s=25.0)).violations
     assert any("begins while sensor status of carrier_a is silent" in one for one in violations)
+
+
+@pytest.mark.parametrize("fault", ["72 stalls gripper_a 30", "30 leaves carrier_c; 60 leaves carrier_b"])
+def test_boxes_are_in_their_deposits_when_the_goal_is_reached(fault):
+    """A carrier that missed the report of its load, or left with one box, is sent off."""
+    result = fine(play(Story(seed=4, faults=fault)))
+    assert result.reached
+    assert result.boxes_right
+
+
+@pytest.mark.parametrize(("boxes", "carriers"), [(7, 3), (5, 2)])
+def test_carriers_with_one_box_are_sent_off_when_no_more_come(boxes, carriers):
+    gripper, world = gripper_of(boxes, carriers, "OddGripper"), world_of(boxes, carriers, "OddWorld")
+    nodes = [NodeConfig(carrier, Carrier) for carrier in gripper.scenario.carriers]
+    runner = InlineRunner(Graph("odd", (NodeConfig("world", world), *nodes, NodeConfig(GRIPPER, gripper))))
+    runner.start()
+    runner.advance(nanoseconds(200.0))
+    node = runner.nodes["world"]
+    assert isinstance(node, WarehouseWorld)
+    load = node.world.load
+    assert [sorted(load[deposit]) for deposit in gripper.scenario.deposits] == [
+        sorted(boxes) for boxes in gripper.scenario.loads
+    ]

@@ -10,13 +10,16 @@ from typing import Literal
 from socialbot.agents.hospital import messages as acl
 from socialbot.agents.hospital.messages import MissionView
 from socialbot.agents.hospital.missions import (
+    FOREVER,
     NURSE,
     PRIORITIES,
+    ROLES,
     AgentPool,
     CoordinatorMemory,
     CoordinatorOptions,
     Mission,
     PlanProgress,
+    action_limit,
     state_of,
     view,
 )
@@ -24,6 +27,7 @@ from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
 from socialbot.agents.hospital.plans import initial_triggers, translate
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
+    CLOSED_DOOR,
     DIRTY_ROOM,
     LOW_BATTERY,
     NURSE_ABSENT,
@@ -48,6 +52,11 @@ REPAIRABLE = (DIRTY_ROOM, PERSON_IN_ROOM, LOW_BATTERY, NURSE_ABSENT)
 """Problems that the task methods can solve. Any other one, such as a door, needs a new plan."""
 SAME_FAILURES = 3
 """Number of repetitions of a failure after which the mission waits."""
+ANSWER_NS = 5 * SECOND
+"""Time in which an agent must answer whether it is there."""
+ASIDE_NS = 60 * SECOND
+"""Time for which an agent that is stuck or fails is set aside; it doubles with each time in a row."""
+MOST_STRIKES = 6
 SETTLED_NS = SECOND // 10
 """Time for which the ward must contradict a plan before a revision; it doubles with each revision."""
 
@@ -57,6 +66,7 @@ class MissionManager:
 
     Attributes:
         progress_of: Progress of the running missions, by number.
+        heard: Time of the latest message of each agent.
         given_up: Rooms of failed missions.
         planning_s: Durations of the latest plannings.
         changed: Whether a mission changed since this was set to False.
@@ -67,6 +77,7 @@ class MissionManager:
         self.options = options
         self.memory = memory
         self.progress_of: dict[int, PlanProgress] = {}
+        self.heard: dict[str, int] = {}
         self.given_up: set[str] = set()
         self.planning_s: deque[float] = deque(maxlen=10_000)
         self.changed = True
@@ -101,6 +112,10 @@ class MissionManager:
     def finish(self, mission: Mission, status: Literal["finished", "failed"] = "finished") -> None:
         """End a mission; its team is free."""
         mission.status = status
+        if status == "finished":
+            for name in mission.team.values():
+                if name in self.memory.members:
+                    self.memory.members[name].strikes = 0
         self._ended.append(view(mission, self.progress_of.get(mission.id)))
         self._dismiss(mission, acl.End())
         self.redraw(self.memory.missions.pop(mission.id))
@@ -141,9 +156,12 @@ class MissionManager:
         self.await_team(mission)
 
     def _has_team(self, mission: Mission) -> bool:
-        """Whether all agents of the team are registered, and work for no other mission."""
+        """Whether all agents of the team are registered, not set aside, and work for no other mission."""
         members = (self.memory.members.get(name) for name in mission.team.values())
-        return all(member is not None and member.mission in (0, mission.id) for member in members)
+        return all(
+            member is not None and member.mission in (0, mission.id) and member.aside_until <= self.now
+            for member in members
+        )
 
     def form_teams(self) -> None:
         """Assign free agents to waiting missions, by priority."""
@@ -152,7 +170,9 @@ class MissionManager:
         self._may_form = False
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
-        pool = AgentPool(self.memory.members, self.ward)
+        pool = AgentPool(self.memory.members, self.ward, self.now)
+        for mission in waiting:
+            self._note_lack(mission, pool.lacking(mission))
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
             is_short = pool.is_short()
             team = None if is_short else pool.team(mission)
@@ -164,6 +184,13 @@ class MissionManager:
                 self._go(mission, self._plan(mission))
             elif is_short:
                 break
+
+    def _note_lack(self, mission: Mission, lacks: str) -> None:
+        if mission.lacks != lacks:
+            mission.lacks = lacks
+            if lacks:
+                log.warning("mission %d waits: %s", mission.id, lacks)
+            self.redraw(mission)
 
     def _take_from_others(self, mission: Mission, pool: AgentPool) -> bool:
         """Make missions of lower priority wait if that gives this one a team; returns whether there are any."""
@@ -195,6 +222,7 @@ class MissionManager:
             return
         progress = self.progress_of[mission.id] = PlanProgress(answer.tree, mission.team.values())
         mission.status = "running"
+        mission.lacks, mission.asked_at = "", 0
         mission.revision += 1
         mission.touched = self.now
         self._send(mission, progress)
@@ -224,6 +252,61 @@ class MissionManager:
         if progress is not None:
             mission.past += progress.executed(failed=failed)
 
+    # Lost and stuck agents
+
+    def follow_busy(self, mission: Mission, ward: WardState) -> None:
+        """Wait for agents that are busy with an action, and replace those that are busy with it for too long."""
+        progress = self.progress_of[mission.id]
+        for name in mission.active:
+            agent = ward.agent(name)
+            if agent is None or not agent.busy:
+                progress.busy_since.pop(name, None)
+                continue
+            busy, since = progress.busy_since.get(name, ("", 0))
+            if busy != agent.busy:
+                since = ward.stamp
+                progress.busy_since[name] = (agent.busy, since)
+            action = agent.busy.partition("(")[0]
+            if ward.stamp - since <= action_limit(action, self.options.pace):
+                mission.touched = max(mission.touched, ward.stamp)
+                continue
+            stuck = sorted(other for other in mission.active if (state := ward.agent(other)) and state.busy == busy)
+            self._replace(mission, stuck, f"{' and '.join(stuck)} is stuck in {action}")
+            return
+
+    def doubt(self, mission: Mission) -> None:
+        """Ask a team without news whether it is there; then replace agents that do not answer, or do not go on."""
+        if not mission.asked_at:
+            mission.asked_at = self.now
+            for name in mission.active:
+                self.send(name, "query", acl.Register(), "", "")
+        elif self.now - mission.asked_at >= ANSWER_NS:
+            asked_at, mission.asked_at = mission.asked_at, 0
+            lost = [name for name in mission.active if self.heard.get(name, 0) < asked_at]
+            if lost:
+                for name in lost:
+                    self.memory.members[name].aside_until = FOREVER
+                self.recover(mission, f"{' and '.join(lost)} does not answer")
+            else:
+                self._replace(mission, self.progress_of[mission.id].acting, "no news")
+
+    def _replace(self, mission: Mission, names: Iterable[str], problem: str) -> None:
+        self._set_aside(mission, names)
+        self.recover(mission, problem)
+
+    def _set_aside(self, mission: Mission, names: Iterable[str]) -> None:
+        """Set aside those agents that somebody else can replace."""
+        if self.ward is None:
+            return
+        pool = AgentPool(self.memory.members, self.ward, self.now)
+        roles = {name: role for role, name in mission.team.items()}
+        for name in names:
+            role = roles.get(name)
+            if role in ROLES and any(other.name != name for other in pool.able(role, mission.room)):
+                member = self.memory.members[name]
+                member.aside_until = self.now + (ASIDE_NS << min(member.strikes, MOST_STRIKES))
+                member.strikes += 1
+
     # After a problem
 
     def recover(self, mission: Mission, problem: str, agent: str = "", failed: Item = ()) -> None:
@@ -243,6 +326,8 @@ class MissionManager:
         mission.recoveries += 1
         again = mission.failures.get(key := " ".join((problem, *failed)), 0)
         mission.failures[key] = again + 1
+        if again >= SAME_FAILURES and problem not in (*REPAIRABLE, CLOSED_DOOR):
+            self._set_aside(mission, [agent])
         if not self._can_go_on(mission, again):
             self._abandon_plan(mission, failed=node is not None)
             self.suspend(mission, problem)

@@ -13,6 +13,7 @@ from socialbot.agents.hospital._mission_manager import MissionManager, Send
 from socialbot.agents.hospital.messages import COORDINATOR, EVERYBODY, TOPIC, AclMessage, Missions
 from socialbot.agents.hospital.missions import (
     DISINFECT,
+    FOREVER,
     PRIORITIES,
     CoordinatorMemory,
     CoordinatorOptions,
@@ -20,6 +21,7 @@ from socialbot.agents.hospital.missions import (
     RegisteredAgent,
 )
 from socialbot.agents.hospital.ward.messages import STATE, WardState
+from socialbot.agents.hospital.ward.ward import DURATIONS
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
@@ -49,10 +51,13 @@ class Coordinator:
         if message.receiver != COORDINATOR:
             if message.receiver != EVERYBODY and message.receiver not in self.memory.members:
                 self._refuse(message, f"there is no {message.receiver}")
+            else:
+                self._note_life(message.sender)
             return
         if violation := acl.protocol_error(message):
             self._refuse(message, violation)
             return
+        self._note_life(message.sender)
         match message.content:
             case acl.Register() as content if message.performative == "request":
                 self._register(message, content)
@@ -69,9 +74,19 @@ class Coordinator:
                     self._refuse(message, f"the coordinator does not handle {type(other).__name__}")
         self.manager.form_teams()
 
+    def _note_life(self, name: str) -> None:
+        self.manager.heard[name] = self.manager.now
+        member = self.memory.members.get(name)
+        if member is not None and member.aside_until == FOREVER:
+            member.aside_until = 0
+            self.manager.await_team()
+
     def _register(self, message: AclMessage, content: acl.Register) -> None:
         name, known = message.sender, self.memory.members.get(message.sender)
-        member = RegisteredAgent(name, content.kind, frozenset(content.capabilities), known.mission if known else 0)
+        member = known or RegisteredAgent(name, content.kind, frozenset())
+        member.kind, member.capabilities = content.kind, frozenset(content.capabilities)
+        if not message.in_reply_to:
+            member.aside_until = 0
         self.memory.members[name] = member
         self.manager.await_team()
         self.manager.changed = True
@@ -151,9 +166,6 @@ class Coordinator:
     def _follow(self, mission: Mission, ward: WardState) -> None:
         """Check the progress of a running mission."""
         manager, room = self.manager, ward.room(mission.room)
-        if any((agent := ward.agent(name)) and agent.busy for name in mission.active):
-            # An agent at work may take long.
-            mission.touched = max(mission.touched, ward.stamp)
         if mission.id not in manager.progress_of:
             # It ran at the end of an earlier coordinator, and its progress is unknown.
             if room is not None and not room.infected:
@@ -162,8 +174,17 @@ class Coordinator:
                 manager.recover(mission, "the coordinator restarted")
         elif not mission.active:
             self._conclude(mission)
-        elif manager.now - mission.touched > nanoseconds(manager.options.patience_s):
-            manager.recover(mission, "no news")
+        else:
+            self._follow_plan(mission, ward)
+
+    def _follow_plan(self, mission: Mission, ward: WardState) -> None:
+        """Check whether the agents of a mission go on, and act before a problem."""
+        manager, label = self.manager, mission.label
+        manager.follow_busy(mission, ward)
+        if mission.label != label or mission.status != "running":
+            return
+        if manager.now - mission.touched > nanoseconds(manager.options.patience_s):
+            manager.doubt(mission)
         elif manager.options.proactive and manager.options.policy != "none":
             manager.look_ahead(mission)
 
@@ -199,7 +220,8 @@ class HospitalCoordinator(Node):
     )
     proactive = Parameter(True, "whether it observes rooms and batteries, and acts before a problem")
     triggers = Parameter(True, "whether it starts a mission for each infected room")
-    patience_s = Parameter(120.0, "time without news of a mission before a new plan (s)", minimum=1.0, maximum=1e5)
+    patience_s = Parameter(120.0, "time without news before the team is asked (s)", minimum=1.0, maximum=1e5)
+    pace = Parameter("clinic", "durations of actions in the ward; a longer action is stuck", choices=tuple(DURATIONS))
     rest_s = Parameter(5.0, "time before a blocked mission is tried again (s)", minimum=0.0, maximum=1e4)
     memory_file = Parameter("", "file for missions and agents; empty: none", fixed=True)
 

@@ -54,6 +54,7 @@ def large_hospital(
 
 
 def _graph(ward: Ward, world: Mapping[str, Any], coordinator: Mapping[str, Any]) -> Graph:
+    coordinator = {"pace": world.get("pace", "paper"), **coordinator}
     return Graph(
         "hospital",
         (

@@ -23,7 +23,8 @@ from socialbot.agents.hospital.ward.messages import (
     PERSON_IN_ROOM,
     WardState,
 )
-from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
+from socialbot.agents.hospital.ward.ward import DURATIONS, JOINT_ACTIONS
+from socialbot.core.clock import nanoseconds
 from socialbot.planning.htn.domain import Item, TaskState
 from socialbot.planning.htn.planner import progressed
 from socialbot.planning.htn.tree import TaskNode, TaskTree
@@ -52,13 +53,22 @@ def by_number(name: str) -> tuple[str, int]:
     return (found[1], int(found[2] or 0)) if found else (name, 0)
 
 
+FOREVER = 2**62
+
+
 class RegisteredAgent(msgspec.Struct):
-    """A registered agent with the number of its mission (0: none)."""
+    """A registered agent with the number of its mission (0: none).
+
+    It gets no mission until ``aside_until`` (ns). That is `FOREVER` for an agent that does not answer; any message ends
+    it. ``strikes`` counts how often it was set aside since it finished a mission.
+    """
 
     name: str
     kind: str
     capabilities: frozenset[str]
     mission: int = 0
+    aside_until: int = 0
+    strikes: int = 0
 
 
 UNFIT, DOOR_CLOSED, BATTERY_LOW = "unfit", "door closed", "battery low: "
@@ -70,7 +80,8 @@ class Mission(msgspec.Struct):
 
     ``team`` maps roles to agents, ``active`` are the agents that have not finished. ``past`` are actions of abandoned
     plans. Times in ns: ``touched`` of the latest news, ``ended`` of the last agent, ``rests_until`` of the next try.
-    ``found`` are findings of agents with their times. ``failures`` counts the failures of this team.
+    ``found`` are findings of agents with their times. ``failures`` counts the failures of this team. ``lacks`` says
+    which roles nobody can play now. ``asked_at`` is when its silent team was asked to answer (0: not asked).
     """
 
     id: int
@@ -90,6 +101,8 @@ class Mission(msgspec.Struct):
     authenticated: bool = False
     found: dict[str, int] = {}
     failures: dict[str, int] = {}
+    lacks: str = ""
+    asked_at: int = 0
 
     @property
     def priority(self) -> int:
@@ -142,7 +155,8 @@ class CoordinatorOptions(msgspec.Struct):
     ``policy`` is the reaction to a problem: a new plan for the whole mission (``replan``), a repaired tree
     (``repair``), ``replan`` if more than half of the actions are joint, else ``repair`` (``auto``), or the end of the
     mission (``none``). A ``proactive`` coordinator uses the rooms and batteries of the ward and acts before a problem.
-    Others use only reports of agents.
+    Others use only reports of agents. ``pace`` names the durations of actions in the ward: an agent that is busy with
+    one for much longer is stuck.
     """
 
     policy: Policy = "auto"
@@ -150,6 +164,17 @@ class CoordinatorOptions(msgspec.Struct):
     triggers: bool = True
     patience_s: float = 120.0
     rest_s: float = 5.0
+    pace: str = "clinic"
+
+
+LIMIT_FACTOR, LIMIT_EXTRA_S, LONGEST_WAY_M = 3.0, 10.0, 60.0
+
+
+def action_limit(action: str, pace: str) -> int:
+    """Time (ns) after which an agent that is busy with an action is stuck in it."""
+    durations = DURATIONS[pace]
+    way_s = LONGEST_WAY_M / durations.speed
+    return nanoseconds(LIMIT_FACTOR * (durations.seconds.get(action, 0.0) + way_s) + LIMIT_EXTRA_S)
 
 
 class CoordinatorMemory(msgspec.Struct):
@@ -186,11 +211,12 @@ def state_of(ward: WardState, mission: Mission, *, sees_rooms: bool) -> TaskStat
 
 
 class AgentPool:
-    """Registered agents that are present in a state of the ward."""
+    """Registered agents that are present in a state of the ward, and not set aside at a time (ns)."""
 
-    def __init__(self, members: Mapping[str, RegisteredAgent], ward: WardState) -> None:
+    def __init__(self, members: Mapping[str, RegisteredAgent], ward: WardState, now: int = 0) -> None:
         self._members = members
         self._ward = ward
+        self._now = now
         self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
 
     def able(self, role: str, room: str) -> list[RegisteredAgent]:
@@ -208,6 +234,7 @@ class AgentPool:
             ((state.low_battery, bool(state.busy), by_number(member.name)), state.home, member)
             for member in self._members.values()
             if ROLES[role] <= member.capabilities
+            and member.aside_until <= self._now
             and (state := self._ward.agent(member.name)) is not None
             and state.place != AWAY
         ]
@@ -230,6 +257,31 @@ class AgentPool:
     def is_short(self) -> bool:
         """Whether a role other than the nurse has no free agent."""
         return any(all(each.mission for each in self.able(role, "")) for role in (SPOT, UVD))
+
+    def lacking(self, mission: Mission) -> str:
+        """Roles of a mission that nobody can play, free or not, with the reason; an empty string if there are none."""
+        found = []
+        for role in ROLES:
+            if self.able(role, mission.room):
+                continue
+            capable = [each for each in self._members.values() if ROLES[role] <= each.capabilities]
+            if role == NURSE:
+                capable = [each for each in capable if self._home(each.name) in (mission.room, None)]
+            reasons = [self._absence(each) for each in sorted(capable, key=lambda each: by_number(each.name))]
+            found.append(f"nobody for {role} ({'; '.join(reasons) or 'no such agent is registered'})")
+        return ", ".join(found)
+
+    def _home(self, name: str) -> str | None:
+        state = self._ward.agent(name)
+        return None if state is None else state.home
+
+    def _absence(self, member: RegisteredAgent) -> str:
+        state = self._ward.agent(member.name)
+        if member.aside_until == FOREVER:
+            return f"{member.name} does not answer"
+        if member.aside_until > self._now:
+            return f"{member.name} is set aside after a failure"
+        return f"{member.name} is away" if state is not None else f"the ward does not show {member.name}"
 
     def yielding(self, mission: Mission, missions: Mapping[int, Mission]) -> list[Mission]:
         """Missions of lower priority that must yield to give this one a team, latest first; empty if impossible."""
@@ -266,6 +318,8 @@ class PlanProgress:
         self.position = 0
         self.revised_for: tuple[int, TaskState] | None = None
         self.doubted_since: int | None = None
+        self.busy_since: dict[str, tuple[str, int]] = {}
+        """Action that each agent is busy with, as the ward shows it, and since when (ns)."""
         self._reached: dict[str, int] = {}
         """Number of finished actions, by agent."""
 
@@ -273,6 +327,11 @@ class PlanProgress:
     def next(self) -> TaskNode | None:
         """The action in progress, or the next one."""
         return self.agenda[self.position] if self.position < len(self.agenda) else None
+
+    @property
+    def acting(self) -> tuple[str, ...]:
+        """Agents of the action in progress, or of the next one."""
+        return self.stages[self.position].agents if self.position < len(self.stages) else ()
 
     @property
     def left(self) -> list[Item]:
@@ -340,5 +399,5 @@ def view(mission: Mission, progress: PlanProgress | None) -> MissionView:
         tree=progress.drawing() if progress else "",
         recoveries=mission.recoveries,
         revisions=mission.revisions,
-        problem=mission.problem,
+        problem=mission.lacks or mission.problem,
     )

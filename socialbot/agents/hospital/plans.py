@@ -264,7 +264,7 @@ class _Translation:
         self.start = literal("start", tuple(map(self.term, context.values())))
 
     def term(self, constant: str) -> Variable | Atom:
-        return self.variables.get(constant) or Atom(constant)
+        return self.variables.get(constant, Atom(constant))
 
     def named(self, prefix: str, stage: PlannedAction) -> Structure:
         return literal(prefix + stage.action, tuple(map(self.term, stage.args)))

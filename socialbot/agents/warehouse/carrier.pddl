@@ -11,7 +11,8 @@
     (in ?c - carrier ?w - waypoint)
     (fully_loaded ?c - carrier)
     (fully_unloaded ?c - carrier)
-    (lb_load_completed ?c - carrier))                               ; the gripper has let go of the last box
+    (lb_load_completed ?c - carrier)                                ; the gripper has let go of the last box
+    (sent_off ?c - carrier))                                        ; no more boxes come
 
   (:functions
     (moving_boxes ?c - carrier))

@@ -225,8 +225,16 @@ class FloorView:
         return [(f"{sum(stored)} of {len(stored)}", "boxes in their deposits")]
 
     def results(self, start: int, end: int) -> dict[str, Any]:
-        """``boxes``: the holder of each box at the end."""
-        return {"boxes": {box.name: box.holder for box in self.boxes(end)}}
+        """``boxes``: the holder of each box at the end. ``unfinished``: the boxes that are not in their deposits."""
+        boxes = {box.name: box.holder for box in self.boxes(end)}
+        targets = zip(self.scenario.deposits, self.scenario.loads, strict=True)
+        deposit_of = {box: deposit for deposit, load in targets for box in load}
+        lost = [
+            f"{box} is not in {deposit} but {boxes.get(box, 'nowhere')}"
+            for box, deposit in deposit_of.items()
+            if boxes.get(box) != deposit
+        ]
+        return {"boxes": boxes, "unfinished": lost}
 
     def summary(self, start: int, end: int) -> list[str]:
         """The boxes of each holder at the end."""

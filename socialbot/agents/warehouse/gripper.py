@@ -22,12 +22,15 @@ from socialbot.agents.warehouse.scenario import (
     GRIPPER,
     GRIPPER_DOMAIN,
     HIGH_M,
+    LOAD,
     SIX,
     Scenario,
     gripper_beliefs,
     gripper_desires,
     scenario_of,
 )
+from socialbot.bdi import Engine
+from socialbot.core.clock import nanoseconds
 from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire, Fact, Operation
 from socialbot.deliberation.requests import SentRequest
@@ -199,6 +202,7 @@ PHRASES = {
 
 
 SILENT_S = 1.0  # timeout of a sensor
+SEND_OFF_S = 2.5  # unloading takes 2 s
 STEADY_M = 0.005  # largest movement of resting fingers between two reports
 
 
@@ -312,6 +316,11 @@ class GripperAgent(Deliberating):
     fingers = ""
     fingers_rest = False
 
+    def build(self) -> Engine:
+        self._loaded_since: dict[str, tuple[str, int]] = {}
+        """Place of each carrier that stands still with boxes and gets no more, and since when (ns)."""
+        return super().build()
+
     def sensors(self) -> Sequence[FactSensor]:
         scenario = self.scenario
         self.boxes_sensor = Boxes(scenario)
@@ -332,6 +341,51 @@ class GripperAgent(Deliberating):
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
         self.boxes_sensor.push(message)
+        self.send_off_carriers()
+
+    def send_off_carriers(self) -> None:
+        """Ask loaded carriers that get no more boxes, and have stood still for `SEND_OFF_S`, to unload.
+
+        A carrier leaves by itself after the report of its load. This finds those that missed it, were sent away by
+        somebody else, or have a place left for which no box comes.
+        """
+        now, coming = self.clock.now(), self._coming()
+        for carrier, bay, deposit in self.scenario.routes:
+            boxes, current = self.boxes_on(carrier), self.deliberator.facts.current
+            place = next(
+                (
+                    place
+                    for place, fact in (
+                        (bay, predicate("carrier_in_base", carrier, bay)),
+                        (deposit, predicate("carrier_in_deposit", carrier, deposit)),
+                    )
+                    if current(fact) is not None
+                ),
+                "",
+            )
+            gets_more = "RUNNING" in coming.get(carrier, ()) or (boxes < LOAD and carrier in coming)
+            if not boxes or not place or gets_more or self.is_over(bay):
+                self._loaded_since.pop(carrier, None)
+                continue
+            before, since = self._loaded_since.setdefault(carrier, (place, now))
+            if before != place:
+                self._loaded_since[carrier] = place, now
+            elif now - since >= nanoseconds(SEND_OFF_S):
+                self._loaded_since[carrier] = place, now
+                self.ask(carrier, "add", belief=predicate("sent_off", carrier))
+
+    def _coming(self) -> dict[str, set[str]]:
+        """States of the steps to come that put a box on each carrier."""
+        found: dict[str, set[str]] = {}
+        for step in self.deliberator.plan_executor.info.actions_exec_info:
+            if step.name == gripper_put_on_carrier.__name__ and step.status in ("WAITING", "RUNNING"):
+                found.setdefault(step.args[2], set()).add(step.status)
+        return found
+
+    def is_over(self, bay: str) -> bool:
+        """Whether the crane is over a bay with its fingers down."""
+        status = self.status
+        return status is not None and self.whereabouts.place.get(status.current_name) == bay and not self.is_up()
 
     def boxes_on(self, carrier: str) -> int:
         """Number of boxes on a carrier, as believed."""

@@ -12,6 +12,7 @@ from socialbot.agents.hospital.messages import (
     COORDINATOR,
     AclMessage,
     Finished,
+    MissionView,
     Performative,
     Problem,
     Register,
@@ -62,18 +63,29 @@ class Ward:
         return Coordinator(send, CoordinatorOptions(**options), memory or CoordinatorMemory())
 
     def send(
-        self, sender: str, content, *, mission: str = "", performative: Performative = "inform", receiver=COORDINATOR
+        self,
+        sender: str,
+        content,
+        *,
+        mission: str = "",
+        performative: Performative = "inform",
+        receiver=COORDINATOR,
+        in_reply_to: str = "",
     ) -> None:
         message = AclMessage(
             stamp=self.now, id="x", sender=sender, receiver=receiver, performative=performative, content=content,
-            mission=mission,
+            mission=mission, in_reply_to=in_reply_to,
         )  # fmt: skip
         self.coordinator.receive(message, self.now)
 
-    def register(self, *names: str) -> None:
+    def register(self, *names: str, in_reply_to: str = "") -> None:
         for name in names or self.agents:
             kind = by_number(name)[0]
-            self.send(name, Register(kind, CAPABLE[kind]), performative="request")
+            self.send(name, Register(kind, CAPABLE[kind]), performative="request", in_reply_to=in_reply_to)
+
+    def answer(self, *names: str) -> None:
+        """Lets agents answer that they are there."""
+        self.register(*names, in_reply_to="question")
 
     def look(self, after_s: float = 0.2) -> None:
         self.now += round(after_s * SECOND)
@@ -117,6 +129,9 @@ class Ward:
 
     def statuses(self) -> dict[int, str]:
         return {mission.id: mission.status for mission in self.coordinator.manager.views()}
+
+    def view(self) -> MissionView:
+        return next(self.coordinator.manager.views())
 
     def history(self) -> list[tuple[str, ...]]:
         return [(each.action, *each.args) for each in next(self.coordinator.manager.views()).actions]

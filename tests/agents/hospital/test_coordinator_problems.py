@@ -13,6 +13,7 @@ from socialbot.agents.hospital.ward.messages import (
     NURSE_ABSENT,
     PERSON_IN_ROOM,
 )
+from socialbot.core.clock import SECOND
 from tests.agents.hospital.directed import Ward, started
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 
@@ -132,13 +133,107 @@ def test_robots_work_elsewhere_while_the_nurse_is_away():
     assert ward.statuses() == {1: "waiting", 2: "running"}
 
 
-def test_missing_news_leads_to_new_plan():
+def test_team_without_news_is_asked_and_gets_new_plan_if_it_answers():
     ward = started(patience_s=10.0)
     ward.do(3)
     ward.look(9.9)
     assert ward.label() == "mission_1_1"
+    before = len(ward.said)
     ward.look(0.2)
+    assert [(to, act) for to, act, *_ in ward.said[before:]] == [(NURSE, "query"), (SPOT, "query"), (UVD, "query")]
+    ward.answer()
+    assert ward.label() == "mission_1_1"
+    ward.look(5.0)
     assert ward.label() == "mission_1_2"
+    assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}, "nobody could replace them"
+
+
+def test_member_that_does_not_answer_is_replaced():
+    ward = started(spots=2, patience_s=10.0, rest_s=1.0)
+    ward.do(3)
+    ward.look(10.1)
+    ward.answer(UVD, NURSE)
+    ward.look(5.0)
+    assert ward.statuses() == {1: "waiting"}
+    assert ward.view().problem == f"{SPOT} does not answer"
+    ward.look(1.0)
+    assert ward.working() == {"spotrobot2": 1, UVD: 1, NURSE: 1}
+
+
+def test_mission_without_staff_says_whom_it_lacks_until_an_agent_is_back():
+    ward = started(patience_s=10.0, rest_s=1.0)
+    ward.look(10.1)
+    ward.answer(UVD, NURSE)
+    ward.look(5.0)
+    ward.look(1.0)
+    assert ward.view().problem == f"nobody for SpotRobot ({SPOT} does not answer)"
+    ward.look(1000.0)
+    assert ward.statuses() == {1: "waiting"}
+    ward.register(SPOT)
+    ward.look()
+    assert ward.statuses() == {1: "running"}
+    assert ward.view().problem == f"{SPOT} does not answer"
+
+
+def test_mission_names_the_roles_that_nobody_registered_for():
+    ward = Ward(uvds=0)
+    ward.register(SPOT)
+    ward.infect()
+    assert ward.view().problem == (
+        "nobody for NurseDisinfect (no such agent is registered), nobody for UvdRobot (no such agent is registered)"
+    )
+
+
+def test_member_that_is_stuck_in_an_action_is_replaced_and_taken_back():
+    ward = started(spots=2, pace="paper", rest_s=1.0)
+    ward.agent(SPOT, busy=f"a_navigate_to({SPOT}, {ROOM})")
+    for _ in range(20):
+        ward.look(1.0)
+    assert ward.statuses() == {1: "running"}, "the limit is 3 times 6 s of a way, and 10 s"
+    for _ in range(12):
+        ward.look(1.0)
+    assert ward.working() == {"spotrobot2": 1, UVD: 1, NURSE: 1}
+    assert ward.view().problem == f"{SPOT} is stuck in a_navigate_to"
+    ward.do(9)
+    ward.finish()
+    ward.room(disinfected=True)
+    ward.agent(SPOT, busy="")
+    ward.look(60.0)
+    assert ward.statuses() == {1: "finished"}
+    ward.infect()
+    assert ward.working() == {SPOT: 2, UVD: 2, NURSE: 2}
+
+
+def test_member_that_nobody_can_replace_tries_again():
+    ward = started(pace="paper")
+    ward.agent(SPOT, busy=f"a_navigate_to({SPOT}, {ROOM})")
+    for _ in range(30):
+        ward.look(1.0)
+    assert ward.label() == "mission_1_2"
+    assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
+
+
+def test_robots_that_get_stuck_again_and_again_are_set_aside_for_longer():
+    ward = started(spots=2, pace="paper", rest_s=1.0)
+    aside_s = []
+    for robot in (SPOT, "spotrobot2", SPOT, "spotrobot2"):
+        ward.agent(robot, busy=f"a_navigate_to({robot}, {ROOM})")
+        while ward.working().get(robot):
+            ward.look(1.0)
+        ward.agent(robot, busy="")
+        member = ward.coordinator.memory.members[robot]
+        aside_s.append((member.aside_until - ward.now) / SECOND)
+        ward.look(1.0)
+        ward.look(aside_s[-1])
+    assert aside_s == [60.0, 60.0, 120.0, 120.0]
+
+
+def test_robot_that_fails_by_itself_again_and_again_is_replaced():
+    ward = started(spots=2, rest_s=1.0)
+    for _ in range(4):
+        ward.fail("motor overheated")
+    ward.look(1.0)
+    assert ward.working() == {"spotrobot2": 1, UVD: 1, NURSE: 1}
 
 
 def test_restarted_robot_gets_new_plan():

@@ -165,3 +165,24 @@ def test_action_longer_than_patience_is_not_interrupted():
     run = Watched(hospital(world={"pace": "clinic"}, coordinator={"patience_s": 60.0})).until(600.0)
     assert run.views[1].status == "finished"
     assert run.views[1].recoveries == 0
+
+
+def test_rooms_are_disinfected_although_a_robot_is_lost_for_good():
+    run = large(6, 2, seed=0, rate=0.0, coordinator={"patience_s": 5.0})
+    run.until(2.0).runner.kill("spotrobot1")
+    assert run.until(80.0).infected() == []
+    assert "spotrobot1 does not answer" in {view.problem for view in run.views.values()}
+
+
+@pytest.mark.parametrize(
+    ("fault", "problem"),
+    [
+        ("2.1 stalls spotrobot1 100000", "spotrobot1 is stuck in a_navigate_to"),
+        ("3.1 stalls spotrobot1 100000", "spotrobot1 is stuck in a_approach_nurse"),
+        ("4.1 stalls uvdrobot1 100000", "uvdrobot1 is stuck in a_navigate_to"),
+    ],
+)
+def test_rooms_are_disinfected_although_a_robot_is_stuck_for_good(fault, problem):
+    run = large(6, 2, seed=0, rate=0.0, faults=fault).until(80.0)
+    assert run.infected() == []
+    assert problem in {view.problem for view in run.views.values()}

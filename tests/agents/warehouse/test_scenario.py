@@ -38,7 +38,7 @@ def test_rule_files_and_light_desire_load():
     assert len(load_desires(cast.FOLDER / "light_gripper_desires.yaml", gripper)) == 1
     assert [rule.name for rule in load_rules(cast.GRIPPER_RULES, gripper)] == ["free_bay", "box_in_bay"]
     for path in (cast.CARRIER_RULES, cast.HASTY_CARRIER_RULES):
-        assert [rule.name for rule in load_rules(path, carrier)] == ["empty", "not_empty", "loaded"]
+        assert [rule.name for rule in load_rules(path, carrier)] == ["empty", "not_empty", "loaded", "sent_off"]
 
 
 @pytest.mark.parametrize(("boxes", "carriers"), [(6, 3), (12, 3), (24, 6), (5, 2), (1, 1)])
