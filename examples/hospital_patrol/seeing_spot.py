@@ -29,7 +29,7 @@ class Sight(Sensor):
         return +somebody if anybody else -somebody
 
 
-class break_off(Action):  # noqa: N801 - its name in AgentSpeak
+class break_off(Action):
     """Stops an action under way, which has failed: ``break_off(Action, Reason)``."""
 
     def execute(self, action: Literal, reason: str) -> None:

@@ -18,6 +18,7 @@ False
 
 from socialbot.bdi.durative_actions import LongAction, Pool, ThreadAction
 from socialbot.bdi.engine import Engine
+from socialbot.bdi.environment import Environment
 from socialbot.bdi.intentions import Failed, Failure, Intention, MentalState, Sleep
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import (
@@ -36,6 +37,7 @@ from socialbot.bdi.literals import (
 from socialbot.bdi.plans import Inference, Plan, atomic, labelled, priority, stage
 from socialbot.bdi.sensors import Sensed, Sensor, ThreadSensor
 from socialbot.bdi.society import Society
+from socialbot.bdi.stdlib.actions import asl_action
 from socialbot.bdi.steps import (
     Action,
     PlanFailed,
@@ -43,26 +45,42 @@ from socialbot.bdi.steps import (
     apart,
     as_long_as,
     ask,
+    asl,
+    drop,
     enter,
     fail,
     first_of,
     for_each,
     message,
+    resume,
     send,
+    suspend,
     test,
     together,
     wait,
     wait_for,
     when,
 )  # fmt: skip
-from socialbot.bdi.terms import Atom, Variable, variables
+from socialbot.bdi.terms import (
+    Atom,
+    Variable,
+    compute,
+    count,
+    findall,
+    max_of,
+    min_of,
+    my_name,
+    sum_of,
+    variables,
+)  # fmt: skip
 from socialbot.bdi.trace import JsonLines, Record, Trace, as_text, read_trace, tee
 
 __all__ = [
-    "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Event", "Failed", "Failure", "Goal", "Inference",
-    "Intention", "JsonLines", "Library", "Literal", "LongAction", "MentalState", "Plan", "PlanFailed", "Pool",
-    "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction", "ThreadSensor",
-    "Trace", "Variable", "action", "apart", "as_long_as", "as_text", "ask", "atomic", "enter", "error", "error_msg",
-    "fail", "first_of", "for_each", "labelled", "message", "priority", "read_trace", "send", "source", "stage", "tee",
-    "test", "together", "variables", "wait", "wait_for", "when",
+    "ANYTHING", "Action", "Atom", "Belief", "Computed", "Engine", "Environment", "Event", "Failed", "Failure", "Goal",
+    "Inference", "Intention", "JsonLines", "Library", "Literal", "LongAction", "MentalState", "Plan", "PlanFailed",
+    "Pool", "Reactor", "Record", "Sensed", "Sensor", "SingletonBelief", "Sleep", "Society", "ThreadAction",
+    "ThreadSensor", "Trace", "Variable", "action", "apart", "as_long_as", "as_text", "ask", "asl", "asl_action",
+    "atomic", "compute", "count", "drop", "enter", "error", "error_msg", "fail", "findall", "first_of", "for_each",
+    "labelled", "max_of", "message", "min_of", "my_name", "priority", "read_trace", "resume", "send", "source",
+    "stage", "sum_of", "suspend", "tee", "test", "together", "variables", "wait", "wait_for", "when",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_
 from socialbot.bdi.literals import Event, Goal, Literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Step
-from socialbot.bdi.terms import Comparison
+from socialbot.bdi.terms import Comparison, Condition
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -43,13 +43,14 @@ class Level:
 
     def __str__(self) -> str:
         if self.plan is None:
-            return str(self.goal or "a branch")
+            return "a branch" if self.goal is None else str(self.goal)
         head = self.plan.label or written(self.plan.event, self.plan)
         goal = f" for {self.goal}" if self.goal is not None else ""
         return f"{head}{goal}{f', at {written(self.step, self.plan)}' if self.step is not None else ''}"
 
 
-def written(item: Event | Step, plan: Plan) -> str:
+def written(item: Event | Step | Condition, plan: Plan) -> str:
+    """Text of a part of a plan in the notation of the plan."""
     if plan.text is None:
         return str(item)
     from socialbot.bdi.agentspeak.printer import agentspeak
@@ -60,7 +61,12 @@ def written(item: Event | Step, plan: Plan) -> str:
 def failed_step(plan: CompiledPlan | None, problem: Exception) -> str | None:
     """Text of the step whose code raised an exception, in the notation of its plan."""
     step = None if plan is None or plan is KEPT else plan.step_at(problem)
-    return None if step is None or plan is None else written(step, plan.plan)
+    if step is None or plan is None:
+        return None
+    text = plan.texts.get(step)
+    if text is None:
+        text = plan.texts[step] = written(step, plan.plan)
+    return text
 
 
 def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:
@@ -94,7 +100,7 @@ def step_of(body: Any, plan: CompiledPlan, *, passed: bool) -> Step | None:
     if text == "yield pause":
         steps, at = plan.plan.body, local["start"] - (not passed)
         return steps[at] if at < len(steps) else None
-    if passed or text == "yield":
+    if passed or text == "yield" or text.endswith(": yield"):
         later = [line for line in lines if line > frame.f_lineno]
         return lines[min(later)] if later else None
     before = [line for line in lines if line <= frame.f_lineno]
@@ -122,10 +128,14 @@ def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args,
     try:
         compiled.probe(interpreter, args, notes, trail)
     except Exception as problem:  # noqa: BLE001 - a condition is user code
-        return f"{terms[trail.reached]} raises {type(problem).__name__}: {problem}"
+        return f"{written(terms[trail.reached], plan)} raises {type(problem).__name__}: {problem}"
     if trail.reached == len(terms):
         return None
-    return f"{_shown(terms[trail.reached])} does not hold" if trail.reached >= 0 else "the event does not match"
+    if trail.reached < 0:
+        return "the event does not match"
+    failed = terms[trail.reached]
+    text = written(failed, plan)
+    return f"{f'({text})' if isinstance(failed, Comparison) else text} does not hold"
 
 
 def reasons_against(
@@ -158,7 +168,3 @@ def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> s
             first = next((other["plan"] for other in earlier if other["because"] == COMES_LATER), None)
             return "it applies" if first is None else f"{first} comes first"
     raise RuleError(f"no plan {label}", remedy="give the label of a plan, or its text")
-
-
-def _shown(term: object) -> str:
-    return f"({term})" if isinstance(term, Comparison) else str(term)

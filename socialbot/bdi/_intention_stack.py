@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import repeat
+from itertools import count, repeat
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import failed_step, reasons_against
+from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
     DONE,
     EVENT,
@@ -20,7 +22,9 @@ from socialbot.bdi.intentions import (
     Failure,
     Intention,
     Pause,
+    QueuedPlan,
     Request,
+    SpecialBody,
     TimedRequest,
     asking_for,
     goal_of,
@@ -34,8 +38,9 @@ from socialbot.bdi.unification import closed, resolve
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
-    from socialbot.bdi.belief_base import Annotations, Args
     from socialbot.bdi.literals import Literal
+
+_number = attrgetter("number")
 
 MAX_CHAIN = 64
 """Maximum length of a chain of plans with a single goal that is followed in one step."""
@@ -45,31 +50,38 @@ class IntentionStack:
     """Intentions of one agent, for the engine's thread; iteration yields each `Intention`, the oldest first."""
 
     __slots__ = (
-        "_all", "_begun", "_interpreter", "_numbers", "atomic", "conditions", "current", "ready", "turn_may_end",
-        "waiting",
+        "_all", "_interpreter", "atomic", "choosing", "number", "ready", "running", "turn_may_end", "unwound", "waits",
     )  # fmt: skip
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         self._all: dict[Intention, None] = {}
-        self._numbers = 0
-        self._begun: Body | None = None
-        self.ready: deque[Intention] = deque()  # runnable, in the order of their turns
-        self.waiting: dict[str, list[Any]] = {}  # pauses until an event, by its key
-        self.conditions: list[Any] = []  # pauses until a condition holds
-        self.current: Intention | None = None  # its step is being executed
+        self.number = count(1).__next__  # number of a new intention
+        self.choosing: Request | None = None  # event for which a plan is chosen, while its condition needs to know
+        self.ready: deque[Any] = deque()  # runnable intentions or queued plans, in the order of their turns
+        self.waits = Waits(interpreter)
+        self.running: Any = None  # intention or queued plan whose step is being executed
         self.atomic: Intention | None = None  # it excludes the others
         self.turn_may_end = False  # the current step has begun no other plan
+        self.unwound = False  # goals or intentions were ended from outside, maybe by one of their own steps
 
     def __iter__(self) -> Iterator[Intention]:
-        return iter(list(self._all))
+        self._register_all()
+        return iter(sorted(self._all, key=_number))
 
     def __len__(self) -> int:
+        self._register_all()
         return len(self._all)
+
+    @property
+    def current(self) -> Intention | None:
+        """Intention whose step is being executed."""
+        self._register_all()
+        return self.running
 
     def desires(self) -> tuple[Literal, ...]:
         """Goals of all intentions."""
-        return tuple(self.goal(request) for intention in self._all for request in intention.goals())
+        return tuple(self.goal(request) for intention in self for request in intention.goals())
 
     def goal(self, request: Request) -> Literal:
         return goal_of(request, self._interpreter.library.goals)
@@ -77,28 +89,44 @@ class IntentionStack:
     # Adopting
 
     def new(self, event: Request | None = None) -> Intention:
-        self._numbers += 1
-        intention = Intention(self._numbers, event)
+        intention = Intention(self.number(), event)
         self._all[intention] = None
         return intention
+
+    def register_running(self) -> Intention:
+        """Make an `Intention` of the running one, if it is still a tuple."""
+        item = self.running
+        if item.__class__ is tuple:
+            item = self.running = self._register(item)
+        return item
+
+    def _register(self, queued: QueuedPlan) -> Intention:
+        body, plan, number, trigger, args, notes, cause = queued
+        intention = Intention(number, (EVENT, trigger, args, notes, cause))
+        intention.frames.append((body, None, plan))
+        self._all[intention] = None
+        return intention
+
+    def _register_all(self) -> None:
+        """Make an `Intention` of each tuple."""
+        known = {id(item): self._register(item) for item in self.ready if item.__class__ is tuple}
+        if known:
+            items = [known.get(id(item), item) for item in self.ready]
+            self.ready.clear()
+            self.ready.extend(items)
+        if self.running.__class__ is tuple:
+            self.running = known.get(id(self.running)) or self._register(self.running)
 
     def intend(self, event: Request, plan: CompiledPlan, result: Any) -> None:
         """Create an intention with a plan for an event."""
         intention = self.new(event)
-        self._take_on(intention, None, plan, result)
-        if self._interpreter.events:
-            self._let_wait(intention)
+        self._let_wait(intention, self._take_on(intention, None, plan, result))
         self.settle(intention)
 
-    def hand_over(self, body: Body) -> Body:
-        """Mark the body of a plan whose first steps were executed in place, because other work is pending."""
-        self._begun = body
-        return body
-
-    def _let_wait(self, intention: Intention) -> None:
-        if self._begun is not None and intention.frames and intention.frames[-1][0] is self._begun:
+    def _let_wait(self, intention: Intention, result: Any) -> None:
+        """Let the intention of a plan whose first steps were executed in place wait for its next turn."""
+        if result.__class__ is SpecialBody and result.begun and self._interpreter.events:
             intention.frames.append((once(None), None, None))
-        self._begun = None
 
     def adopt(self, request: Request, ended: Callable[[Failure | None], None] | None = None) -> None:
         """Adopt a goal in a new intention; ``ended`` receives its failure, or None.
@@ -110,9 +138,7 @@ class IntentionStack:
             return
         intention = self.new(request)
         intention.ended = ended
-        self.pursue(intention, request)
-        if self._interpreter.events:
-            self._let_wait(intention)
+        self._let_wait(intention, self.pursue(intention, request))
         self.settle(intention)
 
     def adopt_within(self, request: Request, seconds: float) -> None:
@@ -151,36 +177,44 @@ class IntentionStack:
         while frames and frames[-1][0] is None:
             _, goal, plan = frames.pop()
             if plan is not KEPT:
-                self._achieved(goal)
+                self.achieved(goal)
 
     def end(self, intention: Intention, failure: Failure | None) -> None:
         self._all.pop(intention, None)
         intention.active = False
-        if self.current is intention:
-            self.current = None
+        if self.running is intention:
+            self.running = None
         if self.atomic is intention:
             self.atomic = None
         if intention.ended is not None:
             intention.ended(failure)
 
-    def _take_on(self, intention: Intention, goal: Request | None, plan: CompiledPlan, result: Any) -> None:
+    def _take_on(self, intention: Intention, goal: Request | None, plan: CompiledPlan, result: Any) -> Any:
+        """Continue with the result of a plan; return its body, if it has one."""
         if result.__class__ is tuple:
             self.replace_goal(intention, goal, plan)
-            self.pursue(intention, result)
-        elif result.__class__ is Failure:
-            self.fail_goal(intention, goal, result)
-        else:
-            self._push(intention, result, goal, plan)
+            return self.pursue(intention, result)
+        if result.__class__ is Failure:
+            return self.fail_goal(intention, goal, result)
+        self._push(intention, result, goal, plan)
+        return result
 
     def _push(self, intention: Intention, body: Body, goal: Request | None, plan: CompiledPlan) -> None:
+        if body.__class__ is SpecialBody:
+            body = body.body
         intention.frames.append((body, goal, plan))
         self.turn_may_end = True
         if plan.plan.atomic and not intention.atomic:
             intention.atomic = True
             self.atomic = intention
 
-    def pursue(self, intention: Intention, request: Request) -> None:
-        """Select a plan for a goal and push it on the intention; follow a plan with a single goal at once."""
+    def pursue(
+        self, intention: Intention, request: Request, selected: tuple[CompiledPlan | None, Any] | None = None
+    ) -> Any:
+        """Select a plan for a goal and push it on the intention; follow a plan with a single goal at once.
+
+        ``selected`` is the plan for the request and its result, if already known. Returns the pushed body, if any.
+        """
         interpreter = self._interpreter
         for _ in repeat(None, MAX_CHAIN):
             kind, trigger, args, notes, cause = request
@@ -188,24 +222,27 @@ class IntentionStack:
             if goal is not None and interpreter.trace.sink is not None:
                 cause = interpreter.trace.record("goal", str(self.goal(request)), cause)
                 goal = (kind, trigger, args, notes, cause)
-            if self.waiting:
-                self.notify(trigger.key, args, notes)
-            plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
+            if selected is not None:
+                (plan, result), selected = selected, None
+            else:
+                if self.waits.events:
+                    self.waits.notify(trigger.key, args, notes)
+                plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:
                 if goal is not None:
                     self.fail_goal(intention, goal, self._no_plan(goal))
-                return
+                return None
             if result is DONE:
-                self._achieved(goal)
-                return
+                self.achieved(goal)
+                return None
             assert plan is not None
             if result.__class__ is not tuple:
-                self._take_on(intention, goal, plan, result)
-                return
+                return self._take_on(intention, goal, plan, result)
             self.replace_goal(intention, goal, plan)
             request = result
         intention.frames.append((asking_for(request), None, None))
         self.turn_may_end = True
+        return None
 
     def replace_goal(self, intention: Intention, goal: Request | None, plan: CompiledPlan) -> None:
         """Replace a goal by the last goal of its plan; keep a goal with failure plans below it."""
@@ -216,12 +253,6 @@ class IntentionStack:
         elif self._interpreter.trace.sink is not None:
             self._interpreter.trace.record("continued", str(self.goal(goal)), goal[4])
 
-    def finished(self, intention: Intention, goal: Request | None, plan: CompiledPlan | None) -> None:
-        if goal is not None:
-            self._achieved(goal)
-        if intention.atomic:
-            self.finished_atomic(intention, plan)
-
     def finished_atomic(self, intention: Intention, plan: CompiledPlan | None) -> None:
         """Release the other intentions after the last atomic plan of an intention."""
         if intention.atomic and plan is not None and plan is not KEPT and plan.plan.atomic:
@@ -230,7 +261,7 @@ class IntentionStack:
             if not held and self.atomic is intention:
                 self.atomic = None
 
-    def _achieved(self, goal: Request | None) -> None:
+    def achieved(self, goal: Request | None) -> None:
         if goal is not None and self._interpreter.trace.sink is not None and not goal[0] & EVENT:
             self._interpreter.trace.record("achieved", str(self.goal(goal)), goal[4])
 
@@ -269,37 +300,13 @@ class IntentionStack:
             while frames[-1][1] is not marker or frames[-1][2] is not KEPT:
                 self._close(intention, frames.pop())
             frames.pop()
-            problem = Failed("timeout", f"not achieved in {timed.seconds} s")
+            hard = any(getattr(note, "functor", "") == "hard_deadline" for note in notes)
+            problem = Failed("deadline_reached" if hard else "timeout", f"not achieved in {timed.seconds} s")
             self.fail_goal(intention, marker, self.failure_of(None, problem, marker))
             self.settle(intention)
 
         self._interpreter.timers.after(timed.seconds, lambda: self.interrupt(intention, give_up), over)
         self.pursue(intention, marker)
-
-    def notify(self, key: str, args: Args, notes: Annotations) -> None:
-        """Continue the intentions that wait for this event."""
-        for pause in list(self.waiting.get(key, ())):
-            if pause.matches(args, notes):
-                self.unlisten(pause)
-                pause.end()
-
-    def unlisten(self, pause: Any) -> None:
-        pauses = self.waiting.get(pause.key, [])
-        if pause in pauses:
-            pauses.remove(pause)
-            if not pauses:
-                del self.waiting[pause.key]
-
-    def recheck(self) -> None:
-        """Continue the intentions that wait for a condition that holds now."""
-        for pause in list(self.conditions):
-            try:
-                holds, problem = pause.check(), None
-            except Exception as error:  # noqa: BLE001 - a condition is user code
-                holds, problem = True, error
-            if holds:
-                self.conditions.remove(pause)
-                pause.end(problem)
 
     # Failures
 
@@ -319,12 +326,13 @@ class IntentionStack:
     ) -> Failure:
         """Failure for an exception in a step of a plan, also written to the trace."""
         what = failed_step(plan, problem) or ("step" if goal is None else str(self.goal(goal)))
-        if cause is None:
-            cause = record_behind(problem) or (goal[4] if goal is not None else "")
-        reason, message, notes = "exception", f"{type(problem).__name__}: {problem}", ()
         if isinstance(problem, PlanFailed):
             reason, message, notes = problem.reason, str(problem), problem.annotations
+        else:
+            reason, message, notes = "exception", f"{type(problem).__name__}: {problem}", ()
         trace = self._interpreter.trace
+        if cause is None and trace.sink is not None:
+            cause = record_behind(problem) or (goal[4] if goal is not None else "")
         log().info("%s: %s: %s", trace.name, what, message)
         record = trace.record("failure", what, cause, reason=reason, message=message)
         return Failure(reason, message, what, record, notes, origin_of(plan))
@@ -359,13 +367,15 @@ class IntentionStack:
     def _recover(self, intention: Intention, goal: Request, problem: Failure) -> Failure | None:
         """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails."""
         trigger = self._failure_plans(goal)
-        if not trigger.plans:
+        if not trigger.plans and not self.waits.events:
             return problem
         _, _, args, notes, _ = goal
         args = resolve(args)
-        plan, result = self._interpreter.select_plan(
-            trigger, args, problem.annotations + notes, problem.cause, not closed(args)
-        )
+        if trigger.annotated or self.waits.events or self._interpreter.trace.sink is not None:
+            notes = problem.annotations + notes
+        if self.waits.events:
+            self.waits.notify(trigger.key, args, notes)
+        plan, result = self._interpreter.select_plan(trigger, args, notes, problem.cause, not closed(args))
         if result is None:
             return problem
         if result.__class__ is Failure:
@@ -383,13 +393,17 @@ class IntentionStack:
         return None
 
     def _failure_plans(self, goal: Request) -> Trigger:
-        return self._interpreter.triggers[f"-{goal[1].key[1:]}"]
+        trigger = goal[1]
+        if trigger.failure is None:
+            trigger.failure = self._interpreter.triggers[f"-{trigger.key[1:]}"]
+        return trigger.failure
 
     def _close(self, intention: Intention, frame: Any) -> None:
         body, _, plan = frame
         if body is not None and not body.gi_running:
             body.close()
-        self.finished_atomic(intention, plan)
+        if intention.atomic:
+            self.finished_atomic(intention, plan)
 
     # Interruption
 
@@ -416,6 +430,8 @@ class IntentionStack:
         if self.atomic is intention:
             self.atomic = None
 
+        self.unwound = True
+
         def close() -> None:
             cause = next((goal[4] for _, goal, _ in reversed(intention.frames) if goal is not None), "")
             while intention.frames:
@@ -435,10 +451,11 @@ class IntentionStack:
         depth = next((i for i, goal in enumerate(goals) if goal is not None and wanted(goal)), 0)
         goal = goals[depth] if goals and goals[depth] is not None else intention.event
         running = any(body is not None and body.gi_running for body, _, _ in frames)
+        self.unwound = True
         while len(frames) > depth:
             self._close(intention, frames.pop())
         if problem is None:
-            self._achieved(goal)
+            self.achieved(goal)
         else:
             self.fail_goal(intention, goal, problem)
         if not running:

@@ -8,12 +8,26 @@ import select
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from itertools import count, repeat
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi._messaging import Messaging
-from socialbot.bdi.belief_base import Annotations, Args, BeliefBase, Relation
-from socialbot.bdi.intentions import DONE, END, EVENT, SUBGOAL, TAIL, Intention, TimedRequest
+from socialbot.bdi._relations import Annotations, Args, Relation
+from socialbot.bdi.belief_base import BeliefBase, is_source
+from socialbot.bdi.intentions import (
+    DONE,
+    END,
+    EVENT,
+    GENERATOR,
+    MODE,
+    NEXT,
+    OPEN,
+    SUBGOAL,
+    TAIL,
+    Intention,
+    TimedRequest,
+    subgoal,
+)
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Event, Literal, Reactor, Structure
 from socialbot.bdi.sensors import Sensor, changes
@@ -111,8 +125,8 @@ class Wakeup:
             os.close(number)
 
 
-STEPS = 8
-"""Maximum number of steps in a turn of the only runnable intention; then the clock is checked."""
+STEPS, STEPS_WITH_TIMERS = 32, 8
+"""Maximum number of steps in a turn of the only runnable intention, without and with timers to check in between."""
 
 
 class entered(Reactor):  # noqa: N801 - written like a belief
@@ -124,14 +138,15 @@ class Interpreter:
 
     Attributes:
         inbox: Items posted from any thread: beliefs to add, as tuples, and functions to call.
-        others: Queued events that take precedence over later steps of a plan; empty during the turn of an event.
+        others: Queued events, but empty while the plan of an event is chosen: its first step belongs to the same turn.
         cause: Trace record of the current internal action.
         action: Trace record of the last action.
+        heap: Timers, for the code of plans.
         signalled: Whether the wake-up of the engine was called since the last turn.
     """
 
     __slots__ = (
-        "action", "beliefs", "cause", "engine", "events", "inbox", "intentions", "library", "messaging",
+        "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library", "messaging",
         "now", "others", "pool", "random", "ready", "relations", "signalled", "stage", "timers", "trace", "triggers",
     )  # fmt: skip
 
@@ -139,12 +154,13 @@ class Interpreter:
         self.engine = engine
         self.trace = engine.trace
         self.timers = engine.timers
+        self.heap = engine.timers.heap
         self.now = engine.clock.now
         self.library = library
         self.triggers = library.triggers
         self.inbox: deque[Any] = deque()
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
-        self.others: Collection[Any] = self.events
+        self.others: Collection[Any] = ()
         self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
         self.relations = self.beliefs.relations
         self.intentions = IntentionStack(self)
@@ -178,6 +194,8 @@ class Interpreter:
         kind, beliefs = belief.__class__, self.beliefs
         relation = beliefs.known.get((kind, len(belief.args)))
         if relation is None:
+            if issubclass(kind, Computed):
+                raise RuleError(f"{belief} is computed, and cannot be added", remedy="make it a Belief")
             relation = beliefs.relation(belief.key)
             if kind is not Structure and relation.kind is not kind:
                 beliefs.declare(kind)
@@ -188,9 +206,10 @@ class Interpreter:
         return item
 
     def forget(self, belief: Literal, cause: str) -> None:
-        """Remove the matching beliefs with all their sources."""
+        """Remove the matching beliefs, or only the sources that ``belief`` names."""
         args, notes = opened((belief.args, belief.annotations))
-        self.beliefs.forget_all(self.beliefs.relation(belief.key), args, notes, cause)
+        method = self.beliefs.forget_sources if any(map(is_source, notes)) else self.beliefs.forget_all
+        method(self.beliefs.relation(belief.key), args, notes, cause)
 
     def sense(self, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
         """Update the beliefs from a percept of a sensor."""
@@ -215,7 +234,8 @@ class Interpreter:
     def run_until_idle(self, budget: int = 10_000) -> bool:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
-        inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.timers.heap
+        inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.heap
+        number, waits = intentions.number, intentions.waits
         while budget > 0:
             budget -= 1
             trigger: Trigger | None = None
@@ -230,10 +250,14 @@ class Interpreter:
                 else:
                     # A single belief (most percepts) skips the queue.
                     relation, args, notes, cause, since = item
-                    if args in relation.facts or relation.care or self.trace.sink is not None:
+                    fact = (self.now() if since is None else since, notes, cause)
+                    if (
+                        relation.care
+                        or self.trace.sink is not None
+                        or relation.facts.setdefault(args, fact) is not fact
+                    ):
                         self._take(item)
                     else:
-                        relation.facts[args] = (self.now() if since is None else since, notes, cause)
                         if relation.indexes:
                             relation.enter(args)
                         trigger = relation.added
@@ -252,8 +276,6 @@ class Interpreter:
                     trigger = None
             if trigger is not None:
                 position = trigger.position
-                if events:
-                    self.others = ()
                 for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
                     try:
                         result = plan.run(self, args, notes, cause)
@@ -261,25 +283,62 @@ class Interpreter:
                         self.trace.record_failure(str(plan.plan), cause, problem)
                         continue
                     if result is not None:
-                        if result is not DONE:
+                        if result.__class__ is GENERATOR:
+                            ready.append((result, plan, number(), trigger, args, notes, cause))
+                        elif result is not DONE:
                             intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
                         break
-                self.others = events
-                if intentions.waiting:
-                    intentions.notify(trigger.key, args, notes)
-            if ready:
-                self._advance(ready.popleft())
-            if intentions.conditions:
-                intentions.recheck()
+                if waits.events:
+                    waits.notify(trigger.key, args, notes)
+            while ready:
+                item = ready.popleft()
+                if item.__class__ is not tuple:
+                    self._advance(item)
+                else:
+                    intentions.running = item
+                    try:
+                        result = next(item[0], END)
+                    except Exception as problem:  # noqa: BLE001 - actions are user code
+                        result = cast("Any", problem)
+                        intentions.unwound = False
+                    if result is None and intentions.running is item:
+                        ready.append(item)
+                    elif result is END and intentions.running is item:
+                        intentions.running = None
+                    else:
+                        self._advance(intentions.register_running(), result)
+                # Without other work, the next turn is only a step of the next intention.
+                budget -= 1
+                if events or inbox or heap or budget <= 0 or intentions.atomic or waits.due:
+                    budget += 1
+                    break
+            if waits.due:
+                waits.recheck()
             busy = events or ready or inbox or intentions.atomic
             if not busy and (not heap or heap[0][0] > self.now()):
                 return False
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
-        inbox = self.inbox
+        """Process all posted items; the beliefs between two function calls begin at the same time."""
+        inbox, trace, queue = self.inbox, self.trace, self.events.append
+        now: int | None = None
         while inbox:
-            self._take(inbox.popleft())
+            item = inbox.popleft()
+            if item.__class__ is tuple:
+                relation, args, notes, cause, since = item
+                if since is None:
+                    since = now = self.now() if now is None else now
+                fact = (since, notes, cause)
+                if not (relation.care or trace.sink is not None) and relation.facts.setdefault(args, fact) is fact:
+                    if relation.indexes:
+                        relation.enter(args)
+                    if relation.added is not None:
+                        queue((relation.added, args, notes, cause))
+                    continue
+            else:
+                now = None
+            self._take(item)
 
     def _take(self, item: Any) -> None:
         try:
@@ -292,61 +351,125 @@ class Interpreter:
 
     # Steps of intentions
 
-    def _advance(self, intention: Intention) -> None:
-        frames, intentions = intention.frames, self.intentions
+    def _advance(self, intention: Intention, result: Any = NEXT) -> None:
+        """Execute steps of an intention; ``result`` is that of its current step, if it was executed before."""
         if intention.suspended or not intention.active:
             return
-        intentions.current = intention
-        for _ in repeat(None, STEPS):
-            body, goal, plan = frames[-1]
-            result: Any = None
-            intentions.turn_may_end = True
-            try:
-                result = next(body, END)  # type: ignore[arg-type]
-            except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+        intentions = self.intentions
+        intentions.running = intention
+        self.others = self.events
+        if self._advance_by(intention, result):
+            self.ready.append(intention)
+        self.others = ()
+
+    def _advance_by(self, intention: Intention, result: Any) -> bool:
+        """Execute steps of an intention; return whether it has more that can be executed."""
+        frames, intentions = intention.frames, self.intentions
+        events, ready, inbox, trace = self.events, self.ready, self.inbox, self.trace
+        for _ in repeat(None, STEPS_WITH_TIMERS if self.heap else STEPS):
+            frame = frames[-1]
+            body, goal, plan = frame
+            if result is NEXT:
+                try:
+                    result = next(body, END)  # type: ignore[arg-type]
+                except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+                    result = cast("Any", problem)
+                    intentions.unwound = False
+            turn_may_end = True
+            if intentions.unwound:
+                # The step may have ended a goal of its own intention.
+                intentions.unwound = False
+                if not frames or frames[-1] is not frame:
+                    result = None
+            if result is None:
+                pass
+            elif result is END:
                 frames.pop()
-                intentions.finished_atomic(intention, plan)
-                intentions.turn_may_end = False
-                intentions.fail_goal(intention, goal, intentions.failure_of(plan, problem, goal))
-                body = frames[-1][0] if frames else None
-            if not frames or frames[-1][0] is not body:
-                # The step ended a goal of its own intention.
-                result = None
-            if result is END:
-                frames.pop()
-                intentions.finished(intention, goal, plan)
-                intentions.turn_may_end = False
-            elif result.__class__ is tuple:
-                if result[0] & TAIL:
-                    frames.pop()
+                if goal is not None and trace.sink is not None:
+                    intentions.achieved(goal)
+                if intention.atomic:
                     intentions.finished_atomic(intention, plan)
+                # The plan below continues to the end of its step even if its goal has ended.
+                if frames and frames[-1][0] is not None and not intention.suspended:
+                    result = NEXT
+                    continue
+                turn_may_end = False
+            elif result.__class__ is tuple:
+                kind, trigger, args, notes, cause = result
+                mode = kind >> MODE if kind else 0
+                if kind & TAIL:
+                    frames.pop()
+                    if intention.atomic:
+                        intentions.finished_atomic(intention, plan)
                     if plan is not None:
                         intentions.replace_goal(intention, goal, plan)
+                if (kind & OPEN and not mode) or trace.sink is not None or intentions.waits.events:
+                    intentions.turn_may_end = False
+                    intentions.pursue(intention, result)
+                    turn_may_end = intentions.turn_may_end
+                else:
+                    # A shorter form of `IntentionStack.pursue` for the most frequent requests.
+                    position = trigger.position
+                    chosen: Any = None
+                    found: Any = None
+                    for chosen in (
+                        trigger.plans
+                        if position is None or mode >> position & 1
+                        else trigger.by.get(args[position], trigger.rest)
+                    ):
+                        try:
+                            if mode:
+                                found = (chosen.modes.get(mode) or chosen.in_mode(mode))(self, args, notes, cause)
+                            else:
+                                found = chosen.run(self, args, notes, cause)
+                        except Exception as problem:  # noqa: BLE001 - a condition is user code
+                            trace.record_failure(str(chosen.plan), cause, problem)
+                            free(args)
+                            continue
+                        if found is not None:
+                            break
+                    if found.__class__ is GENERATOR:
+                        frames.append((found, None if kind & EVENT else result, chosen))
+                        result = NEXT
+                        if (ready or events or inbox) and not intention.atomic:
+                            return True
+                        continue
+                    if found is DONE:
+                        turn_may_end = False
+                    else:
+                        intentions.turn_may_end = False
+                        intentions.pursue(intention, result, (chosen, found))
+                        turn_may_end = intentions.turn_may_end
+            elif isinstance(result, Exception):
+                frames.pop()
+                if intention.atomic:
+                    intentions.finished_atomic(intention, plan)
                 intentions.turn_may_end = False
-                intentions.pursue(intention, result)
+                intentions.fail_goal(intention, goal, intentions.failure_of(plan, result, goal))
+                turn_may_end = intentions.turn_may_end
             elif result.__class__ is TimedRequest:
                 intentions.pursue_timed(intention, result)
-            elif result is not None:
+            else:
                 intentions.rest(intention, result)
                 if intention.pause is not None or not frames:
-                    return
+                    return False
+            result = NEXT
             if frames and frames[-1][0] is None:
                 intentions.pop_kept(frames)
             if not frames:
                 if intention.active:
                     intentions.end(intention, None)
-                return
+                return False
             if intention.suspended or intention.pause is not None:
-                return
-            # A plan continues to the end of its step even if its goal has ended.
-            if intentions.turn_may_end and (self.ready or self.events or self.inbox) and not intention.atomic:
-                break
-        self.ready.append(intention)
+                return False
+            if turn_may_end and (ready or events or inbox) and not intention.atomic:
+                return True
+        return True
 
     def _advance_atomic(self) -> bool:
         """Execute steps of the atomic intention only; return False if it waits."""
         for candidate in list(self.ready):
-            if candidate is self.intentions.atomic or candidate.atomic:
+            if candidate.__class__ is not tuple and (candidate is self.intentions.atomic or candidate.atomic):
                 self.ready.remove(candidate)
                 self._advance(candidate)
                 return True
@@ -354,11 +477,12 @@ class Interpreter:
 
     def _wake_atomic(self) -> bool:
         """Continue the atomic intention if its event or condition has occurred; keep the events queued."""
-        self.intentions.recheck()
+        waits = self.intentions.waits
+        waits.recheck()
         for trigger, args, notes, _ in list(self.events):
-            if trigger.key in self.intentions.waiting:
-                self.intentions.notify(trigger.key, args, notes)
-        return any(intention.atomic for intention in self.ready)
+            if trigger.key in waits.events:
+                waits.notify(trigger.key, args, notes)
+        return any(item.__class__ is not tuple and item.atomic for item in self.ready)
 
     # Plans and queries
 
@@ -366,9 +490,10 @@ class Interpreter:
         self, trigger: Trigger, args: Args, notes: Annotations, cause: Any, opened: bool
     ) -> tuple[CompiledPlan | None, Any]:
         """First applicable plan and its result; ``opened`` marks arguments with variables."""
-        for plan in trigger.plans if opened else trigger.candidates(args):
+        position = None if opened else trigger.position
+        for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
             try:
-                result = (plan.run_open if opened else plan.run)(self, args, notes, cause)
+                result = plan.run_open(self, args, notes, cause) if opened else plan.run(self, args, notes, cause)
             except Exception as problem:  # noqa: BLE001 - a condition is user code
                 self.trace.record_failure(str(plan.plan), cause, problem)
                 if opened:
@@ -391,7 +516,7 @@ class Interpreter:
                 undo(trail, mark)
         for rule in self.library.inferences.get(key, ()):
             for _ in rule.solve(self, args, trail):
-                if not closed(args):
+                if not closed(args) and not self.library.is_open(key):
                     raise RuleError(
                         f"{rule.inference.head} follows with a variable that has no value",
                         where=str(rule.inference.origin or rule.inference),
@@ -401,7 +526,9 @@ class Interpreter:
             undo(trail, mark)
 
     def _compute(self, kind: type[Computed], args: Args) -> Iterable[Args]:
-        computed = self.library.computed.get(kind.functor) or self.library.computed.setdefault(kind.functor, kind())
+        computed = self.library.computed.get(kind.functor)
+        if computed is None:
+            computed = self.library.computed.setdefault(kind.functor, kind())
         found = computed.solutions(*(arg if closed(arg) else ANYTHING for arg in args))
         if isinstance(found, bool):
             return [args] if found else []
@@ -415,6 +542,7 @@ class Interpreter:
             self.library.users = 1
             self.triggers = self.library.triggers
             self.beliefs.use(self.library)
+            self.intentions.waits.listen(self.beliefs)
         return self.library
 
     def enter(self, stage: str | None, *, cause: Any = "") -> None:
@@ -426,6 +554,10 @@ class Interpreter:
     def raise_event(self, event: Event, cause: Any) -> None:
         """Queue an event or goal like an external one."""
         literal = event.literal
+        if event.change is Change.WANTED and not closed(literal.args):
+            trigger = self.triggers[event.key]
+            self.intentions.adopt(subgoal(trigger, literal.args, literal.annotations or SELF, cause))
+            return
         trigger = self.triggers[event.key] if event.key.startswith("+!") else self.triggers.get(event.key)
         if trigger is not None:
             self.events.append((trigger, literal.args, literal.annotations or SELF, cause))

@@ -182,7 +182,8 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
             deliver(agent, sender, "untell" if found is None else "tell", content if found is None else found, cause)
             return
         said = (source(Atom(agent.name)),)
-        solutions = tuple(each.with_(annotations=_notes(each, said)) for each in each_of(found or ()))
+        answers = () if found is None else each_of(found)
+        solutions = tuple(each.with_(annotations=_notes(each, said)) for each in answers)
         reply(agent, detached(solutions if act == "askAll" else solutions[0] if solutions else Atom("false")))
 
     def ended(failure: Failure | None) -> None:

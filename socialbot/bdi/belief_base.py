@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._relations import Annotations, Args, Fact, Relation, Watcher
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
-from socialbot.bdi.literals import Belief, Computed, Literal, Reactor, ground, literal_from_key, source
+from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, source
 from socialbot.bdi.trace import TraceWriter
-from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
+from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Timers
 
-Args = tuple[Any, ...]
-
-Annotations = tuple[Any, ...]
-
-Fact = tuple[int, Annotations, Any]
-"""Held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
-
-Watcher = Callable[[Args, bool, Any], object]
-"""Callback with the arguments of a belief, whether it is held now, and the record of the change."""
-
 _NONE: dict[Any, Any] = {}
-"""Shared empty dictionary of relations without indexes or timers; it saves memory."""
+"""Shared empty dictionary of belief bases without known classes; it saves memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,97 +35,6 @@ class HeldBelief:
     @property
     def source(self) -> str:
         return ",".join(self.sources)
-
-
-class Relation:
-    """Beliefs of one name and arity, indexed by the argument positions that plans query."""
-
-    __slots__ = (
-        "added", "base", "care", "facts", "first_facts", "held", "indexes", "key", "kind", "quiet", "removed",
-        "special", "watchers",
-    )  # fmt: skip
-
-    def __init__(self, key: str, base: BeliefBase) -> None:
-        self.key = key
-        self.base = base
-        self.facts: dict[Args, Fact] = {}
-        self.indexes: dict[tuple[int, ...], dict[Any, dict[Args, None]]] = _NONE
-        self.first_facts: dict[Args, Fact] = _NONE  # initial fact of each belief, for "held for" events
-        self.added: Trigger | None = None
-        self.removed: Trigger | None = None
-        self.held: Trigger | None = None
-        self.kind: type[Belief] | None = None
-        self.special = False
-        self.care = False
-        self.quiet = True
-        self.watchers: tuple[Watcher, ...] = ()
-
-    def index(self, positions: tuple[int, ...]) -> dict[Any, dict[Args, None]]:
-        """Index by the arguments at ``positions``; a key is one value, or a tuple of several."""
-        index = self.indexes.get(positions)
-        if index is None:
-            if self.indexes is _NONE:
-                self.indexes = {}
-            index = self.indexes[positions] = {}
-            self.quiet = False
-            for args in self.facts:
-                index.setdefault(_at(args, positions), {})[args] = None
-        return index
-
-    def begin(self, args: Args, fact: Fact) -> None:
-        if self.first_facts is _NONE:
-            self.first_facts = {}
-        self.first_facts[args] = fact
-
-    def enter(self, args: Args) -> None:
-        for positions, index in self.indexes.items():
-            index.setdefault(_at(args, positions), {})[args] = None
-
-    def leave(self, args: Args) -> None:
-        self.first_facts.pop(args, None)
-        for positions, index in self.indexes.items():
-            key = _at(args, positions)
-            bucket = index[key]
-            del bucket[args]
-            if not bucket:
-                del index[key]
-
-    def clear(self) -> None:
-        self.facts.clear()
-        self.first_facts.clear()
-        for index in self.indexes.values():
-            index.clear()
-
-    def candidates(self, args: Args) -> list[Args]:
-        """Snapshot of the beliefs that agree with the known values of ``args``, newest first."""
-        known = tuple(i for i, arg in enumerate(args) if closed(arg))
-        if not known:
-            return list(reversed(self.facts))
-        if len(known) == len(args):
-            return [args] if args in self.facts else []
-        return list(reversed(self.index(known).get(_at(args, known), {})))
-
-    def match(self, args: Args, annotations: Annotations, trail: Trail) -> Iterator[Args]:
-        """Yield the beliefs that unify with ``args`` and ``annotations``, newest first; undo bindings in between."""
-        mark = len(trail)
-        for found in self.candidates(resolve(args)):
-            if found in self.facts and unify(args, found, trail):
-                if not annotations:
-                    yield found
-                else:
-                    for _ in choices(annotations, self.facts[found][1], trail):
-                        yield found
-            undo(trail, mark)
-
-    def literal(self, args: Args, annotations: Annotations = ()) -> Literal:
-        if self.kind is not None:
-            made = self.kind(*args)
-            return made.with_(annotations=annotations) if annotations else made
-        return literal_from_key(self.key, args, annotations)
-
-    def text(self, args: Args) -> str:
-        """Text of a belief in the trace."""
-        return str(self.literal(args)) if closed(args) else str(literal_from_key(self.key, args))
 
 
 @dataclass(eq=False, slots=True)
@@ -191,6 +91,9 @@ class BeliefBase:
         return sum(len(relation.facts) for relation in self.relations.values())
 
     def __contains__(self, belief: Literal) -> bool:
+        """Whether a belief is held. Raises RuleError for a belief with variables."""
+        if not ground(belief.args):
+            raise RuleError(f"{belief} has a variable", remedy=f"write engine.query({belief})")
         return self.get(belief) is not None
 
     def get(self, belief: Literal) -> HeldBelief | None:
@@ -273,20 +176,33 @@ class BeliefBase:
         since, held, begin = relation.facts[args]
         if held == notes:
             return None
-        new = tuple(note for note in notes if note not in held)
+        new = relation.new_notes(args, notes)
         if not new:
             return None
         relation.facts[args] = (since, held + new, begin)
+        relation.touch(args)
         if self.trace.sink is not None:
             cause = self.trace.record("belief", relation.text(args), cause, source=_sources(new))
         return None if relation.added is None else (relation.added, args, new, cause)
 
     def replace(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
         """Replace the newest belief of this name and source by another (``-+b``); the result is that of `add_here`."""
-        before = next(relation.match(tuple(Var() for _ in args), notes, []), None)
+        facts = relation.facts
+        before = next(reversed(facts), None)
+        if before is None:
+            return self.add_here(relation, args, notes, cause)
+        if facts[before][1] != notes:
+            before = next(relation.match(tuple(Var() for _ in args), notes, []), None)
+        elif relation.quiet and not relation.care and self.trace.sink is None:
+            del facts[before]
+            if args not in facts:
+                facts[args] = (self._now(), notes, cause)
+                return None if relation.added is None else (EVENT, relation.added, args, notes, cause)
+            return self.add_here(relation, args, notes, cause)
         if before is not None:
-            self.remove(relation, before, notes, cause, here=False)
-            self._changed(relation, args, before, notes, cause)
+            self._remove_held(relation, before, notes, cause, here=False)
+            if args != before:
+                self._changed(relation, args, before, notes, cause)
         return self.add_here(relation, args, notes, cause)
 
     def _changed(self, relation: Relation, args: Args, before: Args, notes: Annotations, cause: Any) -> None:
@@ -299,13 +215,15 @@ class BeliefBase:
     def remove(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
         """Remove the sources in ``notes`` from the newest matching belief, and the belief with its last source."""
         found = next(relation.match(args, notes, []), None)
-        if found is None:
-            return None
-        taken = resolve(notes)
-        left = tuple(note for note in relation.facts[found][1] if note not in taken)
+        return None if found is None else self._remove_held(relation, found, notes, cause, here)
+
+    def _remove_held(self, relation: Relation, found: Args, notes: Annotations, cause: Any, here: bool) -> Any:
+        held, taken = relation.facts[found][1], notes if notes is SELF else resolve(notes)
+        left = () if held == taken else tuple(note for note in held if note not in taken)
         if any(map(is_source, left)):
             since, _, begin = relation.facts[found]
             relation.facts[found] = (since, left, begin)
+            relation.touch(found)
         else:
             del relation.facts[found]
             relation.leave(found)
@@ -346,8 +264,14 @@ class BeliefBase:
             self.events.append((relation.removed, args, fact[1], cause))
 
     def forget_all(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
+        """Remove the matching beliefs with all their sources."""
         for found in list(relation.match(args, notes, [])):
             self.forget_one(relation, found, cause)
+
+    def forget_sources(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
+        """Remove the sources in ``notes`` from the matching beliefs, and each belief with its last source."""
+        for found, taken in [(found, resolve(notes)) for found in relation.match(args, notes, [])]:
+            self.remove(relation, found, taken, cause, here=False)
 
     # Watching
 
@@ -390,7 +314,7 @@ class BeliefBase:
     def listen(self, key: str) -> None:
         """Queue the events of a key, such as ``+at/2``, even without plans for them."""
         self.library.triggers[key]
-        relation = self.relations.get(key[5:] if key.startswith("held ") else key[1:])
+        relation = self.relations.get(key.partition(" ")[2] or key[1:])
         if relation is not None:
             self.equip(relation)
 
@@ -404,6 +328,9 @@ class BeliefBase:
     def equip(self, relation: Relation) -> None:
         """Look up the plans and the class of a relation."""
         key, triggers = relation.key, self.library.triggers
+        if self.library.general:
+            for sign in "+-":
+                triggers[f"{sign}{key}"]
         relation.added = triggers.get(f"+{key}")
         relation.removed = triggers.get(f"-{key}")
         relation.held = triggers.get(f"held {key}")
@@ -411,7 +338,8 @@ class BeliefBase:
         relation.quiet = relation.removed is None and relation.held is None and not relation.indexes and not watched
         relation.kind = kind = self.library.kinds.get(key.rpartition("/")[0])
         relation.special = watched or (kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed))))
-        relation.care = relation.special or relation.held is not None
+        changed = triggers.get(f"changed {key}")
+        relation.care = relation.special or relation.held is not None or changed is not None
 
 
 def is_source(note: object) -> bool:
@@ -426,21 +354,5 @@ def _held(relation: Relation, args: Args) -> HeldBelief:
     return HeldBelief(relation.literal(args, others), sources, since, str(cause))
 
 
-def choices(pattern: Annotations, held: Annotations, trail: Trail) -> Iterator[None]:
-    """Bind the annotations of the pattern to those held; yield once for each solution."""
-    if not pattern:
-        yield None
-        return
-    mark = len(trail)
-    for candidate in held:
-        if unify(pattern[0], candidate, trail):
-            yield from choices(pattern[1:], held, trail)
-        undo(trail, mark)
-
-
 def _sources(notes: Annotations) -> str:
     return ",".join(str(note.args[0]) for note in notes if is_source(note))
-
-
-def _at(args: Args, positions: tuple[int, ...]) -> Any:
-    return args[positions[0]] if len(positions) == 1 else tuple(args[i] for i in positions)

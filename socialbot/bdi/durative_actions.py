@@ -140,6 +140,8 @@ class LongAction(_ReportingAction):
     From any thread it may call `progress` repeatedly and, once, `done` or `failed`. Calls after its end have no effect.
     """
 
+    entry: ClassVar[str] = "start"
+
     def start(self, *args: Any, **kwargs: Any) -> None:
         """Start the action with the values of its arguments. An exception fails the goal."""
         raise RuleError(f"action {self.functor} has no start()", remedy="override start()")
@@ -274,13 +276,18 @@ class Pool:
 class CoroutineRun(Running):
     """Execution of an ``async def`` in the asyncio loop shared by all agents of the process.
 
-    ``task.cancel()`` stops it. One loop saves a thread for each agent and lets coroutines share connections and locks.
+    ``receive`` takes the result in the engine's thread. ``task.cancel()`` stops it. One loop saves a thread for each
+    agent and lets coroutines share connections and locks.
     """
 
-    def __init__(self, coroutine: Coroutine[Any, Any, Any], cause: Any) -> None:
+    def __init__(
+        self, coroutine: Coroutine[Any, Any, Any], cause: Any, receive: Callable[[Any], None] | None = None
+    ) -> None:
         name = coroutine.__qualname__.removesuffix(".execute").rpartition(".")[2]
         super().__init__(name, cause)
         self.coroutine = coroutine
+        self.receive = receive
+        self.found: Any = None
         self.begun = False
         self.asked = False
         self.task: asyncio.Task[Any] | None = None
@@ -303,8 +310,19 @@ class CoroutineRun(Running):
 
     def _done(self, task: asyncio.Task[Any]) -> None:
         cancelled = task.cancelled()
-        problem = None if cancelled else _problem_of(task.exception() or task.result())
+        problem = None if cancelled else task.exception()
+        if problem is None and not cancelled:
+            self.found = task.result()
+        problem = None if cancelled else _problem_of(problem or (self.found if self.receive is None else None))
         self.conclude(problem, cancelled=cancelled or self.asked)
+
+    def end(self, problem: Exception | None = None) -> None:
+        if problem is None and self.receive is not None and self.intention is not None:
+            try:
+                self.receive(self.found)
+            except Exception as error:  # noqa: BLE001 - the result of user code
+                problem = error
+        super().end(problem)
 
     def __del__(self) -> None:
         if not self.begun:

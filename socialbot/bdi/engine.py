@@ -13,15 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import why_not
 from socialbot.bdi._interpreter import Interpreter, Timers, Wakeup
+from socialbot.bdi._rule_checks import check_belief, check_goal, check_running
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import SELF, Belief, Change, Goal, Literal, source_notes
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor
 from socialbot.bdi.steps import Action
-from socialbot.bdi.terms import conjunction
+from socialbot.bdi.terms import Atom, conjunction
 from socialbot.bdi.trace import Sink, TraceWriter
 from socialbot.core.clock import SECOND, Clock
+from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from random import Random
@@ -31,6 +33,26 @@ class MindChange(functools.partial[None]):
     """Posted change of beliefs or goals; restoring a saved mind discards it."""
 
     mental = True
+
+
+class Solutions:
+    """Iterator over the solutions of a query; it is true while solutions are left."""
+
+    __slots__ = ("_left",)
+
+    def __init__(self, found: list[dict[str, Any]]) -> None:
+        self._left = found[::-1]
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return self
+
+    def __next__(self) -> dict[str, Any]:
+        if not self._left:
+            raise StopIteration
+        return self._left.pop()
+
+    def __len__(self) -> int:
+        return len(self._left)
 
 
 class Engine:
@@ -121,6 +143,7 @@ class Engine:
                 self.interpreter.own_library().add_inference(rule)
                 for kind in rule.classes():
                     self.beliefs.declare(kind)
+                self.intentions.waits.relearn()
             else:
                 for plan in flat([rule]):
                     self._add_plan(plan, first)
@@ -129,6 +152,9 @@ class Engine:
         compiled, beliefs = self.interpreter.own_library().add(plan, first=first), self.beliefs
         for kind in plan.classes():
             beliefs.declare(kind)
+        if not isinstance(plan.event.literal, Literal):
+            beliefs.use(self.interpreter.library)
+            return
         beliefs.listen(plan.event.key)
         if plan.event.change is Change.HELD:
             relation = beliefs.relation(plan.event.literal.key)
@@ -155,6 +181,8 @@ class Engine:
 
     def add_sensor(self, sensor: Sensor) -> None:
         """Add a sensor, from any thread, and start to poll it if it has a period."""
+        if not isinstance(sensor, Sensor):
+            raise RuleError(f"{sensor!r} is not a sensor", where=self.name, remedy="give an instance of a Sensor class")
         sensor.attach(self)
 
     def compile_plans(self) -> None:
@@ -172,22 +200,30 @@ class Engine:
             cause: The id of the trace record or message that led to it.
             since: The begin of the belief (ns); by default now.
         """
-        item = belief.posted
+        try:
+            item = belief.posted
+        except AttributeError:
+            item = None
         if item is None or item[0].base is not self.beliefs:
+            if not isinstance(belief, Belief):
+                check_belief(belief, "believe")
             item = self.interpreter.admit(belief)
         if source != "self" or cause or since is not None:
+            if not isinstance(source, (str, Atom)):
+                raise RuleError(f"{source!r} is not a source", where=self.name, remedy="give the name of an agent")
             item = (item[0], item[1], belief.annotations + source_notes(source), cause, since)
         self._inbox.append(item)
         if self.wake is not None and not self.interpreter.signalled:
             self.interpreter.signal()
 
     def forget(self, belief: Belief, *, cause: str = "") -> None:
-        """Remove the matching beliefs with all their sources; variables match anything."""
+        """Remove the matching beliefs, with all their sources or those of ``belief``; variables match anything."""
+        check_belief(belief, "forget")
         self.interpreter.post(MindChange(self.interpreter.forget, belief, cause))
 
     def achieve(self, goal: Goal | Literal, *, cause: str = "") -> None:
         """Adopt a goal in a new intention."""
-        goal.check()
+        check_goal(goal)
         self.interpreter.post(MindChange(self._want, goal, goal.annotations or SELF, cause))
 
     def perceive(self, sensor: Sensor, percept: Any, *, cause: str = "", since: int | None = None) -> None:
@@ -213,7 +249,7 @@ class Engine:
 
         ``engine.intentions.drop(intention, then)`` abandons it, and calls ``then`` after its actions have stopped.
         """
-        goal.check()
+        check_goal(goal)
         intentions = self.intentions
         request = (SUBGOAL, self.library.triggers[f"+!{goal.key}"], goal.args, goal.annotations or SELF, cause)
         intention = intentions.new(request)
@@ -241,6 +277,8 @@ class Engine:
             while not self._stopping:
                 if not self.run_until_idle(16):
                     due = self.next_wakeup()
+                    if due is not None:
+                        check_running(self.clock, self.name)
                     wakeup.wait(None if due is None else (due - self.clock.now()) / SECOND)
         finally:
             self.wake = host
@@ -251,13 +289,12 @@ class Engine:
         """Snapshot of the beliefs, desires and intentions."""
         return MentalState(tuple(self.beliefs), self.intentions.desires(), tuple(self.intentions))
 
-    def query(self, condition: object) -> Iterator[dict[str, Any]]:
-        """Solutions of a condition, as the values of its variables by name."""
+    def query(self, condition: object) -> Solutions:
+        """Solutions of a condition, as the values of its variables by name; false if there is none."""
         from socialbot.bdi.compiler._plans import compile_query
 
         names, solve = compile_query(conjunction(condition), self.library)
-        for found in list(solve(self.interpreter, [])):
-            yield dict(zip(names, found, strict=True))
+        return Solutions([dict(zip(names, found, strict=True)) for found in solve(self.interpreter, [])])
 
     def why_not(self, plan: Plan | str, *args: Any) -> str:
         """Reason why a plan, given by itself or its label, does not apply to an event with these arguments."""

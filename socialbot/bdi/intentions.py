@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,17 @@ if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import HeldBelief
     from socialbot.bdi.library import CompiledPlan, Trigger
+    from socialbot.bdi.plans import Origin
 
 SUBGOAL, TAIL, EVENT, OPEN = 0, 1, 2, 4
-"""Kinds of requests: goal, goal as last step, internal event; the flag ``OPEN`` marks unbound variables."""
+"""Kinds of requests: goal, goal as last step, internal event; the flag ``OPEN`` marks unbound variables.
+
+If each argument is either a value or an unbound variable, the bits from `MODE` on tell which are variables, the first
+argument in the lowest one.
+"""
+
+MODE = 3
+"""Number of the lowest bit of a mode."""
 
 DONE = object()
 """Result of a plan without remaining steps."""
@@ -29,8 +37,11 @@ KEPT: Any = object()
 GENERATED_FILE = "<plan>"
 """Prefix of the file names of generated code; tracebacks omit the lines of files ending with ``>``."""
 
-END = object()
-"""Result of a body without remaining steps."""
+END, NEXT = object(), object()
+"""Result of a body without remaining steps, and of a step that was not executed yet."""
+
+GENERATOR = type(_ for _ in ())
+"""Class of the bodies of plans."""
 
 REASONS = {
     "action_failed": "the action failed",
@@ -43,6 +54,7 @@ REASONS = {
     "wrong_arguments": "wrong number or kind of arguments of an internal action",
     "no_value": "a variable has no value",
     "timeout": "the time limit has passed",
+    "deadline_reached": "the deadline has passed",
     "wait_timeout": "the event did not occur, or the condition did not hold, in time",
     "ask_failed": "the answer to a question does not match",
     "cancelled": "the goal was dropped",
@@ -63,7 +75,7 @@ class Failed(PlanFailed):
         self.annotations = annotations
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Failure:
     """Failure of a goal: reason, message, failed step, trace record, and place in the text of the plan."""
 
@@ -72,7 +84,7 @@ class Failure:
     step: str
     cause: Any
     more: tuple[Any, ...] = ()
-    where: str = ""
+    where: Origin | None = None
 
     @property
     def annotations(self) -> tuple[Any, ...]:
@@ -86,8 +98,25 @@ Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
 Body = Any
 """Generator of the remaining steps of a plan."""
 
+
+@dataclass(frozen=True, slots=True)
+class SpecialBody:
+    """Body of an atomic plan, or with ``begun`` of a plan whose first steps were executed in place."""
+
+    body: Body
+    begun: bool
+
+
 Frame = tuple["Body | None", "Request | None", "CompiledPlan | None"]
 """Active plan: its steps, its goal, and the plan. A frame without steps keeps a goal for its failure plans."""
+
+
+QueuedPlan = tuple[Body, "CompiledPlan", int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
+"""Intention of a single plan for an event: body, plan, number and event. It becomes an `Intention` when it pauses,
+pursues a goal or is looked at; most of them never do, and a tuple is made and forgotten faster."""
+
+SHOWN_LEVELS = 8
+"""Largest number of levels in the text of an intention."""
 
 
 class Intention:
@@ -126,6 +155,8 @@ class Intention:
 
     def __str__(self) -> str:
         stack = [str(ready.plan.event) for _, _, ready in reversed(self.frames) if ready and ready is not KEPT]
+        if len(stack) > SHOWN_LEVELS:
+            stack[SHOWN_LEVELS - 2 : -1] = [f"{len(stack) - SHOWN_LEVELS + 1} more"]
         return " < ".join(stack) + (f" ({self.pause})" if self.pause else "")
 
 
@@ -169,6 +200,40 @@ class Pause:
         self.interpreter.timers.after(seconds, expire, lambda: self.intention is None)
 
 
+def timed(pause: Pause | None, elapsed: Any) -> Pause | None:
+    """Bind the duration of a pause (ms); the end of its limit is no failure."""
+    if pause is None:
+        unify(elapsed, 0, [])
+        return None
+    begin, end, limit = pause.begin, pause.end, pause.limit
+    since = 0
+
+    def begin_timed(interpreter: Interpreter, intention: Any) -> None:
+        nonlocal since
+        since = interpreter.now()
+        begin(interpreter, intention)
+
+    def end_timed(problem: Exception | None = None) -> None:
+        if problem is None:
+            unify(elapsed, (pause.interpreter.now() - since) // 1_000_000, [])
+        end(problem)
+
+    def limit_timed(seconds: float, problem: Exception) -> None:
+        if not isinstance(problem, Failed) or problem.reason != "wait_timeout":
+            limit(seconds, problem)
+            return
+        pause.interpreter.timers.after(seconds, expire, lambda: pause.intention is None)
+
+    def expire() -> None:
+        intention = pause.intention
+        pause.cancel(lambda: None)
+        pause.intention = intention
+        end_timed()
+
+    pause.begin, pause.end, pause.limit = begin_timed, end_timed, limit_timed  # type: ignore[method-assign]
+    return pause
+
+
 @dataclass(eq=False)
 class Sleep(Pause):
     """Pause for a duration."""
@@ -191,11 +256,12 @@ class EventPause(Pause):
     args: tuple[Any, ...]
     notes: tuple[Any, ...]
     limit_s: float | None
+    number: int = 0
+    place: Any = None
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
-        interpreter.intentions.waiting.setdefault(self.key, []).append(self)
-        interpreter.beliefs.listen(self.key)
+        interpreter.intentions.waits.await_event(self)
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))
 
@@ -208,7 +274,7 @@ class EventPause(Pause):
         return False
 
     def cancel(self, then: Callable[[], None]) -> None:
-        self.interpreter.intentions.unlisten(self)
+        self.interpreter.intentions.waits.forget_event(self)
         super().cancel(then)
 
     def __str__(self) -> str:
@@ -217,15 +283,23 @@ class EventPause(Pause):
 
 @dataclass(eq=False)
 class ConditionPause(Pause):
-    """Pause until a condition holds."""
+    """Pause until a condition holds.
+
+    ``beliefs`` are the keys of the beliefs in the condition, each with the known arguments; None if the condition
+    depends on other things. ``cells`` are its variables that may have no value yet.
+    """
 
     solve: Callable[[], Any]
     found: list[Any]
     limit_s: float | None
+    beliefs: tuple[tuple[str, tuple[Any, ...]], ...] | None = None
+    cells: tuple[Any, ...] = ()
+    number: int = 0
+    places: list[Any] | None = None
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
-        interpreter.intentions.conditions.append(self)
+        interpreter.intentions.waits.await_condition(self)
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"the condition did not hold in {self.limit_s} s"))
 
@@ -235,9 +309,12 @@ class ConditionPause(Pause):
             self.found.append(solution)
         return solution is not None
 
+    def may_be_bound(self) -> bool:
+        """Whether a parallel branch may bind a variable of the condition."""
+        return self.intention is not None and self.intention.event is None and not closed(self.cells)
+
     def cancel(self, then: Callable[[], None]) -> None:
-        if self in self.interpreter.intentions.conditions:
-            self.interpreter.intentions.conditions.remove(self)
+        self.interpreter.intentions.waits.forget_condition(self)
         super().cancel(then)
 
     def __str__(self) -> str:
@@ -322,9 +399,15 @@ def _shown(term: Any) -> Any:
     return Variable(term.name if term.name.isidentifier() else "_") if term.__class__ is Var else term
 
 
-def origin_of(plan: CompiledPlan | None) -> str:
+def origin_of(plan: CompiledPlan | None) -> Origin | None:
     """Source location of a plan, if known."""
-    return "" if plan is None or plan is KEPT or plan.plan.origin is None else str(plan.plan.origin)
+    return None if plan is None or plan is KEPT else plan.plan.origin
+
+
+def mode_of(free: Iterable[bool]) -> int:
+    """Return the flags of a request whose arguments are values, except for the ``free`` ones."""
+    mode = sum(1 << i for i, unbound in enumerate(free) if unbound)
+    return OPEN | mode << MODE if mode else 0
 
 
 def subgoal(trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> Request:

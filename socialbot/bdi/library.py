@@ -4,32 +4,37 @@ from __future__ import annotations
 
 import functools
 import itertools
-import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
-from socialbot.bdi.literals import Belief, Computed, Goal, Literal, Structure, ground
-from socialbot.bdi.plans import Inference, Plan, flat
-from socialbot.bdi.steps import Step
+from socialbot.bdi.literals import Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
+from socialbot.bdi.plans import Inference, Plan, flat, parts_of, unbound_result
+from socialbot.bdi.stdlib import looks_at_goals
+from socialbot.bdi.steps import PlanBody, Step
+from socialbot.bdi.terms import Variable
 from socialbot.core.errors import RuleError
 
 Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
 """Tries a plan for the arguments and annotations of an event, and its record; None if it does not apply."""
 
-FEW = 2
+BODY = "{body}"
+"""Name of the goal whose plan is a value."""
+
+FEW = 1
 """Maximum number of plans that are tried in sequence; more plans are indexed."""
 
 
 class CompiledPlan:
     """Plan of a library with its code, generated at the first use.
 
-    ``run`` tries the plan for an event, ``run_open`` for a goal with variables; ``probe`` counts the conditions that
-    hold. ``lines`` are the steps by line of the code.
+    ``run`` tries the plan for an event, ``run_open`` for a goal with variables, ``modes`` for a goal in which some
+    arguments are unbound variables and the others values; ``probe`` counts the conditions that hold. ``lines`` are the
+    steps by line of the code, ``texts`` the texts of those that failed before.
     """
 
-    __slots__ = ("_shown", "library", "lines", "plan", "probe", "run", "run_open")
+    __slots__ = ("_shown", "library", "lines", "modes", "plan", "probe", "run", "run_open", "texts")
 
     def __init__(self, plan: Plan, library: Library) -> None:
         self.plan = plan
@@ -47,17 +52,32 @@ class CompiledPlan:
         self.run: Run = functools.partial(self._compile_and_run, "run")
         self.run_open: Run = functools.partial(self._compile_and_run, "run_open")
         self.probe: Callable[..., None] = functools.partial(self._compile_and_run, "probe")
+        self.modes: dict[int, Run] = {}
         self.lines: dict[int, Step] = {}
+        self.texts: dict[Step, str] = {}
+
+    def in_mode(self, mode: int) -> Run:
+        """Function for a goal whose arguments are values, except for the unbound variables of a mode."""
+        from socialbot.bdi.compiler._plans import compile_plan
+
+        if not isinstance(self.run_open, functools.partial):
+            return self.run_open
+        self.modes[mode] = run = compile_plan(self, mode=mode)
+        return run
 
     def compile(self, *names: str) -> None:
         """Compile some of the functions ``run``, ``run_open`` and ``probe``, if not done yet; by default ``run``."""
         # Imported here, because the compiler is large.
-        from socialbot.bdi.compiler._plans import compile_plan, compile_probe
+        from socialbot.bdi.compiler._plans import ANY_MODE, compile_plan, compile_probe
 
         for name in names or ("run",):
             if isinstance(getattr(self, name), functools.partial):
                 probe = name == "probe"
-                setattr(self, name, compile_probe(self) if probe else compile_plan(self, opened=name == "run_open"))
+                setattr(
+                    self,
+                    name,
+                    compile_probe(self) if probe else compile_plan(self, mode=ANY_MODE if name == "run_open" else 0),
+                )
 
     def _compile_and_run(self, name: str, *args: Any) -> Any:
         self.compile(name)
@@ -80,18 +100,25 @@ def record_behind(error: BaseException) -> Any:
 
 
 def _generated_frames(error: BaseException) -> Iterator[tuple[FrameType, int]]:
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        if frame.f_code.co_filename.startswith(GENERATED_FILE):
-            yield frame, line
+    entry = error.__traceback__
+    while entry is not None:
+        if entry.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
+            yield entry.tb_frame, entry.tb_lineno
+        entry = entry.tb_next
 
 
 class Trigger:
-    """Plans for one kind of event, indexed by the most selective argument."""
+    """Plans for one kind of event, indexed by the most selective argument.
 
-    __slots__ = ("by", "goal", "key", "plans", "position", "rest")
+    ``failure`` is the trigger of the failure plans of a goal, once it was needed; ``annotated`` tells whether a plan
+    requires annotations of its event.
+    """
+
+    __slots__ = ("annotated", "by", "failure", "goal", "key", "plans", "position", "rest")
 
     def __init__(self, key: str, plans: tuple[CompiledPlan, ...] = ()) -> None:
         self.key = key
+        self.failure: Trigger | None = None
         self.goal = key[1:2] in ("!", "?")
         self.plans = plans
         self.index()
@@ -113,10 +140,12 @@ class Trigger:
             self.index()
         else:
             self.plans += (compiled,)
+            self.annotated = self.annotated or bool(compiled.plan.event.literal.annotations)
             self.by[value] = (*self.by.get(value, self.rest), compiled)
 
     def index(self) -> None:
         heads = [compiled.plan.event.literal.args for compiled in self.plans]
+        self.annotated = any(compiled.plan.event.literal.annotations for compiled in self.plans)
         constants = [sum(map(_is_constant, column)) for column in zip(*heads, strict=True)]
         self.position = constants.index(max(constants)) if len(heads) > FEW and any(constants) else None
         self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
@@ -135,10 +164,16 @@ class Trigger:
 
 
 class Triggers(dict[str, Trigger]):
-    """Triggers by key, such as ``+!at/2``; a missing trigger is created."""
+    """Triggers by key, such as ``+!at/2``; a missing trigger is created, with the plans for any trigger."""
+
+    def __init__(self, library: Library) -> None:
+        super().__init__()
+        self._library = library
 
     def __missing__(self, key: str) -> Trigger:
         trigger = self[key] = Trigger(key)
+        for plan in self._library.general:
+            self._library.specialise(plan, trigger)
         return trigger
 
 
@@ -146,25 +181,37 @@ class Library:
     """Plans, inferences and computed beliefs of one agent; agents share a library until one changes it."""
 
     def __init__(self, *rules: Plan | Inference | list[Plan]) -> None:
-        self.triggers = Triggers()
+        self.triggers = Triggers(self)
+        self.general: dict[Plan, list[Plan]] = {}
         self.inferences: dict[str, list[CompiledInference]] = {}
         self.computed: dict[str, Computed] = {}
         self.kinds: dict[str, type[Belief]] = {}
         self.goals: dict[str, type[Goal]] = {}
+        self.requested: set[tuple[str, int]] = set()  # goals of compiled plans, with their modes
         self.users = 0
         self._labels: dict[str, CompiledPlan] = {}
+        self._given: dict[str, Plan] = {}
+        self._open: set[str] = set()
+        self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
         for rule in rules:
             self.add_rule(rule)
 
     def __iter__(self) -> Iterator[Plan]:
+        special = {id(plan) for plans in self.general.values() for plan in plans}
         for trigger in list(self.triggers.values()):
             for compiled in trigger.plans:
-                yield compiled.plan
+                if id(compiled.plan) not in special:
+                    yield compiled.plan
+        yield from self.general
 
     def copy(self) -> Library:
         twin = Library()
-        for plan in self:
-            twin.add(plan)
+        for trigger in self.triggers.values():
+            copied = twin.triggers[trigger.key]
+            copied.plans = tuple(CompiledPlan(compiled.plan, twin) for compiled in trigger.plans)
+            copied.index()
+        twin.general = {plan: list(special) for plan, special in self.general.items()}
+        twin._labels = {label: CompiledPlan(compiled.plan, twin) for label, compiled in self._labels.items()}
         for inferences in self.inferences.values():
             for compiled in inferences:
                 twin.add_inference(compiled.inference)
@@ -187,15 +234,43 @@ class Library:
                 f"the label {plan.label} is already used", where=str(plan.origin or plan), remedy="choose another label"
             )
         compiled = CompiledPlan(plan, self)
+        if not self.keeps_goals and looks_at_goals(plan):
+            self.keeps_goals = True
+            self.recompile()
         for kind in plan.classes():
             self.declare(kind)
+        self._expect_rules(plan.body)
         if plan.label is not None:
             self._labels[plan.label] = compiled
-        self.triggers[plan.event.key].add(compiled, first=first)
+        if isinstance(plan.event.literal, Literal):
+            self.triggers[plan.event.key].add(compiled, first=first)
+            return compiled
+        self.general[plan] = []
+        for trigger in list(self.triggers.values()):
+            self.specialise(plan, trigger, first=first)
         return compiled
+
+    def specialise(self, plan: Plan, trigger: Trigger, *, first: bool = False) -> None:
+        """Add a plan whose trigger is a variable to a trigger of its kind."""
+        sign = plan.event.change.value
+        name = trigger.key.removeprefix(sign)
+        if name == trigger.key or name[:1] in "!?" or BODY in name:
+            return
+        from socialbot.bdi.compiler._dynamic import specialised
+
+        found = specialised(plan, trigger.key)
+        if found is None:
+            return
+        self.general[plan].append(found)
+        trigger.add(CompiledPlan(found, self), first=first)
 
     def remove(self, plan: Plan) -> bool:
         """Remove a plan; return whether it existed."""
+        if plan in self.general:
+            for special in self.general.pop(plan):
+                self.remove(special)
+            self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
+            return True
         trigger = self.triggers.get(plan.event.key)
         kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
         if trigger is None or len(kept) == len(trigger.plans):
@@ -203,24 +278,77 @@ class Library:
         trigger.plans = kept
         trigger.index()
         self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
+        self._given = {label: given for label, given in self._given.items() if given is not plan}
         return True
 
     def labelled(self, label: str) -> Plan | None:
         compiled = self._labels.get(label)
-        return compiled.plan if compiled else None
+        return compiled.plan if compiled else self._given.get(label)
+
+    def given_label(self, plan: Plan) -> str:
+        """Name of a plan without a label, the same each time."""
+        known = next((name for name, other in self._given.items() if other is plan), None)
+        if known is None:
+            known = next(name for name in map("p__{}".format, itertools.count(1)) if self.labelled(name) is None)
+            self._given[known] = plan
+        return known
+
+    def _expect_rules(self, part: object) -> None:
+        """Prepare for rules that a step of a plan may add, such as ``+{b :- c}``."""
+        for inner in parts_of(part):
+            if isinstance(inner, Inference) and inner.head.key not in self.inferences:
+                self.inferences[inner.head.key] = []
+                self.recompile()
+            elif isinstance(inner, (Step, tuple, Plan, PlanBody)):
+                self._expect_rules(inner)
 
     def add_inference(self, inference: Inference) -> None:
         for kind in inference.classes():
             self.declare(kind)
+        if not self.keeps_goals and looks_at_goals(inference.condition):
+            self.keeps_goals = True
+            self.recompile()
         new = inference.head.key not in self.inferences
         self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
-        if new:
+        if self._find_open() or new:
             self.recompile()
+
+    def remove_inference(self, inference: Inference) -> bool:
+        """Remove an equal inference; return whether it existed."""
+        rules = self.inferences.get(inference.head.key, [])
+        wanted = _canonical(inference)
+        found = next((rule for rule in rules if _canonical(rule.inference) == wanted), None)
+        if found is None:
+            return False
+        rules.remove(found)
+        return True
+
+    def _find_open(self) -> bool:
+        """Find the beliefs that may follow with unbound variables; return whether there are new ones."""
+        before = len(self._open)
+        while True:
+            known = len(self._open)
+            for key, rules in self.inferences.items():
+                if key not in self._open and any(unbound_result(rule.inference, self._open) for rule in rules):
+                    self._open.add(key)
+            if len(self._open) == known:
+                return known > before
+
+    def is_open(self, key: str) -> bool:
+        """Whether beliefs of this key may follow with unbound variables."""
+        return key in self._open
 
     def declare(self, kind: type[Literal]) -> None:
         if issubclass(kind, Goal):
             self.goals[kind.functor] = kind
         elif issubclass(kind, Belief) and kind is not Structure:
+            known = self.kinds.get(kind.functor)
+            if known is not None and known is not kind and _nature(known) is not _nature(kind):
+                raise RuleError(
+                    f"{kind.functor} is a {_nature(known).__name__} and a {_nature(kind).__name__}",
+                    where=f"{known.__module__} and {kind.__module__}",
+                    remedy="give each class of beliefs a name of its own",
+                )
             self.kinds[kind.functor] = kind
 
     def derives(self, key: str) -> bool:
@@ -236,8 +364,16 @@ class Library:
         """Compile all plans and inferences, for all kinds of events and for the trace."""
         for trigger in list(self.triggers.values()):
             for compiled in trigger.plans:
-                opened = ["run_open"] if trigger.goal and compiled.plan.event.literal.args else []
-                compiled.compile("run", "probe", *opened)
+                compiled.compile("run", "probe")
+        while self.requested:
+            key, mode = self.requested.pop()
+            for compiled in self.triggers[key].plans:
+                if mode not in compiled.modes:
+                    compiled.in_mode(mode)
+        for trigger in list(self.triggers.values()):
+            for compiled in trigger.plans:
+                if trigger.goal and compiled.plan.event.literal.args:
+                    compiled.compile("run_open")
         for inferences in self.inferences.values():
             for rule in inferences:
                 rule.compile()
@@ -247,6 +383,20 @@ class Library:
         plans = (compiled for trigger in self.triggers.values() for compiled in trigger.plans)
         for compiled in itertools.chain(plans, *self.inferences.values()):
             compiled.reset()
+
+
+def _canonical(rule: Inference) -> str:
+    """Text of a rule that does not depend on the names of its variables."""
+    from socialbot.bdi.compiler._dynamic import substituted, variables_of
+
+    names = {name: Variable(f"V{number}") for number, name in enumerate(variables_of(rule))}
+    plain = substituted(rule, names)
+    return f"{plain.head!s} << {plain.condition!s}"
+
+
+def _nature(kind: type[Belief]) -> type[Belief]:
+    """Base class that says how beliefs of a class are held."""
+    return next(base for base in (Reactor, Computed, SingletonBelief, Belief) if issubclass(kind, base))
 
 
 def _is_constant(term: object) -> bool:
@@ -260,12 +410,23 @@ def _is_constant(term: object) -> bool:
 class CompiledInference:
     """Inference of a library with its code."""
 
-    __slots__ = ("inference", "library", "solve")
+    __slots__ = ("_beliefs", "inference", "library", "solve")
 
     def __init__(self, inference: Inference, library: Library) -> None:
         self.inference = inference
         self.library = library
+        self._beliefs: tuple[str, ...] | None = ()
         self.reset()
+
+    @property
+    def beliefs(self) -> tuple[str, ...] | None:
+        """Keys of the beliefs in the condition; None if it depends on other things, such as the time."""
+        if self._beliefs == ():
+            from socialbot.bdi.compiler._conditions import beliefs_in
+
+            named = beliefs_in(self.inference.condition)
+            self._beliefs = None if named is None else tuple(literal.key for literal in named)
+        return self._beliefs
 
     def reset(self) -> None:
         self.solve: Callable[..., Iterator[None]] = self._solve

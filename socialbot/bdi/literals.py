@@ -8,7 +8,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from socialbot.bdi.terms import NOTHING, Atom, Condition, Conjunction, Pattern, Variable, conjunction, names_in, show
+from socialbot.bdi.terms import (
+    NOTHING,
+    Atom,
+    Condition,
+    Conjunction,
+    Pattern,
+    Term,
+    Variable,
+    conjunction,
+    names_in,
+    order,
+    show,
+)
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -33,7 +45,10 @@ SIGNS = {Change.WANTED: "", Change.FAILED: "-", Change.ASKED: "?", Change.UNANSW
 
 @dataclass(eq=False, repr=False)
 class Event(Pattern):
-    """Change of a belief or goal: the head of a plan or, for beliefs, a step of its body."""
+    """Change of a belief or goal: the head of a plan or, for beliefs, a step of its body.
+
+    In AgentSpeak, ``literal`` may be a `Variable` or `LiteralVariable`: such a plan handles every event of its kind.
+    """
 
     change: Change
     literal: Literal
@@ -44,6 +59,8 @@ class Event(Pattern):
         """Key of the trigger with the relevant plans, as in ``+!at/2``."""
         if self.change is Change.CHANGED:
             return f"{self.change.value}{self.literal.functor}/{len(self.literal.args) // 2}"
+        if not isinstance(self.literal, Literal):
+            return f"{self.change.value}*"
         return self.change.value + self.literal.key
 
     def __truediv__(self, condition: object) -> PlanHead:
@@ -51,6 +68,17 @@ class Event(Pattern):
 
     def __rshift__(self, body: Iterable[object]) -> Plan:
         return PlanHead(self, NOTHING) >> body
+
+    def __pos__(self) -> Event:
+        raise RuleError(f"{self} is an event already", remedy="leave out the +")
+
+    def __and__(self, other: object) -> Any:
+        raise RuleError(
+            f"{self} is an event, which cannot be joined with other parts",
+            remedy="write event / (condition & condition) >> [...]; give each event a plan of its own",
+        )
+
+    __rand__ = __or__ = __ror__ = __and__
 
     def __str__(self) -> str:
         if self.change is Change.HELD:
@@ -60,7 +88,7 @@ class Event(Pattern):
             half = len(self.literal.args) // 2
             now, before = self.literal.with_(args=self.literal.args[:half]), self.literal.args[half:]
             return f"{now}.changed({', '.join(map(show, before))})"
-        return f"{SIGNS.get(self.change, self.change.value)}{self.literal}"
+        return f"{SIGNS.get(self.change, self.change.value)}{self.literal!s}"
 
 
 @dataclass(eq=False, repr=False)
@@ -72,6 +100,11 @@ class HeldFor(Pattern):
 
     def __pos__(self) -> Event:
         return Event(Change.HELD, self.belief, self.seconds)
+
+    def __truediv__(self, condition: object) -> Any:
+        raise RuleError(f"{self} alone is not an event", remedy=f"write +{self}")
+
+    __rshift__ = __truediv__
 
     def __str__(self) -> str:
         return str(+self)[1:]
@@ -102,7 +135,8 @@ Seconds = float | Callable[[], float]
 """Duration, or a function that returns it at the start of the wait."""
 
 
-_PLAIN = frozenset({str, int, float, bool, Atom, type(None)})
+ATOMIC = frozenset({str, int, float, bool, Atom, type(None)})
+"""Classes of the values without parts."""
 
 
 class _Key:
@@ -138,7 +172,7 @@ class Literal(Pattern):
 
     def check(self) -> None:
         """Raise RuleError for variables or mutable values."""
-        if not self.annotations and all(arg.__class__ in _PLAIN for arg in self.args):
+        if not self.annotations and all(arg.__class__ in ATOMIC for arg in self.args):
             return
         if not ground(self.args) or not ground(self.annotations):
             raise RuleError(f"{self} has a variable", remedy="give values only")
@@ -164,7 +198,13 @@ class Literal(Pattern):
 
     def __getitem__(self: T, annotations: object) -> T:
         added = annotations if isinstance(annotations, tuple) else (annotations,)
-        return self.with_(annotations=(*self.annotations, *added))
+        for note in added:
+            if not isinstance(note, (str, Atom, Literal, Term)):
+                raise RuleError(
+                    f"{note!r} is not an annotation of {self!s}",
+                    remedy=f'write annotations as {self.functor}(...)[source("bob")]; arguments are in literal.args',
+                )
+        return self.with_(annotations=(*self.annotations, *map(symbol, added)))
 
     __iter__ = None  # else __getitem__ would make it an endless iterable
 
@@ -179,6 +219,18 @@ class Literal(Pattern):
 
     def __hash__(self) -> int:
         return hash((self.functor, self.args))
+
+    def __lt__(self, other: object) -> bool:
+        return order(self) < order(other)
+
+    def __gt__(self, other: object) -> bool:
+        return order(self) > order(other)
+
+    def __le__(self, other: object) -> bool:
+        return order(self) <= order(other)
+
+    def __ge__(self, other: object) -> bool:
+        return order(self) >= order(other)
 
     def __str__(self) -> str:
         name = f"{'~' if self.negated else ''}{self.functor}"
@@ -212,6 +264,8 @@ class Belief(Literal, Condition):
 
     def held_for(self, seconds: Seconds) -> HeldFor:
         """Event that this belief has been held continuously for ``seconds``."""
+        if not callable(seconds):
+            check_seconds(seconds, f"{self}.held_for")
         return HeldFor(self, seconds)
 
     def changed(self, *before: object) -> Event:
@@ -233,7 +287,7 @@ class Belief(Literal, Condition):
         """Inference ``near(X) << (at(X, D) & (D < 2))``: the belief follows from the condition."""
         from socialbot.bdi.plans import Inference
 
-        return Inference(self, conjunction(condition))
+        return Inference(self, conjunction(condition)).check()
 
 
 class Structure(Belief):
@@ -272,6 +326,8 @@ class TimedLiteral(Literal):
 
     def within(self: T, seconds: object) -> T:
         """Copy of the goal or action that fails (``timeout``) if it has not ended after ``seconds``."""
+        if not isinstance(seconds, Term):
+            check_seconds(seconds, f"{self}.within")
         twin: Any = copy.copy(self)
         twin.limit_s = seconds
         return twin
@@ -279,6 +335,15 @@ class TimedLiteral(Literal):
 
 class Goal(TimedLiteral):
     """Achievement goal: the head of a plan, or a step that pursues it at once."""
+
+    def __pos__(self) -> Any:
+        raise RuleError(
+            f"+{self} is not written: goals have no +",
+            remedy=f"write {self} >> [...] for its plan, {self} or apart({self}) as a step, engine.achieve({self})",
+        )
+
+    def __lshift__(self, condition: object) -> Any:
+        raise RuleError(f"{self} is a goal, which follows from nothing", remedy=f"write {self} / condition >> [...]")
 
     def __neg__(self) -> Event:
         """Event of the failure of this goal."""
@@ -291,16 +356,37 @@ class Goal(TimedLiteral):
         return Event(Change.WANTED, self) >> body
 
 
+def symbol(term: object) -> object:
+    """Convert a string to the equally named atom; return other terms unchanged."""
+    return Atom(str(term)) if isinstance(term, str) else term
+
+
+class Symbolic(Literal):
+    """Literal whose first ``symbols`` arguments are names, such as those of agents.
+
+    Strings there become atoms, and in a rule in Python the variables there have a `Name` as value.
+    """
+
+    symbols: ClassVar[int] = 1
+
+    def __init__(self, *args: object) -> None:
+        for arg in args[: self.symbols]:
+            if isinstance(arg, str):
+                args = (*map(symbol, args[: self.symbols]), *args[self.symbols :])
+                break
+        self.args = args
+
+
 class Annotation(Literal):
     """Annotation of a belief, goal or event, written in brackets, such as ``source(S)``."""
 
 
-class source(Annotation):  # noqa: N801 - written as AgentSpeak writes it
+class source(Symbolic, Annotation):  # noqa: N801 - written as AgentSpeak writes it
     """Source of a belief or goal: ``self``, ``percept`` or the name of an agent."""
 
 
-class error(Annotation):  # noqa: N801
-    """Reason of a failure, as an `Atom` (see `socialbot.bdi.intentions`)."""
+class error(Symbolic, Annotation):  # noqa: N801
+    """Reason of a failure, such as ``timeout`` (see `socialbot.bdi.intentions`)."""
 
 
 class error_msg(Annotation):  # noqa: N801
@@ -314,7 +400,14 @@ PERCEPT = (source(Atom("percept")),)
 
 def source_notes(name: str) -> tuple[Literal, ...]:
     """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent."""
-    return PERCEPT if name == "percept" else SELF if name == "self" else (source(Atom(name)),)
+    return PERCEPT if name == "percept" else SELF if name == "self" else (source(name),)
+
+
+def check_seconds(seconds: object, what: str) -> None:
+    """Check a duration. Raises RuleError unless it is a number, 0 or more."""
+    if not isinstance(seconds, (int, float)) or isinstance(seconds, bool) or not seconds >= 0:
+        shown = show(seconds)
+        raise RuleError(f"{what}({shown}) is not a duration", remedy="give a number of seconds, 0 or more")
 
 
 def ground(term: object) -> bool:

@@ -5,23 +5,47 @@ Both the operators of this package and AgentSpeak text create plans.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, Reactor, Structure
-from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
+from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
+from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, Symbolic
+from socialbot.bdi.steps import (
+    Achieve,
+    Action,
+    Ask,
+    Await,
+    Constrain,
+    Do,
+    Enter,
+    For,
+    Forget,
+    Fork,
+    If,
+    Step,
+    Update,
+    While,
+)
 from socialbot.bdi.terms import (
-    Call,
+    Aggregate,
     Comparison,
+    Computation,
     Condition,
     Conjunction,
     Cons,
     Disjunction,
     Expression,
+    Holds,
+    LiteralVariable,
     Negation,
     Pattern,
+    Rest,
+    Term,
     Variable,
-    names_in,
+    needed_names,
+    show,
+    written_condition,
 )
 from socialbot.core.errors import RuleError
 
@@ -58,18 +82,23 @@ class Plan:
     text: str | None = None
 
     def check(self) -> Plan:
-        """Return the plan. Raises RuleError for a plan that can never run."""
-        if isinstance(self.event.literal, Reactor) and self.event.change is not Change.ADDED:
-            raise RuleError(
-                f"{self.event} never happens: a Reactor is an event only",
-                where=str(self),
-                remedy="react to +event, or make it a Belief",
-            )
-        if any(isinstance(arg, (Expression, Call)) for arg in self.event.literal.args):
+        """Return the plan. Raises RuleError for a plan that can never run.
+
+        In AgentSpeak, a variable without a value fails its step instead.
+        """
+        with _located(self):
+            check_event(self.event)
+            head = self.event.literal
+            if isinstance(head, Literal):
+                check_values(head)
+        computed = isinstance(head, Literal) and any(
+            isinstance(arg, Term) and not isinstance(arg, (Variable, Cons, LiteralVariable)) for arg in head.args
+        )
+        if computed:
             raise RuleError(
                 f"{self.event} computes in its arguments", where=str(self), remedy="compare in the condition instead"
             )
-        _Checker(self)
+        _Checker(self, strict=self.text is None).check()
         return self
 
     def classes(self) -> Iterator[type[Literal]]:
@@ -80,7 +109,7 @@ class Plan:
     def __str__(self) -> str:
         if self.text is not None:
             return self.text
-        condition = f" / ({self.condition})" if self.condition.terms else ""
+        condition = f" / ({written_condition(self.condition)})" if self.condition.terms else ""
         return f"{self.event}{condition} >> [{', '.join(map(str, self.body))}]"
 
 
@@ -93,13 +122,18 @@ class Inference:
     origin: Origin | None = None
     text: str | None = None
 
+    def check(self) -> Inference:
+        """Return the inference. Raises RuleError for one that can never hold."""
+        _Checker(self, strict=self.text is None).check()
+        return self
+
     def classes(self) -> Iterator[type[Literal]]:
         """Classes of the beliefs in the head and the condition."""
         yield from _classes(self.head)
         yield from _classes(self.condition)
 
     def __str__(self) -> str:
-        return self.text or f"{self.head} << ({self.condition})"
+        return self.text or f"{self.head} << ({written_condition(self.condition)})"
 
 
 def atomic(*plans: Plan | list[Plan]) -> list[Plan]:
@@ -109,16 +143,24 @@ def atomic(*plans: Plan | list[Plan]) -> list[Plan]:
 
 def priority(rank: int, *plans: Plan | list[Plan]) -> list[Plan]:
     """Set the priority of plans; higher values are tried first."""
+    if not isinstance(rank, int) or isinstance(rank, bool):
+        raise RuleError(f"{show(rank)} is not a priority", remedy="write priority(2, plan, ...)")
     return [replace(plan, priority=rank) for plan in flat(plans)]
 
 
 def stage(name: str, *plans: Plan | list[Plan]) -> list[Plan]:
-    """Limit plans to a stage; the step `enter` or `Engine.enter` begins it."""
+    """Limit plans to a stage; the step `enter` begins it."""
+    if not isinstance(name, str):
+        raise RuleError(f"{show(name)} is not the name of a stage", remedy='write stage("night", plan, ...)')
     return [replace(plan, stage=name) for plan in flat(plans)]
 
 
 def labelled(label: str, plan: Plan) -> Plan:
     """Set the label of a plan, its name for removal and explanations."""
+    if not isinstance(label, str) or not isinstance(plan, Plan):
+        raise RuleError(
+            f"labelled({show(label)}, {show(plan)}) is not a label and a plan", remedy='write labelled("name", plan)'
+        )
     return replace(plan, label=label)
 
 
@@ -142,6 +184,14 @@ def parts_of(item: object) -> tuple[object, ...]:
     return tuple(vars(item).values()) if isinstance(item, (Pattern, Step, Plan, Inference)) else ()
 
 
+def symbol_variables(part: object) -> set[str]:
+    """Names of the variables of a plan in places for names, such as ``S`` in ``source(S)``."""
+    found = set[str]().union(*map(symbol_variables, parts_of(part)))
+    if isinstance(part, Symbolic):
+        found |= {arg.name for arg in part.args[: part.symbols] if isinstance(arg, Variable)}
+    return found
+
+
 def _classes(part: object) -> Iterator[type[Literal]]:
     if isinstance(part, (Belief, Goal)) and type(part) is not Structure:
         yield type(part)
@@ -149,12 +199,46 @@ def _classes(part: object) -> Iterator[type[Literal]]:
         yield from _classes(inner)
 
 
+def unbound_in(item: Plan | Inference) -> list[tuple[str, object]]:
+    """Return the names of variables without a value at their use, each with the step or condition that uses them."""
+    checker = _Checker(item, strict=False)
+    checker.check()
+    return checker.found
+
+
+def unbound_result(rule: Inference, open_keys: Collection[str]) -> bool:
+    """Check whether a belief may follow with a variable without a value; ``open_keys`` are beliefs that may."""
+    names = rule.head.with_(annotations=()).names()
+    if not names:
+        return False
+    return not names <= _Checker(rule, strict=False, open_keys=open_keys).condition(rule.condition, set())
+
+
+@contextmanager
+def _located(rule: Plan | Inference) -> Iterator[None]:
+    """Add a rule to the errors of its checks."""
+    try:
+        yield
+    except RuleError as problem:
+        raise RuleError(problem.what, where=problem.where or str(rule), remedy=problem.remedy) from None
+
+
 class _Checker:
     """Check that each variable has a value at its use. The methods return the names with a value afterwards."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self.body(plan.body, self.condition(plan.condition, plan.event.literal.names() - {"_"}))
+    def __init__(self, rule: Plan | Inference, *, strict: bool, open_keys: Collection[str] = ()) -> None:
+        self.rule = rule
+        self.strict = strict
+        self.open_keys = open_keys
+        self.found: list[tuple[str, object]] = []
+
+    def check(self) -> None:
+        rule = self.rule
+        with _located(rule):
+            if isinstance(rule, Plan):
+                self.body(rule.body, self.condition(rule.condition, rule.event.literal.names() - {"_"}))
+            else:
+                self.condition(rule.condition, rule.head.names() - {"_"})
 
     def condition(self, condition: Condition, bound: set[str]) -> set[str]:
         match condition:
@@ -165,51 +249,87 @@ class _Checker:
                 return set.intersection(*(self.condition(term, bound) for term in condition.terms))
             case Negation():
                 self.condition(condition.condition, bound)
+            case Literal(key=key) if key in self.open_keys:
+                return bound
             case Literal():
+                if "." not in condition.functor or not isinstance(condition, Structure):
+                    check_condition(condition)  # internal actions take conditions
                 return self.pattern((*condition.args, *condition.annotations), bound, condition)
+            case Holds(what=what):
+                return self.pattern((what,), bound, condition)
             case Comparison(symbol="=" | "=.."):
                 return self.pattern((condition.left, condition.right), bound, condition)
+            case Comparison():
+                self.value((condition.left, condition.right), bound, condition)
             case _:
                 self.bound(condition.names() - bound, condition)
         return bound
 
+    def value(self, term: object, bound: set[str], where: object) -> None:
+        """Check a term that is computed."""
+        self.bound(needed_names(term) - bound, where)
+        self.aggregates(term, bound, where)
+
+    def aggregates(self, term: object, bound: set[str], where: object) -> None:
+        match term:
+            case Aggregate():
+                self.value(term.template, self.condition(term.condition, bound), term)
+            case tuple() | Expression() | Literal() | Cons():
+                for part in parts_of(term):
+                    self.aggregates(part, bound, where)
+
     def pattern(self, terms: tuple[object, ...], bound: set[str], where: object) -> set[str]:
         for term in terms:
             match term:
-                case Expression():
-                    self.bound(names_in(term) - bound, where)
+                case Expression() | Computation() | Aggregate():
+                    self.value(term, bound, where)
                 case Variable():
                     bound = bound | ({term.name} - {"_"})
                 case tuple():
                     bound = self.pattern(term, bound, where)
                 case Cons():
                     bound = self.pattern((*term.items, term.tail), bound, where)
+                case LiteralVariable():
+                    bound = self.pattern((term.variable, *term.annotations, term.namespace), bound, where)
+                case Rest():
+                    bound = self.pattern((term.tail,), bound, where)
                 case Literal():
                     bound = self.pattern((*term.args, *term.annotations), bound, where)
         return bound  # The variables in the query of an AgentSpeak function are its own.
 
     def body(self, body: tuple[Step, ...], bound: set[str]) -> set[str]:
         for step in body:
-            self.values(step)
+            self.literals(step, bound)
             bound = self.step(step, bound)
         return bound
 
     def step(self, step: Step, bound: set[str]) -> set[str]:
         match step:
-            case Ask(query=Variable()) | Enter():
+            case Ask(query=Variable() | LiteralVariable()) | Enter():
                 return bound
+            case Do(action=Term() as part) | Achieve(goal=Term() as part):
+                return self.pattern((part,), bound, step)
+            case Update(literal=Inference()):
+                return bound
+            case Update(literal=LiteralVariable() as part):
+                self.value(part.variable, bound, step)
+                return self.pattern(part.annotations, bound, step)
             case Ask(query=Condition() as part) | Constrain(condition=part) | Await(what=Condition() as part):
                 return self.condition(part, bound)
-            case Await(what=Event(literal=literal)):
+            case Await(what=Event(literal=Literal() as literal)):
                 return self.pattern(literal.args, bound, step)
+            case Await(what=Event(literal=part)):
+                return self.pattern((part,), bound, step)
             case Achieve(goal=Literal() as goal, apart=False):
                 return self.pattern(goal.args, bound, step)
             case Update(sign="-" | "--", literal=Literal() as literal):
                 return self.pattern(literal.args, bound, step)
-            case Do(action=action) if action.functor.startswith("."):
+            case Do(action=Structure() as action) if "." not in action.functor:
+                return self.pattern((*action.args, *action.annotations), bound, step)  # unbound ones are results
+            case Do(action=Literal() as action) if "." in action.functor:
                 return bound | action.names()
-            case Achieve(goal=part) | Update(literal=part) | Do(action=part):
-                self.bound(part.names() - bound, step)
+            case Achieve(goal=Pattern() as part) | Update(literal=Pattern() as part) | Do(action=part):
+                self.value(part, bound, step)
             case Forget():
                 self.bound(step.literal.names() - bound - {"_"}, step)
             case If():
@@ -222,21 +342,24 @@ class _Checker:
                     bound = bound | self.body(branch, bound)
         return bound
 
-    def values(self, step: Step) -> None:
-        for part in (getattr(step, name, None) for name in ("action", "goal", "literal")):
-            if isinstance(part, Literal) and not part.functor.startswith("."):
-                for term in part.args:
-                    if isinstance(term, (Comparison, Conjunction, Disjunction, Negation)):
-                        raise RuleError(
-                            f"{term} is not a value, in {step}",
-                            where=str(self.plan),
-                            remedy="put conditions before >>, or in when()",
-                        )
+    def literals(self, step: Step, known: set[str]) -> None:
+        match step:
+            case Do(action=Action() as action):
+                check_action(action, known)
+            case Do(action=Structure() as action) if "." in action.functor:
+                pass  # internal actions take conditions
+            case Do(action=Literal() as literal) | Achieve(goal=Literal() as literal):
+                check_values(literal)
+            case Update(literal=Literal() as literal) | Forget(literal=literal):
+                check_change(literal)
+            case Await(what=Event() as event):
+                check_event(event)
 
     def bound(self, unbound: set[str], where: object) -> None:
         if unbound:
+            self.found.append((", ".join(sorted(unbound)), where))
+        if unbound and self.strict:
             raise RuleError(
-                f"{', '.join(sorted(unbound))} has no value in {where}",
-                where=str(self.plan),
+                f"{', '.join(sorted(unbound))} has no value in {where!s}",
                 remedy="name the variable in the event, or in a belief of the condition before it",
             )

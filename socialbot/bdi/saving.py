@@ -12,22 +12,24 @@ or ``ManualClock(data["time"])``. If its clock is behind, all saved times are sh
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import json
 import os
 import random
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bdi._explain import later_request
-from socialbot.bdi.belief_base import Annotations, Args, Fact, HoldTimer
+from socialbot.bdi._relations import Annotations, Args, Fact, Relation
+from socialbot.bdi.belief_base import HoldTimer
 from socialbot.bdi.intentions import EVENT, Intention, Request, subgoal
 from socialbot.bdi.library import CompiledPlan, Trigger
-from socialbot.bdi.literals import Literal, literal
-from socialbot.bdi.terms import Atom, show
+from socialbot.bdi.literals import Literal, literal, source_notes
+from socialbot.bdi.terms import Atom, Name, show
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import Var, closed, resolve
 from socialbot.core.errors import SocialbotError
@@ -82,18 +84,7 @@ def save(engine: Engine) -> dict[str, Any]:
         "stage": interpreter.stage,
         "random": None if interpreter.random is None else list(interpreter.random.getstate()),
         "records": _next_record(engine),
-        "beliefs": [
-            {
-                "belief": relation.key.rpartition("/")[0],
-                "args": _encode(args, where),
-                "annotations": _encode(notes, where),
-                "since": since,
-                "cause": str(cause),
-            }
-            for relation in list(engine.beliefs.relations.values())
-            for args, (since, notes, cause) in relation.facts.items()
-            for where in [f"belief {relation.literal(args)}"]
-        ],
+        "beliefs": [belief for relation in list(engine.beliefs.relations.values()) for belief in _beliefs(relation)],
         "pursuits": [
             _event(request, suspended=intention.suspended)
             for intention in engine.intentions
@@ -104,7 +95,7 @@ def save(engine: Engine) -> dict[str, Any]:
         "ripening": [
             {
                 "belief": timer.relation.key,
-                "args": _encode(timer.args, f"belief {timer.relation.literal(timer.args)}"),
+                "args": _encode(timer.args, functools.partial(_belief_text, timer.relation, timer.args)),
                 "plan": _plan_id(timer.plan),
                 "due": due,
                 "seconds": float(timer.seconds),
@@ -150,6 +141,29 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+def _beliefs(relation: Relation) -> Iterator[dict[str, Any]]:
+    name = relation.key.rpartition("/")[0]
+    # Most beliefs share their annotations with others.
+    shared: dict[int, list[Any]] = {}
+    for args, (since, notes, cause) in relation.facts.items():
+        encoded = shared.get(id(notes))
+        if encoded is None:
+            encoded = shared[id(notes)] = _encode(notes, functools.partial(_belief_text, relation, args))
+        yield {
+            "belief": name,
+            "args": list(args)
+            if _JSON.issuperset(map(type, args))
+            else _encode(args, functools.partial(_belief_text, relation, args)),
+            "annotations": encoded,
+            "since": since,
+            "cause": str(cause),
+        }
+
+
+def _belief_text(relation: Relation, args: Args) -> str:
+    return f"belief {relation.literal(args)}"
+
+
 def _next_record(engine: Engine) -> int:
     return int(engine.trace.numbers.__reduce__()[1][0])  # reads the counter without advancing it
 
@@ -166,7 +180,10 @@ def _request_of(intention: Intention) -> Request | None:
 
 def _event(request: Request, *, suspended: bool = False) -> dict[str, Any]:
     _, trigger, args, notes, cause = request
-    where = f"{'goal' if trigger.goal else 'event'} {trigger.key.rpartition('/')[0]}"
+
+    def where() -> str:
+        return f"{'goal' if trigger.goal else 'event'} {trigger.key.rpartition('/')[0]}"
+
     variables: dict[int, str] = {}
     saved: dict[str, Any] = {
         "event": trigger.key,
@@ -191,14 +208,20 @@ def _plan_id(plan: CompiledPlan) -> str:
     return plan.plan.label or str(plan.plan)
 
 
-def _encode(terms: tuple[Any, ...], where: str, variables: dict[int, str] | None = None) -> list[Any]:
+_JSON = frozenset({type(None), str, int, float, bool})
+"""Classes of terms that are JSON data themselves."""
+
+
+def _encode(terms: tuple[Any, ...], where: Callable[[], str], variables: dict[int, str] | None = None) -> list[Any]:
     """JSON data of terms; ``where`` names their owner in an error."""
     return [_encode_term(term, where, variables) for term in terms]
 
 
-def _encode_term(term: Any, where: str, variables: dict[int, str] | None) -> Any:
-    if term is None or type(term) in (str, int, float, bool):
+def _encode_term(term: Any, where: Callable[[], str], variables: dict[int, str] | None) -> Any:
+    if type(term) in _JSON:
         return term
+    if isinstance(term, Name):
+        return str(term)
     if type(term) is tuple:
         return {"list": _encode(term, where, variables)}
     if isinstance(term, Atom):
@@ -214,7 +237,7 @@ def _encode_term(term: Any, where: str, variables: dict[int, str] | None) -> Any
         }
     raise MindError(
         f"{show(term)} ({type(term).__name__}) cannot be saved",
-        where=where,
+        where=where(),
         remedy="use numbers, strings, tuples, atoms and literals in beliefs and goals",
     )
 
@@ -257,7 +280,8 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
             relation.enter(args)
         if relation.held is not None:
             relation.begin(args, fact)
-        beliefs.notify(relation, args, True, fact[2])
+        if relation.watchers:
+            beliefs.notify(relation, args, True, fact[2])
     _set_hold_timers(engine, mind)
     for key, plan_id, suspended, event in mind.pursuits:
         _pursue(engine, key, plan_id, suspended, event)
@@ -345,7 +369,7 @@ def _decode_mind(engine: Engine, data: Any) -> _Mind:
             stage,
             _decode_random(data["random"]),
             records,
-            [_decode_belief(item, kinds, ahead) for item in data["beliefs"]],
+            _decode_beliefs(data["beliefs"], kinds, ahead),
             [_decode_event(item, kinds) for item in data["pursuits"]],
             plans,
             [_decode_timer(item, kinds, ahead) for item in data["ripening"]],
@@ -364,12 +388,39 @@ def _decode_random(state: Any) -> random.Random | None:
     return decoded
 
 
-def _decode_belief(item: Any, kinds: Kinds, ahead: int) -> tuple[str, Args, Fact]:
-    match item:
-        case {"belief": str(name), "args": args, "annotations": notes, "since": int(since), "cause": str(cause)}:
-            terms = _decode(args, kinds)
-            return f"{name}/{len(terms)}", terms, (since - ahead, _decode(notes, kinds), cause)
-    raise ValueError(f"{item!r} is not a belief")
+def _decode_beliefs(items: Any, kinds: Kinds, ahead: int) -> list[tuple[str, Args, Fact]]:
+    found: list[tuple[str, Args, Fact]] = []
+    keys: dict[tuple[str, int], str] = {}
+    sources: dict[str, Annotations] = {}
+    for item in items:
+        name, args, notes, since, cause = (item[field] for field in _BELIEF)
+        if not (isinstance(name, str) and isinstance(args, list) and isinstance(since, int) and isinstance(cause, str)):
+            raise ValueError(f"{item!r} is not a belief")
+        terms = tuple(args) if _JSON.issuperset(map(type, args)) else _decode(args, kinds)
+        key = keys.get((name, len(terms))) or keys.setdefault((name, len(terms)), f"{name}/{len(terms)}")
+        annotations = _decode_source(notes, kinds, sources) or _decode(notes, kinds)
+        found.append((key, terms, (since - ahead, annotations, cause)))
+    return found
+
+
+_BELIEF = ("belief", "args", "annotations", "since", "cause")
+
+
+def _decode_source(notes: Any, kinds: Kinds, sources: dict[str, Annotations]) -> Annotations | None:
+    """Shared annotations of a belief whose only annotation is its source, an atom; None for others."""
+    try:
+        (note,) = notes
+        ((_, name),) = note["args"][0].items()
+        known = sources.get(name)
+        if known is None:
+            known = _decode(notes, kinds)
+            if known == source_notes(name):
+                sources[name] = known
+        elif note != {"functor": "source", "args": [{"atom": name}], "annotations": [], "negated": False}:
+            return None
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):
+        return None
+    return known
 
 
 def _decode_event(item: Any, kinds: Kinds) -> tuple[str, str | None, bool, tuple[Args, Annotations, str]]:
@@ -398,22 +449,25 @@ def _decode_timer(item: Any, kinds: Kinds, ahead: int) -> tuple[str, str, Args, 
 
 def _decode(items: Any, kinds: Kinds, variables: dict[str, Var] | None = None) -> Args:
     """Terms of a list of JSON data."""
+    if not isinstance(items, list):
+        raise ValueError(f"{items!r} is not a list of terms")
+    return tuple([_decode_term(item, kinds, variables) for item in items])
 
-    def term(item: Any) -> Any:
-        match item:
-            case None | str() | int() | float():
-                return item
-            case {"list": list(terms)}:
-                return tuple(map(term, terms))
-            case {"atom": str(name)}:
-                return Atom(name)
-            case {"variable": str(name)} if variables is not None:
-                return variables.setdefault(name, Var(name.partition("#")[0]))
-            case {"functor": str(name), "args": list(args), "annotations": list(notes), "negated": bool(negated)}:
-                kind, args, notes = kinds.get(name), tuple(map(term, args)), tuple(map(term, notes))
-                if kind is None or negated:
-                    return literal(name, args, notes, negated=negated)
-                return kind(*args).with_(annotations=notes) if notes else kind(*args)
-        raise ValueError(f"{item!r} is not a term")
 
-    return term({"list": items})
+def _decode_term(item: Any, kinds: Kinds, variables: dict[str, Var] | None) -> Any:
+    match item:
+        case None | str() | int() | float():
+            return item
+        case {"list": list(terms)}:
+            return _decode(terms, kinds, variables)
+        case {"atom": str(name)}:
+            return Atom(name)
+        case {"variable": str(name)} if variables is not None:
+            return variables.setdefault(name, Var(name.partition("#")[0]))
+        case {"functor": str(name), "args": list(args), "annotations": list(notes), "negated": bool(negated)}:
+            terms, annotations = _decode(args, kinds, variables), _decode(notes, kinds, variables)
+            kind = kinds.get(name)
+            if kind is None or negated:
+                return literal(name, terms, annotations, negated=negated)
+            return kind(*terms).with_(annotations=annotations) if annotations else kind(*terms)
+    raise ValueError(f"{item!r} is not a term")

@@ -10,10 +10,11 @@ import heapq
 import itertools
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._interpreter import Wakeup
 from socialbot.bdi._messaging import deliver
+from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import literal_from_key, source
@@ -21,17 +22,33 @@ from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
+if TYPE_CHECKING:
+    from socialbot.bdi.environment import Environment
+
 VISITS = 16
 """Number of agent visits between checks for `Society.stop`."""
 
 
 class Society:
-    """Agents by name. Any thread may call ``wake``, after an item was posted to an agent."""
+    """Agents by name. Any thread may call ``wake``, after an item was posted to an agent.
+
+    Attributes:
+        agents: The agents by name.
+        environment: The world of the agents, if any.
+        starter: Makes the agent of `.create_agent` from its name, its file (or None) and the agent that creates it;
+            without a starter, an agent without a file can be created only.
+        services: Agents that offer a service, by its name (`.df_register`).
+        subscribers: Agents that want to know who offers a service, by its name.
+    """
 
     def __init__(self, clock: Clock, *, wake: Callable[[], object] | None = None) -> None:
         self.clock = clock
         self.wake = wake
         self.agents: dict[str, Engine] = {}
+        self.environment: Environment | None = None
+        self.starter: Callable[[str, str | None, Engine], Engine] | None = None
+        self.services: dict[str, dict[str, None]] = {}
+        self.subscribers: dict[str, dict[str, None]] = {}
         self._ready: deque[Engine] = deque()
         self._timers: list[tuple[int, int, Engine]] = []
         self._due: dict[Engine, int] = {}
@@ -53,6 +70,8 @@ class Society:
         agent.wake = functools.partial(self._woken, agent)
         agent.interpreter.signalled = True
         self._ready.append(agent)
+        if self.environment is not None:
+            self.environment.joined(agent)
         return agent
 
     def remove(self, name: str) -> Engine | None:
@@ -60,7 +79,29 @@ class Society:
         agent = self.agents.pop(name, None)
         if agent is not None:
             agent.messaging.society = agent.wake = None
+            for names in (*self.services.values(), *self.subscribers.values()):
+                names.pop(name, None)
         return agent
+
+    def create(self, name: str, file: str | None, creator: Engine) -> Engine:
+        """Start an agent at the request of another one. Raises a SocialbotError if it cannot be made."""
+        if self.starter is not None:
+            agent = self.starter(name, file, creator)
+        elif file is None:
+            agent = Engine(name, self.clock, sink=creator.trace.sink)
+        else:
+            raise RuleError(f"{file} cannot be loaded", remedy="set Society.starter, which loads the files of agents")
+        return self.add(agent)
+
+    def kill(self, name: str) -> None:
+        """Remove an agent, and end its intentions and timers."""
+        agent = self.remove(name)
+        if agent is not None:
+            agent.interpreter.events.clear()
+            agent.interpreter.inbox.clear()
+            for intention in agent.intentions:
+                agent.intentions.drop(intention)
+            agent.timers.remove(lambda _: True)
 
     def find(self, receiver: Any) -> Engine:
         """Find an agent by name (an atom or a string). Raises Failed for an unknown name."""
@@ -78,7 +119,7 @@ class Society:
         """Send a belief to agents, given as atom, string or tuple. Raises Failed for an unknown agent."""
         if receiver.__class__ is Atom:
             receiver = receiver.name
-        agent = self.agents.get(receiver) if receiver.__class__ is str else None
+        agent = self.agents.get(receiver) if isinstance(receiver, str) else None
         if agent is None or agent is sender:
             sender.messaging.send(receiver, "tell", literal_from_key(key, args), cause)
             return
@@ -107,6 +148,8 @@ class Society:
                 return False
             budget -= 1
             agent = ready.popleft()
+            if agent.messaging.society is not self:
+                continue
             if agent.run_until_idle(turns) and not agent.interpreter.signalled:
                 agent.interpreter.signalled = True
                 ready.append(agent)
@@ -135,6 +178,8 @@ class Society:
                 if busy or self.stopping:
                     continue
                 due = self.next_wakeup()
+                if due is not None:
+                    check_running(self.clock, "the society")
                 if due is None and not linger and not any(agent.interpreter.inbox for agent in self.agents.values()):
                     return
                 times = [time for time in (end, due) if time is not None]

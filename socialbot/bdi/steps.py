@@ -6,12 +6,33 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi.literals import Belief, Change, Event, Goal, HeldFor, Literal, Reactor, TimedLiteral
-from socialbot.bdi.terms import Condition, Conjunction, Variable, conjunction, show
+from socialbot.bdi.literals import (
+    Belief,
+    Change,
+    Event,
+    Goal,
+    HeldFor,
+    Literal,
+    Reactor,
+    Structure,
+    Symbolic,
+    TimedLiteral,
+)
+from socialbot.bdi.terms import (
+    Comparison,
+    Condition,
+    LiteralVariable,
+    Pattern,
+    Variable,
+    conjunction,
+    show,
+    written_condition,
+)
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
+    from socialbot.bdi.plans import Inference
 
 
 class Action(TimedLiteral):
@@ -25,6 +46,8 @@ class Action(TimedLiteral):
     id: str
     function: ClassVar[Callable[..., Any] | None] = None
     threaded: ClassVar[bool] = False
+    entry: ClassVar[str] = "execute"
+    """Name of the method that takes the arguments."""
 
     def execute(self, *args: Any, **kwargs: Any) -> Any:
         """Execute the action with the values of its arguments; the result False reports a failure."""
@@ -73,12 +96,71 @@ class send(Action):  # noqa: N801 - reads as a step of a plan
         return self.engine.messaging.send(receiver, performative, content, self.id)
 
 
-class message(Reactor):  # noqa: N801 - written like a belief
+class message(Symbolic, Reactor):  # noqa: N801 - written like a belief
     """Event ``+message(Sender, Performative, Content)`` of every message to the agent."""
+
+    symbols = 2
+
+
+class AslCall(Structure):
+    """Call of an action of AgentSpeak programs in a rule; ``shown`` is the name of the Python function for it."""
+
+    shown = ""
+
+    def __str__(self) -> str:
+        args = ", ".join(map(show, self.args))
+        return f"{self.shown}({args})" if self.shown else f'asl("{self.functor}"{", " if args else ""}{args})'
+
+
+def asl(name: str, *args: object) -> AslCall:
+    """Call an action of AgentSpeak programs in a rule, such as ``asl(".length", L, N)``.
+
+    It is a step; an internal action, whose name has a dot, can be a condition, too. Variables without a value get the
+    results; names in results are atoms.
+
+    Args:
+        name: The name of an internal action or of an action registered with `asl_action` or `Engine.add_action`.
+        args: Its arguments.
+
+    Raises:
+        RuleError: There is no internal action of this name, or it takes another number of arguments.
+    """
+    from socialbot.bdi.stdlib import called  # it imports this module
+
+    made = AslCall(*args)
+    made.functor = name
+    if "." in name:
+        called(made)
+    return made
+
+
+def _on_goal(shown: str, name: str, goal: Goal | Variable | None) -> AslCall:
+    if goal is not None and not isinstance(goal, (Goal, Structure, Variable)):
+        raise RuleError(f"{goal!r} is not a goal", remedy=f"write {shown}(g()) with a Goal")
+    made = asl(name, *(() if goal is None else (goal,)))
+    made.shown = shown
+    return made
+
+
+def drop(goal: Goal | Variable) -> AslCall:
+    """Drop the matching goals and the intentions that pursue them; unbound variables match anything."""
+    return _on_goal("drop", ".drop_desire", goal)
+
+
+def suspend(goal: Goal | Variable | None = None) -> AslCall:
+    """Suspend the intentions that pursue a goal until `resume`; without a goal, the one of this plan."""
+    return _on_goal("suspend", ".suspend", goal)
+
+
+def resume(goal: Goal | Variable) -> AslCall:
+    """Resume the suspended intentions that pursue a goal."""
+    return _on_goal("resume", ".resume", goal)
 
 
 class Step:
-    """Base class of steps."""
+    """Base class of steps; ``line`` is the line in the AgentSpeak text, or 0."""
+
+    line: int = 0
 
     def __repr__(self) -> str:
         return str(self)
@@ -86,12 +168,12 @@ class Step:
 
 @dataclass(eq=False, repr=False)
 class Do(Step):
-    """Action: an `Action`, or a literal for a registered or internal one (``.print``).
+    """Action: an `Action`, a literal for a registered or internal one (``.print``), or a variable with such a value.
 
-    It fails (``timeout``) after ``limit_s`` seconds, if given.
+    The value of a variable may be a `PlanBody`, too. It fails (``timeout``) after ``limit_s`` seconds, if given.
     """
 
-    action: Literal
+    action: Literal | Variable | LiteralVariable
     limit_s: object = None
 
     def __str__(self) -> str:
@@ -105,12 +187,12 @@ class Achieve(Step):
     ``apart`` adopts it in a new intention (``!!g``) without waiting for it.
     """
 
-    goal: Literal | Variable
+    goal: Literal | Variable | LiteralVariable
     apart: bool = False
     limit_s: object = None
 
     def __str__(self) -> str:
-        goal = f"{self.goal}{_limit(self.limit_s)}"
+        goal = f"{self.goal!s}{_limit(self.limit_s)}"
         return f"apart({goal})" if self.apart else goal
 
 
@@ -118,10 +200,10 @@ class Achieve(Step):
 class Ask(Step):
     """Test goal ``?q``, written ``ask(q)``: binds variables by beliefs, or else by a plan for ``+?q``."""
 
-    query: Condition | Variable
+    query: Condition | Variable | LiteralVariable
 
     def __str__(self) -> str:
-        return f"ask({self.query})"
+        return f"ask({self.query!s})"
 
 
 @dataclass(eq=False, repr=False)
@@ -132,15 +214,15 @@ class Update(Step):
     """
 
     sign: str
-    literal: Literal | Variable
+    literal: Literal | Variable | LiteralVariable | Inference
 
     def __str__(self) -> str:
-        return f"{'+' if self.sign == '++' else self.sign}{self.literal}"
+        return f"{'+' if self.sign == '++' else self.sign}{self.literal!s}"
 
 
 @dataclass(eq=False, repr=False)
 class Forget(Step):
-    """Removal of every matching belief, with all its sources."""
+    """Removal of every matching belief, with all its sources, or of the sources in its annotations."""
 
     literal: Literal
 
@@ -155,7 +237,8 @@ class Constrain(Step):
     condition: Condition
 
     def __str__(self) -> str:
-        return str(self.condition)
+        text = written_condition(self.condition)
+        return text if isinstance(self.condition, Comparison) and self.condition.binds() else f"test({text})"
 
 
 @dataclass(eq=False, repr=False)
@@ -177,7 +260,17 @@ class Await(Step):
 
     def __str__(self) -> str:
         limit = "" if self.limit_s is None else f", {show(self.limit_s)}"
-        return f"wait_for({self.what}{limit})"
+        return f"wait_for({written_condition(self.what)}{limit})"
+
+
+@dataclass(eq=False, repr=False)
+class PlanBody(Pattern):
+    """Steps as a term, ``{ a; b }`` in AgentSpeak."""
+
+    steps: tuple[Step, ...] = ()
+
+    def __str__(self) -> str:
+        return f"PlanBody({_list(self.steps)})"
 
 
 class Nested(Step):
@@ -194,7 +287,7 @@ class If(Nested):
 
     def __str__(self) -> str:
         otherwise = f", {_list(self.otherwise)}" if self.otherwise else ""
-        return f"If({self.condition}, {_list(self.then)}{otherwise})"
+        return f"when({written_condition(self.condition)}, {_list(self.then)}{otherwise})"
 
 
 @dataclass(eq=False, repr=False)
@@ -202,16 +295,22 @@ class _Loop(Nested):
     condition: Condition
     body: tuple[Step, ...]
 
+    name: ClassVar[str]
+
     def __str__(self) -> str:
-        return f"{type(self).__name__}({self.condition}, {_list(self.body)})"
+        return f"{self.name}({written_condition(self.condition)}, {_list(self.body)})"
 
 
 class While(_Loop):
     """Loop over the body while the condition holds."""
 
+    name = "as_long_as"
+
 
 class For(_Loop):
     """Loop over the initial solutions of the condition."""
+
+    name = "for_each"
 
 
 @dataclass(eq=False, repr=False)
@@ -260,11 +359,26 @@ def test(condition: object) -> Constrain:
     return Constrain(conjunction(condition))
 
 
-enter, ask = Enter, Ask
+def enter(stage: str) -> Enter:
+    """Begin a stage (see `socialbot.bdi.stage`)."""
+    if not isinstance(stage, str):
+        raise RuleError(f"{stage!r} is not the name of a stage", remedy='write enter("night")')
+    return Enter(stage)
+
+
+def ask(query: object) -> Ask:
+    """Query the beliefs, or else run a plan that answers: ``ask(at(X))``."""
+    if isinstance(query, (Condition, Variable)):
+        return Ask(query)
+    if isinstance(query, Goal):
+        raise RuleError(f"{query} is a goal", remedy=f"write {query} to achieve it; ask for a belief")
+    return Ask(conjunction(query))
 
 
 def apart(goal: Goal) -> Achieve:
     """Adopt a goal in a new intention, without waiting for it."""
+    if not isinstance(goal, Goal):
+        raise RuleError(f"{goal!r} is not a goal", remedy="write apart(g()); together([...], [...]) runs steps apart")
     return Achieve(goal, apart=True, limit_s=goal.limit_s)
 
 
@@ -281,14 +395,27 @@ def step_of(item: object) -> Step:
         return item
     if isinstance(item, Action):
         return Do(item, item.limit_s)
+    if isinstance(item, AslCall):
+        return Do(item)
     if isinstance(item, Goal):
         return Achieve(item, limit_s=item.limit_s)
     if isinstance(item, Event) and item.change in (Change.ADDED, Change.REMOVED):
         return Update("++", item.literal) if item.change is Change.ADDED else Forget(item.literal)
-    if isinstance(item, (Belief, HeldFor, Conjunction)):
-        raise RuleError(f"{item} is not a step of a plan", remedy="write +belief or -belief to change a belief")
-    if isinstance(item, type) and issubclass(item, (Action, Goal)):
-        raise RuleError(f"{item.__name__} is a class", remedy=f"write {item.__name__}()")
+    if isinstance(item, (Belief, HeldFor)):
+        raise RuleError(
+            f"{item} is not a step of a plan",
+            remedy="write +belief or -belief to change a belief, test(belief) to require it",
+        )
+    if isinstance(item, Comparison) and item.binds():
+        return Constrain(item)
+    if isinstance(item, Condition):
+        raise RuleError(f"{item} is not a step of a plan", remedy=f"write test({item})")
+    if isinstance(item, Event) and item.change is Change.FAILED:
+        raise RuleError(f"{item} is not a step of a plan", remedy=f"write drop({item.literal}) to give up the goal")
+    if callable(item) and not isinstance(item, type):
+        raise RuleError(f"{item!r} is not a step of a plan", remedy="make an action of it with @action, and write it()")
+    if isinstance(item, type) and issubclass(item, Literal):
+        raise RuleError(f"{item.__name__} is a class, which is not a step of a plan", remedy=f"write {item.__name__}()")
     raise RuleError(f"{item!r} is not a step of a plan", remedy="use actions, goals, +belief and -belief")
 
 

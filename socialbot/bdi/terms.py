@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -51,11 +51,31 @@ class Atom:
         return f"Atom({self.name!r})"
 
 
+class Name(str):
+    """Name of an agent, a performative or a reason in a rule: a string that also equals the atom of this name."""
+
+    __slots__ = ()
+    __hash__ = str.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return str.__eq__(self, other.name if other.__class__ is Atom else other)  # type: ignore[attr-defined]
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+
 class Pattern:
     """Base class of expressions with variables."""
 
     def __repr__(self) -> str:
         return str(self)
+
+    def __bool__(self) -> bool:
+        raise RuleError(
+            f"{self!s} has no truth value outside a rule",
+            remedy="join conditions with & (and), | (or) and ~ (not), each in parentheses; "
+            "choose steps with when(condition, [...], [...]); compare objects with `is None`",
+        )
 
     def names(self) -> set[str]:
         return names_in(tuple(vars(self).values()))
@@ -89,14 +109,42 @@ class Term(Pattern):
 
     __hash__ = object.__hash__
 
+    def _unjoined(self, *_: object) -> Any:
+        raise RuleError(
+            f"{self!s} is a value, not a condition", remedy="put each comparison in parentheses: b(X) & (X > 3)"
+        )
+
+    __and__ = __rand__ = __or__ = __ror__ = __invert__ = _unjoined
+
+    def __format__(self, spec: str) -> str:
+        raise RuleError(
+            f"{self!s} has no value when the text is formatted",
+            remedy="pass it as an argument of its own, or compute the text in the plan: "
+            'compute(lambda X: f"... {X} ...")',
+        )
+
+    def __contains__(self, item: object) -> bool:
+        raise RuleError(f"{self!s} is no collection when the rule is made", remedy="use a function as a condition")
+
 
 class Variable(Term):
-    """Logical variable; ``Variable("_")`` matches anything and binds nothing."""
+    """Logical variable; ``Variable("_")`` matches anything and binds nothing.
+
+    ``alone`` marks the result of `variables` for a single name, which can be unpacked.
+    """
+
+    alone = False
 
     def __init__(self, name: str) -> None:
         if not name.isidentifier():
-            raise RuleError(f"{name!r} is not a variable name", remedy="use letters, digits and _")
+            raise RuleError(f"{name!r} is not a variable name", remedy="use letters, digits and _, separated by blanks")
         self.name = name
+
+    def __iter__(self) -> Iterator[Variable]:
+        """Iterate over this variable alone, so that ``(K,) = variables("K")`` is ``K = variables("K")``."""
+        if not self.alone:
+            raise RuleError(f"{self!s} is a variable, not a list", remedy="use for_each(condition, [...]) in the plan")
+        return iter((self,))
 
     def names(self) -> set[str]:
         return {self.name}
@@ -123,12 +171,61 @@ class Expression(Term):
 class Call(Term):
     """AgentSpeak function in arithmetic, such as ``math.max(X, 3)`` or ``.length(L)``."""
 
+    predicate = ""
+    """Rule that computes the function, without its last argument, which is the value; '' for a function in Python."""
+
     def __init__(self, function: str, *args: object) -> None:
         self.function = function
         self.args = args
 
     def __str__(self) -> str:
         return f"{self.function}({', '.join(map(show, self.args))})"
+
+
+class Computation(Term):
+    """Value that a Python function computes from the variables that its parameters name."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        if not callable(function) or isinstance(function, type):
+            raise RuleError(f"{function!r} is not a function", remedy='write compute(lambda X: f"... {X} ...")')
+        self.function = function
+        self.parameters = _without_default(function)
+
+    def names(self) -> set[str]:
+        return set(self.parameters)
+
+    def __str__(self) -> str:
+        return f"compute({_call_of(self.function, self.parameters)})"
+
+
+class OwnName(Term):
+    """Name of the agent that executes the plan, a string."""
+
+    def __str__(self) -> str:
+        return "my_name()"
+
+
+class Aggregate(Term):
+    """Value of all solutions of a condition: ``count``, ``findall``, ``min_of``, ``max_of`` or ``sum_of``.
+
+    Variables without a value before it are its own.
+    """
+
+    def __init__(self, kind: str, template: object, condition: Condition) -> None:
+        self.kind = kind
+        self.template = template
+        self.condition = condition
+
+    def names(self) -> set[str]:
+        return (names_in(self.template) | self.condition.names()) - {"_"}
+
+    def __str__(self) -> str:
+        return f"{self.kind}({self.arguments()})"
+
+    def arguments(self) -> str:
+        """Text of the arguments."""
+        condition = written_condition(self.condition)
+        return condition if self.kind == "count" else f"{show(self.template)}, {condition}"
 
 
 @dataclass(eq=False, repr=False)
@@ -140,6 +237,34 @@ class Cons(Term):
 
     def __str__(self) -> str:
         return f"[{', '.join(map(show, self.items))} | {show(self.tail)}]"
+
+
+@dataclass(eq=False, repr=False)
+class LiteralVariable(Term):
+    """Variable for a literal with annotations, ``X[source(S)]``, for a negated one, ``~X``, or ``Namespace::X``.
+
+    With a namespace, which is a variable, ``variable`` may be a literal: ``Namespace::at(X)``.
+    """
+
+    variable: object
+    annotations: tuple[object, ...] = ()
+    negated: bool = False
+    namespace: object = None
+
+    def __str__(self) -> str:
+        notes = f"[{', '.join(map(show, self.annotations))}]" if self.annotations else ""
+        namespace = "" if self.namespace is None else f"{show(self.namespace)}::"
+        return f"{namespace}{'~' if self.negated else ''}{show(self.variable)}{notes}"
+
+
+@dataclass(eq=False, repr=False)
+class Rest(Term):
+    """Remaining annotations, such as ``T`` in ``p(X)[a|T]``; always the last one of the annotations."""
+
+    tail: object
+
+    def __str__(self) -> str:
+        return f"|{show(self.tail)}"
 
 
 class Condition(Pattern):
@@ -178,18 +303,90 @@ class Comparison(Condition):
     def __rshift__(self, body: object) -> None:
         raise RuleError(f"{self} alone is not a plan", remedy="put conditions in parentheses: event / (a & b) >> [...]")
 
-    def __bool__(self) -> bool:
-        raise RuleError(
-            f"{self} has no truth value outside a rule", remedy="join conditions with & and put each in parentheses"
-        )
+    def binds(self) -> bool:
+        """Whether it gives a variable the value of an aggregate, or the name of the agent."""
+        return self.symbol == "=" and isinstance(self.right, (Aggregate, OwnName))
 
     def __str__(self) -> str:
+        if self.binds():
+            given = f"{self.right.arguments()}, " if isinstance(self.right, Aggregate) else ""
+            name = self.right.kind if isinstance(self.right, Aggregate) else "my_name"
+            return f"{name}({given}{show(self.left)})"
         return f"{show(self.left)} {self.symbol} {show(self.right)}"
 
 
-def variables(names: str) -> tuple[Variable, ...]:
-    """Create variables from their names, separated by blanks."""
-    return tuple(Variable(name) for name in names.split())
+def variables(names: str) -> Any:
+    """Create variables from names that are separated by blanks.
+
+    >>> K = variables("K")
+    >>> X, Y = variables("X Y")
+
+    Returns:
+        The `Variable` of one name; otherwise a tuple of variables.
+
+    Raises:
+        RuleError: A name is not valid or given twice.
+    """
+    parts = names.split()
+    if len(set(parts)) < len(parts):
+        raise RuleError(f"variables({names!r}) needs different names", remedy='write X, Y = variables("X Y")')
+    made = tuple(map(Variable, parts))
+    if len(made) != 1:
+        return made
+    made[0].alone = True
+    return made[0]
+
+
+def count(condition: object, number: object = None) -> Any:
+    """Number of the solutions of a condition: the condition that it is ``number`` or, without it, the value."""
+    return _aggregate("count", None, condition, number)
+
+
+def findall(term: object, condition: object, items: object = None) -> Any:
+    """Tuple of ``term`` for each solution of a condition, as a condition on ``items`` or, without it, as a value."""
+    return _aggregate("findall", term, condition, items)
+
+
+def min_of(term: object, condition: object, least: object = None) -> Any:
+    """Least ``term`` of all solutions, as a condition on ``least`` or as a value; it fails without a solution."""
+    return _aggregate("min_of", term, condition, least)
+
+
+def max_of(term: object, condition: object, greatest: object = None) -> Any:
+    """Greatest ``term`` of all solutions, as a condition on ``greatest`` or as a value; it fails without a solution."""
+    return _aggregate("max_of", term, condition, greatest)
+
+
+def sum_of(term: object, condition: object, total: object = None) -> Any:
+    """Sum of ``term`` over all solutions, as a condition on ``total`` or, without it, as a value."""
+    return _aggregate("sum_of", term, condition, total)
+
+
+def _aggregate(kind: str, template: object, condition: object, result: object) -> Aggregate | Comparison:
+    found = Aggregate(kind, template, conjunction(condition))
+    return found if result is None else Comparison("=", result, found)
+
+
+def my_name(name: object = None) -> Any:
+    """Name of the agent, a string: the condition that it is ``name`` or, without it, the value."""
+    return OwnName() if name is None else Comparison("=", name, OwnName())
+
+
+def compute(function: Callable[..., Any]) -> Any:
+    """Value of a function of variables: ``say(compute(lambda X: f"Hello {X}"))``; its parameters name the variables."""
+    return Computation(function)
+
+
+def needed_names(term: object) -> set[str]:
+    """Names of the variables that need a value to compute a term, without those of the conditions in it."""
+    if isinstance(term, Aggregate) or (isinstance(term, Call) and term.function == ".count"):
+        return set()
+    if isinstance(term, (tuple, Expression, Cons)):
+        parts = term if isinstance(term, tuple) else tuple(vars(term).values())
+        return set[str]().union(*map(needed_names, parts))
+    if isinstance(getattr(term, "args", None), tuple):
+        return needed_names((*term.args, *getattr(term, "annotations", ())))  # type: ignore[attr-defined]
+    return names_in(term)
 
 
 def names_in(term: object) -> set[str]:
@@ -203,18 +400,22 @@ def names_in(term: object) -> set[str]:
 
 
 def order(term: object) -> tuple[object, ...]:
-    """Sort key of any term: numbers, strings, lists, atoms and literals (by arity), then other objects."""
+    """Sort key of any term, as in Jason: numbers, strings, lists, atoms and literals, then other objects.
+
+    Literals are ordered by name, strong negation, arguments and annotations.
+    """
     if isinstance(term, (int, float)):
         return (0, term)
     if isinstance(term, str):
         return (1, term)
     if isinstance(term, tuple):
-        return (2, *map(order, term))
+        return (2, tuple(map(order, term)))
     if isinstance(term, Atom):
-        return (3, 0, term.name)
+        return (3, term.name, False, (), ())
     args = getattr(term, "args", None)
     if isinstance(args, tuple):
-        return (3, len(args), str(getattr(term, "functor", "")), *map(order, args))
+        notes = tuple(sorted(map(order, getattr(term, "annotations", ()))))
+        return (3, str(getattr(term, "functor", "")), getattr(term, "negated", False), tuple(map(order, args)), notes)
     return (4, str(term))
 
 
@@ -228,7 +429,7 @@ def show(term: object) -> str:
 
 
 def _part(term: object) -> str:
-    return f"({term})" if isinstance(term, Expression) else show(term)
+    return f"({term!s})" if isinstance(term, Expression) else show(term)
 
 
 @dataclass(eq=False, repr=False)
@@ -247,14 +448,33 @@ class FunctionCondition(Condition):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
-        self.parameters = tuple(inspect.signature(function).parameters)
+        self.parameters = _without_default(function)
 
     def names(self) -> set[str]:
         return set(self.parameters)
 
     def __str__(self) -> str:
-        name = getattr(self.function, "__name__", type(self.function).__name__)
-        return f"{name}({', '.join(self.parameters)})"
+        return _call_of(self.function, self.parameters)
+
+
+def _without_default(function: Callable[..., Any]) -> tuple[str, ...]:
+    """Names of the parameters of a function that have no default."""
+    parameters = inspect.signature(function).parameters.values()
+    return tuple(parameter.name for parameter in parameters if parameter.default is parameter.empty)
+
+
+def _call_of(function: Callable[..., Any], parameters: tuple[str, ...]) -> str:
+    return f"{getattr(function, '__name__', type(function).__name__)}({', '.join(parameters)})"
+
+
+@dataclass(eq=False, repr=False)
+class Holds(Condition):
+    """Condition that is the value of a variable."""
+
+    what: object
+
+    def __str__(self) -> str:
+        return show(self.what)
 
 
 @dataclass(eq=False, repr=False)
@@ -274,9 +494,18 @@ class Conjunction(Condition):
     terms: tuple[Condition, ...]
 
     def __str__(self) -> str:
-        return " & ".join(
-            f"({term})" if isinstance(term, (Comparison, Disjunction)) else str(term) for term in self.terms
-        )
+        return " & ".join(f"({term})" if _joins(term) else str(term) for term in self.terms)
+
+
+def _joins(condition: Condition) -> bool:
+    """Whether the text of a condition has an operator that binds less tightly than ``&``."""
+    return isinstance(condition, Disjunction) or (isinstance(condition, Comparison) and not condition.binds())
+
+
+def written_condition(condition: object) -> str:
+    """Text of a condition as an argument, where a single one needs no parentheses."""
+    alone = isinstance(condition, Conjunction) and len(condition.terms) == 1
+    return str(condition.terms[0] if alone else condition)  # type: ignore[attr-defined]
 
 
 @dataclass(eq=False, repr=False)
@@ -307,6 +536,8 @@ def conjunction(*parts: object) -> Conjunction:
             terms.append(part.terms[0])
         elif isinstance(part, Condition):
             terms.append(part)
+        elif isinstance(part, Term):
+            part._unjoined()
         elif callable(part) and not isinstance(part, type):
             terms.append(FunctionCondition(part))
         else:

@@ -35,11 +35,17 @@ Sink = Callable[[Record], None]
 """Receives the records in order. The first exception of a sink is logged; no exception stops the agent."""
 
 
+_logger: Logger | None = None
+
+
 def log() -> Logger:
     """Return the logger ``socialbot.bdi``; the slow import of ``logging`` happens on demand."""
-    import logging
+    global _logger
+    if _logger is None:
+        import logging
 
-    return logging.getLogger("socialbot.bdi")
+        _logger = logging.getLogger("socialbot.bdi")
+    return _logger
 
 
 class TraceWriter:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from operator import is_
 from typing import Any
 
-from socialbot.bdi.literals import Literal
-from socialbot.bdi.terms import Cons
+from socialbot.bdi.literals import Event, Literal, literal
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest
 
 Trail = list["Var"]
 """Variables bound since a choice point, for backtracking."""
@@ -28,14 +28,23 @@ class Var:
     __repr__ = __str__
 
 
+SIMPLE = frozenset({int, str, float, bool, Atom})
+"""Classes of values without parts."""
+
+
 def resolve(term: Any) -> Any:
     """Substitute the values of the variables in a term."""
     kind = term.__class__
-    if kind is Var:
-        return term if term.value is term else resolve(term.value)
+    while kind is Var:
+        if term.value is term:
+            return term
+        term = term.value
+        kind = term.__class__
+    if kind in SIMPLE:
+        return term
     if kind is tuple:
         for item in term:
-            if item.__class__ in _COMPOUND or isinstance(item, Literal):
+            if item.__class__ not in SIMPLE and (item.__class__ in _COMPOUND or isinstance(item, Literal)):
                 found = tuple(map(resolve, term))
                 return term if all(map(is_, found, term)) else found
         return term
@@ -45,17 +54,27 @@ def resolve(term: Any) -> Any:
         args, annotations = resolve(term.args), resolve(term.annotations)
         if args is not term.args or annotations is not term.annotations:
             return term.with_(args=args, annotations=annotations)
+    if isinstance(term, LiteralVariable):
+        variable, notes, namespace = resolve(term.variable), resolve(term.annotations), resolve(term.namespace)
+        return LiteralVariable(variable, notes, term.negated, namespace)
+    if isinstance(term, Rest):
+        return Rest(resolve(term.tail))
     return term
 
 
 def closed(term: Any) -> bool:
     """Whether the term has no unbound variables."""
     kind = term.__class__
+    if kind in SIMPLE:
+        return True
     if kind is Var:
         return term.value is not term and closed(term.value)
     if kind is tuple:
-        return all(map(closed, term))
-    if kind is Cons:
+        for item in term:  # noqa: SIM110 - a generator would be slower
+            if item.__class__ not in SIMPLE and not closed(item):
+                return False
+        return True
+    if kind is Cons or kind is LiteralVariable or kind is Rest:
         return False
     if isinstance(term, Literal):
         return closed(term.args) and closed(term.annotations)
@@ -100,7 +119,42 @@ def unify(left: Any, right: Any, trail: Trail) -> bool:
             and unify(left.args, right.args, trail)
             and annotations_match(left.annotations, right.annotations, trail)
         )
+    if left.__class__ is LiteralVariable or right.__class__ is LiteralVariable:
+        return _unify_literal_variable(left, right, trail)
+    for one, two in ((left, right), (right, left)):
+        match = getattr(one, "match", None)
+        if match is not None:  # a plan or body with variables for parts
+            return bool(match(one, two, trail))
+    if isinstance(left, Event) and isinstance(right, Event):
+        return left.change is right.change and unify(left.literal, right.literal, trail)
     return bool(left == right)
+
+
+def _unify_literal_variable(left: Any, right: Any, trail: Trail) -> bool:
+    """Unify ``X[a]`` or ``~X`` with a literal; X becomes the literal without these annotations or its negation."""
+    if left.__class__ is not LiteralVariable:
+        left, right = right, left
+    if right.__class__ is LiteralVariable:
+        return left.negated == right.negated and unify(left.variable, right.variable, trail)
+    negated = isinstance(right, Literal) and right.negated
+    if not isinstance(right, (Literal, Atom)) or (left.negated and not negated):
+        return False
+    if not annotations_match(left.annotations, () if isinstance(right, Atom) else right.annotations, trail):
+        return False
+    bare: Any = right
+    if left.namespace is not None:
+        prefix, _, name = (right.functor if isinstance(right, Literal) else right.name).rpartition("::")
+        if not unify(left.namespace, Atom(prefix or "default"), trail):
+            return False
+        right = literal(name, *(() if isinstance(right, Atom) else (right.args, right.annotations)), negated=negated)
+    if isinstance(right, Literal):
+        bare = right if isinstance(left.variable, Literal) else right.with_(annotations=())
+        if left.negated:
+            bare.negated = False
+            bare.__dict__.pop("key", None)
+        if not bare.args and not bare.negated and not isinstance(left.variable, Literal):
+            bare = Atom(bare.functor)
+    return unify(left.variable, bare, trail)
 
 
 def _unify_lists(left: Any, right: Any, trail: Trail) -> bool:
@@ -122,10 +176,14 @@ def _unify_lists(left: Any, right: Any, trail: Trail) -> bool:
 
 def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trail) -> bool:
     """Whether each annotation of the pattern matches a held one; binds variables to the first match."""
+    matched: list[Any] = []
     for note in pattern:
+        if note.__class__ is Rest:
+            return unify(note.tail, tuple(other for other in held if all(other is not one for one in matched)), trail)
         for candidate in held:
             mark = len(trail)
             if unify(note, candidate, trail):
+                matched.append(candidate)
                 break
             undo(trail, mark)
         else:
@@ -153,4 +211,4 @@ def free(term: Any) -> None:
         free((term.args, term.annotations))
 
 
-_COMPOUND = frozenset({Var, tuple, Cons})
+_COMPOUND = frozenset({Var, tuple, Cons, LiteralVariable, Rest})

@@ -11,6 +11,7 @@ from socialbot.bdi import (
     Engine,
     Goal,
     Inference,
+    Library,
     Plan,
     Reactor,
     Record,
@@ -21,13 +22,17 @@ from socialbot.bdi import (
 from socialbot.bdi.literals import Change, Event
 from socialbot.core.clock import SECOND, ManualClock
 
-X, Y, Z, _ = variables("X Y Z _")
+S, X, Y, Z, _ = variables("S X Y Z _")
 
 
 class p(Belief): ...
 
 
 class q(Belief): ...
+
+
+class r(Belief):
+    """A belief that rules infer."""
 
 
 class mood(SingletonBelief): ...
@@ -65,11 +70,17 @@ class nap(Action):
 class Lab:
     """An engine in simulated time; ``done`` is what its actions did, ``timeline`` with the seconds at which."""
 
-    def __init__(self, *rules: Plan | Inference | list[Plan], name: str = "lab", start: float = 0.0) -> None:
+    def __init__(
+        self,
+        *rules: Plan | Inference | list[Plan],
+        name: str = "lab",
+        start: float = 0.0,
+        library: Library | None = None,
+    ) -> None:
         self.clock = ManualClock(round(start * SECOND))
         self.trace: list[Record] = []
         self.timeline: list[tuple[float, Any]] = []
-        self.engine = Engine(name, self.clock, robot=self, sink=self.trace.append)
+        self.engine = Engine(name, self.clock, robot=self, sink=self.trace.append, library=library)
         self.engine.add_rules(*rules)
 
     def note(self, what: Any) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from socialbot.bdi import Plan, ask, test
+from socialbot.bdi import Plan, ask, send, test
 from socialbot.bdi.agentspeak import agentspeak, parse
-from socialbot.bdi.literals import Change, Event, Literal
-from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Nested, Step, Update, While
-from socialbot.bdi.terms import NOTHING, Comparison, Condition, Conjunction, Disjunction, Negation, conjunction
+from socialbot.bdi.literals import Change, Event, Literal, source
+from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, For, Forget, If, Nested, Step, Update, While
+from socialbot.bdi.terms import NOTHING, Atom, Comparison, Condition, Conjunction, Disjunction, Negation, conjunction
 from socialbot.core.errors import RuleError
-from tests.bdi.lab import X, Y, _, crash, do, go, mood, nap, p, ping, q, sub
+from tests.bdi.lab import X, Y, Z, _, crash, do, go, mood, nap, p, ping, q, r, sub
 
 VALUES = st.sampled_from((0, 1))
 TERMS = st.sampled_from((0, 1, X, X, Y, Y))
@@ -105,6 +105,58 @@ STIMULI = st.lists(
 """What is posted, one after the other; at ``seconds`` the agent deals with it all, then so many seconds pass."""
 
 
+ROOM = [r(X) << (q(X, Y) & ~p(Y)), r(X) << (p(X) & q(_, X)), r(X) << (q(X, X) | p(X)[source(Atom("bob"))])]
+RULES = st.lists(st.sampled_from(ROOM), unique_by=id, max_size=2).map(tuple)
+NAMED = st.sampled_from((Atom("bob"), Atom("eve"), Atom("self"), Z))
+SAID = st.builds(lambda belief, name: belief[source(name)], literals(p, q, mood, args=LOOSE), NAMED)
+SOCIAL_TESTS = st.one_of(BELIEFS, BELIEFS, literals(r, args=LOOSE), SAID, SAID.map(negation), COMPARISONS)
+AWAITED = st.one_of(
+    st.builds(Event, st.sampled_from((Change.ADDED, Change.REMOVED)), st.one_of(literals(p, q, args=LOOSE), SAID)),
+    st.builds(Event, st.just(Change.WANTED), literals(go, args=LOOSE)),
+    st.lists(SOCIAL_TESTS, min_size=1, max_size=2).map(lambda terms: conjunction(*terms)),
+)
+SOCIAL_STEPS = st.one_of(
+    PLAIN_STEPS,
+    PLAIN_STEPS,
+    st.builds(Await, AWAITED, st.sampled_from((None, 1, 2))),
+    st.builds(Await, AWAITED, st.sampled_from((None, 1, 2))),
+    st.builds(lambda arg: Do(send("bob", p(arg))), TERMS),
+    st.one_of(SAID, literals(r, args=LOOSE)).map(test),
+)
+SOCIAL_EVENTS = [
+    *(event for event in EVENTS[3:7]),
+    st.builds(Event, st.just(Change.ADDED), literals(p, q, args=TERMS)),
+    st.builds(Event, st.just(Change.ADDED), SAID),
+    st.builds(Event, st.just(Change.REMOVED), SAID),
+    st.builds(Event, st.just(Change.FAILED), literals(go, sub, args=TERMS)),
+]
+
+
+@st.composite
+def social_plans(draw: st.DrawFn, events: st.SearchStrategy[Event]) -> Plan:
+    """A plan with waits, messages, derived beliefs and annotations; no plan is atomic."""
+    plan = Plan(draw(events), NOTHING, ())
+    for condition in draw(st.lists(SOCIAL_TESTS, max_size=2)):
+        assert isinstance(condition, Condition)
+        plan = _extended(plan, (*plan.condition.terms, condition), plan.body)
+    plan = _extended(plan, plan.condition.terms, (Do(do(str(plan.event))),))
+    for step in draw(st.lists(SOCIAL_STEPS, max_size=4)):
+        plan = _extended(plan, plan.condition.terms, (*plan.body, step))
+    return plan
+
+
+SOCIAL_PROGRAMS = st.tuples(*[social_plans(events) for events in SOCIAL_EVENTS]).flatmap(st.permutations)
+TOLD = st.one_of(
+    st.tuples(st.just("tell"), literals(p, q, mood, args=VALUES)),
+    st.tuples(st.just("untell"), literals(p, q, mood, args=VALUES)),
+    st.tuples(st.just("achieve"), literals(go, sub, args=VALUES)),
+).flatmap(lambda told: st.tuples(st.just(told[0]), st.just(told[1]), st.sampled_from(("bob", "eve"))))
+SOCIAL_STIMULI = st.lists(
+    st.one_of(POSTED, TOLD, TOLD, st.tuples(st.just("seconds"), st.integers(0, 2))), min_size=3, max_size=10
+)
+"""Like `STIMULI`, with messages from other agents."""
+
+
 def steps_in(body: tuple[Step, ...]) -> list[Step]:
     """All steps, those in other steps too."""
     found: list[Step] = []
@@ -125,4 +177,6 @@ def can_be_spoken(program: list[Plan]) -> bool:
     return not any(isinstance(step, Forget) for plan in program for step in steps_in(plan.body))
 
 
-__all__ = ["PROGRAMS", "STIMULI", "Ask", "Constrain", "can_be_spoken", "spoken"]
+__all__ = [
+    "PROGRAMS", "RULES", "SOCIAL_PROGRAMS", "SOCIAL_STIMULI", "STIMULI", "Ask", "Constrain", "can_be_spoken", "spoken",
+]  # fmt: skip

@@ -2,7 +2,7 @@
 
 Plans are looked at as they were written, never compiled. Beliefs are a list, intentions are generators, a failing
 goal is an exception. In one turn the agent looks at one event, then makes one step of one intention; intentions
-take turns. Nothing here is quick, or knows of sources, stages, time limits and the trace.
+take turns. Annotations are sources only. Nothing here is quick, or knows of stages, limits of goals and the trace.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from typing import Any
 
-from socialbot.bdi import Plan, Reactor, SingletonBelief
-from socialbot.bdi.literals import Literal
-from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Forget, If, Step, Update, While
+from socialbot.bdi import Inference, Plan, Reactor, SingletonBelief
+from socialbot.bdi.literals import Event, Literal
+from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, For, Forget, If, Step, Update, While
 from socialbot.bdi.terms import (
+    Atom,
     Comparison,
     Condition,
     Conjunction,
@@ -25,8 +26,11 @@ from socialbot.bdi.terms import (
 )
 
 Args = tuple[Any, ...]
-Body = Generator[int, None, None]
-"""Yields before each step: 0, or the seconds to sleep first."""
+SELF = (Atom("self"),)
+"""Who says what the agent itself adds."""
+
+Happened = tuple[str, Args, Args]
+"""An event: what it is, its arguments, and the sources that it is about."""
 
 
 class Cell:
@@ -42,10 +46,23 @@ class Failed(Exception):  # noqa: N818 - what it says
     pass
 
 
+class Wait:
+    """What an intention waits for: an event or a condition with its variables, and since when at most how long."""
+
+    def __init__(self, what: Event | Condition, env: Env, limit: int | None) -> None:
+        self.what, self.env, self.limit = what, env, limit
+        self.missed = False
+
+
+Body = Generator["int | Wait", None, None]
+"""Yields before each step: 0, the seconds to sleep first, or what to wait for."""
+
+
 class Intention:
     def __init__(self, body: Body) -> None:
         self.body = body
         self.atomic = 0
+        self.wait: Wait | None = None
 
 
 def look(term: Any) -> Any:
@@ -98,12 +115,17 @@ def undo(bound: list[Cell], mark: int = 0) -> None:
 
 
 class Reference:
-    def __init__(self, plans: list[Plan]) -> None:
+    def __init__(self, plans: list[Plan], rules: tuple[Inference, ...] = ()) -> None:
         self.plans = sorted(plans, key=lambda plan: -plan.priority)
+        self.rules = rules
         self.now = 0
         self.done: list[tuple[Any, ...]] = []
+        self.sent: list[tuple[str, Args]] = []
         self.beliefs: list[tuple[str, Args]] = []
-        self.events: list[tuple[str, Args]] = []
+        self.sources: dict[tuple[str, Args], Args] = {}
+        self.events: list[Happened] = []
+        self.heard = {plan.event.key for plan in plans}
+        self.waiting: list[Intention] = []
         self.ready: list[Intention] = []
         self.asleep: list[tuple[int, Intention]] = []
         self.current: Intention | None = None
@@ -118,34 +140,88 @@ class Reference:
         self.forget_all(literal, literal.args)
 
     def achieve(self, goal: Literal) -> None:
-        self.events.append((f"+!{goal.key}", goal.args))
+        self.events.append((f"+!{goal.key}", goal.args, SELF))
+
+    def told(self, sender: str, performative: str, literal: Literal) -> None:
+        """A message from another agent."""
+        said_by = (Atom(sender),)
+        if performative == "tell":
+            self.announce(self.hold(literal, literal.args, said_by))
+        elif performative == "untell":
+            self.unsay(literal.key, self.matching(literal.key, literal.args, said_by)[:1], said_by)
+        else:
+            self.adopt(self.pursue(f"!{literal.key}", literal.args, said_by))
 
     # Turns
 
     def busy(self) -> bool:
         return bool(self.ready or (self.events and self.atomic is None))
 
-    def believed(self) -> dict[str, list[Args]]:
-        found: dict[str, list[Args]] = {}
+    def believed(self) -> dict[str, list[tuple[Args, tuple[str, ...]]]]:
+        """The beliefs with their sources."""
+        found: dict[str, list[tuple[Args, tuple[str, ...]]]] = {}
         for key, args in self.beliefs:
-            found.setdefault(key, []).append(args)
+            found.setdefault(key, []).append((args, tuple(map(str, self.sources[key, args]))))
         return found
 
     def turn(self) -> None:
         while self.asleep and self.asleep[0][0] <= self.now:
-            self.ready.append(self.asleep.pop(0)[1])
+            self.wake(self.asleep.pop(0)[1])
         if self.events and self.atomic is None:
-            event, args = self.events.pop(0)
+            event, args, notes = self.events.pop(0)
             if event.startswith("+!"):
-                self.adopt(self.pursue(event[1:], args))
+                self.adopt(self.pursue(event[1:], args, notes))
             else:
-                self.adopt(self.react(event, args))
+                self.adopt(self.react(event, args, notes, last=True))
+                self.notice(event, args, notes)
         if self.atomic is None and self.ready:
             self.proceed(self.ready.pop(0))
         elif self.atomic in self.ready:
             assert self.atomic is not None
             self.ready.remove(self.atomic)
             self.proceed(self.atomic)
+        for intention in list(self.waiting):
+            assert intention.wait is not None
+            if isinstance(intention.wait.what, Condition) and self.holds(intention.wait):
+                self.go_on(intention)
+
+    # Waits
+
+    def wake(self, intention: Intention) -> None:
+        """The time of an intention has come."""
+        if intention.wait is not None:
+            intention.wait.missed = True
+            self.waiting.remove(intention)
+            intention.wait = None
+            # A missed limit fails the goal at once; the plan for the failure begins in the next turn of the intention.
+            self.proceed(intention)
+        else:
+            self.ready.append(intention)
+
+    def go_on(self, intention: Intention) -> None:
+        self.waiting.remove(intention)
+        self.asleep = [sleeper for sleeper in self.asleep if sleeper[1] is not intention]
+        intention.wait = None
+        self.ready.append(intention)
+
+    def notice(self, event: str, args: Args, notes: Args) -> None:
+        """Wakes the intentions that wait for this event."""
+        for intention in list(self.waiting):
+            wait = intention.wait
+            assert wait is not None
+            if isinstance(wait.what, Event) and wait.what.key == event:
+                bound: list[Cell] = []
+                literal = wait.what.literal
+                if unify(opened(literal, wait.env), args, bound) and self.annotated(literal, wait.env, notes, bound):
+                    self.go_on(intention)
+                else:
+                    undo(bound)
+
+    def holds(self, wait: Wait) -> bool:
+        assert isinstance(wait.what, Condition)
+        found = self.first(wait.what, wait.env)
+        wait.env.update(found or {})
+        return found is not None
 
     def adopt(self, body: Body) -> None:
         self.proceed(Intention(body))
@@ -157,7 +233,15 @@ class Reference:
             pause = next(intention.body)
         except (StopIteration, Failed):
             return
-        if pause:
+        if isinstance(pause, Wait):
+            intention.wait = pause
+            self.waiting.append(intention)
+            if isinstance(pause.what, Event):
+                self.heard.add(pause.what.key)
+            if pause.limit is not None:
+                self.asleep.append((self.now + pause.limit, intention))
+                self.asleep.sort(key=lambda sleeper: sleeper[0])
+        elif pause:
             self.asleep.append((self.now + pause, intention))
             self.asleep.sort(key=lambda sleeper: sleeper[0])
         else:
@@ -165,27 +249,47 @@ class Reference:
 
     # Beliefs
 
-    def hold(self, literal: Literal, args: Args) -> tuple[str, Args] | None:
+    def hold(self, literal: Literal, args: Args, said_by: Args = SELF) -> Happened | None:
         """Believes something; returns the event that this is, if it is one."""
-        if (literal.key, args) in self.beliefs:
-            return None
+        belief = literal.key, args
+        if belief in self.beliefs:
+            new = tuple(name for name in said_by if name not in self.sources[belief])
+            self.sources[belief] += new
+            return (f"+{literal.key}", args, new) if new else None
         if literal.functor in KINDS["singleton"]:
-            for key, held in [belief for belief in self.beliefs if belief[0] == literal.key]:
+            for key, held in [other for other in self.beliefs if other[0] == literal.key]:
                 self.drop(key, held)
         if literal.functor not in KINDS["reactor"]:
-            self.beliefs.append((literal.key, args))
-        return f"+{literal.key}", args
+            self.beliefs.append(belief)
+            self.sources[belief] = said_by
+        return f"+{literal.key}", args, said_by
 
     def drop(self, key: str, args: Args) -> None:
         self.beliefs.remove((key, args))
-        self.announce((f"-{key}", args))
+        self.announce((f"-{key}", args, self.sources.pop((key, args))))
 
-    def matching(self, key: str, args: Args) -> list[Args]:
-        """What is believed that fits, newest first; binds nothing."""
+    def unsay(self, key: str, found: list[Args], said_by: Args = SELF) -> None:
+        """Takes a source from a belief, and announces that."""
+        for args in found:
+            self.announce(self.taken(key, args, said_by))
+
+    def taken(self, key: str, args: Args, said_by: Args = SELF) -> Happened:
+        """Takes a source from a belief, which ends with its last one; returns the event."""
+        belief = key, args
+        left = tuple(name for name in self.sources[belief] if name not in said_by)
+        self.sources[belief] = left
+        if not left:
+            self.beliefs.remove(belief)
+            del self.sources[belief]
+        return f"-{key}", args, said_by
+
+    def matching(self, key: str, args: Args, said_by: Args = ()) -> list[Args]:
+        """The matching beliefs with these sources, newest first; binds nothing."""
         found = []
         for held_key, held in reversed(self.beliefs):
             bound: list[Cell] = []
-            if held_key == key and unify(args, held, bound):
+            fits = held_key == key and unify(args, held, bound)
+            if fits and set(said_by) <= set(self.sources[held_key, held]):
                 found.append(held)
             undo(bound)
         return found
@@ -194,9 +298,21 @@ class Reference:
         for held in self.matching(literal.key, args):
             self.drop(literal.key, held)
 
-    def announce(self, event: tuple[str, Args] | None) -> None:
-        if event is not None and any(plan.event.key == event[0] for plan in self.plans):
+    def announce(self, event: Happened | None) -> None:
+        if event is not None and event[0] in self.heard:
             self.events.append(event)
+
+    def annotated(self, literal: Literal, env: Env, notes: Args, bound: list[Cell]) -> bool:
+        """Finds each annotation of an event among the sources, the first that fits."""
+        return all(any(self.fits(note, env, name, bound) for name in notes) for note in literal.annotations)
+
+    def fits(self, note: object, env: Env, name: object, bound: list[Cell]) -> bool:
+        assert isinstance(note, Literal)
+        mark = len(bound)
+        if unify(opened(note, env), (name,), bound):
+            return True
+        undo(bound, mark)
+        return False
 
     # Conditions
 
@@ -226,8 +342,26 @@ class Reference:
             args = opened(term, env := dict(env))
             for held in self.matching(term.key, args):
                 unify(args, held, bound)
-                yield from self.solutions(rest, env, bound)
+                for _ in self.said(term.annotations, self.sources.get((term.key, held), ()), env, bound):
+                    yield from self.solutions(rest, env, bound)
                 undo(bound, mark)
+            for rule in self.rules:
+                own: Env = {}
+                if rule.head.key == term.key and unify(opened(rule.head, own), args, bound):
+                    for _ in self.solutions((rule.condition,), own, bound):
+                        yield from self.solutions(rest, env, bound)
+                undo(bound, mark)
+
+    def said(self, notes: Args, names: Args, env: Env, bound: list[Cell]) -> Iterator[None]:
+        """The ways in which annotations fit the sources of a belief."""
+        if not notes:
+            yield None
+            return
+        mark = len(bound)
+        for name in names:
+            if self.fits(notes[0], env, name, bound):
+                yield from self.said(notes[1:], names, env, bound)
+            undo(bound, mark)
 
     def compare(self, term: Comparison, env: Env, bound: list[Cell]) -> bool:
         if term.symbol == "=":
@@ -245,12 +379,14 @@ class Reference:
 
     # Plans
 
-    def choose(self, event: str, args: Args) -> tuple[Plan, Env] | None:
+    def choose(self, event: str, args: Args, notes: Args) -> tuple[Plan, Env] | None:
         for plan in self.plans:
             bound: list[Cell] = []
             env: Env = {}
+            literal = plan.event.literal
             try:
-                if plan.event.key == event and unify(opened(plan.event.literal, env), args, bound):
+                fits = plan.event.key == event and unify(opened(literal, env), args, bound)
+                if fits and self.annotated(literal, env, notes, bound):
                     for solution in self.solutions((plan.condition,), env, bound):
                         return plan, solution
             except Failed:  # the condition asked for the value of a variable that has none
@@ -258,20 +394,24 @@ class Reference:
             undo(bound)
         return None
 
-    def pursue(self, goal: str, args: Args) -> Body:
+    def pursue(self, goal: str, args: Args, notes: Args = SELF) -> Body:
+        self.notice(f"+{goal}", args, notes)
         try:
-            chosen = self.choose(f"+{goal}", args)
+            chosen = self.choose(f"+{goal}", args, notes)
             if chosen is None:
                 raise Failed
             yield from self.perform(*chosen)
         except Failed:
-            chosen = self.choose(f"-{goal}", args)
+            chosen = self.choose(f"-{goal}", args, notes)
             if chosen is None:
                 raise
             yield from self.perform(*chosen)
 
-    def react(self, event: str, args: Args) -> Body:
-        chosen = self.choose(event, args)
+    def react(self, event: str, args: Args, notes: Args, *, last: bool = False) -> Body:
+        """The plan for an event; with ``last``, who waits for the event notices it only afterwards."""
+        if not last:
+            self.notice(event, args, notes)
+        chosen = self.choose(event, args, notes)
         if chosen is not None:
             yield from self.perform(*chosen)
 
@@ -293,28 +433,45 @@ class Reference:
         for step in body:
             if not rested:
                 yield 0
-            rested = isinstance(step, Do) and step.action.functor == "nap"
+            rested = isinstance(step, Await) or (
+                isinstance(step, Do) and isinstance(step.action, Literal) and step.action.functor == "nap"
+            )
             yield from self.step(step, env)
 
     def step(self, step: Step, env: Env) -> Body:
         """One step; ``env`` gets the variables that it gives values to."""
         if isinstance(step, Do):
-            args = tuple(value(arg, env) for arg in step.action.args)
+            assert isinstance(step.action, Literal)
+            sends = step.action.functor == "send"
+            args = () if sends else tuple(value(arg, env) for arg in step.action.args)
             if step.action.functor == "nap":
-                yield args[0]
+                yield next(iter(args))
             elif step.action.functor == "crash":
                 raise Failed
+            elif step.action.functor == "send":
+                told = step.action.args[1]
+                assert isinstance(told, Literal)
+                self.sent.append((told.key, tuple(value(arg, env) for arg in told.args)))
             else:
                 self.done.append(args)
         elif isinstance(step, Achieve):
             assert isinstance(step.goal, Literal)
             if step.apart:
                 args = tuple(value(arg, env) for arg in step.goal.args)
-                self.events.append((f"+!{step.goal.key}", args))
+                self.events.append((f"+!{step.goal.key}", args, SELF))
             else:
                 yield from self.pursue(f"!{step.goal.key}", opened(step.goal, env))
         elif isinstance(step, Ask):
             yield from self.ask(step, env)
+        elif isinstance(step, Await):
+            assert step.limit_s is None or isinstance(step.limit_s, int)
+            wait = Wait(step.what, env, step.limit_s)
+            if isinstance(step.what, Condition) and self.holds(wait):
+                yield 0
+            else:
+                yield wait
+            if wait.missed:
+                raise Failed
         elif isinstance(step, Constrain):
             found = self.first(step.condition, env)
             if found is None:
@@ -354,20 +511,19 @@ class Reference:
         assert isinstance(literal, Literal)
         if step.sign in ("-", "--"):
             args = opened(literal, env)
-            found = self.matching(literal.key, args)
+            found = self.matching(literal.key, args, SELF)
             if not found:
                 return
             unify(args, found[0], [])
+            event = self.taken(literal.key, found[0])
             if step.sign == "--":
-                self.drop(literal.key, found[0])
+                self.announce(event)
                 return
-            self.beliefs.remove((literal.key, found[0]))
-            yield from self.react(f"-{literal.key}", found[0])
+            yield from self.react(*event)
             return
         args = tuple(value(arg, env) for arg in literal.args)
         if step.sign == "-+":
-            for held in self.matching(literal.key, tuple(Cell() for _ in args))[:1]:
-                self.drop(literal.key, held)
+            self.unsay(literal.key, self.matching(literal.key, tuple(Cell() for _ in args), SELF)[:1])
         event = self.hold(literal, args)
         if step.sign == "++":
             self.announce(event)

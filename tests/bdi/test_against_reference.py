@@ -4,13 +4,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Plan, wait
+from socialbot.bdi import Goal, Inference, Plan, wait
 from socialbot.bdi.literals import Change, Event, Literal
+from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
 from socialbot.bdi.terms import conjunction
 from socialbot.core.clock import SECOND
 from tests.bdi.lab import Lab, X, Y, Z, crash, do, go, mood, nap, p, ping, q, sub
-from tests.bdi.programs import PROGRAMS, STIMULI, can_be_spoken, spoken
+from tests.bdi.programs import PROGRAMS, RULES, SOCIAL_PROGRAMS, SOCIAL_STIMULI, STIMULI, can_be_spoken, spoken
 from tests.bdi.reference import Reference
 
 TURNS = 80
@@ -63,16 +64,48 @@ class Both:
     def done(self) -> list[tuple[object, ...]]:
         return [what if isinstance(what, tuple) else (what,) for what in self.lab.done]
 
-    def believed(self) -> dict[str, list[tuple[object, ...]]]:
-        found: dict[str, list[tuple[object, ...]]] = {}
+    def believed(self) -> dict[str, list[tuple[tuple[object, ...], tuple[str, ...]]]]:
+        found: dict[str, list[tuple[tuple[object, ...], tuple[str, ...]]]] = {}
         for held in self.lab.engine.beliefs:
-            found.setdefault(held.belief.key, []).append(held.belief.args)
+            found.setdefault(held.belief.key, []).append((held.belief.args, held.sources))
         return found
 
 
+class unused(Goal):  # noqa: N801 - a goal like those of the lab
+    """A goal that nobody has."""
+
+
+class Social(Both):
+    """Both in the company of other agents: messages come from ``bob`` and ``eve``, and go to ``bob``."""
+
+    def __init__(self, program: list[Plan], rules: tuple[Inference, ...]) -> None:
+        super().__init__(program)
+        # A plan makes the class of a belief known to the engine, in case it is only told.
+        self.lab.engine.add_rules(*rules, unused() / mood(0) >> [do("never")])
+        self.reference.rules = rules
+        self.society = Society(self.lab.clock)
+        self.others = {name: self.society.add(Lab(name=name).engine) for name in ("bob", "eve")}
+        self.society.add(self.lab.engine)
+
+    def told(self, performative: str, literal: Literal, sender: str) -> None:
+        self.others[sender].messaging.send("lab", performative, literal)
+        self.reference.told(sender, performative, literal)
+
+    def settle(self) -> bool:
+        settled = super().settle()
+        if settled:
+            self.others["bob"].run_until_idle()
+            heard = {(held.belief.key, held.belief.args) for held in self.others["bob"].beliefs}
+            assert heard == set(self.reference.sent)
+        return settled
+
+
 def compare(both: Both, stimuli) -> None:
-    for what, value in [*stimuli, ("seconds", 2), ("seconds", 2), ("seconds", 0)]:
-        if isinstance(value, Literal):
+    for what, value, *sender in [*stimuli, ("seconds", 2), ("seconds", 2), ("seconds", 0)]:
+        if sender:
+            assert isinstance(both, Social)
+            both.told(what, value, *sender)
+        elif isinstance(value, Literal):
             both.post(what, value)
         elif both.settle():
             both.advance(value)
@@ -105,6 +138,19 @@ def test_a_step_in_a_block_takes_one_turn_like_any_other(block):
     compare(
         both, [("believe", q(0, 0)), ("believe", q(1, 1)), ("achieve", go(0)), ("achieve", go(1)), ("believe", ping(0))]
     )
+
+
+@settings(deadline=None, max_examples=150, suppress_health_check=SLOW)
+@given(SOCIAL_PROGRAMS, RULES, SOCIAL_STIMULI)
+def test_waits_rules_annotations_and_messages_match_the_reference(program, rules, stimuli):
+    compare(Social(program, rules), stimuli)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=5000, suppress_health_check=SLOW)
+@given(SOCIAL_PROGRAMS, RULES, SOCIAL_STIMULI)
+def test_waits_rules_annotations_and_messages_match_the_reference_in_many_cases(program, rules, stimuli):
+    compare(Social(program, rules), stimuli)
 
 
 @pytest.mark.slow

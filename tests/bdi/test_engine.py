@@ -60,8 +60,8 @@ def test_removed_singleton_does_not_hold_in_conditions():
 
 
 def test_a_reactor_is_an_event_each_time_and_never_held():
-    lab = Lab(+ping(X) >> [do(X), +q(X)], go() / ping(1) >> [do("held")])
-    lab.tell(+ping(1), +ping(1), go())
+    lab = Lab(+ping(X) >> [do(X), +q(X)])
+    lab.tell(+ping(1), +ping(1))
     assert lab.done == [1, 1]
     assert lab.beliefs == ["q(1)"]
 
@@ -438,3 +438,11 @@ def test_plans_that_are_added_later_are_compiled_at_their_first_event(compiled):
     lab.tell(+ping(1), +ping(2), +p(3))
     assert lab.done == [1, 2, 3]
     assert len(compiled) == 1
+
+
+def test_the_text_of_a_deep_intention_is_short():
+    lab = Lab(go(X) / (X > 0) >> [go(X - 1), do(X)], go(0) >> [wait(1)])
+    lab.tell(go(1000))
+    (intention,) = lab.engine.intentions
+    assert str(intention).startswith("go(0) < go(X) < go(X) < ")
+    assert "994 more < go(X)" in str(intention)

@@ -56,7 +56,7 @@ PRINTED = {
         .suspend(g(_));
         .findall(X, .intend(g(X)), C); .findall(X, .desire(g(X)), D);
         .suspended(g(Y), Why); .print(A, B, C, D, Y, Why);
-        if (not .desire(other)) { .print(no) }; .resume(g(_)).""", ["[1][1][][1]1suspended", "no"]),
+        if (not .desire(other)) { .print(no) }; .resume(g(_)).""", ["[1][1][][1]1wait(1)[time(100)]", "no"]),
     "the current intention lists its goals": (
         "!g. +!g <- !h(1); .print(x). +!h(X) <- .current_intention(intention(N, Goals)); .print(N, Goals).",
         ["1[h(1),g]", "x"],

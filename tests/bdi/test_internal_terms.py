@@ -55,14 +55,14 @@ CASES = {
     # strings
     '.findall(P, .substring("a", "abbacca", P), L); .print(L)': ["[0,3,6]"],
     '.substring("a", "bbacc", 0)': ["failed ia_failed"],
-    '.substring("ca", "abbacca", B, E); .print(B, " ", E)': ["5 7"],
+    '.substring("ca", "abbacca", B, E); .print(B, " ", E)': ["5 6"],
     ".substring(a(10), b(t1, a(10)), P); .print(P)": ["5"],
     '.substring(a(10), b("t1,a(10)"), P); .print(P)': ["6"],
     '.substring("x", "abc")': ["failed ia_failed"],
     '.lower_case("AbC", S); .upper_case(S, T); .print(S, T)': ["abcABC"],
     '.term2string(f(X, "a", [1]), S); .print(S)': ['f(X,"a",[1])'],
     '.term2string(T, "f(Y, [1, b], \'Z\')"); T = f(a, [_, B], _); .print(B)': ["b"],
-    '.term2string(T, "f(")': ["failed wrong_arguments"],
+    '.term2string(T, "f("); .concat(T, "", S); .print(S)': ["f("],
     # numbers
     "for (.range(I, 1, 3)) { .print(I) }": ["1", "2", "3"],
     "for (.range(I, 5, 0, -2)) { .print(I) }": ["5", "3", "1"],
@@ -80,7 +80,7 @@ CASES = {
     "X = f(Y); if (.var(X) | .ground(X)) { .print(no) } else { .print(open) }": ["open"],
     "for (.member(T, [1, a, \"s\", f(1), [], ~a])) { .findall(K, "
     "(.number(T) & K = n | .atom(T) & K = a | .string(T) & K = s | .list(T) & K = l | .literal(T) & K = t | "
-    ".structure(T) & K = u), L); .print(L) }": ["[n]", "[a,t,u]", "[s]", "[t,u]", "[l,u]", "[t,u]"],
+    ".structure(T) & K = u), L); .print(L) }": ["[n]", "[a,t]", "[s]", "[t,u]", "[l,u]", "[t,u]"],
     # what fails
     ".fail": ["failed ia_failed"],
 }  # fmt: skip
@@ -100,11 +100,11 @@ def test_failing_with_a_reason_and_more():
 
 def test_printing_spells_terms_as_jason_does():
     body = """.print("x", 'Y z', " ", [a, "b", 'Y z', 2.0, 2.5, f(1, X)[s, b(2)], ~g], X, 4/2, "")"""
-    assert does(body) == ["""xY z [a,"b",'Y z',2,2.5,f(1,X)[b(2),s],~g]X<no-value>2"""]
+    assert does(body) == ["""x'Y z' [a,"b",'Y z',2,2.5,f(1,X)[b(2),s],~g]X<no-value>2"""]
 
 
 def test_printing_a_plan_and_an_event():
-    assert does(".print({+!g(X)}, {+b : c <- d})") == ["{+!g(X)}+b : c <- d."]
+    assert does(".print({+!g(X)}, {+b : c <- d})") == ["{ +!g(X) }+b : c <- d."]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,10 @@ def test_printing_a_plan_and_an_event():
     [
         (True, "true"),
         (None, "none"),
-        (1e20, "1e+20"),
+        (1e20, "1.0E20"),
+        (1.5e-5, "1.5E-5"),
+        (1e7 + 0.5, "1.00000005E7"),
+        (float("inf"), "Infinity"),
         (Cons((1,), Var("T")), "[1|T]"),
         (literal("f", (), (Atom("x"),)), "f[x]"),
     ],
@@ -193,6 +196,6 @@ def test_a_term_is_opened_with_one_variable_for_each_name():
     assert term[2] is not term[3]
 
 
-def test_a_string_stands_for_itself_and_a_name_too():
+def test_only_a_string_is_printed_without_quotes():
     assert said("a b") == "a b"
-    assert said(Atom("a b")) == "a b"
+    assert said(Atom("a b")) == "'a b'"

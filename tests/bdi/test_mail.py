@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Atom, Engine, Goal, message, send
+from socialbot.bdi import Engine, Goal, message, send
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, do, go, p
@@ -176,7 +176,7 @@ def test_python_rules_send_and_listen():
     mas.society.add(lab.engine)
     lab.engine.achieve(go())
     mas.until(1)
-    assert lab.done == [Atom("tell"), Atom("achieve")]
+    assert lab.done == ["tell", "achieve"]
     assert mas.beliefs("b") == {"p(1)": ("a",)}
 
 

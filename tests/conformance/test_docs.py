@@ -14,7 +14,6 @@ import socialbot.bdi
 from socialbot.bdi._messaging import PERFORMATIVES
 from socialbot.bdi.compiler._runtime import FUNCTIONS
 from socialbot.bdi.intentions import REASONS
-from socialbot.bdi.stdlib import internals
 from socialbot.bdi.trace import KINDS
 from tests.conformance.examples import Example, Stage
 
@@ -23,8 +22,6 @@ SEMANTICS = (ROOT / "docs" / "semantics.md").read_text("utf-8")
 ENGINE = (ROOT / "docs" / "engine.md").read_text("utf-8")
 HOSPITAL = (ROOT / "docs" / "hospital.md").read_text("utf-8")
 DELIBERATION = (ROOT / "docs" / "deliberation.md").read_text("utf-8")
-EXAMPLES = Path(__file__).parent / "examples"
-COMPILED = {".findall", ".setof", ".count"}
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -76,20 +73,6 @@ def test_there_are_examples():
     assert len(SCRIPTS["engine.md"]) > 5
     assert len(SCRIPTS["deliberation.md"]) > 3
     assert len(SCRIPTS["hospital.md"]) > 2
-
-
-def test_every_internal_action_is_in_the_table_and_has_an_example():
-    examples = "\n".join(path.read_text("utf-8") for path in EXAMPLES.glob("*.txt"))
-    for name in sorted(internals().keys() | COMPILED):
-        mentioned = re.compile(rf"(?<![\w.]){re.escape(name)}(?!\w)")
-        assert re.search(rf"^\| `{re.escape(name)}[(`]", SEMANTICS, re.MULTILINE), name
-        assert mentioned.search(examples) or name == ".stop", name
-
-
-def test_every_internal_action_in_the_table_exists():
-    table = SEMANTICS.partition("## Internal actions")[2].partition("\n## ")[0]
-    for name in re.findall(r"^\| `(\.\w+)", table, re.MULTILINE):
-        assert name in internals() or name in COMPILED, name
 
 
 def test_every_reason_performative_and_function_is_told():

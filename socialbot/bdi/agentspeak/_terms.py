@@ -17,9 +17,11 @@ from socialbot.bdi.agentspeak.lexer import (
     Level,
     Source,
     is_function,
+    qualified,
 )
 from socialbot.bdi.literals import Event, Literal, literal
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.plans import Inference, Plan
+from socialbot.bdi.steps import PlanBody
 from socialbot.bdi.terms import (
     Atom,
     Call,
@@ -29,7 +31,10 @@ from socialbot.bdi.terms import (
     Cons,
     Disjunction,
     Expression,
+    Holds,
+    LiteralVariable,
     Negation,
+    Rest,
     Truth,
     Variable,
     conjunction,
@@ -48,12 +53,22 @@ _variable = lru_cache(1024)(Variable)
 
 
 class TermReader:
-    """Parser of the tokens of a source; ``at`` is the next token."""
+    """Parser of the tokens of a source; ``at`` is the next token.
+
+    Attributes:
+        namespace: Namespace of literals without a prefix, empty for the default one and within terms.
+        own_namespace: Namespace of the text, written ``this_ns``.
+        local_namespaces: Unique names of the local namespaces.
+        functions: Predicates of registered functions, by name and arity; '' for functions in Python.
+    """
 
     def __init__(self, source: Source) -> None:
         self.source = source
         self.words = source.words
         self.at = 0
+        self.namespace = self.own_namespace = ""
+        self.local_namespaces: dict[str, str] = {}
+        self.functions: dict[tuple[str, int], str] = {}
 
     def fail(self, expected: str, at: int | None = None, remedy: str | None = None) -> NoReturn:
         """Raise a syntax error at a token, by default the current one."""
@@ -84,15 +99,17 @@ class TermReader:
 
     def as_condition(self, value: object, start: int) -> Condition:
         if isinstance(value, Atom):
-            return Truth(value.name == "true") if value.name in ("true", "false") else literal(value.name)
+            if value.name in ("true", "false"):
+                return Truth(value.name == "true")
+            return literal(qualified(self.namespace, value.name, 0))
         if isinstance(value, Condition):
             return value
-        if isinstance(value, Call) and value.function[0] == ".":
+        if isinstance(value, Call) and "." in value.function:
             return literal(value.function, value.args)
-        if isinstance(value, Variable):
+        if isinstance(value, (Variable, LiteralVariable)):
             if self.words[self.at] in REMEDIES:
                 self.fail("an operator")
-            raise self.unsupported(f"the variable {value} as a condition", start, "name the belief")
+            return Holds(value)
         raise self.source.error(start, "expected a condition, found a term", "compare it, with = or <, for example")
 
     def expression(self, level: int) -> object:
@@ -122,7 +139,10 @@ class TermReader:
             right = self.expression(level if level == Level.POWER else level + 1)
             return Expression(symbol, left, self.operand(right, after, at))
         if level == Level.COMPARE:
+            left = self.unqualified(left)
+            namespace, self.namespace = self.namespace, ""
             right = self.expression(Level.SUM)
+            self.namespace = namespace
             if BINARY.get(self.words[self.at], (0,))[0] == Level.COMPARE:
                 self.fail("one comparison", remedy="join two comparisons with '&'")
             return Comparison(symbol, self.compared(left, start), self.compared(right, after))
@@ -133,12 +153,23 @@ class TermReader:
         before = condition.terms if isinstance(condition, Disjunction) else (conjunction(condition),)
         return Disjunction((*before, conjunction(other)))
 
+    def unqualified(self, value: object) -> object:
+        """Remove the namespace of the text from an operand, which is a term."""
+        prefix = f"{self.namespace}::"
+        if self.namespace and isinstance(value, Literal) and value.functor.startswith(prefix):
+            value = value.with_()
+            value.functor = value.functor.removeprefix(prefix)
+        return value
+
     def operand(self, value: object, start: int, at: int) -> object:
         """Check an operand of the arithmetic operator at ``at``; structures become function calls."""
+        value = self.unqualified(value)
         if isinstance(value, (int, float, Variable, Expression, Call)):
             return value
         if is_plain_structure(value):
             return Call(value.functor, *value.args)
+        if isinstance(value, Atom) and "." in value.name and self.words[start][0] != "'":
+            return Call(value.name)
         missing = start < at and self.words[at] in ("+", "-")
         self.fail(
             f"a number, a variable or a function as operand of '{self.words[at]}'",
@@ -160,7 +191,7 @@ class TermReader:
         word = self.words[self.at]
         kind = KINDS.get(word[0])
         if kind == VARIABLE:
-            return self.variable()
+            return self.variable_term()
         if kind == NAME:
             return self.structure()
         if kind == NUMBER:
@@ -182,25 +213,42 @@ class TermReader:
             return value
         if first == "[":
             return self.list()
-        if first == "~" or (first == "'" and len(word) > 1):
+        if first == "~" or word == "::" or (first == "'" and len(word) > 1):
             return self.structure()
         if first == "." and len(word) > 1:
             return self.number() if KINDS.get(word[1]) == NUMBER else self.structure()
         if first == "{":
             return self.braces()
         if first.isalpha():  # non-ASCII letters have no token kind
-            return self.variable() if self.is_variable() else self.structure()
+            return self.variable_term() if self.is_variable() else self.structure()
         self.fail("a term")
 
     def is_variable(self) -> bool:
         first = self.words[self.at][0]
         return first == "_" or first.isupper()
 
+    def variable_term(self) -> Variable | LiteralVariable:
+        """Read a variable with optional annotations, or a literal with a variable as its namespace."""
+        if self.words[self.at + 1] == "::":
+            return self.in_namespace()
+        variable = self.variable()
+        if self.words[self.at] != "[":
+            return variable
+        return LiteralVariable(variable, self.annotations())
+
+    def in_namespace(self) -> LiteralVariable:
+        namespace = _variable(self.words[self.at])
+        self.at += 2
+        found = self.literal_or_variable("a literal after '::'")
+        if isinstance(found, LiteralVariable):
+            return LiteralVariable(found.variable, found.annotations, found.negated, namespace)
+        if isinstance(found, Literal):
+            found = self.unqualified(found)
+        return LiteralVariable(found, namespace=namespace)
+
     def variable(self) -> Variable:
         at = self.at
         self.at = at + 1
-        if self.words[at + 1] == "[":
-            raise self.unsupported("a variable with annotations", at, "name the literal instead of the variable")
         if self.words[at + 1] == "(":
             raise self.unsupported("a variable with arguments", at, "names begin with a small letter")
         try:
@@ -252,17 +300,47 @@ class TermReader:
         """Read a name with optional arguments and annotations; an atom if it has neither."""
         words = self.words
         start = self.at
-        negated = words[start] == "~"
-        name = self.name(start + negated)
-        self.at = start + negated + 1
+        namespace = self.namespace
+        if words[start] == "::" or words[start + 1] == "::":
+            namespace = self.prefix()
+        at = self.at
+        negated = words[at] == "~"
+        if negated and KINDS.get(words[at + 1][0]) == VARIABLE:
+            self.at += 1
+            found = self.variable_term()
+            if isinstance(found, Variable):
+                return LiteralVariable(found, negated=True)
+            return LiteralVariable(found.variable, found.annotations, True)
+        name = self.name(at + negated)
+        self.at = at + negated + 1
         args = self.arguments(name) if words[self.at] == "(" else ()
         if words[self.at] == "[":
-            return literal(name, args, self.annotations(), negated=negated)
+            return literal(qualified(namespace, name, len(args)), args, self.annotations(), negated=negated)
         if negated:
-            return literal(name, args, negated=True)
-        if "." in name and words[start][0] != "'" and is_function(name, len(args)):
-            return Call(name, *args)
-        return literal(name, args) if args else Atom(name)
+            return literal(qualified(namespace, name, len(args)), args, negated=True)
+        if "." in name and words[at][0] != "'" and self.is_call(name, len(args)):
+            call = Call(name, *args)
+            if (name, len(args)) in self.functions:
+                call.predicate = self.functions[name, len(args)]
+            return call
+        # The namespace of an atom is added where it is a condition or a step.
+        if at == start and not args:
+            return Atom(name)
+        name = qualified(namespace, name, len(args))
+        return literal(name, args) if args or self.namespace else Atom(name)
+
+    def prefix(self) -> str:
+        """Read a namespace up to ``::``; an empty one is that of the text."""
+        name = self.own_namespace
+        if self.words[self.at] != "::":
+            word = self.name(self.at)
+            self.at += 1
+            name = "" if word == "default" else self.own_namespace if word == "this_ns" else word
+        self.at += 1
+        return self.local_namespaces.get(name, name)
+
+    def is_call(self, name: str, arity: int) -> bool:
+        return is_function(name, arity) or (name, arity) in self.functions
 
     def name(self, at: int) -> str:
         word = self.words[at]
@@ -280,20 +358,28 @@ class TermReader:
         self.at += 1
         if self.words[self.at] == ")":
             self.fail(f"an argument of '{name}'", remedy=f"write '{name}' without parentheses")
+        namespace, self.namespace = self.namespace, ""
         args = self.items(Level.OR if "." in name else Level.SUM)
+        self.namespace = namespace
         self.skip(")", "',' or ')'")
         return args
 
     def annotations(self) -> tuple[object, ...]:
-        notes = self.in_brackets("',' or ']' after an annotation")
-        if self.words[self.at - 1] == "|":
-            raise self.unsupported("'|' among annotations", self.at - 1, "name the annotations that matter")
-        return notes
+        notes = self.in_brackets("',', '|' or ']' after an annotation")
+        if self.words[self.at - 1] != "|":
+            return notes
+        tail = self.list() if self.words[self.at] == "[" else self.variable()
+        self.skip("]", "']' after the tail of the annotations")
+        if isinstance(tail, Cons):
+            return (*notes, *tail.items, Rest(tail.tail))
+        return (*notes, *tail) if isinstance(tail, tuple) else (*notes, Rest(tail))
 
     def in_brackets(self, expected: str = "',', '|' or ']' in a list") -> tuple[object, ...]:
         """Read terms up to and including ``]`` or ``|``."""
         self.at += 1
+        namespace, self.namespace = self.namespace, ""
         items = () if self.words[self.at] == "]" else self.items()
+        self.namespace = namespace
         if self.words[self.at] != "|":
             self.skip("]", expected)
         else:
@@ -303,18 +389,28 @@ class TermReader:
     def literal(self, what: str = "a literal") -> Literal:
         """Read a literal where no other term is allowed."""
         start = self.at
+        value = self.literal_or_variable(what)
+        if not isinstance(value, Literal):
+            self.fail(what, start)
+        return value
+
+    def literal_or_variable(self, what: str) -> Literal | Variable | LiteralVariable:
+        """Read a literal, or a variable for one."""
+        start = self.at
+        if self.is_variable():
+            return self.variable_term()
         first = self.words[start][0]
-        if KINDS.get(first) not in (NAME, QUOTED) and first != "~" and (first.isupper() or not first.isalpha()):
+        if KINDS.get(first) not in (NAME, QUOTED) and first not in "~:" and (first.isupper() or not first.isalpha()):
             self.fail(what)
         value = self.structure()
         if isinstance(value, Atom) and value.name not in ("true", "false") and value.name[:1] != ".":
-            return literal(value.name)
-        if isinstance(value, Literal) and value.functor[:1] != ".":
+            return literal(qualified(self.namespace, value.name, 0))
+        if isinstance(value, LiteralVariable) or (isinstance(value, Literal) and value.functor[:1] != "."):
             return value
         self.fail(what, start)
 
-    def braces(self) -> Plan | Event:
-        """Read a plan or an event as a term."""
+    def braces(self) -> Plan | Event | PlanBody | Inference:
+        """Read a plan, an event, steps or a rule as a term."""
         raise NotImplementedError
 
 

@@ -48,10 +48,8 @@ TRIGGERS = {
 }
 
 UNSUPPORTED = {
-    "::": ("a namespace ('::')", "leave the namespace out, or make it a part of the name"),
-    "^": ("a meta-event ('^')", "let the plans of the goal change a belief, and react to that"),
     "<:": ("a goal condition ('<:')", "test the condition in a plan, with 'if' or 'while'"),
-    **{sign: (f"'{sign}'", "write + or - alone") for sign in ("+<", "+>", "-<")},
+    "-<": ("'-<'", "write - alone"),
     "`": ("a backquote", None),
 }
 """Unsupported keywords of Jason, with alternatives."""
@@ -74,17 +72,32 @@ REMEDIES = {
 REFUSED = {
     ".python": ("a Python function in a condition has no counterpart in AgentSpeak",
                 "write the rule in Python, or let a rule in AgentSpeak say the same"),
-    ".include": ("'.include' is not supported", "load both files"),
+    ".include": ("'.include' is not supported", "write the directive { include(\"file.asl\") }"),
 }  # fmt: skip
 """Internal actions that the parser rejects."""
 
 FUNCTIONS = frozenset({".length", ".count"})
 LIBRARIES = ("math.", "system.")
+"""Beginnings of the names of built-in functions."""
 
 
 def is_function(name: str, arity: int) -> bool:
     """Check whether a name in a term is a function call."""
     return name.startswith(LIBRARIES) or (arity == 1 and name in FUNCTIONS)
+
+
+UNQUALIFIED = frozenset({
+    "atomic/0", "breakpoint/0", "all_unifs/0", "default/0", "this_ns/0", "source/1", "self/0", "percept/0", "tell/0",
+    "untell/0", "achieve/0", "unachieve/0", "askOne/0", "askAll/0", "askHow/0", "tellHow/0", "untellHow/0",
+})  # fmt: skip
+"""Names with a number of arguments that belong to no namespace."""
+
+
+def qualified(namespace: str, name: str, arity: int) -> str:
+    """Return the name of a literal in a namespace; '' is the default one."""
+    if not namespace or "." in name or "::" in name or f"{name}/{arity}" in UNQUALIFIED:
+        return name
+    return f"{namespace}::{name}"
 
 
 END = "\n"
@@ -104,7 +117,7 @@ _WORD = re.compile(
 )
 _COMMENT = re.compile(rf"({_STRING}|{_QUOTED})|//[^\n]*|#[^\n]*|/\*.*?(?:\*/|(\Z))", re.DOTALL)
 _NOT_LINE_END = re.compile(r"[^\n]")
-_ESCAPE = re.compile(r"\\(.)", re.DOTALL)
+_ESCAPE = re.compile(r"\\([0-3][0-7]{2}|[0-7]{1,2}|.)", re.DOTALL)
 ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f", "\\": "\\", '"': '"', "'": "'"}
 
 
@@ -164,9 +177,9 @@ class Source:
         if "\\" not in inside:
             return inside
         for escape in _ESCAPE.findall(inside):
-            if escape not in ESCAPES:
+            if escape not in ESCAPES and not escape.isdecimal():
                 raise self.error(index, f"unknown escape '\\{escape}'", "write \\\\ for a backslash itself")
-        return _ESCAPE.sub(lambda match: ESCAPES[match[1]], inside)
+        return _ESCAPE.sub(lambda match: ESCAPES.get(match[1]) or chr(int(match[1], 8)), inside)
 
 
 def _blank(match: re.Match[str]) -> str:

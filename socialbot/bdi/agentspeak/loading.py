@@ -3,7 +3,7 @@
 >>> from socialbot.bdi import Engine
 >>> from socialbot.core.clock import ManualClock
 >>> engine = Engine("cat", ManualClock())
->>> load(engine, "hungry. +hungry <- .my_name(N); .print(N, ' is hungry').")
+>>> load(engine, 'hungry. +hungry <- .my_name(N); .print(N, " is hungry").')
 >>> engine.run_until_idle()
 [cat] cat is hungry
 False
@@ -21,18 +21,22 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
-from socialbot.bdi.agentspeak.parser import Program, parse
+from socialbot.bdi.agentspeak.printer import agentspeak
+from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
-from socialbot.bdi.compiler._plans import compile_inference, compile_plan
+from socialbot.bdi.compiler._dynamic import specialised
+from socialbot.bdi.compiler._plans import ANY_MODE, compile_inference, compile_plan
 from socialbot.bdi.compiler._runtime import div, mod
 from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import Failed, subgoal
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal
-from socialbot.bdi.plans import Inference, Origin, Plan, parts_of
-from socialbot.bdi.stdlib import called
+from socialbot.bdi.plans import Inference, Origin, Plan, parts_of, unbound_in
+from socialbot.bdi.stdlib import called, find
+from socialbot.bdi.stdlib.actions import registered
 from socialbot.bdi.stdlib.registry import opened
+from socialbot.bdi.steps import Action, Do
 from socialbot.bdi.terms import Atom, Call, Expression, Variable
 from socialbot.bdi.unification import closed
 from socialbot.core.clock import ManualClock
@@ -45,10 +49,14 @@ _LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
 _WORD = re.compile(r"\.?\w+(?:\.\w+)*")
 
 
-def load(engine: Engine, text: str, file: str = "<text>") -> None:
-    """Add the rules, plans, beliefs and goals of a text. Raises AgentSpeakError, and adds nothing, for a mistake."""
-    program = parse(text, file)
-    problems = problems_of(program, text, file, engine.library, check_plan=_check_names)
+def load(engine: Engine, text: str, file: str = "<text>", paths: IncludePaths | None = None) -> None:
+    """Add the rules, plans, beliefs and goals of a text; ``paths`` allows it to include files.
+
+    Raises:
+        AgentSpeakError: The text has a mistake; nothing is added.
+    """
+    program = parse(text, file, paths)
+    problems = problems_of(program, engine.library, check_plan=_check_names)
     if problems:
         raise problems[0]
     for inference in program.inferences:
@@ -131,19 +139,17 @@ def _computed(engine: Any, term: Expression | Call) -> Any:
 # Checking
 
 
-def check(text: str, file: str = "<text>") -> list[AgentSpeakError]:
-    """Return all mistakes in a text that static analysis finds."""
+def check(text: str, file: str = "<text>", paths: IncludePaths | None = None) -> list[AgentSpeakError]:
+    """Return all mistakes in a text that static analysis finds; ``paths`` allows it to include files."""
     try:
-        program = parse(text, file)
+        program = parse(text, file, paths)
     except AgentSpeakError as problem:
         return [problem]
-    return problems_of(program, text, file)
+    return problems_of(program)
 
 
 def problems_of(
     program: Program,
-    text: str,
-    file: str,
     library: Library | None = None,
     check_plan: Callable[[Plan, Library], None] | None = None,
 ) -> list[AgentSpeakError]:
@@ -159,20 +165,20 @@ def problems_of(
         try:
             compile_inference(CompiledInference(inference, scratch))
         except SocialbotError as problem:
-            found.append(_placed(problem, inference, text, file))
+            found.append(_placed(problem, inference, program))
     for plan in program.plans:
         try:
             if library is not None and plan.label is not None and library.labelled(plan.label) is not None:
                 raise RuleError(f"the label {plan.label} is taken", remedy="choose another label")
             check_plan(plan, scratch)
         except SocialbotError as problem:
-            found.append(_placed(problem, plan, text, file))
+            found.append(_placed(problem, plan, program))
     for item in (*program.beliefs, *program.goals):
         try:
             opened((item.args, item.annotations), compute=compute)
         except (Failed, RuleError, TypeError, ValueError, ArithmeticError) as problem:
             what = problem.what if isinstance(problem, RuleError) else problem
-            found.append(AgentSpeakError(f"{item} cannot be computed: {what}", where=file))
+            found.append(AgentSpeakError(f"{item!s} cannot be computed: {what}", where=next(iter(program.texts), None)))
     return sorted(found, key=lambda problem: (problem.line, problem.column))
 
 
@@ -185,8 +191,13 @@ def check_plans(plans: Iterable[Plan], library: Library) -> None:
 
 def _check_plan(plan: Plan, library: Library) -> None:
     plan.check()
-    for opened_ in (False, True):
-        compile_plan(CompiledPlan(plan, library), opened=opened_)
+    if not isinstance(plan.event.literal, Literal):
+        pattern: Any = plan.event.literal
+        inner = getattr(pattern, "variable", None)
+        key = inner.key if isinstance(inner, Literal) else "any/0"
+        plan = specialised(plan, f"{plan.event.change.value}{key}") or plan
+    for mode in (0, ANY_MODE):
+        compile_plan(CompiledPlan(plan, library), mode=mode)
     for inner in _inner_plans(plan.body):
         _check_plan(inner, library)
 
@@ -236,11 +247,44 @@ def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Librar
     return scratch
 
 
-def _placed(problem: SocialbotError, item: Plan | Inference, text: str, file: str) -> AgentSpeakError:
+def warnings_of(program: Program) -> list[AgentSpeakError]:
+    """Return the uses of variables without a value, which fail (``no_value``) when they are reached."""
+    found = []
+    for item in (*program.inferences, *program.plans):
+        for names, where in unbound_in(item):
+            what = f"{names} has no value in {agentspeak(where)}"
+            remedy = "give it one in the event or the context" if isinstance(item, Plan) else "give it one before"
+            found.append(_placed(RuleError(what, remedy=remedy), item, program))
+    return sorted(found, key=lambda problem: (problem.line, problem.column))
+
+
+def needs_of(program: Program) -> tuple[str, ...]:
+    """Return the actions and functions that a program uses and nobody has registered, such as ``move/2``."""
+    found: set[str] = set()
+    _collect_needs((program.inferences, program.plans), found)
+    return tuple(sorted(found))
+
+
+def _collect_needs(part: Any, found: set[str]) -> None:
+    if isinstance(part, Do) and isinstance(part.action, Literal) and "." not in part.action.functor:
+        if registered(part.action.functor) is None and not isinstance(part.action, Action):
+            found.add(part.action.key)
+    elif isinstance(part, (Literal, Call)):
+        name = part.functor if isinstance(part, Literal) else part.function
+        custom = "." in name and name[0] != "." and name.partition(".")[0] not in ("math", "system")
+        if custom and find(name) is None and not (isinstance(part, Call) and part.predicate):
+            found.add(f"{name}/{len(part.args)}")
+    for inner in parts_of(part):
+        if inner.__class__ not in _LEAVES:
+            _collect_needs(inner, found)
+
+
+def _placed(problem: SocialbotError, item: Plan | Inference, program: Program) -> AgentSpeakError:
     """Add the text position to a plan or rule error: the token in question if known."""
     if isinstance(problem, AgentSpeakError):
         return problem
-    origin, written = item.origin or Origin(file, 1), item.text or ""
+    origin, written = item.origin or Origin("<text>", 1), item.text or ""
+    file, text = origin.file, program.texts.get(origin.file, "")
     lines = text.split("\n")
     begin_ = sum(len(line) + 1 for line in lines[: origin.line - 1])
     begin_ = max(text.find(written, begin_), 0) if written else begin_

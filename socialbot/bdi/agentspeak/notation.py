@@ -16,7 +16,22 @@ import math
 
 from socialbot.bdi.literals import Change, Event, Literal, Structure
 from socialbot.bdi.plans import Inference, Plan, parts_of
-from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, Enter, For, Forget, Fork, If, Step, Update, While
+from socialbot.bdi.steps import (
+    Achieve,
+    Ask,
+    Await,
+    Constrain,
+    Do,
+    Enter,
+    For,
+    Forget,
+    Fork,
+    If,
+    PlanBody,
+    Step,
+    Update,
+    While,
+)
 from socialbot.bdi.terms import (
     Atom,
     Call,
@@ -27,21 +42,26 @@ from socialbot.bdi.terms import (
     Disjunction,
     Expression,
     FunctionCondition,
+    Holds,
+    LiteralVariable,
     Negation,
+    Rest,
     Term,
     Truth,
     Variable,
 )
 
 _WITHOUT_AND = (Comparison, FunctionCondition)
+_OF_BELIEFS = (Change.ADDED, Change.REMOVED, Change.HELD, Change.CHANGED)
 GOAL, ACTION, BELIEF = "goal", "action", "belief"
 
 RESERVED = frozenset({
     "Achieve", "Ask", "Atom", "Await", "Call", "Change", "Comparison", "Conjunction", "Cons", "Constrain",
-    "Disjunction", "Do", "Event", "Expression", "FunctionCondition", "Inference", "NOTHING", "Negation", "Plan",
-    "Truth", "Update", "Variable", "apart", "as_long_as", "ask", "atomic", "conjunction", "enter", "fail", "first_of",
-    "float", "for_each", "labelled", "literal", "priority", "replace", "stage", "test", "together", "wait", "wait_for",
-    "when",
+    "Disjunction", "Do", "Event", "Expression", "FunctionCondition", "Holds", "Inference", "LiteralVariable",
+    "NOTHING", "Negation", "Plan", "PlanBody", "Rest", "Truth", "Update", "Variable", "apart", "as_long_as", "ask",
+    "atomic", "compute", "conjunction", "count", "enter", "fail", "findall", "first_of", "float", "for_each",
+    "labelled", "literal", "max_of", "min_of", "my_name", "priority", "replace", "stage", "sum_of", "test", "together",
+    "wait", "wait_for", "when",
 })  # fmt: skip
 """Names of Python and `socialbot.bdi` that the printed source uses."""
 
@@ -78,14 +98,16 @@ class _Notation:
             elif isinstance(part, tuple):
                 inner = role
             elif isinstance(part, Event):
-                wanted = part.change in (Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED)
-                inner = GOAL if wanted else BELIEF
+                inner = BELIEF if part.change in _OF_BELIEFS else GOAL
             elif isinstance(part, (Condition, Step, Inference)) and not isinstance(part, Comparison):
                 inner = BELIEF
             for item in parts_of(part):
                 self.collect(item, inner)
 
     def classed(self, item: Literal) -> bool:
+        """Whether a literal is printed with a class, which has no values as annotations."""
+        if not all(isinstance(note, (Atom, Literal, Term)) for note in item.annotations):
+            return False
         return not isinstance(item, Structure) or (item.functor in self.classes and not item.negated)
 
     # Plans
@@ -93,6 +115,8 @@ class _Notation:
     def whole(self, item: Plan | Inference) -> str:
         condition = self.joined(item.condition, wrap=True)
         if isinstance(item, Inference):
+            if not isinstance(item.head, Literal):
+                return f"Inference({self.term(item.head)}, {condition})"
             return f"{self.literal(item.head)} << {condition}"
         given = f" / {condition}" if item.condition.terms else ""
         text = f"{self.event(item.event, head=True)}{given} >> {self.body(item.body)}"
@@ -112,6 +136,8 @@ class _Notation:
         return f"{self.whole(plan)}[0]" if listed else f"({self.whole(plan)})"
 
     def event(self, event: Event, head: bool = False) -> str:
+        if not isinstance(event.literal, Literal):
+            return f"Event(Change.{event.change.name}, {self.term(event.literal)})"
         if event.change is Change.CHANGED and head and self.classed(event.literal):
             half = len(event.literal.args) // 2
             now, before = event.literal.with_(args=event.literal.args[:half]), event.literal.args[half:]
@@ -121,8 +147,9 @@ class _Notation:
         if event.change in (Change.ADDED, Change.REMOVED):
             return f"{event.change.value}{item}"
         if event.change is Change.HELD:
-            seconds = event.seconds if isinstance(event.seconds, (int, float)) else "..."
-            return f"+{item}.held_for({seconds})"
+            if isinstance(event.seconds, (int, float)) and event.seconds < 0:
+                return f"Event(Change.HELD, {item}, {event.seconds})"
+            return f"+{item}.held_for({'...' if callable(event.seconds) else event.seconds})"
         if classed and event.change is Change.FAILED:
             return f"-{item}"
         if classed and event.change is Change.WANTED and head:
@@ -131,13 +158,17 @@ class _Notation:
 
     # Bodies
 
+    def steps(self, body: tuple[Step, ...]) -> str:
+        """Print steps as a tuple."""
+        return f"({', '.join(map(self.step, body))}{',' if len(body) == 1 else ''})"
+
     def body(self, body: tuple[Step, ...]) -> str:
         return f"[{', '.join(map(self.step, body))}]"
 
     def step(self, step: Step) -> str:
         match step:
             case Do(action, limit_s):
-                return self.limited(action, limit_s) or f"Do({self.literal(action)}{self.limit(limit_s)})"
+                return self.limited(action, limit_s) or f"Do({self.term(action)}{self.limit(limit_s)})"
             case Achieve(goal, apart, limit_s):
                 text = self.limited(goal, limit_s)
                 if text is not None:
@@ -176,9 +207,10 @@ class _Notation:
             return self.event(what)
         return self.joined(what) if isinstance(what, Conjunction) else self.condition(what)
 
-    def limited(self, what: Literal | Variable, limit_s: object) -> str | None:
-        """Print a goal or action with its time limit; None if it has no class."""
-        if isinstance(what, Variable) or not self.classed(what):
+    def limited(self, what: object, limit_s: object) -> str | None:
+        """Print a goal or action with its time limit; None if it has no class, or no limit that a class accepts."""
+        accepted = limit_s is None or isinstance(limit_s, Term) or (isinstance(limit_s, (int, float)) and limit_s >= 0)
+        if not isinstance(what, Literal) or not self.classed(what) or not accepted:
             return None
         return self.literal(what) + ("" if limit_s is None else f".within({self.term(limit_s)})")
 
@@ -254,6 +286,18 @@ class _Notation:
                 return f"Call({', '.join([_quoted(term.function), *map(self.term, term.args)])})"
             case Cons():
                 return f"Cons({self.tuple(term.items)}, {self.term(term.tail)})"
+            case LiteralVariable(variable, notes, negated, namespace):
+                end = ", negated=True" if negated else ""
+                end += "" if namespace is None else f", namespace={self.term(namespace)}"
+                return f"LiteralVariable({self.term(variable)}, {self.tuple(notes)}{end})"
+            case Rest(tail):
+                return f"Rest({self.term(tail)})"
+            case Holds(what):
+                return f"Holds({self.term(what)})"
+            case PlanBody(steps):
+                return f"PlanBody({self.steps(steps)})"
+            case Inference():
+                return f"({self.whole(term)})"
             case Plan():
                 return self.plan(term)
             case Event():
@@ -277,8 +321,7 @@ class _Notation:
             text = f"{item.functor}({', '.join(map(self.term, item.args))})"
             if not notes:
                 return text
-            alone = len(notes) == 1 and not isinstance(notes[0], tuple)
-            return f"{text}[{self.term(notes[0]) if alone else self.tuple(notes)}]"
+            return f"{text}[{', '.join(map(self.term, notes))}]"
         parts = [_quoted(item.functor), self.tuple(item.args) if item.args or notes else ""]
         parts += [self.tuple(notes) if notes else "", "negated=True" if item.negated else ""]
         return f"literal({', '.join(filter(None, parts))})"

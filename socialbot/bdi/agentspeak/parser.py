@@ -1,17 +1,16 @@
-"""Parser of AgentSpeak programs, plans and plan bodies."""
+"""Parser of AgentSpeak plans, plan bodies, literals and terms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak._terms import TermReader
-from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, AgentSpeakError, Level, Source
+from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, Level, Source, qualified
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
-from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Step, Update, While
-from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, Variable, conjunction
+from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, PlanBody, Step, Update, While
+from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, LiteralVariable, Variable, conjunction
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
 
@@ -19,51 +18,35 @@ _JOINS = {word for word, (level, _) in BINARY.items() if level <= Level.COMPARE}
 
 T = TypeVar("T")
 
-DIRECTIVES = frozenset({"include", "begin", "end", "namespace", "register_function"})
-
-
-@dataclass(frozen=True)
-class Program:
-    """Content of an AgentSpeak text; each kind in source order."""
-
-    beliefs: tuple[Literal, ...]
-    inferences: tuple[Inference, ...]
-    goals: tuple[Literal, ...]
-    plans: tuple[Plan, ...]
-
-
-def parse(text: str, file: str = "<text>") -> Program:
-    """Parse a whole text. Raises AgentSpeakError."""
-    return _whole(text, file, Parser.program)
-
 
 def parse_plan(text: str, file: str = "<text>") -> Plan:
     """Parse one plan; the final dot is optional. Raises AgentSpeakError."""
-    return _whole(text, file, Parser.one_plan)
+    return whole(text, file, Parser.one_plan)
 
 
 def parse_literal(text: str, file: str = "<text>") -> Literal:
     """Parse one literal such as ``at(home)[source(bob)]``. Raises AgentSpeakError."""
-    return _whole(text, file, Parser.literal)
+    return whole(text, file, Parser.literal)
 
 
 def parse_term(text: str, file: str = "<text>") -> object:
     """Parse one term. Raises AgentSpeakError."""
-    return _whole(text, file, lambda parser: parser.expression(Level.SUM))
+    return whole(text, file, lambda parser: parser.expression(Level.SUM))
 
 
 def parse_condition(text: str, file: str = "<text>") -> Conjunction:
     """Parse a condition such as the context of a plan. Raises AgentSpeakError."""
-    return _whole(text, file, lambda parser: conjunction(parser.condition()))
+    return whole(text, file, lambda parser: conjunction(parser.condition()))
 
 
 def parse_event(text: str, file: str = "<text>") -> Event:
     """Parse a trigger such as ``+b(X)``. Raises AgentSpeakError."""
-    return _whole(text, file, Parser.event)
+    return whole(text, file, Parser.event)
 
 
-def _whole(text: str, file: str, read: Callable[[Parser], T]) -> T:
-    parser = Parser(Source(text, file))
+def whole(text: str, file: str, read: Callable[[Any], T], make: Callable[[Source], Parser] | None = None) -> T:
+    """Parse all of a text with a method of the parser."""
+    parser = (make or Parser)(Source(text, file))
     try:
         found = read(parser)
     except RecursionError:
@@ -76,71 +59,7 @@ def _whole(text: str, file: str, read: Callable[[Parser], T]) -> T:
 
 
 class Parser(TermReader):
-    """Parser of programs, plans and plan bodies."""
-
-    def program(self) -> Program:
-        beliefs: list[Literal] = []
-        inferences: list[Inference] = []
-        goals: list[Literal] = []
-        plans: list[Plan] = []
-        labels: dict[str, int] = {}
-        words = self.words
-        while (word := words[self.at]) != END:
-            if word in ("+", "-", "@"):
-                start = self.at
-                plan = self.plan((".",))
-                self.at += 1
-                if plan.label in labels:
-                    what = f"the label '{plan.label}' is already used in line {labels[plan.label]}"
-                    raise self.source.error(start, what, "choose another label")
-                if plan.label is not None and plan.origin is not None:
-                    labels[plan.label] = plan.origin.line
-                plans.append(plan)
-            elif word == "!":
-                goals.append(self.goal())
-            elif word == "{":
-                raise self.in_braces(bool(plans) and words[self.at - 1] == ".")
-            else:
-                self.fact(beliefs, inferences)
-        return Program(tuple(beliefs), tuple(inferences), tuple(goals), tuple(plans))
-
-    def in_braces(self, after_plan: bool) -> AgentSpeakError:
-        name = self.words[self.at + 1]
-        if after_plan and name not in DIRECTIVES:
-            return self.unsupported("a plan within a plan", self.at, "write the inner plan after the outer one")
-        remedy = "load both files" if name == "include" else None
-        return self.unsupported(f"the directive '{name}'" if name != END else "a directive", self.at, remedy)
-
-    def goal(self) -> Literal:
-        self.at += 1
-        start = self.at
-        goal = self.literal("a goal after '!'")
-        if goal.annotations and self.limited(goal, start)[1] is not None:
-            raise self.source.error(start, "an initial goal has no limit", "set it where the goal is a step")
-        self.skip(".", "'.' after a goal")
-        return goal
-
-    def fact(self, beliefs: list[Literal], inferences: list[Inference]) -> None:
-        """Read a belief or an inference rule."""
-        start = self.at
-        head = self.literal("a belief, a goal or a plan")
-        word = self.words[self.at]
-        if word == ":-":
-            self.at += 1
-            condition = conjunction(self.condition())
-            if self.words[self.at] != ".":
-                self.fail("'.', '&' or '|' after a condition")
-            inferences.append(Inference(head, condition, self.origin(start), self.text(start)))
-        elif word != ".":
-            self.fail("'.' or ':-' after a belief")
-        elif unknown := head.names():
-            names = ", ".join(sorted(unknown))
-            raise self.source.error(
-                start, f"{names} has no value in this belief", f"give it one, or write a rule: {head} :- ..."
-            )
-        else:
-            beliefs.append(head)
-        self.at += 1
+    """Parser of plans and plan bodies."""
 
     def origin(self, start: int) -> Origin:
         source = self.source
@@ -161,7 +80,7 @@ class Parser(TermReader):
         start = self.at
         words = self.words
         origin = self.origin(start)
-        options = self.label() if words[start] == "@" else {}
+        options = self.label("}" in ends) if words[start] == "@" else {}
         event = self.event()
         condition = NOTHING
         body: tuple[Step, ...] = ()
@@ -181,12 +100,14 @@ class Parser(TermReader):
             self.fail(expected.replace("'.'", "'}'") if "}" in ends else expected, remedy=missing)
         return Plan(event, condition, body, **options, origin=origin, text=self.text(start))
 
-    def label(self) -> dict[str, Any]:
-        """Read a label; return the fields of the plan that it sets."""
+    def label(self, inner: bool) -> dict[str, Any]:
+        """Read a label, which may be a variable in an ``inner`` plan; return the fields of the plan that it sets."""
         self.at += 1
         options: dict[str, Any] = {}
-        if self.words[self.at] != "[":
-            options["label"] = self.name(self.at)
+        if inner and self.is_variable():
+            options["label"] = self.variable()
+        elif self.words[self.at] != "[":
+            options["label"] = qualified(self.namespace, self.name(self.at), 0)
             self.at += 1
         if self.words[self.at] == "[":
             start = self.at
@@ -215,15 +136,16 @@ class Parser(TermReader):
         words = self.words
         at = self.at
         sign = words[at]
-        if sign not in ("+", "-"):
+        if sign not in ("+", "-", "^"):
             self.fail("'+' or '-' and a trigger")
         kind = words[at + 1] if words[at + 1] in ("!", "?") else ""
         self.at = at + 2 if kind else at + 1
-        if self.is_variable():
-            raise self.unsupported("a variable as a trigger", self.at, "write a plan for each belief or goal")
+        if sign == "^":
+            remedy = "let the plans of the goal change a belief, and react to that"
+            raise self.unsupported("a meta-event ('^')", at, remedy)
         change = TRIGGERS[sign, kind]
-        trigger = self.literal("a belief, or '!' or '?' and a goal" if not kind else "a goal")
-        if trigger.annotations and change is Change.ADDED:
+        trigger: Any = self.literal_or_variable("a belief, or '!' or '?' and a goal" if not kind else "a goal")
+        if isinstance(trigger, Literal) and trigger.annotations and change is Change.ADDED:
             return self.marked(trigger, at)
         return Event(change, trigger)
 
@@ -239,16 +161,48 @@ class Parser(TermReader):
                     raise self.source.error(start, "expected a number of seconds in held_for(...)")
         return Event(Change.ADDED, trigger)
 
-    def braces(self) -> Plan | Event:
-        """Read a plan or an event as a term."""
+    def braces(self) -> Plan | Event | PlanBody | Inference:
+        """Read a plan, an event, steps or a rule as a term."""
+        namespace, self.namespace = self.namespace, self.own_namespace
         self.at += 1
-        start = self.at
-        if self.words[start] not in ("+", "-", "@"):
-            self.fail("a plan or an event, as {+!g(X) <- a(X)} or {+b(X)}", remedy="conditions go without braces")
-        plan = self.plan(("}",))
-        bare = self.words[start] != "@" and not plan.condition.terms and self.words[self.at - 1] != "<-"
-        self.at += 1
-        return plan.event if bare and not plan.body else plan
+        found = self.in_braces()
+        self.namespace = namespace
+        return found
+
+    def in_braces(self) -> Plan | Event | PlanBody | Inference:
+        words, start = self.words, self.at
+        if words[start] == "@" or (
+            words[start] in ("+", "-", "^") and words[start + 1] not in ("{", "+", "-", "<", ">")
+        ):
+            plan = self.plan(("}", ";"))
+            if words[self.at] == "}":
+                self.at += 1
+                bare = not plan.body and not plan.condition.terms and words[self.at - 2] != "<-"
+                return plan.event if bare and words[start] != "@" else plan
+            self.at = start
+        else:
+            rule = self.rule_in_braces()
+            if rule is not None:
+                return rule
+        steps = self.body()
+        self.skip("}", "';' or '}' after a step")
+        return PlanBody(steps)
+
+    def rule_in_braces(self) -> Inference | None:
+        """Read ``head :- condition }``; return None, without progress, if there is no ``:-``."""
+        start, words = self.at, self.words
+        at, depth = start, 0
+        while words[at] != END and (depth or words[at] not in (":-", "}", ";")):
+            depth += _NESTED.get(words[at], 0)
+            at += 1
+        if words[at] != ":-":
+            return None
+        head = self.literal("the head of a rule")
+        self.skip(":-", "':-' after the head of a rule")
+        condition = conjunction(self.condition())
+        rule = Inference(head, condition, self.origin(start), self.text(start))
+        self.skip("}", "'}', '&' or '|' after a condition")
+        return rule
 
     # Bodies
 
@@ -256,7 +210,10 @@ class Parser(TermReader):
         words = self.words
         steps: list[Step] = []
         while (word := words[self.at]) not in (".", "}", ")", END):
+            line = self.source.line(self.source.start(self.at))
             side = _STEPS.get(word, Parser.act)(self)
+            for step in side:
+                step.line = step.line or line
             if words[self.at] in ("|&|", "|||"):
                 self.simple(word)
                 side = self.fork(side)
@@ -320,11 +277,16 @@ class Parser(TermReader):
         if isinstance(value, Literal):
             if value.negated:
                 raise self.source.error(start, "an action has no '~'", "write +~b to believe that b is false")
+            if "::" in value.functor:  # actions have no namespace
+                value = value.with_()
+                value.functor = value.functor.rpartition("::")[2]
             return (Do(*self.limited(value, start)) if value.annotations else Do(value),)
         if isinstance(value, Atom) and value.name not in ("true", "false"):
             return (Do(literal(value.name)),)
-        if isinstance(value, Variable) and self.words[self.at] not in REMEDIES:
-            raise self.unsupported("a variable as an action", start, "name the action; '!' goes before a goal")
+        if isinstance(value, (Variable, LiteralVariable)) and self.words[self.at] not in REMEDIES:
+            if isinstance(value, LiteralVariable) and isinstance(value.variable, Literal):
+                value = value.variable  # actions have no namespace
+            return (Do(value),)
         if isinstance(value, Expression):
             remedy = "when a plan ends before the '+' or '-', write '.' there" if value.symbol in "+-" else None
             raise self.source.error(start, "expected a step, found arithmetic", remedy)
@@ -334,19 +296,26 @@ class Parser(TermReader):
         return (Constrain(conjunction(condition)),)
 
     def limited(self, what: Literal, start: int) -> tuple[Literal, object]:
-        """Split a goal or action into its literal and the limit of its annotation ``within(5)``."""
+        """Split a goal or action into its literal and the limit of its annotation ``within(5)``.
+
+        The annotation ``hard_deadline(5000)`` is a limit, too, but remains, since it changes the reason of the failure.
+        """
         for note in what.annotations:
-            if isinstance(note, Literal) and note.functor == "within":
+            if isinstance(note, Literal) and note.functor in ("within", "hard_deadline"):
                 if len(note.args) != 1:
-                    raise self.source.error(start, "expected one argument of within(...)", "give seconds: within(5)")
-                return _without(what, note), note.args[0]
+                    unit = "seconds: within(5)" if note.functor == "within" else "milliseconds: hard_deadline(5000)"
+                    raise self.source.error(start, f"expected one argument of {note.functor}(...)", f"give {unit}")
+                limit = note.args[0]
+                if note.functor == "within":
+                    return _without(what, note), limit
+                return what, limit / 1000 if isinstance(limit, (int, float)) else Expression("/", limit, 1000)
         return what, None
 
     def achieve(self) -> tuple[Step, ...]:
         apart = self.words[self.at] == "!!"
         self.at += 1
         start = self.at
-        goal = self.named("a goal")
+        goal = self.literal_or_variable("a goal")
         limit_s = None
         if isinstance(goal, Literal) and goal.annotations:
             goal, limit_s = self.limited(goal, start)
@@ -356,17 +325,33 @@ class Parser(TermReader):
         self.at += 1
         start = self.at
         value = self.expression(Level.OR)
-        return (Ask(value if isinstance(value, Variable) else self.as_condition(value, start)),)
+        known = isinstance(value, (Variable, LiteralVariable))
+        return (Ask(value if known else self.as_condition(value, start)),)
 
     def update(self) -> tuple[Step, ...]:
         sign = self.words[self.at]
         self.at += 1
         if self.words[self.at] == "{":
-            raise self.unsupported(f"'{sign}{{'", self.at - 1, "use .add_plan or .remove_plan")
-        return (Update(sign, self.named("a belief")),)
+            return (self.update_of_plan(sign),)
+        changed = self.literal_or_variable("a belief")
+        if sign == "+>":
+            return (Do(literal(".assertz", (changed,))),)
+        return (Update("+" if sign == "+<" else sign, changed),)
 
-    def named(self, what: str) -> Literal | Variable:
-        return self.variable() if self.is_variable() else self.literal(what)
+    def update_of_plan(self, sign: str) -> Step:
+        """Read ``+{plan}``, ``-{plan}`` or ``+{rule}`` after its sign."""
+        start = self.at
+        item = self.braces()
+        if isinstance(item, Event):
+            item = Plan(item, NOTHING, ())
+        if isinstance(item, Inference) and sign in ("+", "+<", "+>", "-"):
+            return Update(sign[0], item)
+        if isinstance(item, Plan) and sign == "-":
+            return Do(literal(".remove_plan", (item,)))
+        if isinstance(item, Plan) and sign in ("+", "+<", "+>"):
+            place = Atom("end" if sign == "+>" else "begin")
+            return Do(literal(".add_plan", (item, Atom("self"), place)))
+        raise self.source.error(start, f"'{sign}' cannot change a plan or rule", "write +{...} or -{...}")
 
     def if_(self) -> tuple[Step, ...]:
         condition = self.in_parentheses()
@@ -409,7 +394,7 @@ def _without(item: Literal, note: object) -> Literal:
 _STEPS: dict[str, Callable[[Parser], tuple[Step, ...]]] = {
     **dict.fromkeys(("!", "!!"), Parser.achieve),
     "?": Parser.ask,
-    **dict.fromkeys(("+", "-", "-+", "++", "--"), Parser.update),
+    **dict.fromkeys(("+", "-", "-+", "++", "--", "+<", "+>"), Parser.update),
     "if": Parser.if_,
     **dict.fromkeys(("while", "for"), Parser.loop),
     **dict.fromkeys("{(", Parser.group),

@@ -17,6 +17,7 @@ import re
 from collections.abc import Iterable
 
 from socialbot.bdi.agentspeak.lexer import ESCAPES, KEYWORDS, TRIGGERS, WRITTEN, Level, is_function
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.steps import (
@@ -30,6 +31,7 @@ from socialbot.bdi.steps import (
     Forget,
     Fork,
     If,
+    PlanBody,
     Step,
     Update,
     While,
@@ -37,21 +39,27 @@ from socialbot.bdi.steps import (
     wait,
 )
 from socialbot.bdi.terms import (
+    Aggregate,
     Atom,
     Call,
     Comparison,
+    Computation,
     Condition,
     Conjunction,
     Cons,
     Disjunction,
     Expression,
     FunctionCondition,
+    Holds,
+    LiteralVariable,
     Negation,
+    OwnName,
+    Rest,
     Truth,
     Variable,
 )
 
-_PLAIN = re.compile(r"\.?[^\W\dA-Z_]\w*(?:\.[^\W\d]\w*)*")
+_PLAIN = re.compile(r"(?:[^\W\dA-Z_]\w*::)?[^\W\dA-Z_.]\w*|\.?[^\W\dA-Z_]\w*(?:\.[^\W\d]\w*)*")
 _SIGNS = {change: sign + kind for (sign, kind), change in TRIGGERS.items()}
 _ESCAPED = str.maketrans({char: f"\\{letter}" for letter, char in ESCAPES.items() if letter not in "'\""})
 
@@ -62,7 +70,7 @@ def agentspeak(item: object) -> str:
         case Plan():
             return f"{_plan(item)}."
         case Inference():
-            return f"{_literal(item.head)} :- {_condition(item.condition)}."
+            return f"{_rule(item)}."
         case Event():
             return _event(item)
         case Step():
@@ -70,6 +78,12 @@ def agentspeak(item: object) -> str:
         case Condition():
             return _condition(item)
     return _term(item)
+
+
+def _rule(rule: Inference) -> str:
+    # A rule without a condition is a belief with variables.
+    condition = f" :- {_condition(rule.condition)}" if rule.condition.terms or not rule.head.names() else ""
+    return f"{_literal(rule.head)}{condition}"
 
 
 def _plan(plan: Plan) -> str:
@@ -101,7 +115,7 @@ def _event(event: Event) -> str:
         half = len(event.literal.args) // 2
         now, before = event.literal.with_(args=event.literal.args[:half]), event.literal.args[half:]
         return f"+{_literal(now, literal('changed', before))}"
-    return f"{_SIGNS[event.change]}{_literal(event.literal)}"
+    return f"{_SIGNS[event.change]}{_target(event.literal)}"
 
 
 # Bodies
@@ -126,9 +140,13 @@ def _step(step: Step) -> str:
         case Achieve(goal, apart, limit_s):
             return f"{'!!' if apart else '!'}{_limited(goal, limit_s)}"
         case Ask(query):
-            return f"?{_term(query) if isinstance(query, Variable) else _condition(query, Level.POWER)}"
+            return f"?{_condition(query, Level.POWER) if isinstance(query, Condition) else _term(query)}"
+        case Update(sign, Inference() as rule):
+            return f"{sign}{_term(rule)}"
         case Update(sign, changed):
-            return f"{sign}{_limited(changed, None)}"
+            return f"{sign}{_target(changed)}"
+        case Forget(forgotten) if any(map(is_source, forgotten.annotations)):
+            return f"for ({_term(forgotten)}) {{ --{_term(forgotten)} }}"
         case Forget(forgotten):
             return f".abolish({_term(forgotten)})"
         case Constrain(condition):
@@ -157,9 +175,15 @@ def _branch(body: tuple[Step, ...]) -> str:
     return _step(body[0]) if alone else _block(body)
 
 
-def _limited(what: Literal | Variable, limit_s: object) -> str:
-    notes = () if limit_s is None else (literal("within", (limit_s,)),)
-    return _literal(what, *notes) if isinstance(what, Literal) else f"{_term(what)}{_notes(notes)}"
+def _limited(what: Literal | Variable | LiteralVariable, limit_s: object) -> str:
+    if not isinstance(what, Literal):
+        return _term(what)
+    written = any(isinstance(note, Literal) and note.functor == "hard_deadline" for note in what.annotations)
+    return _literal(what, *(() if limit_s is None or written else (literal("within", (limit_s,)),)))
+
+
+def _target(what: object) -> str:
+    return _literal(what) if isinstance(what, Literal) else _term(what)
 
 
 def _constraint(condition: Condition) -> str:
@@ -192,6 +216,10 @@ def _condition(condition: object, level: int = Level.OR) -> str:
             return _within(" | ".join(_condition(term, Level.AND) for term in terms), Level.OR, level)
         case Negation(inner):
             return _within(f"not {_condition(inner, Level.COMPARE)}", Level.NOT, level)
+        case Comparison(_, left, Aggregate() as found) if condition.binds():
+            return _literal(_collected(found, left))
+        case Comparison(_, left, OwnName()) if condition.binds():
+            return _literal(literal(".my_name", (left,)))
         case Comparison():
             left, right = _compared(condition.left), _compared(condition.right)
             return _within(f"{left} {WRITTEN[condition.symbol]} {right}", Level.COMPARE, level)
@@ -200,8 +228,18 @@ def _condition(condition: object, level: int = Level.OR) -> str:
             return _literal(literal(".python", (_called(condition.function), *parameters)))
         case Truth():
             return str(condition)
+        case Holds(what):
+            return _term(what)
     assert isinstance(condition, Literal), condition
     return _literal(condition)
+
+
+def _collected(found: Aggregate, *result: object) -> Literal:
+    """Internal action with the value of an aggregate, if there is one."""
+    arguments = (found.condition,) if found.kind == "count" else (found.template, found.condition)
+    if found.kind == "count" or (found.kind == "findall" and result):
+        return literal(f".{found.kind}", (*arguments, *result))
+    return literal(".python", (Atom(found.kind), *arguments, *result))
 
 
 def _within(text: str, binds: int, level: int) -> str:
@@ -238,10 +276,23 @@ def _term(term: object, internal: bool = False) -> str:
             return f"[{', '.join(map(_term, term.items))} | {_term(term.tail)}]"
         case Expression():
             return _arithmetic(term)
+        case Aggregate():
+            return _literal(_collected(term))
+        case OwnName():
+            return _literal(literal(".python", (Atom("my_name"),)))
+        case Computation():
+            return _literal(literal(".python", (_called(term.function), *map(Variable, term.parameters))))
         case Call():
             return f"{'' if is_function(term.function, len(term.args)) else '+'}{_call(term)}"
         case Event():
             return f"{{{_event(term)}}}"
+        case LiteralVariable(variable, notes, negated, namespace):
+            prefix = "" if namespace is None else f"{_term(namespace)}::"
+            return f"{prefix}{'~' if negated else ''}{_target(variable)}{_notes(notes)}"
+        case PlanBody(steps):
+            return f"{{ {_body(steps)} }}" if steps else "{ }"
+        case Inference():
+            return f"{{{_rule(term)}{'' if ':-' in _rule(term) else ' :- true'}}}"
         case Plan():
             bare = not term.body and not term.condition.terms and not _label(term)
             return f"{{{_plan(term)}{' <-' if bare else ''}}}"
@@ -278,7 +329,10 @@ def _args(name: str, args: tuple[object, ...]) -> str:
 
 
 def _notes(notes: tuple[object, ...]) -> str:
-    return f"[{', '.join(map(_term, notes))}]" if notes else ""
+    if not notes:
+        return ""
+    rest = f"|{_term(notes[-1].tail)}" if isinstance(notes[-1], Rest) else ""
+    return f"[{', '.join(map(_term, notes[:-1] if rest else notes))}{rest}]"
 
 
 def _compared(term: object) -> str:

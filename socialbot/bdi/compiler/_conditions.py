@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 
+from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, stored
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
-from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.literals import Literal, ground, literal
 from socialbot.bdi.stdlib import called
 from socialbot.bdi.terms import (
+    Aggregate,
     Atom,
+    Call,
     Comparison,
+    Computation,
     Condition,
     Conjunction,
+    Cons,
     Disjunction,
+    Expression,
     FunctionCondition,
+    Holds,
+    LiteralVariable,
     Negation,
     Truth,
     Variable,
@@ -27,8 +35,18 @@ MOST_LOOPS = 10
 MOST_BLOCKS = 50
 """Depth at which a new function starts. Python allows 20 nested loops and 100 nested blocks."""
 
-COLLECTORS = {".findall", ".setof", ".count"}
+COLLECTORS = {".findall", ".setof", ".count", ".eval"}
 """Internal actions with a condition as argument."""
+
+_IMPURE = {"math.random", "system.time"}
+"""Functions whose value changes without a change of beliefs."""
+
+_PURE = {
+    ".atom", ".concat", ".delete", ".difference", ".empty", ".ground", ".intersection", ".length", ".list", ".literal",
+    ".lower_case", ".max", ".member", ".min", ".nth", ".number", ".prefix", ".range", ".reverse", ".sort", ".string",
+    ".structure", ".sublist", ".substring", ".suffix", ".term2string", ".union", ".upper_case", ".var",
+}  # fmt: skip
+"""Internal actions whose solutions depend on their arguments alone."""
 
 Rest = Callable[[], None]
 
@@ -63,6 +81,8 @@ def write(f: Function, condition: Condition, fail: str, rest: Rest) -> None:
         as_function(f, condition, rest)
     elif isinstance(condition, Comparison):
         comparison(f, condition, fail, rest)
+    elif isinstance(condition, Holds):
+        holds(f, condition, rest)
     else:
         assert isinstance(condition, Literal), condition
         if "." in condition.functor:
@@ -87,66 +107,32 @@ def conjunction(f: Function, terms: tuple[Condition, ...], fail: str, rest: Rest
 
 
 def belief(f: Function, pattern: Literal, rest: Rest) -> None:
-    annotated = pattern.annotations or any(isinstance(arg, Literal) and arg.annotations for arg in pattern.args)
-    if annotated or f.unit.library.derives(pattern.key) or has_cell(f, pattern):
+    if f.unit.library.derives(pattern.key) or has_cell(f, pattern) or needs_unification(pattern):
         solve(f, pattern, rest)
-        return
-    known = [i for i, arg in enumerate(pattern.args) if settled(f, arg)]
-    relation = f.relation(pattern.key)
-    if len(known) == len(pattern.args):
-        with f.block(f"if {value(f, pattern.args)} in {relation}.facts"):
-            rest()
-        return
-    with loop(f, f"reversed({_bucket(f, pattern, known, relation)})", binds=False) as found:
-        for i, arg in enumerate(pattern.args):
-            if i not in known:
-                match(f, arg, f"{found}[{i}]", "continue")
+    else:
+        stored(f, pattern, rest)
+
+
+def holds(f: Function, condition: Holds, rest: Rest) -> None:
+    """Emit the loop over the solutions of a condition that is the value of a variable."""
+    with loop(f, f"solutions_of(ag, {build(f, condition.what)}, trail)"):
         rest()
 
 
-def _bucket(f: Function, pattern: Literal, known: list[int], relation: str) -> str:
-    if not known:
-        return f"{relation}.facts"
-    keys = [value(f, pattern.args[i]) for i in known]
-    key = keys[0] if len(keys) == 1 else tuple_of(keys)
-    return f"{relation}.index({f.unit.constant(tuple(known))}).get({key}, ())"
-
-
-@contextmanager
-def loop(f: Function, items: str, *, binds: bool = True) -> Iterator[str]:
-    """Emit ``for x in items:`` around the block.
-
-    Each iteration undoes the bindings of the previous one; generators with own bindings undo these themselves.
-    """
-    found = f.unit.name("f")
-    mark = f.unit.name("m") if not binds and CELL in f.scope.values() else None
-    if mark:
-        f.line(f"{mark} = len(trail)")
-    with f.block(f"for {found} in {items}"):
-        f.loops += 1
-        if mark:
-            f.line(f"undo(trail, {mark})")
-        yield found
-
-
 def solve(f: Function, pattern: Literal, rest: Rest) -> None:
-    """Emit the loop over solutions of annotated or derived beliefs, or of arguments with unbound variables."""
+    """Emit the loop over solutions of derived beliefs, or of arguments with unbound variables."""
     fresh = names_in(pattern) - f.scope.keys() - {"_"}
     args, notes = build(f, pattern.args), build(f, pattern.annotations)
     cells = f.save(fresh)
     with loop(f, f"ag.solve({pattern.key!r}, {args}, {notes}, trail)"):
-        f.resolve(fresh, VALUE, cells)
+        f.resolve(fresh, CELL if f.unit.library.is_open(pattern.key) else VALUE, cells)
         rest()
 
 
 def negation(f: Function, inner: Condition, rest: Rest) -> None:
-    if isinstance(inner, Literal) and "." not in inner.functor and not inner.annotations and _plain(f, inner):
-        known = [i for i, arg in enumerate(inner.args) if settled(f, arg)]
-        relation = f.relation(inner.key)
-        if len(known) == len(inner.args):
-            test = f"{value(f, inner.args)} not in {relation}.facts"
-        else:
-            test = f"not {_bucket(f, inner, known, relation)}"
+    lookup = exact_lookup(f, inner)
+    if lookup is not None:
+        test = lookup.test(negated=True)
     else:
         name, arguments, _ = query(f, inner)
         test = f"not holds({name}({arguments}), trail)"
@@ -154,13 +140,14 @@ def negation(f: Function, inner: Condition, rest: Rest) -> None:
         rest()
 
 
-def _plain(f: Function, pattern: Literal) -> bool:
-    """Check for a stored belief whose unbound arguments are distinct variables."""
-    if f.unit.library.derives(pattern.key) or has_cell(f, pattern):
-        return False
-    free = [arg for arg in pattern.args if not settled(f, arg)]
-    names = [arg.name for arg in free if isinstance(arg, Variable) and arg.name != "_"]
-    return all(isinstance(arg, Variable) for arg in free) and len(names) == len(set(names))
+def exact_lookup(f: Function, condition: object) -> Lookup | None:
+    """Return the lookup of the stored beliefs that match a condition; None if it takes more than a lookup."""
+    if not isinstance(condition, Literal) or "." in condition.functor or condition.annotations:
+        return None
+    if f.unit.library.derives(condition.key) or has_cell(f, condition) or needs_unification(condition):
+        return None
+    lookup = Lookup(f, condition)
+    return lookup if lookup.exact else None
 
 
 def as_function(f: Function, condition: Condition, rest: Rest) -> None:
@@ -189,16 +176,23 @@ def joined_state(name: str, *scopes: Scope) -> str:
 
 
 def query(
-    f: Function, condition: Condition, template: object = None, also: Iterable[str] = ()
+    f: Function,
+    condition: Condition,
+    template: object = None,
+    also: Iterable[str] = (),
+    *,
+    once: bool = False,
 ) -> tuple[str, str, Scope]:
     """Emit a function that yields a tuple of new variable values for each solution.
 
-    A ``template`` replaces the tuple. ``also`` are unbound variables that get values, too. Returns the name of the
-    function, its arguments, and the new variables with their states.
+    A ``template`` replaces the tuple. ``also`` are unbound variables that get values, too. With ``once`` the function
+    returns the tuple of the first solution, or None. Returns the name of the function, its arguments, and the new
+    variables with their states.
     """
     used = sorted(((names_in(condition) | names_in(template)) & f.scope.keys()) - {"_"})
     inner = f.unit.function("q", ["ag", "trail", *(f.local(name) for name in used)], {n: f.scope[n] for n in used})
-    inner.line("mark = len(trail)")
+    inner.line(_MARK)
+    give = "return" if once else "yield"
     branches = condition.terms if isinstance(condition, Disjunction) else (condition,)
     scopes = [_branch(inner, branch, dry=True) for branch in branches]
     fresh = {name: joined_state(name, *scopes) for scope in scopes for name in scope if name not in used}
@@ -206,9 +200,14 @@ def query(
     fresh = dict(sorted(fresh.items()))
     if not f.unit.dry:
         for branch in branches:
-            _branch(inner, branch, fresh=fresh, template=template)
-    inner.line("undo(trail, mark)")
+            _branch(inner, branch, fresh=fresh, template=template, give=give)
+    inner.line(_UNDO)
+    if not any("trail" in text for _, text, _ in inner.lines if text not in (_MARK, _UNDO)):
+        inner.lines = [line for line in inner.lines if line[1] not in (_MARK, _UNDO)]
     return inner.name, ", ".join(["ag", "trail", *(f.local(name) for name in used)]), fresh
+
+
+_MARK, _UNDO = "mark = len(trail)", "undo(trail, mark)"
 
 
 def _branch(
@@ -218,28 +217,31 @@ def _branch(
     fresh: Scope | None = None,
     template: object = None,
     dry: bool = False,
+    give: str = "yield",
 ) -> Scope:
     """Emit one branch; return the states of its variables. A dry run emits nothing."""
     scope, lines, functions = dict(f.scope), len(f.lines), len(f.unit.functions)
     f.unit.dry += dry
     found: Scope = {}
 
-    def give() -> None:
+    def solved() -> None:
         found.update(f.scope)
         if dry:
             return
         if template is not None:
-            f.line(f"yield {build(f, template)}" if has_value(f, template) else f"yield resolve({build(f, template)})")
+            f.line(
+                f"{give} {build(f, template)}" if has_value(f, template) else f"{give} resolve({build(f, template)})"
+            )
         else:
             for name in fresh or {}:
                 build(f, Variable(name))
             given = (f"resolve({f.local(name)})" if f.scope[name] == CELL else f.local(name) for name in fresh or {})
-            f.line(f"yield {tuple_of(given)}")
+            f.line(f"{give} {tuple_of(given)}")
 
-    f.line("undo(trail, mark)")
+    f.line(_UNDO)
     with f.block("for _ in ONCE"):
         f.loops = 1
-        write(f, condition, "continue", give)
+        write(f, condition, "continue", solved)
     f.scope.clear()
     f.scope.update(scope)
     f.unit.dry -= dry
@@ -252,6 +254,13 @@ def _branch(
 def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> None:
     left, right = condition.left, condition.right
     if condition.symbol == "=":
+        if isinstance(right, Aggregate) and right.kind in ("min_of", "max_of"):
+            found = f.unit.name("t")
+            f.line(f"{found} = aggregate({right.kind!r}, {aggregated(f, right)}, None)")
+            f.line(f"if {found} is None: {fail}")
+            match(f, left, found, fail)
+            rest()
+            return
         if not settled(f, right) and settled(f, left):
             left, right = right, left
         if settled(f, right):
@@ -270,7 +279,8 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
 
 def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
     if condition.functor in COLLECTORS:
-        match(f, condition.args[-1], collected(f, condition), fail)
+        result = condition.args[0 if condition.functor == ".eval" else -1]
+        match(f, result, collected(f, condition), fail)
         rest()
         return
     entry = called(condition, condition=True)
@@ -283,11 +293,21 @@ def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
         rest()
 
 
+def aggregated(f: Function, term: Aggregate) -> str:
+    """Return the expression of an iterator over the values of an aggregate."""
+    name, arguments, _ = query(f, term.condition, True if term.kind == "count" else term.template)
+    return f"{name}({arguments})"
+
+
 def collected_goal(action: Literal) -> Condition:
-    """Return the condition of ``.findall``, ``.setof`` or ``.count``. Raises RuleError for a wrong call."""
-    goal = action.args[-2] if len(action.args) == (2 if action.functor == ".count" else 3) else None
+    """Return the condition of ``.findall``, ``.setof``, ``.count`` or ``.eval``. Raises RuleError for a wrong call."""
+    goal = action.args[-2] if len(action.args) == (2 if action.functor in (".count", ".eval") else 3) else None
+    if action.functor == ".eval" and goal is not None:
+        goal = action.args[1]
     if isinstance(goal, Atom):
-        goal = literal(goal.name)
+        goal = Truth(goal.name == "true") if goal.name in ("true", "false") else literal(goal.name)
+    if isinstance(goal, (Variable, LiteralVariable)):
+        goal = Holds(goal)
     if not isinstance(goal, Condition):
         raise RuleError(f"the arguments of {action} are wrong", remedy="see docs/semantics.md")
     return goal
@@ -295,9 +315,13 @@ def collected_goal(action: Literal) -> Condition:
 
 def collected(f: Function, action: Literal) -> str:
     """Return the expression of all solutions of the condition in an action, or of their count."""
-    counts = action.functor == ".count"
-    name, arguments, _ = query(f, collected_goal(action), None if counts else action.args[0])
+    counts, tests = action.functor == ".count", action.functor == ".eval"
+    name, arguments, _ = query(f, collected_goal(action), None if counts or tests else action.args[0])
     found = f.unit.name("l")
+    if tests:
+        true, false = f.unit.constant(Atom("true")), f.unit.constant(Atom("false"))
+        f.line(f"{found} = {true} if holds({name}({arguments}), trail) else {false}")
+        return found
     if counts:
         f.line(f"{found} = sum(1 for _ in {name}({arguments}))")
     elif action.functor == ".setof":
@@ -305,3 +329,82 @@ def collected(f: Function, action: Literal) -> str:
     else:
         f.line(f"{found} = tuple({name}({arguments}))")
     return found
+
+
+# Dependencies
+
+
+def beliefs_in(part: object) -> list[Literal] | None:
+    """Beliefs in a condition or term; None if its truth also depends on other things, such as the time."""
+    if isinstance(part, Negation):
+        return beliefs_in(part.condition)
+    if isinstance(part, (Conjunction, Disjunction)):
+        return _beliefs_in_all(part.terms)
+    if isinstance(part, Comparison):
+        return _beliefs_in_terms((part.left, part.right))
+    if isinstance(part, Truth):
+        return []
+    if not isinstance(part, Literal):
+        return None
+    if "." not in part.functor:
+        below = _beliefs_in_terms((*part.args, *part.annotations))
+        return None if below is None else [part, *below]
+    if part.functor in COLLECTORS:
+        below, others = beliefs_in(collected_goal(part)), _beliefs_in_terms(part.args)
+        return None if below is None or others is None else below + others
+    return _beliefs_in_terms(part.args) if part.functor in _PURE else None
+
+
+def _beliefs_in_all(parts: Iterable[object]) -> list[Literal] | None:
+    found: list[Literal] = []
+    for part in parts:
+        below = beliefs_in(part)
+        if below is None:
+            return None
+        found += below
+    return found
+
+
+def _beliefs_in_terms(terms: Iterable[object]) -> list[Literal] | None:
+    """Beliefs in the function calls of terms."""
+    found: list[Literal] = []
+    for term in terms:
+        below: list[Literal] | None = []
+        if isinstance(term, Aggregate):
+            inner, others = beliefs_in(term.condition), _beliefs_in_terms((term.template,))
+            below = None if inner is None or others is None else inner + others
+        elif isinstance(term, Computation):
+            below = None  # like a function as a condition
+        elif isinstance(term, Call) and term.function == ".count":
+            below = _beliefs_in_all(term.args)
+        elif isinstance(term, Call):
+            below = None if term.function in _IMPURE else _beliefs_in_terms(term.args)
+        elif isinstance(term, Expression):
+            below = _beliefs_in_terms((term.left, term.right))
+        elif isinstance(term, Cons):
+            below = _beliefs_in_terms((*term.items, term.tail))
+        elif isinstance(term, tuple):
+            below = _beliefs_in_terms(term)
+        elif isinstance(term, Literal):
+            below = _beliefs_in_terms((*term.args, *term.annotations))
+        if below is None:
+            return None
+        found += below
+    return found
+
+
+def dependencies(f: Function, condition: Condition, known: Scope) -> str:
+    """Return the expression of the beliefs in a condition: their keys and the arguments ``known`` before it."""
+    beliefs = beliefs_in(condition)
+    if beliefs is None:
+        return "None"
+    patterns = (
+        f"({belief.key!r}, {tuple_of(_known_or_any(f, arg, known) for arg in belief.args)})" for belief in beliefs
+    )
+    return tuple_of(dict.fromkeys(patterns))
+
+
+def _known_or_any(f: Function, arg: object, known: Scope) -> str:
+    if isinstance(arg, Variable):
+        return f.local(arg.name) if arg.name in known else "ANY"
+    return f.unit.constant(arg) if ground(arg) else "ANY"

@@ -7,19 +7,26 @@ body as a generator. A body yields requests and pauses, and None after a step to
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler._conditions import Reached, loop, query, write
+from socialbot.bdi.compiler._beliefs import loop
+from socialbot.bdi.compiler._conditions import Reached, query, write
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
 from socialbot.bdi.compiler._steps import Body, straight
 from socialbot.bdi.compiler._terms import build, match
+from socialbot.bdi.intentions import SUBGOAL
 from socialbot.bdi.literals import Change, Literal
-from socialbot.bdi.plans import Plan
-from socialbot.bdi.steps import Do
-from socialbot.bdi.terms import Conjunction, Variable, names_in
+from socialbot.bdi.plans import Inference, Plan, symbol_variables
+from socialbot.bdi.stdlib import looks_at_goals
+from socialbot.bdi.steps import Achieve, Do
+from socialbot.bdi.terms import Call, Comparison, Conjunction, Expression, Variable, names_in
 
 if TYPE_CHECKING:
     from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
+
+ANY_MODE = -1
+"""Mode in which every argument may have unbound variables."""
 
 GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
 
@@ -27,28 +34,43 @@ OTHERS = "ag.ready or ag.events"
 """Expression that tests for other intentions or events."""
 
 
-def compile_plan(compiled: CompiledPlan, *, opened: bool) -> Any:
-    """Compile a plan; ``opened`` allows unbound variables in the arguments."""
-    plan = compiled.plan
-    with Unit(str(plan.origin or plan), compiled.library) as unit:
+def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
+    """Compile a plan; the bits of ``mode`` tell which arguments may have unbound variables."""
+    plan, opened = compiled.plan, bool(mode)
+    lenient = plan.text is not None
+    with Unit(str(plan.origin or plan), compiled.library, symbol_variables(plan), lenient=lenient) as unit:
         unit.constants["PLAN"] = compiled
         f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
         fail = "return undo(trail, 0)" if opened else "return None"
         if plan.stage is not None:
             f.line(f"if ag.stage != {plan.stage!r}: return None")
-        head(f, plan.event.literal, fail, opened=opened)
+        head(f, plan.event.literal, fail, mode)
         write(f, plan.condition, fail, lambda: chosen(f, plan))
         f.line(fail)
         run, lines = unit.build()
     compiled.lines.update(lines)
-    return run
+    return _telling(run, plan) if looks_at_goals(plan.condition) else run
 
 
-def head(f: Function, pattern: Literal, fail: str, *, opened: bool) -> None:
-    """Emit the match of an event or a conclusion."""
+def _telling(run: Any, plan: Plan) -> Any:
+    """Wrap a plan to tell its condition for which event a plan is chosen."""
+    key = plan.event.key
+
+    def choose(ag: Any, args: Any, notes: Any, cause: Any) -> Any:
+        ag.intentions.choosing = (SUBGOAL, ag.triggers[key], args, notes, cause)
+        try:
+            return run(ag, args, notes, cause)
+        finally:
+            ag.intentions.choosing = None
+
+    return choose
+
+
+def head(f: Function, pattern: Literal, fail: str, mode: int) -> None:
+    """Emit the match of an event or a conclusion; the bits of ``mode`` are its possibly unbound arguments."""
     for i, arg in enumerate(pattern.args):
         subject = f"args[{i}]"
-        if not opened:
+        if not mode >> i & 1:
             match(f, arg, subject, fail)
         elif isinstance(arg, Variable) and arg.name not in f.scope:
             if arg.name != "_":
@@ -72,31 +94,37 @@ def chosen(f: Function, plan: Plan) -> None:
         return
     names = sorted(f.scope)
     body = Body(f.unit, plan, {name: f.scope[name] for name in names})
-    if straight(plan.body) and not plan.atomic:
+    if straight(plan.body) and not plan.atomic and not (f.unit.library.keeps_goals and _ends_with_goal(plan)):
         inline(f, plan, body)
     else:
-        generator = body.generator()
-        f.line(f"return {generator}({', '.join(['ag', 'c', *(f.local(name) for name in names)])})")
+        generator = f"{body.generator()}({', '.join(['ag', 'c', *(f.local(name) for name in names)])})"
+        f.line(f"return SpecialBody({generator}, False)" if plan.atomic else f"return {generator}")
+
+
+def _ends_with_goal(plan: Plan) -> bool:
+    return bool(plan.body) and isinstance(plan.body[-1], Achieve) and not plan.body[-1].apart
 
 
 def inline(f: Function, plan: Plan, body: Body) -> None:
     """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator."""
     scope, depth = dict(f.scope), f.depth
-    resume = body.resumable()
+    resume, names = body.resumable()
 
     def rest(start: int, pause: str = "None") -> str:
-        state = ", ".join(f"{f.local(name)}={f.local(name)}" for name in sorted(f.scope))
-        return f"{resume}(ag, c, {start}, {pause}{', ' if state else ''}{state})"
+        state = [f.local(name) if name in f.scope else "None" for name in names]
+        return f"{resume}({', '.join(['ag', 'c', str(start), pause, *state])})"
 
-    # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits.
-    begin = "ag.ready or ag.others" if plan.event.change not in GOALS else f"{OTHERS} or ag.inbox"
+    # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits; if
+    # more events do, only a single step is executed in place, since the others would follow after a switch.
+    goal, single = plan.event.change in GOALS, len(plan.body) == 1
+    begin = f"{OTHERS} or ag.inbox" if goal else "ag.ready or ag.others" if single else OTHERS
     f.line(f"if {begin}: return {rest(0)}")
     with f.block("try"):
         for i, step in enumerate(plan.body):
             if i:
                 # Only actions can wake another intention.
                 others = OTHERS if isinstance(plan.body[i - 1], Do) else "ag.events"
-                f.line(f"if {others}: return ag.intentions.hand_over({rest(i)})")
+                f.line(f"if {others}: return SpecialBody({rest(i)}, True)")
             body.write_inline(
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )
@@ -108,21 +136,38 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
 
 def compile_inference(compiled: CompiledInference) -> Any:
     """Compile a rule to a generator of engine, arguments and trail that yields once per solution."""
-    inference = compiled.inference
-    with Unit(str(inference.origin or inference), compiled.library) as unit:
+    inference = _without_arithmetic(compiled.inference)
+    symbols, lenient = symbol_variables(inference), inference.text is not None
+    with Unit(str(inference.origin or inference), compiled.library, symbols, lenient=lenient) as unit:
         f = unit.function("rule", ["ag", "args", "trail"], {})
         f.line("mark = len(trail)")
         with f.block("for _ in ONCE"):
             f.loops = 1
-            head(f, inference.head.with_(annotations=()), "continue", opened=True)
+            head(f, inference.head.with_(annotations=()), "continue", ANY_MODE)
             write(f, inference.condition, "continue", lambda: f.line("yield"))
         f.line("undo(trail, mark)")
         return unit.build()[0]
 
 
+def _without_arithmetic(rule: Inference) -> Inference:
+    """Move the arithmetic in the head of a rule to the end of its condition."""
+    args: list[object] = []
+    added = []
+    for number, arg in enumerate(rule.head.args):
+        if isinstance(arg, (Expression, Call)):
+            result = Variable(f"_Result{number}")
+            added.append(Comparison("=", result, arg))
+            args.append(result)
+        else:
+            args.append(arg)
+    if not added:
+        return rule
+    return replace(rule, head=rule.head.with_(args=tuple(args)), condition=Conjunction((*rule.condition.terms, *added)))
+
+
 def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], Any]:
     """Compile a condition; return the names of its new variables and the generator of their value tuples."""
-    with Unit(str(condition), library) as unit:
+    with Unit(str(condition), library, symbol_variables(condition)) as unit:
         f = unit.function("ask", ["ag", "trail"], {})
         name, arguments, fresh = query(f, condition)
         with loop(f, f"{name}({arguments})") as found:
@@ -135,8 +180,9 @@ def compile_probe(compiled: CompiledPlan) -> Any:
     plan = compiled.plan
     terms = plan.condition.terms
     marked = [part for i, term in enumerate(terms) for part in (Reached(i), term)]
-    with Unit(str(plan.origin or plan), compiled.library) as unit:
+    lenient = plan.text is not None
+    with Unit(str(plan.origin or plan), compiled.library, symbol_variables(plan), lenient=lenient) as unit:
         f = unit.function("probe", ["ag", "args", "notes", "trail"], {})
-        head(f, plan.event.literal, "return", opened=False)
+        head(f, plan.event.literal, "return", 0)
         write(f, Conjunction((*marked, Reached(len(terms)))), "return", lambda: f.line("return"))
         return unit.build()[0]

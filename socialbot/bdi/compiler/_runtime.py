@@ -9,10 +9,22 @@ from __future__ import annotations
 
 import inspect
 import math
+import statistics
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import reasons_against
+from socialbot.bdi.belief_base import is_source
+from socialbot.bdi.compiler._dynamic import (
+    change_rule,
+    literal_with,
+    pause_until,
+    run_value,
+    solutions_of,
+    spread,
+    substituted,
+    template,
+)
 from socialbot.bdi.intentions import (
     DONE,
     OPEN,
@@ -23,13 +35,17 @@ from socialbot.bdi.intentions import (
     ForkPause,
     Pause,
     Request,
+    SpecialBody,
     TimedRequest,
+    mode_of,
+    timed,
 )
 from socialbot.bdi.literals import SELF, Event, Literal, literal
-from socialbot.bdi.stdlib.registry import literal_of
+from socialbot.bdi.stdlib.actions import DIRECT, call, registered
+from socialbot.bdi.stdlib.registry import Collection, is_number, literal_of
 from socialbot.bdi.steps import Action
-from socialbot.bdi.terms import Atom, Cons, order, show
-from socialbot.bdi.unification import Trail, Var, annotations_match, closed, cons, resolve, undo, unify
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, order, show
+from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
@@ -43,7 +59,7 @@ Args = tuple[Any, ...]
 
 
 def _length(engine: Any, items: Any) -> int:
-    if not isinstance(items, (tuple, str)):
+    if not isinstance(items, (tuple, str, Collection)):
         raise Failed("wrong_arguments", f".length expects a list or a string, not {items}")
     return len(items)
 
@@ -61,11 +77,6 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     return compute
 
 
-def _of_all(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function of several numbers to accept a list as well."""
-    return _checked(name, lambda *args: function(args[0] if len(args) == 1 and isinstance(args[0], tuple) else args))
-
-
 def _average(numbers: Any) -> float:
     return sum(numbers) / len(numbers)
 
@@ -75,14 +86,33 @@ def _deviation(numbers: Any) -> float:
     return math.sqrt(sum((number - mean) ** 2 for number in numbers) / (len(numbers) - 1))
 
 
-_STATISTICS = {"max": max, "min": min, "sum": sum, "average": _average, "std_dev": _deviation}
+def _median(numbers: Any) -> float:
+    return statistics.median(numbers)
+
+
+def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Apply a function to the numbers of a list, or to two numbers."""
+
+    def compute(*args: Any) -> Any:
+        if len(args) == 1 and isinstance(args[0], tuple):
+            return function([item for item in args[0] if is_number(item)])
+        if len(args) != 2 or function not in (max, min):
+            raise TypeError("a list of numbers is required")
+        return function(args)
+
+    return compute
+
+
+_STATISTICS = {
+    "max": max, "min": min, "sum": sum, "average": _average, "mean": _average, "median": _median, "std_dev": _deviation,
+}  # fmt: skip
 _MATH = ("floor", "ceil", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "log", "exp")
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     ".length": _length,
     "math.random": lambda engine, most=1: engine.random.random() * most,
     "system.time": lambda engine: engine.clock.now() // 1_000_000,  # ms
-    **{f"math.{name}": _of_all(f"math.{name}", function) for name, function in _STATISTICS.items()},
+    **{f"math.{name}": _checked(f"math.{name}", _numbers(function)) for name, function in _STATISTICS.items()},
     **{f"math.{name}": _checked(f"math.{name}", getattr(math, name)) for name in _MATH},
     "math.abs": _checked("math.abs", abs),
     "math.round": _checked("math.round", lambda x: math.floor(x + 0.5)),
@@ -97,10 +127,37 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 def known(term: Any) -> Any:
     """Return the value of a term. Raises Failed for an unbound variable."""
+    if term.__class__ is Var:
+        term = term.value
+    if term.__class__ in SIMPLE:
+        return term
     value = resolve(term)
     if not closed(value):
-        raise Failed("no_value", f"{value} has no value")
+        raise Failed("no_value", f"{value!s} has no value")
     return value
+
+
+def plain(term: Any) -> Any:
+    """Return the value of a term, a `Name` instead of an atom."""
+    term = resolve(term)
+    return Name(term.name) if term.__class__ is Atom else term
+
+
+_FAILS = object()
+
+
+def aggregate(kind: str, values: Iterator[Any], nothing: Any = _FAILS) -> Any:
+    """Return the value of an aggregate. Raises Failed for the extreme of no values, unless ``nothing`` is given."""
+    if kind == "count":
+        return sum(1 for _ in values)
+    found = tuple(values)
+    if kind == "findall":
+        return found
+    if kind == "sum_of":
+        return sum(found)
+    if not found and nothing is _FAILS:
+        raise Failed("no_value", f"{kind} has no solution")
+    return (min if kind == "min_of" else max)(found, key=order) if found else nothing
 
 
 def renew(cell: Any) -> Any:
@@ -167,17 +224,25 @@ def perform(ag: Interpreter, kind: type[Action], args: Args, cause: Any) -> Any:
     return action.execute(*args)
 
 
-def act(ag: Interpreter, name: str, args: Args, cause: Any) -> Any:
-    action = ag.engine.actions.get(name)
+def act(ag: Interpreter, name: str, args: Args, cause: Any, plain: bool = False) -> Any:
+    action = ag.engine.actions.get(name) or _world_action(ag, name) or registered(name)
     if action is None:
         raise Failed("action_failed", f"there is no action {name}/{len(args)}")
     if isinstance(action, type):
         if action.function is None:
-            return perform(ag, action, args, cause)
+            return perform(ag, action, known(args), cause)
         action = action.function
     if ag.trace.sink is not None:
-        record_action(ag, name, args, cause)
-    return action(ag.engine, *args)
+        record_action(ag, name, resolve(args), cause)
+    if plain and (action, len(args)) in DIRECT:
+        return action(ag.engine, *args)
+    return call(ag.engine, name, action, args, plain=plain)
+
+
+def _world_action(ag: Interpreter, name: str) -> Any:
+    """Action of the environment of the society, if any."""
+    society = ag.messaging.society
+    return None if society is None or society.environment is None else society.environment.action(name)
 
 
 def outcome(ag: Interpreter, found: Any) -> Pause | None:
@@ -220,13 +285,15 @@ def limited(pause: Pause | None, seconds: float) -> Pause | None:
     return pause
 
 
-def await_condition(solve: Callable[[], Any], found: list[Any], limit_s: float | None) -> Pause | None:
-    """Pause until a condition holds; return None if it already does."""
+def await_condition(
+    solve: Callable[[], Any], found: list[Any], limit_s: float | None, beliefs: Any, cells: Args
+) -> Pause | None:
+    """Pause until a condition holds; return None if it already does. See `ConditionPause`."""
     solution = solve()
     if solution is not None:
         found.append(solution)
         return None
-    return ConditionPause(solve, found, limit_s)
+    return ConditionPause(solve, found, limit_s, beliefs, cells)
 
 
 # Goals
@@ -235,7 +302,20 @@ def await_condition(solve: Callable[[], Any], found: list[Any], limit_s: float |
 def open_goal(ag: Interpreter, kind: int, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
     """Request a goal whose arguments may be unbound."""
     args = resolve(args)
-    return (kind if closed(args) else kind | OPEN, trigger, args, notes, cause)
+    free = []
+    for arg in args:
+        free.append(arg.__class__ is Var)
+        if arg.__class__ not in SIMPLE and arg.__class__ is not Var and not closed(arg):
+            return (kind | OPEN, trigger, args, notes, cause)
+    return (kind | mode_of(free), trigger, args, notes, cause)
+
+
+def computed_by_rule(ag: Interpreter, key: str, args: Args) -> Any:
+    """Return the value of a registered function: the last argument of the first solution of its rule."""
+    result = Var("Result")
+    for _ in ag.solve(key, (*args, result), (), []):
+        return known(result)
+    raise Failed("wrong_arguments", f"the rule {key} gives no value for {', '.join(map(show, args))}")
 
 
 def goal_of(ag: Interpreter, goal: Any, cause: Any) -> Request:
@@ -273,7 +353,9 @@ def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
     """Apply ``+B``, ``-B`` or another update to the value of a variable."""
     belief = literal_of(sign, belief)
     base = ag.beliefs
-    relation, notes = base.relation(belief.key), belief.annotations or SELF
+    relation, notes = base.relation(belief.key), belief.annotations
+    if not any(map(is_source, notes)):
+        notes = (*notes, *SELF)
     if sign in ("-", "--"):
         return base.remove(relation, belief.args, notes, cause, sign == "-")
     if sign == "++":
@@ -296,13 +378,18 @@ def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: 
 
 
 NAMES: dict[str, Any] = {
-    "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed, "ForkPause": ForkPause,
-    "Literal": Literal, "ONCE": (None,), "SELF": SELF, "TimedRequest": TimedRequest, "Var": Var, "act": act,
+    "ANY": Var(), "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed,
+    "ForkPause": ForkPause, "Literal": Literal,
+    "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
+    "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
     "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
     "chosen": chosen, "closed": closed, "cons": cons, "div": div, "goal_of": goal_of, "holds": holds,
     "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod, "open_goal": open_goal,
-    "order": order, "outcome": outcome, "perform": perform, "question": question, "question_of": question_of,
-    "record_action": record_action, "renew": renew, "resolve": resolve, "undo": undo, "unify": unify, "univ": univ,
-    "update_of": update_of,
+    "order": order, "outcome": outcome, "perform": perform, "plain": plain, "question": question,
+    "question_of": question_of, "record_action": record_action, "renew": renew, "resolve": resolve, "timed": timed,
+    "undo": undo, "unify": unify, "univ": univ, "update_of": update_of,
+    "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,
+    "literal_with": literal_with, "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
+    "spread": spread, "substituted": substituted, "template": template,
 }  # fmt: skip
 """Global names of generated code."""

@@ -32,11 +32,17 @@ class Unit:
     """Source of one plan or rule: functions inside a factory of the constants.
 
     Plans that differ only in constants share the compiled code. As a context, it adds its title to a `RuleError`.
+
+    Attributes:
+        symbols: Variables that have a `Name` instead of an atom as value.
+        lenient: Whether the use of a variable without a value fails at run time, as in AgentSpeak, instead of now.
     """
 
-    def __init__(self, title: str, library: Library) -> None:
+    def __init__(self, title: str, library: Library, symbols: set[str], *, lenient: bool = False) -> None:
         self.library = library
+        self.symbols = symbols
         self.title = title
+        self.lenient = lenient
         self.functions: list[Function] = []
         self.constants: dict[str, Any] = {}
         self.dry = 0
@@ -139,7 +145,8 @@ class Function:
     def resolve(self, names: Iterable[str], state: str | None = None, copies: dict[str, str] | None = None) -> None:
         """Emit the resolution of locals, or of copies of them, and optionally set their state."""
         for name in sorted(names):
-            self.line(f"{self.local(name)} = resolve({copies[name] if copies else self.local(name)})")
+            convert = "plain" if name in self.unit.symbols else "resolve"
+            self.line(f"{self.local(name)} = {convert}({copies[name] if copies else self.local(name)})")
             if state is not None:
                 self.scope[name] = state
 

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from socialbot.bdi.compiler._conditions import COLLECTORS, assign, joined_state, query, unpack
+from socialbot.bdi.belief_base import is_source
+from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies, joined_state, query, unpack
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
-from socialbot.bdi.compiler._terms import build, match, refresh, settled, value
-from socialbot.bdi.intentions import SUBGOAL, TAIL
+from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
+from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
 from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, literal
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.plans import Inference, Plan, parts_of
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.steps import (
     Achieve,
@@ -33,14 +34,20 @@ from socialbot.bdi.steps import (
 from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, names_in
 from socialbot.core.errors import RuleError
 
+SWITCH = "if ag.ready or ag.events or ag.inbox or ag.heap: yield"
+"""Statement between two steps that lets other intentions run; without any work for them, it costs no switch."""
+
 
 def straight(body: tuple[Step, ...]) -> bool:
     """Check whether a body runs in place: updates, actions and comparisons with an optional final goal."""
     for i, step in enumerate(body):
         if isinstance(step, Achieve):
-            if not step.apart and (i < len(body) - 1 or step.limit_s is not None or isinstance(step.goal, Variable)):
+            known = isinstance(step.goal, Literal)
+            if not step.apart and (i < len(body) - 1 or step.limit_s is not None or not known):
                 return False
         elif isinstance(step, Do):
+            if not isinstance(step.action, Literal):
+                return False
             entry = find(step.action.functor)
             if step.limit_s is not None or pauses(step.action) or (entry is not None and entry.aware):
                 return False
@@ -52,7 +59,7 @@ def straight(body: tuple[Step, ...]) -> bool:
 def rests(step: Step) -> bool:
     """Check whether a step always yields to other intentions before it ends."""
     if isinstance(step, Do):
-        return pauses(step.action)
+        return isinstance(step.action, Literal) and pauses(step.action)
     return isinstance(step, (Await, Fork))
 
 
@@ -71,17 +78,23 @@ def _limited(f: Function, pause: str, limit_s: object) -> str:
 def do(f: Function, step: Do) -> str | None:
     """Emit an action; return the local that holds its pause or None, if it can pause."""
     action = step.action
-    if action.functor.startswith(".") or find(action.functor) is not None:
+    assert isinstance(action, Literal), action
+    if "." in action.functor:
         internal(f, step)
         return None
+    r = f.unit.name("r")
+    if not isinstance(action, Action) and not settled(f, action):
+        # Variables without values are for the results of the action.
+        f.line(f"{r} = act(ag, {action.functor!r}, {build(f, action.args)}, c)", step)
+        return r
+    know(f, action.args, step)
     args = [value(f, arg) for arg in action.args]
     if isinstance(action, send) and len(args) == 2 and isinstance(action.args[1], Belief):
         f.line(f"ag.messaging.tell({args[0]}, {action.args[1].key!r}, {value(f, action.args[1].args)}, c)", step)
         return None
-    r = f.unit.name("r")
     record = f"if ag.trace.sink is not None: record_action(ag, {action.functor!r}, {tuple_of(args)}, c)"
     if not isinstance(action, Action):
-        f.line(f"{r} = act(ag, {action.functor!r}, {tuple_of(args)}, c)", step)
+        f.line(f"{r} = act(ag, {action.functor!r}, {tuple_of(args)}, c, True)", step)
     elif action.function is not None:
         f.line(record, step)
         f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag.engine', *args])})", step)
@@ -91,15 +104,20 @@ def do(f: Function, step: Do) -> str | None:
 
 
 def internal(f: Function, step: Do) -> None:
-    action = step.action
+    action: Any = step.action
     if action.functor == ".wait" and action.args and isinstance(action.args[0], (Event, Condition, Atom)):
         what: Any
         what, *limits = action.args
-        if len(limits) > 1:
-            raise RuleError(f"{action} takes at most 2 arguments", remedy="handle the timeout in a plan for -!g")
+        if len(limits) > 2:
+            raise RuleError(f"{action} takes at most 3 arguments", remedy="see docs/semantics.md")
         limit = Expression("/", limits[0], 1000) if limits else None
-        await_(f, Await(literal(what.name) if isinstance(what, Atom) else what, limit), step.limit_s)
+        elapsed = limits[1] if len(limits) > 1 else None
+        await_(f, Await(literal(what.name) if isinstance(what, Atom) else what, limit), step.limit_s, elapsed)
         return
+    if action.functor == ".puts":
+        from socialbot.bdi.stdlib.environment import interpolated
+
+        action = interpolated(action)
     if action.functor in COLLECTORS:
         constrain(f, Constrain(action))  # type: ignore[arg-type]
         return
@@ -127,22 +145,37 @@ def internal(f: Function, step: Do) -> None:
     f.resolve(cells - before, VALUE if entry.binds else CELL)
 
 
-def await_(f: Function, step: Await, limit_s: object = None) -> None:
-    """Emit a pause until an event occurs or a condition holds; it fails after ``limit_s``."""
+def await_(f: Function, step: Await, limit_s: object = None, elapsed: object = None) -> None:
+    """Emit a pause until an event occurs or a condition holds; it fails after ``limit_s``.
+
+    With ``elapsed``, which gets the waiting time in ms, the end of its own limit is no failure.
+    """
+    timed = "{}" if elapsed is None else f"timed({{}}, {build(f, elapsed)})"
     limit = "None" if step.limit_s is None else value(f, step.limit_s)
-    if isinstance(step.what, Event):
+    if isinstance(step.what, Event) and not isinstance(step.what.literal, Literal):
+        change = f.unit.constant(step.what.change)
+        pause = f"pause_until({change}, {build(f, step.what.literal)}, {limit})"
+        f.line(f"yield {_limited(f, timed.format(pause), limit_s)}", step)
+        refresh(f, names_in(step.what.literal))
+    elif isinstance(step.what, Event):
         literal = step.what.literal
         args, notes = build(f, literal.args), build(f, literal.annotations)
         pause = f"EventPause({step.what.key!r}, {args}, {notes}, {limit})"
-        f.line(f"yield {_limited(f, pause, limit_s)}", step)
+        f.line(f"yield {_limited(f, timed.format(pause), limit_s)}", step)
         refresh(f, names_in(literal))
     else:
         found = f.unit.name("s")
+        known = dict(f.scope)
         name, arguments, states = query(f, step.what)
         f.line(f"{found} = []")
-        pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit})"
-        f.line(f"yield {_limited(f, pause, limit_s)}", step)
-        unpack(f, states, f"{found}[0]")
+        cells = tuple_of(f.local(name) for name in sorted(names_in(step.what)) if known.get(name) == CELL)
+        beliefs = dependencies(f, step.what, known)
+        pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit}, {beliefs}, {cells})"
+        f.line(f"yield {_limited(f, timed.format(pause), limit_s)}", step)
+        if elapsed is None:
+            unpack(f, states, f"{found}[0]")
+        else:
+            unpack(f, dict.fromkeys(states, CELL), f"{found}[0] if {found} else {tuple_of(['Var()'] * len(states))}")
 
 
 def constrain(f: Function, step: Constrain) -> None:
@@ -150,13 +183,22 @@ def constrain(f: Function, step: Constrain) -> None:
     condition = step.condition
     if isinstance(condition, Conjunction) and len(condition.terms) == 1:
         condition = condition.terms[0]
-    fail = f"raise Failed('constraint_failed', {f'{condition} does not hold'!r})"
+    reason = "ia_failed" if isinstance(condition, Literal) and "." in condition.functor else "constraint_failed"
+    fail = f"raise Failed({reason!r}, {f'{condition} does not hold'!r})"
     if isinstance(condition, Comparison) and condition.symbol == "=":
         left, right = condition.left, condition.right
-        if settled(f, right):
+        if not settled(f, right) and settled(f, left):
+            left, right = right, left
+        if isinstance(right, Expression):
+            know(f, right, step)
+        if settled(f, right) and not has_cell(f, left):
             match(f, left, value(f, right), fail, step)
             return
+        if settled(f, right) and isinstance(left, Variable):
+            assign_cell(f, left, value(f, right), fail, step)
+            return
     elif isinstance(condition, Comparison) and condition.symbol != "=..":
+        know(f, (condition.left, condition.right), step)
         f.line(f"if not {value(f, condition.left)} {condition.symbol} {value(f, condition.right)}: {fail}", step)
         return
     found, fresh = first(f, condition, step)
@@ -164,11 +206,40 @@ def constrain(f: Function, step: Constrain) -> None:
     unpack(f, fresh, found)
 
 
+def know(f: Function, term: object, step: Step) -> None:
+    """Emit the resolution of the variables in a term; an unbound one fails the step."""
+    for name in sorted(names_in(term) - {"_"}):
+        if f.scope.get(name) == CELL:
+            f.line(f"{f.local(name)} = known({f.local(name)})", step)
+            f.scope[name] = VALUE
+
+
+def assign_cell(f: Function, variable: Variable, source: str, fail: str, step: Step) -> None:
+    """Emit the unification of a variable with a value, without a call while the variable is unbound."""
+    cell, item, mark = f.local(variable.name), f.unit.name("t"), f.unit.name("m")
+    f.line(f"{item} = {source}", step)
+    with f.block(f"if {cell}.__class__ is Var and {cell}.value is {cell}"):
+        f.line(f"{cell}.value = {item}")
+    with f.block("else"):
+        f.line(f"{mark} = len(trail)")
+        with f.block(f"if not unify({cell}, {item}, trail)", step):
+            f.line(f"undo(trail, {mark})")
+            f.line(fail, step)
+    f.line(f"{cell} = {item}")
+    f.scope[variable.name] = VALUE
+
+
 def first(f: Function, condition: Condition, step: Step, also: Iterable[str] = ()) -> tuple[str, Scope]:
     """Emit the search for the first solution; return its local and its variables."""
-    name, arguments, fresh = query(f, condition, also=also)
     found = f.unit.name("s")
-    f.line(f"{found} = next({name}({arguments}), None)", step)
+    if isinstance(condition, Conjunction) and len(condition.terms) == 1:
+        condition = condition.terms[0]
+    if isinstance(condition, Literal) and not also:
+        fresh = newest(f, condition, found, step)
+        if fresh is not None:
+            return found, fresh
+    name, arguments, fresh = query(f, condition, also=also, once=True)
+    f.line(f"{found} = {name}({arguments})", step)
     return found, fresh
 
 
@@ -176,7 +247,7 @@ def notes_of(f: Function, literal: Literal) -> str:
     """Return the expression of annotations with source ``self`` by default."""
     if not literal.annotations:
         return "SELF"
-    notes = [build(f, note) for note in literal.annotations]
+    notes = [value(f, note) if has_value(f, note) else build(f, note) for note in literal.annotations]
     named = any(isinstance(note, Literal) and note.functor == "source" for note in literal.annotations)
     return tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
 
@@ -184,8 +255,12 @@ def notes_of(f: Function, literal: Literal) -> str:
 def update(f: Function, step: Update) -> None:
     """Emit a belief update; except for ``++``, its local r then holds a pause or None."""
     literal, sign = step.literal, step.sign
-    if isinstance(literal, Variable):
-        f.line(f"r = update_of(ag, {sign!r}, {value(f, literal)}, c)", step)
+    if isinstance(literal, Inference):
+        f.line(f"r = change_rule(ag, {sign!r}, {build(f, literal)})", step)
+        return
+    if not isinstance(literal, Literal):
+        f.line(f"r = update_of(ag, {sign!r}, {build(f, literal)}, c)", step)
+        refresh(f, names_in(literal))
         return
     relation = f.relation(literal.key)
     if sign in ("-", "--"):
@@ -197,6 +272,7 @@ def update(f: Function, step: Update) -> None:
         f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes}, c, {sign == '-'})", step)
         refresh(f, names_in(literal))
         return
+    know(f, literal.args, step)
     args = value(f, literal.args)
     if type(literal) is not Structure:
         f.unit.library.declare(type(literal))
@@ -218,21 +294,40 @@ def forget(f: Function, step: Forget) -> None:
         f.line(f"else: ag.beliefs.forget_one({relation}, {args}, c)", step)
     else:
         args, notes = build(f, literal.args), build(f, literal.annotations)
-        f.line(f"ag.beliefs.forget_all({relation}, {args}, {notes}, c)", step)
+        method = "forget_sources" if any(map(is_source, literal.annotations)) else "forget_all"
+        f.line(f"ag.beliefs.{method}({relation}, {args}, {notes}, c)", step)
 
 
 def request(f: Function, step: Achieve, kind: int) -> str:
     goal = step.goal
     if isinstance(goal, Goal):
         f.unit.library.declare(type(goal))
-    if isinstance(goal, Variable):
-        return f"goal_of(ag, {value(f, goal)}, c)"
-    known = settled(f, goal)
+    if not isinstance(goal, Literal):
+        return f"goal_of(ag, {build(f, goal)}, c)"
+    know(f, [part for arg in goal.args for part in expressions(arg)], step)
+    free = unbound(f, goal)
     args, notes = build(f, goal.args), notes_of(f, goal)
     trigger = f"ag.triggers[{'+!' + goal.key!r}]"
-    if known:
-        return f"({kind}, {trigger}, {args}, {notes}, c)"
+    if free is not None:
+        if any(free) and not f.unit.dry:
+            f.unit.library.requested.add((f"+!{goal.key}", mode_of(free) >> MODE))
+        return f"({kind | mode_of(free)}, {trigger}, {args}, {notes}, c)"
     return f"open_goal(ag, {kind}, {trigger}, {args}, {notes}, c)"
+
+
+def expressions(term: object) -> Iterator[Expression]:
+    """Yield the expressions in a term."""
+    if isinstance(term, Expression):
+        yield term
+    for part in parts_of(term):
+        yield from expressions(part)
+
+
+def unbound(f: Function, goal: Literal) -> list[bool] | None:
+    """Return which arguments of a goal are new variables, the others being values; None if that is not known."""
+    new = [isinstance(arg, Variable) and arg.name not in f.scope for arg in goal.args]
+    others = [arg for arg, free in zip(goal.args, new, strict=True) if not free]
+    return new if settled(f, tuple(others)) and settled(f, goal.annotations) else None
 
 
 def achieve(f: Function, step: Achieve, *, last: bool) -> None:
@@ -244,7 +339,7 @@ def achieve(f: Function, step: Achieve, *, last: bool) -> None:
             f.line(f"adopt_later(ag, {request(f, step, SUBGOAL)})", step)
         return
     goal = step.goal
-    tail = last and step.limit_s is None and not isinstance(goal, Variable)
+    tail = last and step.limit_s is None and isinstance(goal, Literal)
     asked = request(f, step, TAIL if tail else SUBGOAL)
     if step.limit_s is not None:
         asked = f"TimedRequest({asked}, {value(f, step.limit_s)})"
@@ -255,8 +350,9 @@ def achieve(f: Function, step: Achieve, *, last: bool) -> None:
 def ask(f: Function, step: Ask) -> None:
     """Emit a test goal, which matching beliefs or else a plan can satisfy."""
     query_ = step.query
-    if isinstance(query_, Variable):
-        f.line(f"yield question_of(ag, {value(f, query_)}, c)", step)
+    if not isinstance(query_, Condition):
+        f.line(f"yield question_of(ag, {build(f, query_)}, c)", step)
+        refresh(f, names_in(query_))
         return
     found, fresh = first(f, query_, step)
     with f.block(f"if {found} is not None"):
@@ -274,6 +370,25 @@ def ask(f: Function, step: Ask) -> None:
         else:
             f.line(f"raise Failed('test_goal_failed', {f'nothing answers {query_}'!r})", step)
     f.scope.update(fresh)
+
+
+def newest(f: Function, pattern: Literal, found: str, step: Step) -> Scope | None:
+    """Emit the search for a belief whose arguments are all new variables, or all values, in place.
+
+    Returns its new variables; None for other patterns.
+    """
+    names = [arg.name for arg in pattern.args if isinstance(arg, Variable) and arg.name not in f.scope]
+    known = settled(f, pattern)
+    every = len(set(names)) == len(pattern.args) and "_" not in names
+    annotated = any(isinstance(part, Literal) and part.annotations for part in (pattern, *pattern.args))
+    if not (known or every) or annotated or "." in pattern.functor or f.unit.library.derives(pattern.key):
+        return None
+    relation = f.relation(pattern.key)
+    if known:
+        f.line(f"{found} = () if {value(f, pattern.args)} in {relation}.facts else None", step)
+        return {}
+    f.line(f"{found} = next(reversed({relation}.facts), None)", step)
+    return dict.fromkeys(names, VALUE)
 
 
 Rest = Callable[[str], str]
@@ -295,10 +410,10 @@ class Body:
         f.line("if False: yield")
         return f.name
 
-    def resumable(self) -> str:
-        """Emit a generator that resumes at any step, optionally after a pause; return its name."""
+    def resumable(self) -> tuple[str, list[str]]:
+        """Emit a generator that resumes at any step, optionally after a pause; return its name and its variables."""
         names = sorted(set(self.scope) | _assigned(self.plan.body))
-        f = self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}=None" for n in names)], self.scope)
+        f = self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}" for n in names)], self.scope)
         with f.block("if pause is not None"):
             f.line("yield pause")
             # After a pause this plan continues; after a plan for an event other intentions run first.
@@ -307,15 +422,26 @@ class Body:
             with f.block(f"if start <= {i}"):
                 last = i == len(self.plan.body) - 1
                 if not self.write(f, step, last=last) and not last:
-                    f.line("yield")
-        return f.name
+                    f.line(SWITCH)
+        return f.name, names
 
-    def write_all(self, f: Function, body: tuple[Step, ...], *, nested: bool = False, begins: bool = False) -> None:
-        """Emit steps in order. Before each of them, except an initial one with ``begins``, other intentions run."""
+    def write_all(
+        self,
+        f: Function,
+        body: tuple[Step, ...],
+        *,
+        nested: bool = False,
+        begins: bool = False,
+        repeats: bool = False,
+    ) -> None:
+        """Emit steps in order. Before each of them, except an initial one with ``begins``, other intentions run.
+
+        A body that ``repeats`` ends the turn before its first step in any case, so that turns have an end.
+        """
         rested = begins or not nested
         for i, step in enumerate(body):
             if not rested:
-                f.line("yield")
+                f.line("yield" if repeats and i == 0 else SWITCH)
             last = i == len(body) - 1
             rested = self.write(f, step, last=last and not nested, closes=last)
 
@@ -342,7 +468,11 @@ class Body:
         ``last`` marks the final step of the plan, ``closes`` that of a block; other intentions run after each block.
         """
         if isinstance(step, Achieve):
-            achieve(f, step, last=last and not self.plan.atomic)
+            kept = self.unit.library.keeps_goals and _key(step.goal) != _key(self.plan.event.literal)
+            achieve(f, step, last=last and not self.plan.atomic and not kept)
+        elif isinstance(step, Do) and not isinstance(step.action, Literal):
+            f.line(f"yield run_value(ag, {build(f, step.action)}, c)", step)
+            refresh(f, names_in(step.action))
         elif isinstance(step, Do):
             pause = do(f, step)
             if pause:
@@ -401,7 +531,7 @@ class Body:
             with f.block(f"for {found} in list({name}({arguments}))", step):
                 _renew(f, cells)
                 unpack(f, fresh, found)
-                self.write_all(f, step.body, nested=True)
+                self.write_all(f, step.body, nested=True, repeats=True)
 
     def fork(self, f: Function, step: Fork) -> None:
         out = f.unit.name("out")
@@ -419,7 +549,7 @@ class Body:
             calls.append(f"{g.name}({', '.join(['ag', 'c', out, *(f.local(n) for n in names)])})")
         f.line(f"yield ForkPause({tuple_of(calls)}, c, every={step.every})", step)
         for name in sorted(found):
-            f.line(f"{f.local(name)} = {out}.get({name!r}) or Var({name!r})")
+            f.line(f"{f.local(name)} = {out}[{name!r}] if {name!r} in {out} else Var({name!r})")
             f.scope[name] = CELL
 
 
@@ -437,6 +567,10 @@ def _own_cells(f: Function, step: Step) -> Iterator[dict[str, str]]:
 def _renew(f: Function, cells: dict[str, str]) -> None:
     for name, cell in cells.items():
         f.line(f"{f.local(name)} = renew({cell})")
+
+
+def _key(literal: object) -> str:
+    return literal.key if isinstance(literal, Literal) else ""
 
 
 def _assigned(body: tuple[Step, ...]) -> set[str]:

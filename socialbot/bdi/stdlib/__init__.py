@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.stdlib.registry import INTERNALS
+from socialbot.bdi.intentions import Failed
+from socialbot.bdi.stdlib.registry import INTERNALS, Internal
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.literals import Literal
-    from socialbot.bdi.stdlib.registry import Internal
 
-TOPICS = ("environment", "goals", "_plans", "_terms")
+TOPICS = ("environment", "goals", "_agents", "_collections", "_plans", "_strings", "_terms")
 
 
 @cache
@@ -25,15 +27,43 @@ def internals() -> dict[str, Internal]:
 
 
 def find(name: str) -> Internal | None:
-    """Find an internal action by name."""
-    return internals().get(name) if name[:1] == "." else INTERNALS.get(name)
+    """Find an internal action by name; the first unknown name with a dot imports the entry points."""
+    if name[:1] == ".":
+        return internals().get(name)
+    if "." in name and name not in INTERNALS:
+        from socialbot.bdi.stdlib.actions import load_entry_points
+
+        load_entry_points()
+    return INTERNALS.get(name)
+
+
+@cache
+def _missing(name: str) -> Internal:
+    """Return an internal action of the user that is looked up when it is called."""
+
+    def call(engine: Any, args: tuple[Any, ...], trail: list[Any]) -> Iterator[None]:
+        entry = find(name)
+        if entry is None:
+            raise Failed("action_failed", f"there is no internal action {name}/{len(args)}; register it in Python")
+        if entry.many:
+            yield from entry.function(engine, args, trail)
+        elif entry.function(engine, args, trail) is not False:
+            yield
+
+    return Internal(call, (0, 100), many=True)
 
 
 def called(action: Literal, *, condition: bool = False) -> Internal:
     """Find the internal action of a step or condition. Raises RuleError for a wrong call."""
     entry = find(action.functor)
+    if entry is None and "." in action.functor[1:] and action.functor[0] != ".":
+        return _missing(action.functor)
     if entry is None:
-        raise RuleError(f"there is no internal action {action.functor}", remedy="see docs/semantics.md")
+        near = difflib.get_close_matches(action.functor, internals(), 1)
+        raise RuleError(
+            f"there is no internal action {action.functor}",
+            remedy=f"did you mean {near[0]}?" if near else "see docs/semantics.md",
+        )
     if condition and entry.pauses:
         raise RuleError(f"{action.functor} cannot be a condition", remedy="make it a step of the body")
     least, most = entry.arity
@@ -41,3 +71,15 @@ def called(action: Literal, *, condition: bool = False) -> Internal:
         count = str(least) if least == most else f"{least} to {most}"
         raise RuleError(f"{action.functor} takes {count} arguments", remedy="see docs/semantics.md")
     return entry
+
+
+def looks_at_goals(part: object) -> bool:
+    """Check whether a part of a plan calls an internal action that inspects or ends goals."""
+    from socialbot.bdi.literals import Literal
+    from socialbot.bdi.plans import parts_of
+
+    if isinstance(part, Literal) and part.functor[:1] == ".":
+        entry = find(part.functor)
+        if entry is not None and entry.aware:
+            return True
+    return any(map(looks_at_goals, parts_of(part)))

@@ -11,12 +11,12 @@ from socialbot.bdi.agentspeak.parser import parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import SELF, source
+from socialbot.bdi.literals import SELF, Literal, literal, source
 from socialbot.bdi.plans import Plan
-from socialbot.bdi.stdlib.environment import event_of
-from socialbot.bdi.stdlib.registry import Args, each_of, gives, internal, literal_of, name_of, opened, wrong
+from socialbot.bdi.stdlib.environment import event_of, print_
+from socialbot.bdi.stdlib.registry import Args, each, each_of, gives, internal, literal_of, name_of, opened, wrong
 from socialbot.bdi.terms import Atom
-from socialbot.bdi.unification import Trail, annotations_match, closed, resolve, undo, unify
+from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 from socialbot.core.errors import RuleError
 
 
@@ -57,18 +57,8 @@ def _assert(engine: Any, name: str, term: Any, *, last: bool = False) -> None:
     new = args not in relation.facts
     notes = what.annotations if any(map(is_source, what.annotations)) else what.annotations + SELF
     engine.beliefs.add(relation, args, notes, engine.interpreter.cause)
-    if not last or not new or args not in relation.facts:
-        return
-    facts = dict(relation.facts)
-    relation.facts.clear()
-    relation.facts[args] = facts.pop(args)
-    relation.facts.update(facts)
-    for index in relation.indexes.values():
-        for bucket in index.values():
-            if args in bucket:
-                others = [other for other in bucket if other != args]
-                bucket.clear()
-                bucket.update(dict.fromkeys((args, *others)))
+    if last and new and args in relation.facts:
+        relation.make_first(args)
 
 
 @internal(".enter", 1)
@@ -98,18 +88,82 @@ def remove_plan(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".relevant_plans", 2, 3)
 def relevant_plans(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.relevant_plans({+!g(_)}, Plans, Labels)``: plans for an event; unlabelled plans represent themselves."""
+    """``.relevant_plans({+!g(_)}, Plans, Labels)``: the plans for an event, and their labels with annotations."""
     found = relevant(engine, args[0])
-    labels = tuple(plan if plan.label is None else Atom(plan.label) for plan in found)
+    labels = tuple(label_of(engine, plan) for plan in found)
     return gives(args[1:], (found, labels)[: len(args) - 1], trail)
+
+
+@internal(".relevant_plan", 2, many=True)
+def relevant_plan(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.relevant_plan({+!g(_)}, Plan)``: Plan is in turn each plan for an event."""
+    return each(args[1], relevant(engine, args[0]), trail)
 
 
 @internal(".plan_label", 2, many=True)
 def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.plan_label(Plan, label)``: the plan with a label."""
-    found = engine.library.labelled(name_of(".plan_label", args[1]))
-    if found is not None and gives(args[0], found, trail):
-        yield
+    """``.plan_label(Plan, Label)``: the plan with a label, the label of a plan, or all of both."""
+    plan, label = map(resolve, args)
+    if isinstance(plan, Plan):
+        return each(label, [label_of(engine, plan)], trail)
+    if label.__class__ is Var:
+        return each(args, [(found, label_of(engine, found)) for found in engine.library], trail)
+    found = _labelled(engine, label)
+    return each(plan, [] if found is None else [found], trail)
+
+
+@internal(".list_plans", 0, 1)
+def list_plans(engine: Any, args: Args, trail: Trail) -> None:
+    """``.list_plans({+!g(_)})``: print the plans for an event, or all plans."""
+    for plan in relevant(engine, args[0]) if args else engine.library:
+        print_(engine, (agentspeak(plan),), trail)
+
+
+@internal(".list_rules", 0)
+def list_rules(engine: Any, args: Args, trail: Trail) -> None:
+    """``.list_rules``: print the rules."""
+    for rules in engine.library.inferences.values():
+        for compiled in rules:
+            print_(engine, (agentspeak(compiled.inference),), trail)
+
+
+@internal(".relevant_rules", 2)
+def relevant_rules(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.relevant_rules(b(_), Rules)``: Rules are those whose head matches."""
+    pattern = literal_of(".relevant_rules", args[0])
+    found = []
+    for compiled in engine.library.inferences.get(pattern.key, ()):
+        if gives(opened(compiled.inference.head.args), pattern.args, trail):
+            found.append(compiled.inference)
+        undo(trail, 0)
+    return gives(args[1], tuple(found), trail)
+
+
+@internal(".namespace", 1, many=True)
+def namespace(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.namespace(N)``: N is in turn each namespace of the beliefs; ``default`` is always one."""
+    keys = (key.lstrip("~") for key, relation in engine.beliefs.relations.items() if relation.facts)
+    names = dict.fromkeys(["default", *(key.partition("::")[0] for key in keys if "::" in key)])
+    return each(args[0], map(Atom, names), trail)
+
+
+def label_of(engine: Any, plan: Plan) -> Any:
+    """Return the label of a plan with its annotations; a plan without one gets a name, such as ``p__2``."""
+    name = plan.label or engine.library.given_label(plan)
+    notes: list[Any] = [Atom("atomic")] if plan.atomic else []
+    if plan.priority:
+        notes.append(literal("priority", (plan.priority,)))
+    if plan.stage is not None:
+        notes.append(literal("stage", (Atom(plan.stage),)))
+    return literal(name, (), (*notes, *_others(plan), *_sources(plan)))
+
+
+def _labelled(engine: Any, term: Any) -> Plan | None:
+    """Return the plan of a label: an atom, a literal with annotations, or a string."""
+    label = resolve(term)
+    if isinstance(label, Literal) and not label.args:
+        label = Atom(label.functor)
+    return engine.library.labelled(name_of(".plan_label", label).removeprefix("@"))
 
 
 def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
@@ -155,7 +209,12 @@ def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
     """Remove sources of a plan (term, label or ``"@label"``); without any source the plan is removed."""
     item = resolve(item)
     if not isinstance(item, Plan):
-        item = engine.library.labelled(name_of(".remove_plan", item).removeprefix("@"))
+        item = _labelled(engine, item)
+    if item is not None and not isinstance(item.event.literal, Literal):
+        found = next((plan for plan in engine.library.general if _text(plan) == _text(item)), None)
+        if found is not None:
+            engine.remove_plan(found)
+        return
     known = None if item is None else _known(engine, item)
     if known is None:
         return
@@ -170,13 +229,13 @@ def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
 
 def _known(engine: Any, plan: Plan) -> Any:
     """Return the equal compiled plan of the library."""
-
-    def text(plan: Plan) -> str:
-        return agentspeak(replace(plan, annotations=_others(plan)))
-
     trigger = engine.library.triggers.get(plan.event.key)
     known = () if trigger is None else trigger.plans
-    return next((ready for ready in known if ready.plan is plan or text(ready.plan) == text(plan)), None)
+    return next((ready for ready in known if ready.plan is plan or _text(ready.plan) == _text(plan)), None)
+
+
+def _text(plan: Plan) -> str:
+    return agentspeak(replace(plan, annotations=_others(plan)))
 
 
 def _sources(plan: Plan) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""Internal actions on lists, strings, numbers and term types."""
+"""Internal actions on lists, numbers, and the types and annotations of terms."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi.agentspeak.parser import parse_term
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import Literal
-from socialbot.bdi.stdlib.environment import parsed, said, spelled
-from socialbot.bdi.stdlib.registry import Args, each, gives, integer_of, internal, is_number, items_of, number_of, wrong
+from socialbot.bdi.literals import Event, Literal, literal, source
+from socialbot.bdi.plans import Inference, Plan
+from socialbot.bdi.stdlib._strings import pattern_of, text_of
+from socialbot.bdi.stdlib.registry import (
+    Args,
+    Collection,
+    detached,
+    each,
+    gives,
+    integer_of,
+    internal,
+    is_number,
+    items_of,
+    wrong,
+)
 from socialbot.bdi.terms import Atom, Cons, order
-from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
-
-
-def text_of(name: str, term: Any) -> str:
-    """Format a value as `.print` does. Raises Failed for an unbound variable."""
-    term = resolve(term)
-    if term.__class__ is Var:
-        raise wrong(name, term, "a value")
-    return said(term)
+from socialbot.bdi.unification import Trail, Var, closed, resolve, undo
 
 
 def _sequence_of(name: str, term: Any) -> Any:
@@ -50,8 +54,6 @@ RESULTS: dict[str, tuple[Any, ...]] = {
     ".union": (lambda left, right: _sorted({*left, *right}), items_of, 2),
     ".intersection": (lambda left, right: _sorted({item for item in left if item in right}), items_of, 2),
     ".difference": (lambda left, right: _sorted({item for item in left if item not in right}), items_of, 2),
-    ".lower_case": (str.lower, text_of),
-    ".upper_case": (str.upper, text_of),
 }
 """``.sort(L, R)``: R is the value of a function of 1 or 2 arguments, which are converted first."""
 
@@ -70,11 +72,35 @@ TESTS: dict[str, Callable[[Any], bool]] = {
     ".string": lambda term: isinstance(term, str),
     ".atom": lambda term: term.__class__ is Atom,
     ".list": lambda term: term.__class__ in (tuple, Cons),
-    ".literal": lambda term: isinstance(term, (Atom, Literal)),
-    ".structure": lambda term: isinstance(term, (Atom, Literal, Cons, tuple)),
-    ".empty": lambda term: term in ((), ""),
+    ".literal": lambda term: isinstance(term, (Atom, Literal, Event, Plan)),
+    ".structure": lambda term: isinstance(term, (Literal, Cons, tuple)),
+    ".empty": lambda term: isinstance(term, (tuple, str, Collection)) and not len(term),
 }
 """``.var(T)``: the term T is of this type; ``.empty(L)``: the list or string L is empty."""
+
+
+DESCRIBED = {
+    ".sort": "``.sort(L, R)``: R has the items of the list L in the order of terms.",
+    ".reverse": "``.reverse(L, R)``: R is the list or string L from back to front.",
+    ".max": "``.max(L, M)``: M is the item of L that comes last in the order of terms; false for an empty list.",
+    ".min": "``.min(L, M)``: M is the item of L that comes first in the order of terms; false for an empty list.",
+    ".union": "``.union(A, B, R)``: R has the items of both lists, sorted, each once.",
+    ".intersection": "``.intersection(A, B, R)``: R has the items that are in both lists, sorted, each once.",
+    ".difference": "``.difference(A, B, R)``: R has the items of A that are not in B, sorted, each once.",
+    ".member": "``.member(X, L)``: X is in turn each item of the list, set or queue L.",
+    ".prefix": "``.prefix(P, L)``: the list L begins with the list P, the longest first.",
+    ".suffix": "``.suffix(S, L)``: the list L ends with the list S, the longest first.",
+    ".sublist": "``.sublist(S, L)``: the items of S follow each other in L, the longest and foremost first.",
+    ".var": "``.var(T)``: the term T is a variable without a value.",
+    ".ground": "``.ground(T)``: no variable in T is without a value.",
+    ".number": "``.number(T)``: T is a number.",
+    ".string": "``.string(T)``: T is a string.",
+    ".atom": "``.atom(T)``: T is an atom.",
+    ".list": "``.list(T)``: T is a list.",
+    ".literal": "``.literal(T)``: T is an atom, a structure, an event or a plan.",
+    ".structure": "``.structure(T)``: T is a structure with arguments or annotations, or a list.",
+    ".empty": "``.empty(L)``: the list, string, set, map or queue L has no items.",
+}
 
 
 def _register_result(
@@ -82,10 +108,12 @@ def _register_result(
 ) -> None:
     names = (name,) * count
 
-    @internal(name, count + 1, binds=convert is text_of)
+    @internal(name, count + 1)
     def compute(engine: Any, args: Args, trail: Trail) -> bool:
         found = function(*map(convert, names, args))
         return found is not _MISSING and gives(args[-1], found, trail)
+
+    compute.__doc__ = DESCRIBED[name]
 
 
 def _register_parts(name: str, parts: Callable[[Args], Iterable[Any]]) -> None:
@@ -93,11 +121,15 @@ def _register_parts(name: str, parts: Callable[[Args], Iterable[Any]]) -> None:
     def iterate(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
         return each(args[0], parts(items_of(name, args[1])), trail)
 
+    iterate.__doc__ = DESCRIBED[name]
+
 
 def _register_test(name: str, test: Callable[[Any], bool]) -> None:
     @internal(name, 1)
     def check(engine: Any, args: Args, trail: Trail) -> bool:
         return test(resolve(args[0]))
+
+    check.__doc__ = DESCRIBED[name]
 
 
 for _name, _result in RESULTS.items():
@@ -110,56 +142,52 @@ for _name, _test in TESTS.items():
 
 @internal(".length", 2)
 def length(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.length(L, N)``: the list or string L has N items; false for any other term."""
+    """``.length(L, N)``: the list, string, set, map or queue L has N items; false for any other term."""
     items = resolve(args[0])
-    return isinstance(items, (tuple, str)) and gives(args[1], len(items), trail)
+    return isinstance(items, (tuple, str, Collection)) and gives(args[1], len(items), trail)
 
 
 @internal(".nth", 3, many=True)
 def nth(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.nth(I, L, X)``: X is the item of L at I; an unbound I iterates over all positions."""
-    items = items_of(".nth", args[1])
+    """``.nth(I, L, X)``: X is the item of the list or string L at I; an unbound I iterates over all positions."""
+    items = _sequence_of(".nth", args[1])
     if resolve(args[0]).__class__ is Var:
         return each((args[0], args[2]), enumerate(items), trail)
-    return each(args[2], [items[_position(".nth", args[0], items)]], trail)
-
-
-def _position(name: str, index: Any, items: Args | str) -> int:
-    position = integer_of(name, index)
+    position = integer_of(".nth", args[0])
     if not 0 <= position < len(items):
-        raise Failed("wrong_arguments", f"{name}: there is no item {position} among {len(items)}")
-    return position
+        raise Failed("wrong_arguments", f".nth: there is no item {position} among {len(items)}")
+    return each(args[2], [items[position]], trail)
 
 
-@internal(".concat", 2, 100)
-def concat(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.concat(a1, ..., an, R)``: R is the concatenation of all lists, or one string of all arguments."""
-    parts = [resolve(arg) for arg in args[:-1]]
-    for part in parts:
-        if part.__class__ is Var:
-            raise wrong(".concat", part, "values")
-    if parts[0].__class__ is tuple:
-        return gives(args[-1], tuple(item for part in parts for item in items_of(".concat", part)), trail)
-    return gives(args[-1], "".join(map(said, parts)), trail)
-
-
-@internal(".delete", 3)
+@internal(".delete", 3, 4)
 def delete(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.delete(X, L, R)``: R is L without the items that match X, or without the item at index X."""
-    what, items = resolve(args[0]), _sequence_of(".delete", args[1])
-    if isinstance(items, str) and isinstance(what, str):
-        return gives(args[2], items.replace(what, ""), trail)
+    """``.delete(X, L, R)``: R is L without the items that match X.
+
+    ``.delete(1, L, R)`` deletes the item at 1, ``.delete(1, 3, L, R)`` those from 1 to before 3. In a string, X is a
+    regular expression. A variable in X gets its value from the first match.
+    """
+    what, *rest = map(resolve, args)
     if is_number(what):
-        at = _position(".delete", what, items)
-        return gives(args[2], items[:at] + items[at + 1 :], trail)
-    return gives(args[2], tuple(item for item in items if not _fits(what, item)), trail)
+        begin = integer_of(".delete", what)
+        between = len(rest) == 3 and is_number(rest[0])
+        end = integer_of(".delete", rest.pop(0)) if between else begin + 1
+        if len(rest) == 2 and rest[0].__class__ in (str, tuple):
+            return gives(rest[1], _without(rest[0], begin, end), trail)
+    if len(rest) != 2:
+        raise wrong(".delete", rest[0], "a list or a string, after one or two numbers, or after a term")
+    if isinstance(what, str) and rest[0].__class__ is not tuple:
+        return gives(rest[1], pattern_of(".delete", what).sub("", text_of(".delete", rest[0])), trail)
+    matches: Trail = []
+    left = tuple(item for item in items_of(".delete", rest[0]) if not gives(what, item, matches))
+    undo(matches, 0)
+    return gives(rest[1], left, trail)
 
 
-def _fits(pattern: Any, item: Any) -> bool:
-    trail: Trail = []
-    fits = unify(pattern, item, trail)
-    undo(trail, 0)
-    return fits
+def _without(items: Any, begin: int, end: int) -> Any:
+    """Return a list or string without a part; a string without this part stays, as in Jason."""
+    if isinstance(items, str):
+        return items[:begin] + items[end:] if 0 <= begin <= len(items) and 0 <= end <= len(items) else items
+    return tuple(item for i, item in enumerate(items) if not begin <= i < end)
 
 
 @internal(".shuffle", 2)
@@ -170,54 +198,122 @@ def shuffle(engine: Any, args: Args, trail: Trail) -> bool:
     return gives(args[1], tuple(items), trail)
 
 
-@internal(".substring", 2, 4, many=True, binds=True)
-def substring(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.substring(Part, Whole, Begin, End)``: Part is Whole[Begin:End]; iterates over all positions."""
-    part, whole = text_of(".substring", args[0]), text_of(".substring", args[1])
-    spans = ((at, at + len(part)) for at in range(len(whole) - len(part) + 1) if whole.startswith(part, at))
-    if len(args) == 2:
-        return each((), [()] if part in whole else [], trail)
-    return each(args[2:], (span[: len(args) - 2] for span in spans), trail)
-
-
-@internal(".term2string", 2)
-def term2string(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.term2string(T, S)``: S is the text of the term T; binds T or S."""
-    term, text = resolve(args[0]), resolve(args[1])
-    if term.__class__ is not Var:
-        return gives(text, spelled(term), trail)
-    if not isinstance(text, str):
-        raise wrong(".term2string", text, "a term or a string")
-    return gives(term, parsed(".term2string", text, parse_term, "a term"), trail)
-
-
 @internal(".range", 3, 4, many=True, binds=True)
 def range_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.range(I, 1, 10)`` or ``.range(I, 0, 10, 5)``: I iterates over numbers up to and including the end."""
+    """``.range(I, 1, 10)`` or ``.range(I, 0, 10, 5)``: I iterates over integers up to and including the end."""
     number, *limits = args
-    first, last, step = [*(number_of(".range", limit) for limit in limits), 1][:3]
+    first, last, step = [*(integer_of(".range", limit) for limit in limits), 1][:3]
     found = resolve(number)
-    low, high = (first, last) if step > 0 else (last, first)
+    if found.__class__ is not Var:
+        return each((), [()] if first <= integer_of(".range", found) <= last else [], trail)
     if step == 0:
-        return each((), [], trail)
-    if is_number(found):
-        return each((), [()] if low <= found <= high and (found - first) % step == 0 else [], trail)
-    numbers = itertools.count(first, step)
-    return each(number, itertools.takewhile(lambda number: low <= number <= high, numbers), trail)
+        raise wrong(".range", 0, "a step other than 0")
+    return each(number, range(first, last + (1 if step > 0 else -1), step), trail)
 
 
-@internal(".random", 1, 2, many=True)
+@internal(".random", 1, 3, many=True)
 def random(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.random(X)``: X is a number from 0 to 1; ``.random(X, N)``: N numbers in turn (0: unlimited).
 
-    ``.random(L, X)``: X is a random item of L. All use the seed of the agent.
+    ``.random(L, X, N)``: X is one of N random items of L, by default of one. All use the seed of the agent.
     """
     items, *rest = map(resolve, args)
     if items.__class__ is tuple:
-        if items and rest:
-            yield from each(rest[0], [engine.random.choice(items)], trail)
+        if not items or not rest:
+            return
+        result, *count = rest
+    else:
+        result, count = items, rest
+        if result.__class__ is not Var:
+            raise wrong(".random", result, "a variable or a list")
+    times = integer_of(".random", count[0]) if count else 1
+    for _ in itertools.count() if times == 0 else range(times):
+        value = engine.random.choice(items) if items.__class__ is tuple else engine.random.random()
+        yield from each(result, [value], trail)
+
+
+# Kinds and annotations of terms
+
+
+@internal(".type", 2, many=True)
+def type_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.type(T, Type)``: Type is in turn each type of the term T."""
+    return each(args[1], map(Atom, _types(resolve(args[0]))), trail)
+
+
+def _types(term: Any) -> Iterator[str]:
+    if is_number(term):
+        yield "number"
+    elif isinstance(term, str):
+        yield "string"
+    elif isinstance(term, Collection):
+        yield term.kind
+    elif term.__class__ is Var:
+        yield "free"
         return
-    times = integer_of(".random", rest[0]) if rest else 1
-    turns = itertools.count() if times == 0 else range(times)
-    if items.__class__ is Var:
-        yield from each(items, (engine.random.random() for _ in turns), trail)
+    elif term.__class__ is Atom:
+        yield from ("atom", "literal")
+    elif term.__class__ in (tuple, Cons):
+        yield from ("list", "structure")
+    elif isinstance(term, Inference):
+        yield "rule"
+    elif isinstance(term, (Literal, Event, Plan)):
+        yield from ("literal", "structure")
+    if closed(term):
+        yield "ground"
+
+
+def _literals(name: str, term: Any, change: Callable[[Literal], Any]) -> Any:
+    """Change a literal, or each literal of a list; other terms stay."""
+    term = resolve(term)
+    if term.__class__ is tuple:
+        return tuple(_literals(name, item, change) for item in term)
+    if term.__class__ is Atom:
+        term = literal(term.name)
+    if not isinstance(term, Literal):
+        return term
+    found = change(term)
+    return Atom(found.functor) if not (found.args or found.annotations or found.negated) else found
+
+
+@internal(".add_annot", 3)
+def add_annot(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.add_annot(b, A, R)``: R is the literal b, or each literal of a list, with the annotation A."""
+    note = resolve(args[1])
+
+    def add(found: Literal) -> Literal:
+        return found if note in found.annotations else found.with_(annotations=(*found.annotations, note))
+
+    return gives(_literals(".add_annot", args[0], add), args[2], trail)
+
+
+@internal(".add_nested_source", 3)
+def add_nested_source(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.add_nested_source(b, S, R)``: R is b with source(S), which has the sources of b as annotations."""
+
+    def nest(found: Literal) -> Literal:
+        sources = tuple(filter(is_source, found.annotations))
+        others = tuple(note for note in found.annotations if not is_source(note))
+        outer = source(resolve(args[1]))
+        return found.with_(annotations=(*others, outer.with_(annotations=sources) if sources else outer))
+
+    return gives(_literals(".add_nested_source", args[0], nest), args[2], trail)
+
+
+@internal(".remove_source_annot", 2)
+def remove_source_annot(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.remove_source_annot(b, R)``: R is b without its sources."""
+
+    def strip(found: Literal) -> Literal:
+        return found.with_(annotations=tuple(note for note in found.annotations if not is_source(note)))
+
+    return gives(_literals(".remove_source_annot", args[0], strip), args[1], trail)
+
+
+@internal(".copy_term", 2)
+def copy_term(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.copy_term(T, C)``: C is T with other variables."""
+    return gives(args[1], detached(args[0]), trail)
+
+
+internal(".rename_apart", 2)(copy_term)

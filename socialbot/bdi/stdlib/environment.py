@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from decimal import Decimal
+from pathlib import Path
 from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
-from socialbot.bdi.agentspeak.parser import parse_event
+from socialbot.bdi.agentspeak.parser import parse_event, parse_term
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.bdi.intentions import EventPause, Failed, Pause, Sleep
-from socialbot.bdi.literals import Event, Literal
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.intentions import EventPause, Failed, Pause, Sleep, timed
+from socialbot.bdi.literals import Change, Event, Literal, literal
+from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.registry import Args, detached, gives, internal, is_number, name_of, number_of, opened, wrong
-from socialbot.bdi.terms import Atom, Cons
+from socialbot.bdi.steps import PlanBody
+from socialbot.bdi.terms import Atom, Cons, Variable
 from socialbot.bdi.unification import Trail, Var, closed, resolve
 from socialbot.core.clock import SECOND
 
@@ -33,16 +37,96 @@ def print_(engine: Any, args: Args, trail: Trail) -> None:
 internal(".println", 0, 100)(print_)
 
 
+@internal(".log", 1, 100)
+def log(engine: Any, args: Args, trail: Trail) -> None:
+    """``.log(info, a1, ..., an)``: print the arguments at the level severe, warning or info; others print nothing."""
+    if resolve(args[0]).__class__ is not Atom:
+        raise wrong(".log", args[0], "a level: severe, warning, info, fine, finer or finest")
+    if resolve(args[0]).name not in ("fine", "finer", "finest"):
+        print_(engine, args[1:], trail)
+
+
+@internal(".printf", 1, 100)
+def printf(engine: Any, args: Args, trail: Trail) -> None:
+    """``.printf("%s is %.1f m away", X, D)``: print a format with its values."""
+    form, values = resolve(args[0]), [resolve(arg) for arg in args[1:]]
+    if not isinstance(form, str):
+        raise wrong(".printf", form, "a format, a string")
+    shown = tuple(value if is_number(value) else said(value) for value in values)
+    try:
+        line = form.replace("%n", "\n") % shown
+    except (TypeError, ValueError) as problem:
+        raise Failed("wrong_arguments", f".printf({form!r}): {problem}") from problem
+    print_(engine, (line.removesuffix("\n"),), trail)
+
+
+_HOLE = re.compile(r"#\{([^}]*)\}")
+
+
+def interpolated(action: Literal) -> Literal:
+    """Rewrite ``.puts("a #{X}")`` to `.print`, or to `.concat` if its last argument is a variable."""
+    parts: list[object] = []
+    for arg in action.args:
+        if not isinstance(arg, str):
+            continue
+        texts = _HOLE.split(arg)  # texts and terms in turn
+        for i, part in enumerate(texts):
+            try:
+                parts.append(parse_term(part, "<puts>") if i % 2 else part)
+            except AgentSpeakError:
+                parts.append(f"#{{{part}}}")
+    if isinstance(action.args[-1], Variable):
+        return literal(".concat", ("", *parts, action.args[-1]))
+    return literal(".print", tuple(parts))
+
+
+internal(".puts", 1, 100)(print_)
+
+
+@internal(".verbose", 1)
+def verbose(engine: Any, args: Args, trail: Trail) -> None:
+    """``.verbose(N)``: the detail of Jason's own log; it has no effect."""
+
+
+@internal(".version", 1)
+def version(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.version(V)``: V is the version of socialbot, a string."""
+    from importlib.metadata import version as installed
+
+    return gives(args[0], installed("socialbot"), trail)
+
+
+@internal(".perceive", 0)
+def perceive(engine: Any, args: Args, trail: Trail) -> None:
+    """``.perceive``: percepts arrive by themselves; it has no effect."""
+
+
+@internal(".list_files", 2, 3, binds=True)
+def list_files(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.list_files(Folder, Pattern, L)``: L are the files in a folder and below whose names match an expression."""
+    folder, *rest = map(resolve, args)
+    pattern = rest[0] if len(rest) == 2 else ".*"
+    if not isinstance(folder, str) or not isinstance(pattern, str):
+        raise wrong(".list_files", pattern if isinstance(folder, str) else folder, "a string")
+    found = sorted(path for path in Path(folder).rglob("*") if path.is_file() and re.fullmatch(pattern, path.name))
+    start = "./" if folder.startswith("./") else ""
+    return gives(args[-1], tuple(f"{start}{path}" for path in found), trail)
+
+
 def said(term: Any) -> str:
-    """Format a term for printing: top-level strings and names appear without quotes."""
+    """Format a term for printing: a top-level string appears without quotes."""
     term = resolve(term)
     if isinstance(term, str):
         return term
-    if term.__class__ is Atom:
-        return term.name
     if term.__class__ is Var:
         return f"{term}<no-value>"
     return spelled(term)
+
+
+def plain(term: Any) -> str:
+    """Format a term as a part of a string: names appear without quotes, too."""
+    term = resolve(term)
+    return term.name if term.__class__ is Atom else said(term)
 
 
 def spelled(term: Any) -> str:
@@ -54,7 +138,7 @@ def spelled(term: Any) -> str:
     if isinstance(term, bool) or term is None:
         return str(term).lower()
     if isinstance(term, float):
-        return str(int(term)) if term.is_integer() and abs(term) < 1e16 else repr(term)
+        return _decimal(term)
     if term.__class__ is tuple:
         return f"[{','.join(map(spelled, term))}]"
     if term.__class__ is Cons:
@@ -65,18 +149,40 @@ def spelled(term: Any) -> str:
         return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
     if isinstance(term, Plan):
         return agentspeak(term)
+    if isinstance(term, (PlanBody, Inference)):
+        return agentspeak((term,))[1:-1]
     if isinstance(term, Event):
-        return f"{{{term.change.value}{spelled(resolve(term.literal))}}}"
+        return f"{{ {term.change.value}{spelled(resolve(term.literal))} }}"
     return str(term)
 
 
+def _decimal(number: float) -> str:
+    """Format a float as Java does: whole numbers without a fraction, small and large ones with an exponent."""
+    if math.isnan(number) or math.isinf(number):
+        return {math.inf: "Infinity", -math.inf: "-Infinity"}.get(number, "NaN")
+    if number.is_integer() and abs(number) < 2**63:
+        return str(int(number))
+    if 1e-3 <= abs(number) < 1e7:
+        return repr(number)
+    digits, exponent = f"{Decimal(repr(number)):e}".split("e")
+    return f"{digits if '.' in digits else digits + '.0'}E{int(exponent)}"
+
+
 def _name(name: str) -> str:
-    return name if name.isidentifier() and name[0].islower() else agentspeak(Atom(name))
+    bare = name.removeprefix("~")  # as =.. takes a negated literal apart
+    return name if bare.isidentifier() and bare[0].islower() else agentspeak(Atom(name))
 
 
 T = TypeVar("T")
 
-UNITS = {"": 0.001, "ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+_WORDS = {
+    0.001: "|ms|milli|millisecond|milliseconds",
+    1.0: "s|sec|second|seconds",
+    60.0: "m|min|minute|minutes",
+    3600.0: "h|hour|hours",
+    86400.0: "d|day|days",
+}
+UNITS = {word: seconds for seconds, words in _WORDS.items() for word in words.split("|")}
 """Seconds per unit."""
 
 _WHEN = re.compile(r"now(?:\s*\+\s*(\d+(?:\.\d+)?)\s*([a-z]*))?")
@@ -93,6 +199,18 @@ def time(engine: Any, args: Args, trail: Trail) -> bool:
 def date(engine: Any, args: Args, trail: Trail) -> bool:
     """``.date(Year, Month, Day)``: the local date."""
     return gives(args, _now(engine).timetuple()[:3], trail)
+
+
+@internal(".nano_time", 1, binds=True)
+def nano_time(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.nano_time(T)``: T is the time of the clock of the agent in ns."""
+    return gives(args[0], engine.clock.now(), trail)
+
+
+@internal(".set_random_seed", 1)
+def set_random_seed(engine: Any, args: Args, trail: Trail) -> None:
+    """``.set_random_seed(N)``: seed the random number generator of the agent."""
+    engine.random.seed(number_of(".set_random_seed", args[0]))
 
 
 def _now(engine: Any) -> datetime:
@@ -116,11 +234,10 @@ def at(engine: Any, args: Args, trail: Trail) -> None:
     """``.at("now +3 s", {+!g})``: schedule an event; units are ms (default), s, m, h and d."""
     when, event = resolve(args[0]), event_of(".at", args[1])
     found = _WHEN.fullmatch(when.strip()) if isinstance(when, str) else None
-    unit = "" if found is None else (found[2] or "")
-    unit = unit if unit == "ms" else unit[:1]
-    if found is None or unit not in UNITS:
-        raise wrong(".at", when, 'a time, such as "now +3 s"')
-    if not closed(event.literal):
+    if found is None or (found[2] or "") not in UNITS:
+        raise wrong(".at", when, 'a time, such as "now +3 s"; units are ms, s, m, h and d, or words such as minutes')
+    unit = found[2] or ""
+    if not closed(event.literal) and event.change is not Change.WANTED:
         raise Failed("no_value", f".at: {event} has a variable without a value")
     engine.timers.after(float(found[1] or 0) * UNITS[unit], Appointment(engine, event, engine.interpreter.cause))
 
@@ -143,9 +260,12 @@ def event_of(name: str, term: Any) -> Event:
     return detached(term)
 
 
-@internal(".wait", 1, 2, pauses=True)
-def wait(engine: Any, args: Args, trail: Trail) -> Pause:
-    """``.wait(500)``: pause for 500 ms; ``.wait("+b(1)", 500)``: until the event occurs, with a timeout."""
+@internal(".wait", 1, 3, pauses=True)
+def wait(engine: Any, args: Args, trail: Trail) -> Pause | None:
+    """``.wait(500)``: pause for 500 ms; ``.wait({+b(X)}, 500)``, ``.wait(c, 500)``: until an event or a condition.
+
+    After the time limit it fails; with a third argument, which gets the waiting time in ms, it does not.
+    """
     what = resolve(args[0])
     if is_number(what):
         return Sleep(max(0.0, what / 1000))
@@ -153,7 +273,8 @@ def wait(engine: Any, args: Args, trail: Trail) -> Pause:
         raise wrong(".wait", what, "ms, an event or a condition")
     event = event_of(".wait", what)
     limit_s = number_of(".wait", args[1]) / 1000 if len(args) > 1 else None
-    return EventPause(event.key, event.literal.args, event.literal.annotations, limit_s)
+    pause = EventPause(event.key, event.literal.args, event.literal.annotations, limit_s)
+    return pause if len(args) < 3 else timed(pause, args[2])
 
 
 @internal(".send", 3, 5, pauses=True)
@@ -177,30 +298,3 @@ def send(engine: Any, args: Args, trail: Trail) -> Pause | None:
 def broadcast(engine: Any, args: Args, trail: Trail) -> None:
     """``.broadcast(Performative, Content)``: send a message to all other agents."""
     engine.messaging.broadcast(name_of(".broadcast", args[0]), resolve(args[1]), engine.interpreter.cause)
-
-
-@internal(".my_name", 1, binds=True)
-def my_name(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.my_name(N)``: the name of this agent, an atom."""
-    return gives(args[0], Atom(engine.name), trail)
-
-
-@internal(".all_names", 1, binds=True)
-def all_names(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.all_names(L)``: the names of all agents, including this one."""
-    society = engine.messaging.society
-    names = [engine.name] if society is None else society.agents
-    return gives(args[0], tuple(map(Atom, names)), trail)
-
-
-@internal(".stopMAS", 0, 1)
-def stop_all(engine: Any, args: Args, trail: Trail) -> None:
-    """Stop all agents, optionally after a delay in ms."""
-    society = engine.messaging.society or engine
-    if args:
-        engine.timers.after(number_of(".stopMAS", args[0]) / 1000, society.stop)
-    else:
-        society.stop()
-
-
-internal(".stop", 0, 1)(stop_all)

@@ -9,44 +9,73 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi.intentions import SUBGOAL, Failed, Failure, ForkPause, Intention, Request, goal_of
-from socialbot.bdi.literals import Literal, error, error_msg, literal
-from socialbot.bdi.stdlib.environment import Appointment, said, spelled
-from socialbot.bdi.stdlib.registry import Args, gives, internal, literal_of
+from socialbot.bdi.intentions import (
+    KEPT,
+    SUBGOAL,
+    EventPause,
+    Failed,
+    Failure,
+    ForkPause,
+    Intention,
+    Request,
+    Sleep,
+    goal_of,
+)
+from socialbot.bdi.literals import Event, Literal, error, error_msg, literal, literal_from_key
+from socialbot.bdi.stdlib.environment import Appointment, event_of, said, spelled
+from socialbot.bdi.stdlib.registry import Args, gives, internal, literal_of, opened
+from socialbot.bdi.steps import Achieve, PlanBody
 from socialbot.bdi.terms import Atom
-from socialbot.bdi.unification import Trail, annotations_match, resolve, undo, unify
+from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
 # Looking
 
 
 @internal(".desire", 1, many=True, aware=True)
 def desire(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.desire(g(X))``: a current or pending goal matches."""
-    goal = literal_of(".desire", args[0])
-    for request in [*_pending(engine), *(found for intention in engine.intentions for found in _goals(intention))]:
+    """``.desire(g(X))``: a goal that matches is current, pending, or about to get a plan."""
+    goal = _wanted(".desire", args[0])
+    choosing = engine.intentions.choosing
+    found = [*_pending(engine), *(each for intention in engine.intentions for each in _goals(intention))]
+    for request in [choosing, *found] if choosing is not None else found:
         yield from _matches(goal, request, trail)
 
 
 @internal(".intend", 1, many=True, aware=True)
 def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.intend(g(X))``: an intention that is not suspended pursues the goal."""
-    goal = literal_of(".intend", args[0])
+    """``.intend(g(X))``: an intention that is not suspended pursues the goal, and has a plan for it."""
+    goal = _wanted(".intend", args[0])
+    choosing = engine.intentions.choosing
     for intention in engine.intentions:
-        if not intention.suspended:
-            for request in _goals(intention):
+        for request in () if intention.suspended else _goals(intention):
+            if choosing is None or request[2] is not choosing[2] or request[1] is not choosing[1]:
                 yield from _matches(goal, request, trail)
 
 
 @internal(".suspended", 2, many=True, aware=True)
 def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.suspended(g(X), Reason)``: a suspended or waiting intention pursues the goal; the reason is a string."""
+    """``.suspended(g(X), Reason)``: a suspended or waiting intention pursues the goal.
+
+    The reason is ``wait(N)[time(500)]`` or ``wait(N)[b(1)]``, ``suspend_ia``, or a string for other pauses.
+    """
     goal = literal_of(".suspended", args[0])
     for intention in engine.intentions:
         if intention.suspended or intention.pause is not None:
             for request in _goals(intention):
                 for _ in _matches(goal, request, trail):
-                    if gives(args[1], "suspended" if intention.suspended else str(intention.pause), trail):
+                    if gives(args[1], _reason(intention), trail):
                         yield
+
+
+def _reason(intention: Intention) -> Any:
+    match intention.pause:
+        case Sleep(seconds):
+            return literal("wait", (intention.number,), (literal("time", (round(seconds * 1000),)),))
+        case EventPause(key, args, notes):
+            return literal("wait", (intention.number,), (literal_from_key(key.lstrip("+-!?"), resolve(args), notes),))
+        case None:
+            return Atom("suspend_ia")
+    return str(intention.pause)
 
 
 @internal(".current_intention", 1, aware=True)
@@ -58,10 +87,65 @@ def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
     return gives(args[0], literal("intention", (intention.number, shown)), trail)
 
 
+@internal(".intention", 2, 4, many=True, aware=True)
+def intention_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.intention(Id, State, Stack, current)``: an intention, its state and plans, the innermost first.
+
+    A plan is ``im(Label, {Trigger}, {Remaining; Steps}, Values)``; ``current`` selects the intention of this plan.
+    """
+    current = engine.intentions.current
+    if len(args) == 4 and resolve(args[3]) is Atom("current"):
+        found = [current] if current is not None and current.frames else []
+    else:
+        found = [each for each in engine.intentions if each.frames]
+    for each in found:
+        state = "running" if each is current else each.state
+        values = (each.number, Atom(state), _stack(engine, each) if len(args) > 2 else ())
+        mark = len(trail)
+        if unify(args[:3], values[: len(args[:3])], trail):
+            yield
+        undo(trail, mark)
+
+
+def _stack(engine: Any, intention: Intention) -> Args:
+    from socialbot.bdi.stdlib._plans import label_of  # it imports this module's neighbours
+
+    means = []
+    for body, goal, compiled in reversed(intention.frames):
+        if compiled is None or compiled is KEPT or body is None:
+            continue
+        plan = compiled.plan
+        label = label_of(engine, plan)
+        origin, left = plan.origin, _remaining(compiled, body)
+        if origin is not None:
+            line = next((step.line for step in left if step.line), origin.line)
+            label = label.with_(
+                annotations=(*label.annotations, literal("code_line", (line,)), literal("code_src", (origin.file,)))
+            )
+        wanted = plan.event.literal
+        if goal is not None:
+            wanted = literal_from_key(goal[1].key.lstrip("+-!?"), resolve(goal[2]), goal[3])
+        means.append(literal("im", (label, Event(plan.event.change, wanted), PlanBody(left), ())))
+    return tuple(means)
+
+
+def _remaining(compiled: Any, body: Any) -> tuple[Any, ...]:
+    """Return the steps of a suspended body from the current one on."""
+    line = 0 if body.gi_frame is None else body.gi_frame.f_lineno
+    known = [number for number in compiled.lines if number <= line]
+    steps = compiled.plan.body
+    if not known:
+        return steps
+    step = compiled.lines[max(known)]
+    if step in steps:
+        return steps[steps.index(step) :]
+    return (step,)
+
+
 # Dropping
 
 
-@internal(".drop_intention", 0, 1, pauses=True)
+@internal(".drop_intention", 0, 1, pauses=True, aware=True)
 def drop_intention(engine: Any, args: Args, trail: Trail) -> None:
     """``.drop_intention(g)``: drop the intentions that pursue the goal; without a goal the current intention."""
     for intention in _with(engine, args, ".drop_intention"):
@@ -86,7 +170,7 @@ def _branches(intention: Intention) -> Iterable[Intention]:
     return intention.pause.branches if isinstance(intention.pause, ForkPause) else ()
 
 
-@internal(".drop_desire", 1, pauses=True)
+@internal(".drop_desire", 1, pauses=True, aware=True)
 def drop_desire(engine: Any, args: Args, trail: Trail) -> None:
     """``.drop_desire(g)``: `.drop_intention` that drops pending goals, too."""
     drop_goal(engine, literal_of(".drop_desire", args[0]))
@@ -106,7 +190,29 @@ def drop_all_desires(engine: Any, args: Args, trail: Trail) -> None:
     drop_all_intentions(engine, args, trail)
 
 
-@internal(".drop_event", 1, pauses=True)
+@internal(".drop_future_intention", 1, pauses=True, aware=True)
+def drop_future_intention(engine: Any, args: Args, trail: Trail) -> None:
+    """``.drop_future_intention(g)``: drop the intentions whose innermost plan has the goal as a step."""
+    goal = literal_of(".drop_future_intention", args[0])
+    for intention in engine.intentions:
+        plan = next((plan for _, _, plan in reversed(intention.frames) if plan is not None and plan is not KEPT), None)
+        if plan is not None and any(_is_step(goal, step) for step in plan.plan.body):
+            engine.intentions.drop(intention)
+
+
+def _is_step(goal: Literal, step: Any) -> bool:
+    if not isinstance(step, Achieve) or not isinstance(step.goal, Literal) or step.goal.key != goal.key:
+        return False
+    trail: Trail = []
+    try:
+        return unify(opened(step.goal.args), goal.args, trail)
+    except Failed:  # its arguments are not computed yet
+        return False
+    finally:
+        undo(trail, 0)
+
+
+@internal(".drop_event", 1, pauses=True, aware=True)
 def drop_event(engine: Any, args: Args, trail: Trail) -> None:
     """``.drop_event(g)``: drop a pending goal."""
     _take_pending(engine, literal_of(".drop_event", args[0]))
@@ -121,7 +227,7 @@ def drop_all_events(engine: Any, args: Args, trail: Trail) -> None:
 # Ending
 
 
-@internal(".succeed_goal", 1, pauses=True)
+@internal(".succeed_goal", 1, pauses=True, aware=True)
 def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
     """``.succeed_goal(g)``: achieve the goal without its plan and continue the parent goal."""
     goal = literal_of(".succeed_goal", args[0])
@@ -130,7 +236,29 @@ def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
         _unwind(engine, intention, goal, None)
 
 
-@internal(".fail_goal", 1, pauses=True)
+@internal(".done", 0, 1, pauses=True, aware=True)
+def done(engine: Any, args: Args, trail: Trail) -> None:
+    """``.done(g)``: `.succeed_goal` in this intention only; without a goal that of this plan."""
+    intention = engine.intentions.current
+    goals = [request for request in _goals(intention) if not args or _fits(literal_of(".done", args[0]), request)]
+    if not goals:
+        raise Failed("ia_failed", f".done: this intention does not pursue {spelled(args[0]) if args else 'a goal'}")
+    if args:
+        _unwind(engine, intention, literal_of(".done", args[0]), None)
+    else:
+        goal = goals[-1]
+        engine.intentions.interrupt(
+            intention, lambda: engine.intentions.unwind(intention, lambda request: request is goal, None)
+        )
+
+
+@internal(".signal", 1, 2)
+def signal(engine: Any, args: Args, trail: Trail) -> None:
+    """``.signal({+b(1)})``: queue an event without changing a belief or a goal of this intention."""
+    engine.interpreter.raise_event(event_of(".signal", args[0]), engine.interpreter.cause)
+
+
+@internal(".fail_goal", 1, pauses=True, aware=True)
 def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
     """``.fail_goal(g)``: fail the goal; a plan for ``-!g`` handles this, or the parent goal fails."""
     goal = literal_of(".fail_goal", args[0])
@@ -174,7 +302,7 @@ def fail(engine: Any, args: Args, trail: Trail) -> None:
 # Suspending
 
 
-@internal(".suspend", 0, 1, pauses=True)
+@internal(".suspend", 0, 1, pauses=True, aware=True)
 def suspend(engine: Any, args: Args, trail: Trail) -> None:
     """``.suspend(g)``: suspend intentions that pursue the goal; without a goal the current intention."""
     for intention in _with(engine, args, ".suspend"):
@@ -189,7 +317,7 @@ def _suspend(engine: Any, intention: Intention) -> None:
         _suspend(engine, branch)
 
 
-@internal(".resume", 1, pauses=True)
+@internal(".resume", 1, pauses=True, aware=True)
 def resume(engine: Any, args: Args, trail: Trail) -> None:
     """``.resume(g)``: resume suspended intentions that pursue the goal."""
     for intention in _pursuing(engine, literal_of(".resume", args[0])):
@@ -233,10 +361,21 @@ def _goals(intention: Intention | None) -> Iterator[Request]:
     yield from found
 
 
-def _matches(goal: Literal, request: Request, trail: Trail) -> Iterator[None]:
+def _wanted(name: str, term: Any) -> Any:
+    """Convert a term to a goal; a variable without a value stands for any goal."""
+    term = resolve(term)
+    return term if term.__class__ is Var else literal_of(name, term)
+
+
+def _matches(goal: Any, request: Request, trail: Trail) -> Iterator[None]:
     """Yield once if a request matches a goal; its variables stay bound until the next step."""
     _, trigger, args, notes, _ = request
     mark = len(trail)
+    if goal.__class__ is Var:
+        if trigger.goal and gives(goal, literal_from_key(trigger.key[2:], resolve(args), notes), trail):
+            yield
+        undo(trail, mark)
+        return
     fits = trigger.key == f"+!{goal.key}" and unify(goal.args, args, trail)
     if fits and annotations_match(goal.annotations, notes, trail):
         yield

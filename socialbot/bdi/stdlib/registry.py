@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import Event, Literal, literal
-from socialbot.bdi.terms import Atom, Call, Cons, Expression, Variable, show
+from socialbot.bdi.terms import Atom, Call, Cons, Expression, LiteralVariable, Rest, Variable, show
 from socialbot.bdi.unification import Trail, Var, closed, cons, resolve, undo, unify
 
 
@@ -63,17 +65,47 @@ def number_of(name: str, term: Any) -> float:
 
 
 def integer_of(name: str, term: Any) -> int:
-    """Evaluate an integer, which may be written as 2.0. Raises Failed for any other term."""
+    """Evaluate a number, without its fraction. Raises Failed for any other term."""
     term = resolve(term)
-    if not is_number(term) or term != term // 1:
-        raise wrong(name, term, "a whole number")
+    if not is_number(term) or not math.isfinite(term):
+        raise wrong(name, term, "a number")
     return int(term)
 
 
+class Collection(ABC):
+    """Mutable value of AgentSpeak: a set, a map or a queue. Equal ones have the same kind and items."""
+
+    kind = ""
+    used: ClassVar[bool] = False
+    """Whether a collection was ever made; messages need no search for them before."""
+
+    def __new__(cls, *args: Any, **named: Any) -> Any:
+        Collection.used = True
+        return super().__new__(cls)
+
+    @abstractmethod
+    def items(self) -> Args:
+        """Items in order."""
+
+    def copy(self) -> Collection:
+        return type(self)(self.items())  # type: ignore[call-arg]
+
+    def __len__(self) -> int:
+        return len(self.items())
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self.items() == other.items()  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash(type(self))  # items may change
+
+
 def items_of(name: str, term: Any) -> Args:
-    """Return the items of a list. Raises Failed for any other term."""
+    """Return the items of a list, set or queue. Raises Failed for any other term."""
     term = resolve(term)
-    if term.__class__ is not tuple:
+    if isinstance(term, Collection) and term.kind != "map":
+        return term.items()
+    if not isinstance(term, tuple):
         raise wrong(name, term, "a list")
     return term
 
@@ -146,17 +178,30 @@ def opened(term: Any, variables: dict[Any, Var] | None = None, compute: Callable
         return cons(opened(term.items, variables, compute), opened(term.tail, variables, compute))
     if isinstance(term, (Expression, Call)):
         if compute is None:
-            raise Failed("wrong_arguments", f"{term} is an expression, where a value is required")
+            raise Failed("wrong_arguments", f"{term!s} is an expression, where a value is required")
         return compute(term)
     if isinstance(term, Literal):
         args, notes = opened(term.args, variables, compute), opened(term.annotations, variables, compute)
         return term.with_(args=args, annotations=notes)
     if isinstance(term, Event):
         return Event(term.change, opened(resolve(term.literal), variables, compute), term.seconds)
-    return term
+    if isinstance(term, LiteralVariable):
+        variable = opened(resolve(term.variable), variables, compute)
+        namespace = opened(resolve(term.namespace), variables, compute)
+        return LiteralVariable(variable, opened(term.annotations, variables, compute), term.negated, namespace)
+    if isinstance(term, Rest):
+        return Rest(opened(resolve(term.tail), variables, compute))
+    return term.copy() if isinstance(term, Collection) else term
 
 
 def detached(term: Any) -> Any:
-    """Copy a value with fresh unbound variables."""
+    """Copy a value with fresh unbound variables; a set, map or queue is copied, too."""
     term = resolve(term)
-    return term if closed(term) and not isinstance(term, Event) else opened(term)
+    shared = closed(term) and not isinstance(term, Event) and not (Collection.used and _has_collection(term))
+    return term if shared else opened(term)
+
+
+def _has_collection(term: Any) -> bool:
+    if isinstance(term, tuple):
+        return any(map(_has_collection, term))
+    return isinstance(term, Collection) or (isinstance(term, Literal) and _has_collection(term.args))

@@ -15,6 +15,6 @@ def shape(item: object) -> object:
     if isinstance(item, (str, int, float, Atom)) or item is None:
         return type(item).__name__, repr(item)
     if type(item).__module__.startswith("socialbot.bdi"):
-        parts = {name: shape(part) for name, part in vars(item).items() if name not in ("origin", "text")}
+        parts = {name: shape(part) for name, part in vars(item).items() if name not in ("origin", "text", "line")}
         return type(item).__name__, tuple(sorted(parts.items()))
     return item

@@ -4,7 +4,7 @@ import pytest
 
 from socialbot.bdi import Atom, Belief, Engine, Goal
 from socialbot.bdi.agentspeak import AgentSpeakError, parse
-from socialbot.bdi.agentspeak.loading import check, load, problems_of
+from socialbot.bdi.agentspeak.loading import check, load, problems_of, warnings_of
 from socialbot.bdi.literals import literal
 from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, said
@@ -85,10 +85,7 @@ MISTAKES = {
     "+!g <-\n  .print(a);\n  .length(1).": ("3:3", ".length takes 2 arguments"),
     "b(1).\n\n+!g <- X = math.foo(1).": ("3:12", "there is no function math.foo"),
     "+!g <- X = foo(1) + 2.": ("1:12", "there is no function foo"),
-    "b.\n+!g : Y > 1 <- .print(Y).": ("2:7", "Y has no value in Y > 1"),
-    "+!g <- move(Y).": ("1:13", "Y has no value in move(Y)"),
-    "+!g <- +b(Y).": ("1:11", "Y has no value in +b(Y)"),
-    "a(X) :- Y > X.": ("1:9", "Y has no value"),
+    "+!g <- .prnt(Y).": ("1:8", "there is no internal action .prnt"),
     "a(X) :- .foo(X).": ("1:9", "there is no internal action .foo"),
     "+b(X + 1).": ("1:4", "computes in its arguments"),
     "+!g <- .add_plan({+!h <- .foo}).": ("1:26", "there is no internal action .foo"),
@@ -112,6 +109,32 @@ def test_reports_an_error_with_its_position(text):
         shown, under = problem.what.split("\n")[-2:]
         assert shown == f"    {text.splitlines()[line - 1]}"
         assert under == f"    {' ' * (column - 1)}^"
+
+
+WARNINGS = {
+    "b.\n+!g : Y > 1 <- .print(Y).": ("2:7", "Y has no value in Y > 1"),
+    "+!g <- +b(Y).": ("1:11", "Y has no value in +b(Y)"),
+    "a(X) :- Y > X.": ("1:9", "Y has no value in Y > X"),
+}
+
+
+@pytest.mark.parametrize("text", WARNINGS)
+def test_warns_of_a_variable_without_a_value(text):
+    place, what = WARNINGS[text]
+    program = parse(text, "me.asl")
+    assert problems_of(program) == []
+    (warning,) = warnings_of(program)
+    assert what in warning.what
+    assert warning.where == f"me.asl:{place}"
+
+
+@pytest.mark.parametrize("step", ["+b(Y)", "X = Y + 1", "Y > 1", "!!h(Y)", "-+b(Y)", "++b(Y)"])
+def test_a_step_with_a_variable_without_a_value_fails(step):
+    engine, lines = Engine("me", ManualClock()), []
+    engine.out = lines.append
+    engine.add_text(f"!g. +!g <- {step}; .print(on). -!g[error(E)] <- .print(E).")
+    engine.run_until_idle()
+    assert lines == ["no_value"]
 
 
 def test_reports_all_errors_in_source_order():
@@ -144,7 +167,7 @@ def test_checks_a_text_against_the_library():
     engine = Engine("me", ManualClock())
     engine.add_text("b(X) :- c(X).")
     text = "+!g : b(X) & X > 1 <- .print(X)."
-    assert problems_of(parse(text), text, "me.asl", engine.library) == []
+    assert problems_of(parse(text), engine.library) == []
 
 
 def test_a_text_without_mistakes_has_none():

@@ -76,7 +76,7 @@ def evaluated(text, item):
     walk(item, roles, found)
     classes = {name: type(name, (*(used or {Belief}),), {}) for name, used in roles.items() if len(used) < 2}
     names = {**classes, **{name: Variable(name) for name in found}, **DSL}
-    with UNCHECKED:
+    with UNCHECKED, mock.patch.object(Inference, "check", lambda inference: inference):
         return eval(text, names)
 
 
@@ -142,7 +142,10 @@ AS_AGENTSPEAK = {
     "goal": "+!'Greet'(X) : near(X) <- !'Greet'(X)[within(5)]; speak(X)[within(X + 1)]; !!'Greet'(X).",
     "failed goal": "-!'Greet'(X)[error(timeout)] <- .fail(error_msg(\"no\")); .fail.",
     "conditions": "+near(X) : X > 3 & not at(X, 1) & (near(_) | at(Y, 2)) & .python(close, X) <- speak(X).",
-    "changes": "+!'Greet'(X) <- ++near(X); .abolish(near(_)); -+near(X); +near(X); .abolish(near(X)[source(Y)]).",
+    "changes": (
+        "+!'Greet'(X) <- ++near(X); .abolish(near(_)); -+near(X); +near(X); "
+        "for (near(X)[source(Y)]) { --near(X)[source(Y)] }."
+    ),
     "held": "+near(X)[held_for(2.5)] <- .wait(500); .wait(X * 1000).",
     "stages": "-near(X) <- .enter('late shift'); ?near(X); .wait({+at(X, Y)}, 3000); .wait(at(X, 1) | X > 1).",
     "blocks": "+!'Greet'(X) <- if (X > 1) { speak(X) } elif (near(X)) { }; while (near(X)) { speak(1) }.",

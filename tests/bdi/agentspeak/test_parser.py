@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.bdi.agentspeak import parse, parse_condition, parse_event, parse_literal, parse_plan, parse_term
-from socialbot.bdi.literals import Change, Event, literal
+from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, Update, While
 from socialbot.bdi.terms import (
@@ -258,6 +258,7 @@ def test_the_text_of_a_plan_reads_as_the_plan():
 def test_a_plan_within_a_plan_knows_its_line_and_text():
     outer = parse("\n+b\n<- .add_plan(\n{ +c <- d }).").plans[0].body[0]
     assert isinstance(outer, Do)
+    assert isinstance(outer.action, Literal)
     inner = outer.action.args[0]
     assert isinstance(inner, Plan)
     assert (str(inner.origin), inner.text) == ("<text>:4", "+c <- d")

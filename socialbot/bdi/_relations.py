@@ -1,0 +1,333 @@
+"""Relations: the beliefs of one name and arity, and indexes of them by the parts of their arguments."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Protocol
+
+from socialbot.bdi.literals import Belief, Literal, literal_from_key
+from socialbot.bdi.terms import Cons, Rest
+from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
+
+if TYPE_CHECKING:
+    from socialbot.bdi.belief_base import BeliefBase
+    from socialbot.bdi.library import Trigger
+
+Args = tuple[Any, ...]
+
+Annotations = tuple[Any, ...]
+
+Fact = tuple[int, Annotations, Any]
+"""Held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
+
+Watcher = Callable[[Args, bool, Any], object]
+"""Callback with the arguments of a belief, whether it is held now, and the record of the change."""
+
+Path = int | tuple[Any, ...]
+"""Place of a term in the arguments of a belief: a position, or a position, a form, a position in it, and so on.
+
+The form of a literal is its key; of a list, ``[`` and its length; of a list pattern with a tail, ``[|`` and the number
+of items before the tail.
+"""
+
+MOST_INDEXES = 16
+"""Number of indexes of a relation beyond which queries with other known parts search all its beliefs."""
+
+MANY_NOTES = 16
+"""Number of annotations from which a belief has a set of them."""
+
+_NONE: dict[Any, Any] = {}
+"""Shared empty dictionary of relations without indexes or timers; it saves memory."""
+
+_ABSENT = object()
+"""Key of a belief that does not have the parts of an index."""
+
+
+def form_of(term: Literal | tuple[Any, ...] | Cons) -> str | tuple[str, int]:
+    """Form of a compound term in a `Path`."""
+    if isinstance(term, Literal):
+        return term.key
+    return ("[", len(term)) if isinstance(term, tuple) else ("[|", len(term.items))
+
+
+@functools.lru_cache(maxsize=10_000)
+def _key_function(paths: tuple[Path, ...]) -> Callable[[Args], Any]:
+    """Function from the arguments of a belief to its key in an index: one part, or a tuple of several."""
+    if all(isinstance(path, int) for path in paths):
+        return itemgetter(*paths)
+    parts = [itemgetter(path) if isinstance(path, int) else _part_function(*path) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
+
+    def key(args: Args) -> Any:
+        found = []
+        for part in parts:
+            term = part(args)
+            if term is _ABSENT:
+                return _ABSENT
+            found.append(term)
+        return tuple(found)
+
+    return key
+
+
+def _part_function(position: int, *path: Any) -> Callable[[Args], Any]:
+    """Function from the arguments of a belief to the term at a path below a position."""
+    steps = list(zip(path[::2], path[1::2], strict=True))
+
+    def part(args: Args) -> Any:
+        term: Any = args[position]
+        for form, index in steps:
+            if form.__class__ is str:
+                if not isinstance(term, Literal) or term.key != form:
+                    return _ABSENT
+                term = term.args[index]
+            else:
+                kind, number = form
+                if term.__class__ is not tuple or (len(term) != number if kind == "[" else len(term) < number):
+                    return _ABSENT
+                term = term[index]
+        return term
+
+    return part
+
+
+class Observer(Protocol):
+    """Index or other object that follows the beliefs of a relation: begins, ends, and changes of annotations."""
+
+    def enter(self, args: Args) -> None: ...
+    def leave(self, args: Args) -> None: ...
+    def touch(self, args: Args) -> None: ...
+    def clear(self) -> None: ...
+
+
+class Index:
+    """Beliefs of a relation by the terms at some paths, oldest first; ``table`` has a bucket for each key."""
+
+    __slots__ = ("_key", "table")
+
+    def __init__(self, paths: tuple[Path, ...], facts: dict[Args, Fact]) -> None:
+        self._key = _key_function(paths)
+        self.table: dict[Any, dict[Args, None]] = {}
+        for args in facts:
+            self.enter(args)
+
+    def enter(self, args: Args) -> None:
+        key = self._key(args)
+        if key is not _ABSENT:
+            bucket = self.table.get(key)
+            if bucket is None:
+                self.table[key] = {args: None}
+            else:
+                bucket[args] = None
+
+    def leave(self, args: Args) -> None:
+        key = self._key(args)
+        if key is not _ABSENT:
+            bucket = self.table[key]
+            del bucket[args]
+            if not bucket:
+                del self.table[key]
+
+    def touch(self, args: Args) -> None:
+        """Do nothing: the arguments are the same."""
+
+    def clear(self) -> None:
+        self.table.clear()
+
+    def first(self, args: Args) -> None:
+        """Make a belief the oldest of its bucket."""
+        bucket = self.table.get(self._key(args), {})
+        others = [other for other in bucket if other != args]
+        if len(others) < len(bucket):
+            bucket.clear()
+            bucket.update(dict.fromkeys((args, *others)))
+
+
+class AnnotationSets:
+    """Annotations of beliefs that have many of them, as sets."""
+
+    __slots__ = ("_sets",)
+
+    def __init__(self) -> None:
+        self._sets: dict[Args, set[Any]] = {}
+
+    def of(self, args: Args, held: Annotations) -> set[Any]:
+        """Set of the held annotations; it is stored, so that additions to it remain."""
+        found = self._sets.get(args)
+        if found is None or len(found) != len(held):
+            found = self._sets[args] = set(held)
+        return found
+
+    def enter(self, args: Args) -> None:
+        """Do nothing: a new belief has few annotations."""
+
+    def leave(self, args: Args) -> None:
+        self._sets.pop(args, None)
+
+    def touch(self, args: Args) -> None:
+        """Do nothing: `of` compares the numbers of annotations."""
+
+    def clear(self) -> None:
+        self._sets.clear()
+
+
+class Relation:
+    """Beliefs of one name and arity, indexed by the parts of arguments that plans query.
+
+    Attributes:
+        indexes: Indexes by their paths, and other observers by other keys.
+    """
+
+    __slots__ = (
+        "added", "base", "care", "facts", "first_facts", "held", "indexes", "key", "kind", "quiet", "removed",
+        "special", "watchers",
+    )  # fmt: skip
+
+    def __init__(self, key: str, base: BeliefBase) -> None:
+        self.key = key
+        self.base = base
+        self.facts: dict[Args, Fact] = {}
+        self.indexes: dict[Any, Observer] = _NONE
+        self.first_facts: dict[Args, Fact] = _NONE  # initial fact of each belief, for "held for" events
+        self.added: Trigger | None = None
+        self.removed: Trigger | None = None
+        self.held: Trigger | None = None
+        self.kind: type[Belief] | None = None
+        self.special = False
+        self.care = False
+        self.quiet = True
+        self.watchers: tuple[Watcher, ...] = ()
+
+    def index(self, paths: tuple[Path, ...]) -> dict[Any, dict[Args, None]]:
+        """Table of an index; a key is the term at the path, or the tuple of those at several paths."""
+        index = self.indexes.get(paths)
+        if index is None:
+            index = Index(paths, self.facts)
+            self.observe(paths, index)
+        return index.table  # type: ignore[attr-defined]
+
+    def observe(self, name: Any, observer: Observer) -> None:
+        """Let an index or another observer follow the beliefs from now on."""
+        if self.indexes is _NONE:
+            self.indexes = {}
+        self.indexes[name] = observer
+        self.quiet = False
+
+    def begin(self, args: Args, fact: Fact) -> None:
+        if self.first_facts is _NONE:
+            self.first_facts = {}
+        self.first_facts[args] = fact
+
+    def enter(self, args: Args) -> None:
+        for index in self.indexes.values():
+            index.enter(args)
+
+    def leave(self, args: Args) -> None:
+        self.first_facts.pop(args, None)
+        for index in self.indexes.values():
+            index.leave(args)
+
+    def new_notes(self, args: Args, notes: Annotations) -> Annotations:
+        """Those of the annotations that a belief does not have yet."""
+        held: Any = self.facts[args][1]
+        if len(held) < MANY_NOTES:
+            return tuple(note for note in notes if note not in held)
+        sets = self.indexes.get(AnnotationSets)
+        if not isinstance(sets, AnnotationSets):
+            sets = AnnotationSets()
+            self.observe(AnnotationSets, sets)
+        known = sets.of(args, held)
+        new = tuple(note for note in notes if note not in known)
+        known.update(new)
+        return new
+
+    def touch(self, args: Args) -> None:
+        for index in self.indexes.values():
+            index.touch(args)
+
+    def clear(self) -> None:
+        self.facts.clear()
+        self.first_facts.clear()
+        for index in self.indexes.values():
+            index.clear()
+
+    def make_first(self, args: Args) -> None:
+        """Make a belief the oldest, in time linear in the size of the relation."""
+        facts = dict(self.facts)
+        self.facts.clear()
+        self.facts[args] = facts.pop(args)
+        self.facts.update(facts)
+        for index in self.indexes.values():
+            if isinstance(index, Index):
+                index.first(args)
+
+    def candidates(self, args: Args) -> list[Args]:
+        """Snapshot of the beliefs that agree with the known parts of ``args``, newest first."""
+        if closed(args):
+            return [args] if args in self.facts else []
+        paths, parts = known_parts(args)
+        if not paths or (paths not in self.indexes and len(self.indexes) >= MOST_INDEXES):
+            return list(reversed(self.facts))
+        return list(reversed(self.index(paths).get(parts[0] if len(parts) == 1 else parts, ())))
+
+    def match(self, args: Args, annotations: Annotations, trail: Trail) -> Iterator[Args]:
+        """Yield the beliefs that unify with ``args`` and ``annotations``, newest first; undo bindings in between."""
+        mark = len(trail)
+        for found in self.candidates(resolve(args)):
+            if found in self.facts and unify(args, found, trail):
+                if not annotations:
+                    yield found
+                else:
+                    for _ in choices(annotations, self.facts[found][1], trail):
+                        yield found
+            undo(trail, mark)
+
+    def literal(self, args: Args, annotations: Annotations = ()) -> Literal:
+        if self.kind is not None:
+            made = self.kind(*args)
+            return made.with_(annotations=annotations) if annotations else made
+        return literal_from_key(self.key, args, annotations)
+
+    def text(self, args: Args) -> str:
+        """Text of a belief in the trace."""
+        return str(self.literal(args)) if closed(args) else str(literal_from_key(self.key, args))
+
+
+def known_parts(args: Args, path: tuple[Any, ...] = ()) -> tuple[tuple[Path, ...], Args]:
+    """Paths and values of the largest parts without unbound variables, for an index."""
+    paths: list[Path] = []
+    parts: list[Any] = []
+    for position, term in enumerate(args):
+        here = (*path, position)
+        if closed(term):
+            paths.append(here if path else position)
+            parts.append(term)
+        elif term.__class__ in (tuple, Cons) or (isinstance(term, Literal) and not term.annotations):
+            items = term.args if isinstance(term, Literal) else term.items if term.__class__ is Cons else term
+            below = known_parts(items, (*here, form_of(term)))
+            paths += below[0]
+            parts += below[1]
+    return tuple(paths), tuple(parts)
+
+
+def choices(pattern: Annotations, held: Annotations, trail: Trail, used: Annotations = ()) -> Iterator[None]:
+    """Bind the annotations of the pattern to those held; yield once for each solution.
+
+    ``used`` are the held ones that earlier annotations matched.
+    """
+    if not pattern:
+        yield None
+        return
+    mark = len(trail)
+    if pattern[0].__class__ is Rest:
+        if unify(pattern[0].tail, tuple(note for note in held if note not in used), trail):
+            yield None
+        undo(trail, mark)
+        return
+    for candidate in held:
+        if unify(pattern[0], candidate, trail):
+            yield from choices(pattern[1:], held, trail, (*used, candidate))
+        undo(trail, mark)

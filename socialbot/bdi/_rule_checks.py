@@ -1,0 +1,231 @@
+"""Checks of the literals in rules: what never happens, numbers of arguments, values, and messages.
+
+Each check raises RuleError with a remedy; the caller adds the rule.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from socialbot.bdi.literals import Belief, Change, Computed, Event, Goal, Literal, Reactor, Structure, check_seconds
+from socialbot.bdi.steps import Action, AslCall, send, wait
+from socialbot.bdi.terms import Aggregate, Atom, Comparison, Conjunction, Disjunction, Negation, Pattern, Term, names_in
+from socialbot.core.clock import Clock, ManualClock
+from socialbot.core.errors import RuleError
+
+
+def check_event(event: Event) -> None:
+    """Check that an event can happen."""
+    literal, change = event.literal, event.change
+    if isinstance(literal, Reactor) and change is not Change.ADDED:
+        raise RuleError(
+            f"{event} never happens: a Reactor is an event only", remedy="react to +event, or make it a Belief"
+        )
+    if isinstance(literal, Computed):
+        raise RuleError(
+            f"{event} never happens: a Computed belief is evaluated when it is queried",
+            remedy="query it in the condition of another event",
+        )
+    if getattr(literal, "limit_s", None) is not None:
+        raise RuleError(
+            f"the time limit of {literal} has no meaning in the head of a plan",
+            remedy=f"write {literal}.within(...) in the steps that achieve it",
+        )
+
+
+def check_condition(literal: Literal) -> None:
+    """Check a belief in a condition."""
+    if any(isinstance(term, Aggregate) for term in literal.args):
+        raise RuleError(
+            f"{literal} computes over beliefs in its arguments", remedy="write count(condition, N) & belief(N)"
+        )
+    if isinstance(literal, AslCall):
+        if "." not in literal.functor:
+            raise RuleError(f"{literal} is an action, not a condition", remedy="make it a step of the body")
+        return
+    if isinstance(literal, Reactor):
+        raise RuleError(
+            f"{literal} is never held: a Reactor is an event only",
+            remedy=f"react to +{literal}, wait with wait_for(+{literal}), or make it a Belief",
+        )
+    if isinstance(literal, Computed):
+        _check_call(literal, type(literal).solutions)
+    check_values(literal)
+
+
+def check_change(literal: Literal) -> None:
+    """Check a belief that a step adds or removes."""
+    if isinstance(literal, Computed):
+        raise RuleError(f"{literal} is computed, and cannot be added or removed", remedy="make it a Belief")
+    check_values(literal)
+
+
+def check_values(literal: Literal) -> None:
+    """Check the arguments of a belief or goal."""
+    for term in literal.args:
+        _check_no_condition(term, literal)
+        if isinstance(term, type) and issubclass(term, Literal):
+            raise RuleError(f"{term.__name__} in {literal} is a class", remedy=f"write {term.__name__}()")
+        if isinstance(term, (list, set, dict, bytearray)):
+            raise RuleError(f"{term} in {literal} is mutable", remedy="use a tuple; lists of AgentSpeak are tuples")
+
+
+def check_action(action: Action, known: set[str]) -> None:
+    """Check the arguments of an action; ``known`` are the variables with a value before it."""
+    for term in action.args:
+        _check_no_condition(term, action)
+        if inspect.isfunction(term) and (names := _parameters(term)) and names <= known:
+            raise RuleError(
+                f"a function of {', '.join(sorted(names))} is an argument of {action.functor}",
+                remedy="write compute(function) to pass its result",
+            )
+        if not isinstance(term, Pattern) and (names := _hidden(term)):
+            raise RuleError(
+                f"{', '.join(sorted(names))} is inside a mutable value of {action.functor}", remedy="use a tuple"
+            )
+    kind = type(action)
+    _check_call(action, getattr(kind, kind.entry) if kind.function is None else kind.function)
+    if isinstance(action, wait):
+        _check_wait(action)
+    elif isinstance(action, send):
+        _check_message(*action.args)
+
+
+def check_belief(item: object, call: str) -> None:
+    """Check the argument of ``engine.believe`` or ``engine.forget``."""
+    if isinstance(item, Belief) and not isinstance(item, Computed):
+        return
+    if isinstance(item, Computed):
+        raise RuleError(f"{item} is computed, and cannot be added or removed", remedy="make it a Belief")
+    raise RuleError(
+        f"{_shown(item)} is not a belief", remedy=_instead(item, "achieve") or f"write engine.{call}(b()) with a Belief"
+    )
+
+
+def check_goal(item: object) -> None:
+    """Check the argument of ``engine.achieve``, which has no variables."""
+    if isinstance(item, (Goal, Structure)):
+        item.check()
+        return
+    raise RuleError(
+        f"{_shown(item)} is not a goal", remedy=_instead(item, "believe") or "write engine.achieve(g()) with a Goal"
+    )
+
+
+def check_running(clock: Clock, who: str) -> None:
+    """Check that a clock advances by itself, so that a timer on it is due some time."""
+    if isinstance(clock, ManualClock):
+        raise RuleError(
+            "a ManualClock does not advance by itself, so run() would wait for ever",
+            where=who,
+            remedy="use a WallClock, or socialbot.testing.run_engine(engine, seconds)",
+        )
+
+
+def _instead(item: object, other: str) -> str:
+    if isinstance(item, Event):
+        call = {Change.ADDED: "believe", Change.REMOVED: "forget"}.get(item.change, "achieve")
+        return f"write engine.{call}({item.literal})"
+    if isinstance(item, type):
+        return f"write {item.__name__}(), with its arguments"
+    if isinstance(item, Action):
+        return "write a plan with the action as a step, and achieve its goal"
+    return f"write engine.{other}({item})" if isinstance(item, (Belief, Goal)) else ""
+
+
+def _shown(item: object) -> str:
+    return item.__name__ if isinstance(item, type) else repr(item)
+
+
+def _check_no_condition(term: object, literal: Literal) -> None:
+    if isinstance(term, (Comparison, Conjunction, Disjunction, Negation)):
+        raise RuleError(f"{term} is not a value, in {literal}", remedy="put conditions before >>, or in when()")
+
+
+def _check_call(literal: Literal, method: Callable[..., Any]) -> None:
+    """Check the number of arguments of a literal against the parameters of its method, without the first one."""
+    name = method.__name__
+    least, most, text = _arity(method)
+    if not least <= len(literal.args) <= most:
+        count = len(literal.args)
+        raise RuleError(
+            f"{literal} has {count} argument{'' if count == 1 else 's'}, which {name}({text}) does not take",
+            remedy=f"write {literal.functor}({text})",
+        )
+
+
+@functools.lru_cache(maxsize=1000)
+def _arity(method: Callable[..., Any]) -> tuple[int, float, str]:
+    """Least and most number of positional arguments after the first one, and these parameters as text."""
+    try:
+        parameters = list(inspect.signature(method).parameters.values())[1:]
+    except (TypeError, ValueError):  # some functions written in C have no signature
+        return 0, float("inf"), "..."
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    least = sum(p.default is p.empty for p in positional)
+    most = float("inf") if any(p.kind is p.VAR_POSITIONAL for p in parameters) else len(positional)
+    return least, most, ", ".join(str(p.replace(annotation=p.empty)) for p in parameters)
+
+
+def _parameters(function: Callable[..., Any]) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+def _hidden(value: object) -> set[str]:
+    """Variables inside lists, sets and dictionaries."""
+    if isinstance(value, dict):
+        return _hidden([*value, *value.values()])
+    if isinstance(value, (list, set)):
+        return set().union(*(names_in(item) | _hidden(item) for item in value))
+    return set()
+
+
+def _check_wait(action: wait) -> None:
+    (seconds,) = action.args
+    if isinstance(seconds, (Event, Belief)):
+        raise RuleError(f"{action} does not wait for a time", remedy=f"write wait_for({seconds})")
+    if not isinstance(seconds, Term):
+        check_seconds(seconds, "wait")
+
+
+def _check_message(receiver: object, content: object, performative: object = "tell") -> None:
+    from socialbot.bdi._messaging import PERFORMATIVES  # it imports this module
+
+    shown = f"{content!s}"
+    for name in receiver if isinstance(receiver, tuple) else (receiver,):
+        if not isinstance(name, (str, Atom, Term)):
+            raise RuleError(f"{name} is not the name of an agent", remedy=f'write send("bob", {shown})')
+    if isinstance(performative, Term):
+        return
+    act = str(performative)
+    if act not in PERFORMATIVES:
+        swapped = isinstance(performative, Literal) and isinstance(content, (str, Atom))
+        raise RuleError(
+            f"{act} is not a performative",
+            remedy=f'the content comes first: send(receiver, {act}, "{content}")'
+            if swapped
+            else f"use one of {', '.join(PERFORMATIVES)}",
+        )
+    for each in content if isinstance(content, tuple) else (content,):
+        _check_content(act, each)
+
+
+def _check_content(act: str, content: object) -> None:
+    if isinstance(content, Term) or act.endswith("How"):
+        return
+    if isinstance(content, Event):
+        raise RuleError(f"{content} is an event, not the content of {act}", remedy=f"write {content.literal}")
+    if isinstance(content, type):
+        raise RuleError(f"{content.__name__} is a class", remedy=f"write {content.__name__}()")
+    wanted = act in ("achieve", "unachieve")
+    if wanted and isinstance(content, Belief) and not isinstance(content, Structure):
+        raise RuleError(f"{content} is a belief; {act} needs a goal", remedy="make it a Goal, or use tell")
+    if not wanted and isinstance(content, Goal):
+        raise RuleError(
+            f"{content} is a goal; {act} needs a belief", remedy=f'write send(receiver, {content}, "achieve")'
+        )
+    if not isinstance(content, (Belief, Goal, Atom)):
+        raise RuleError(f"{content!r} is not the content of {act}", remedy="send a belief, or a goal with achieve")

@@ -1,0 +1,255 @@
+"""Waiting intentions of an agent: they are indexed by the events and beliefs that they wait for."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.literals import ATOMIC, Literal
+from socialbot.bdi.unification import closed
+
+if TYPE_CHECKING:
+    from socialbot.bdi._interpreter import Interpreter
+    from socialbot.bdi.belief_base import Annotations, Args, BeliefBase
+    from socialbot.bdi.intentions import ConditionPause, EventPause
+    from socialbot.bdi.library import Library
+
+Place = tuple[dict[Any, Any], Any]
+"""Dictionary with a bucket of waiters, and the key of the bucket."""
+
+
+_OPEN = object()
+"""Key of a term with unbound variables, or that cannot be hashed."""
+
+
+def _key(term: Any) -> Any:
+    """Key that is equal for two terms that unify, or `_OPEN`."""
+    if term.__class__ in ATOMIC:
+        return term
+    if not closed(term):
+        return _OPEN
+    key = _shape(term)
+    try:
+        hash(key)
+    except TypeError:
+        return _OPEN
+    return key
+
+
+def _shape(term: Any) -> Any:
+    """Term without annotations: a pattern without them matches a literal that has some."""
+    if term.__class__ is tuple:
+        return tuple(map(_shape, term))
+    if isinstance(term, Literal):
+        return (Literal, term.functor, term.negated, *map(_shape, term.args))
+    return term
+
+
+class WaitIndex:
+    """Waiters by the first known argument of the pattern that each waits for."""
+
+    __slots__ = ("_by", "_open")
+
+    def __init__(self) -> None:
+        self._by: dict[int, dict[Any, dict[Any, None]]] = {}
+        self._open: dict[Any, dict[Any, None]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._open or any(self._by.values()))
+
+    def add(self, waiter: Any, pattern: Args | None) -> Place:
+        """Add a waiter for a pattern; None matches any arguments. Return the place for `remove`."""
+        for position, term in enumerate(pattern or ()):
+            key = _key(term)
+            if key is not _OPEN:
+                table = self._by.setdefault(position, {})
+                break
+        else:
+            table, key = self._open, None
+        table.setdefault(key, {})[waiter] = None
+        return table, key
+
+    @staticmethod
+    def remove(waiter: Any, place: Place) -> None:
+        table, key = place
+        bucket = table.get(key, {})
+        bucket.pop(waiter, None)
+        if not bucket:
+            table.pop(key, None)
+
+    def matching(self, args: Args) -> list[Any]:
+        """Waiters whose pattern may match the arguments."""
+        found = [waiter for bucket in self._open.values() for waiter in bucket]
+        for position, table in self._by.items():
+            key = _key(args[position])
+            for bucket in table.values() if key is _OPEN else (table.get(key, ()),):
+                found += bucket
+        return found
+
+
+class ChangeIndex(WaitIndex):
+    """Conditions that name beliefs of one relation; they are due after a change of a belief that may matter."""
+
+    __slots__ = ("_due",)
+
+    def __init__(self, due: dict[Any, None]) -> None:
+        super().__init__()
+        self._due = due
+
+    def enter(self, args: Args) -> None:
+        """Mark the conditions that name this belief."""
+        self._due.update(dict.fromkeys(self.matching(args)))
+
+    leave = touch = enter
+
+    def clear(self) -> None:
+        """Mark all conditions: every belief was removed."""
+        for table in (self._open, *self._by.values()):
+            for bucket in table.values():
+                self._due.update(bucket)
+
+
+class Waits:
+    """Intentions of one agent that wait for events or conditions, in the order in which they began to wait.
+
+    Attributes:
+        events: Indexes of the pauses until an event, by the key of the event.
+        conditions: Pauses until a condition holds.
+        due: Those of the conditions whose truth may have changed since the last `recheck`.
+    """
+
+    __slots__ = ("_interpreter", "_numbers", "conditions", "due", "events")
+
+    def __init__(self, interpreter: Interpreter) -> None:
+        self._interpreter = interpreter
+        self._numbers = itertools.count()
+        self.events: dict[str, WaitIndex] = {}
+        self.conditions: dict[ConditionPause, None] = {}
+        self.due: dict[ConditionPause, None] = {}
+
+    # Events
+
+    def await_event(self, pause: EventPause) -> None:
+        index = self.events.get(pause.key)
+        if index is None:
+            index = self.events[pause.key] = WaitIndex()
+            self._interpreter.beliefs.listen(pause.key)
+        pause.number = next(self._numbers)
+        pause.place = index.add(pause, pause.args)
+
+    def forget_event(self, pause: EventPause) -> None:
+        index = self.events.get(pause.key)
+        if index is not None and pause.place is not None:
+            index.remove(pause, pause.place)
+            if not index:
+                del self.events[pause.key]
+
+    def notify(self, key: str, args: Args, notes: Annotations) -> None:
+        """Continue the intentions that wait for this event."""
+        index = self.events.get(key)
+        if index is None:
+            return
+        found = index.matching(args)
+        if len(found) > 1:
+            found.sort(key=_number)
+        for pause in found:
+            if pause.matches(args, notes):
+                self.forget_event(pause)
+                pause.end()
+
+    def listen(self, beliefs: BeliefBase) -> None:
+        """Queue the awaited events, after a change of the library."""
+        for key in self.events:
+            beliefs.listen(key)
+
+    # Conditions
+
+    def await_condition(self, pause: ConditionPause) -> None:
+        pause.number = next(self._numbers)
+        self.conditions[pause] = None
+        self._watch(pause)
+
+    def forget_condition(self, pause: ConditionPause) -> None:
+        self.conditions.pop(pause, None)
+        self.due.pop(pause, None)
+        for index, place in pause.places or ():
+            index.remove(pause, place)
+
+    def recheck(self) -> None:
+        """Continue the intentions whose condition holds now."""
+        last = -1
+        while due := sorted((pause for pause in self.due if pause.number > last), key=_number):
+            for pause in due:
+                last = pause.number
+                if pause not in self.due:
+                    continue
+                if pause.places is not None:
+                    del self.due[pause]
+                try:
+                    holds, problem = pause.check(), None
+                except Exception as error:  # noqa: BLE001 - a condition is user code
+                    holds, problem = True, error
+                if holds:
+                    self.forget_condition(pause)
+                    pause.end(problem)
+                if problem is not None:
+                    break  # A failure plan may have changed beliefs.
+
+    def relearn(self) -> None:
+        """Find again on which beliefs the conditions depend, after a change of the inferences."""
+        for pause in self.conditions:
+            for index, place in pause.places or ():
+                index.remove(pause, place)
+            self._watch(pause)
+            self.due[pause] = None
+
+    def _watch(self, pause: ConditionPause) -> None:
+        """Index a condition by the beliefs on which it depends; check it in every turn if these are unknown."""
+        beliefs = self._interpreter.beliefs
+        named = None if pause.may_be_bound() else premises(pause.beliefs, self._interpreter.library)
+        if named is None:
+            pause.places = None
+            self.due[pause] = None
+            return
+        pause.places = []
+        for key, pattern in named:
+            relation = beliefs.relation(key)
+            index = relation.indexes.get(())
+            if not isinstance(index, ChangeIndex):
+                index = ChangeIndex(self.due)
+                relation.observe((), index)
+            pause.places.append((index, index.add(pause, pattern)))
+
+
+def _number(pause: Any) -> int:
+    return pause.number
+
+
+Named = Iterable[tuple[str, "Args | None"]]
+"""Keys of beliefs, each with a pattern of arguments; None stands for any."""
+
+
+def premises(named: Named | None, library: Library) -> list[tuple[str, Args | None]] | None:
+    """Return the beliefs on which others depend: these and, of inferred ones, those of the inferences.
+
+    The result is None if it also depends on other things, such as computed beliefs.
+    """
+    if named is None:
+        return None
+    found: list[tuple[str, Args | None]] = []
+    inferred: set[str] = set()
+    todo = list(named)
+    while todo:
+        key, pattern = todo.pop()
+        if library.computes(key) is not None:
+            return None
+        found.append((key, pattern))
+        if key in inferred:
+            continue
+        inferred.add(key)
+        for rule in library.inferences.get(key, ()):
+            if rule.beliefs is None:
+                return None
+            todo += [(key, None) for key in rule.beliefs]
+    return found

@@ -1,0 +1,285 @@
+"""Parser of AgentSpeak programs: beliefs, rules, goals, plans, and directives such as ``{ include("file.asl") }``."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from socialbot.bdi.agentspeak.lexer import END, LIBRARIES, Source
+from socialbot.bdi.agentspeak.parser import Parser, whole
+from socialbot.bdi.literals import Literal
+from socialbot.bdi.plans import Inference, Plan
+from socialbot.bdi.terms import NOTHING, Atom, Variable, conjunction
+from socialbot.core.errors import RuleError
+
+_local_numbers = itertools.count(1)
+
+DIRECTIVES = {
+    "include": (1, 2),
+    "namespace": (1, 2),
+    "register_function": (1, 3),
+}
+"""Directives with their smallest and largest number of arguments."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """Content of an AgentSpeak text with its included files; each kind in source order.
+
+    ``texts`` are the texts by file.
+    """
+
+    beliefs: tuple[Literal, ...]
+    inferences: tuple[Inference, ...]
+    goals: tuple[Literal, ...]
+    plans: tuple[Plan, ...]
+    texts: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class IncludePaths:
+    """Places of included files.
+
+    Attributes:
+        folders: Folders that are searched after that of the including file.
+        roots: Folders by the name that stands for them, without its ``$``: ``{"jacamoJar": Path("templates")}``.
+    """
+
+    folders: tuple[Path, ...] = ()
+    roots: Mapping[str, Path] = field(default_factory=dict)
+
+    def find(self, name: str, including: str) -> Path:
+        """Find an included file. Raises RuleError if it does not exist, or its root is not configured."""
+        name = name.replace("\\", "/")
+        if name.startswith("$"):
+            root, _, rest = name[1:].partition("/")
+            if root not in self.roots:
+                raise RuleError(
+                    f"the root ${root} of the included file {name} is not configured",
+                    remedy=f"name its folder: --root {root}=FOLDER, or IncludePaths(roots={{{root!r}: ...}})",
+                )
+            file = self.roots[root] / rest
+            tried: Iterable[Path] = (file,)
+        else:
+            tried = dict.fromkeys(folder / name for folder in (Path(including).parent, *self.folders))
+        found = next((file for file in tried if file.is_file()), None)
+        if found is None:
+            places = ", ".join(map(str, tried))
+            raise RuleError(
+                f"the included file {name} does not exist", remedy=f"create it, or give its folder (tried: {places})"
+            )
+        return found
+
+
+def parse(text: str, file: str = "<text>", paths: IncludePaths | None = None) -> Program:
+    """Parse a whole text.
+
+    Args:
+        text: AgentSpeak program.
+        file: Its name in messages, and its place for included files.
+        paths: Places of included files; without them includes are refused, so that a text from elsewhere reads no file.
+
+    Raises:
+        AgentSpeakError: The text, or an included one, has a mistake.
+    """
+    return whole(text, file, ProgramParser.program, lambda source: ProgramParser(source, paths))
+
+
+def read_program(file: Path, paths: IncludePaths | None = None) -> Program:
+    """Parse a file. Raises AgentSpeakError for a mistake, RuleError if the file cannot be read."""
+    return parse(read_text(file), str(file), paths or IncludePaths())
+
+
+def read_text(file: Path) -> str:
+    """Read a text file. Raises RuleError if it cannot be read."""
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        what = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+        raise RuleError(f"cannot be read: {what}", where=str(file), remedy="check its path and encoding") from problem
+
+
+class ProgramParser(Parser):
+    """Parser of programs."""
+
+    def __init__(self, source: Source, paths: IncludePaths | None = None, including: tuple[Path, ...] = ()) -> None:
+        super().__init__(source)
+        self.paths = paths
+        self.including = including
+        self.beliefs: list[Literal] = []
+        self.inferences: list[Inference] = []
+        self.goals: list[Literal] = []
+        self.plans: list[Plan] = []
+        self.labels: dict[str, Plan] = {}
+        self.texts = {source.file: source.text}
+
+    def program(self) -> Program:
+        self.components()
+        if self.words[self.at] == "{":
+            self.fail("a directive before '{ end }'")
+        return Program(tuple(self.beliefs), tuple(self.inferences), tuple(self.goals), tuple(self.plans), self.texts)
+
+    def components(self) -> None:
+        """Read beliefs, goals, plans and directives up to the end of the text or of a directive."""
+        words = self.words
+        while (word := words[self.at]) != END:
+            if word in ("+", "-", "^", "@"):
+                start = self.at
+                plan = self.plan((".",))
+                self.at += 1
+                self.add_plan(plan, start)
+            elif word == "!":
+                self.goals.append(self.goal())
+            elif word == "{":
+                if words[self.at + 1] == "end" and words[self.at + 2] == "}":
+                    return
+                self.directive()
+            else:
+                self.fact()
+
+    def add_plan(self, plan: Plan, start: int) -> None:
+        known = self.labels.get(plan.label) if plan.label is not None else None
+        if known is not None:
+            if known.origin == plan.origin:
+                return  # of a file that is included twice
+            place = known.origin
+            where = f"line {place.line}" if place and place.file == self.source.file else str(place)
+            what = f"the label '{plan.label}' is already used in {where}"
+            raise self.source.error(start, what, "choose another label")
+        if plan.label is not None:
+            self.labels[plan.label] = plan
+        self.plans.append(plan)
+
+    def goal(self) -> Literal:
+        self.at += 1
+        start = self.at
+        goal = self.literal("a goal after '!'")
+        if goal.annotations and self.limited(goal, start)[1] is not None:
+            raise self.source.error(start, "an initial goal has no limit", "set it where the goal is a step")
+        self.skip(".", "'.' after a goal")
+        return goal
+
+    def fact(self) -> None:
+        """Read a belief or an inference rule; a belief with variables is a rule that always holds."""
+        start = self.at
+        head = self.literal("a belief, a goal or a plan")
+        word = self.words[self.at]
+        condition = NOTHING
+        if word == ":-":
+            self.at += 1
+            condition = conjunction(self.condition())
+            if self.words[self.at] != ".":
+                self.fail("'.', '&' or '|' after a condition")
+        elif word != ".":
+            self.fail("'.' or ':-' after a belief")
+        if word == ":-" or head.names():
+            self.inferences.append(Inference(head, condition, self.origin(start), self.text(start)))
+        else:
+            self.beliefs.append(head)
+        self.at += 1
+
+    # Directives
+
+    def directive(self) -> None:
+        """Read a directive, and up to ``{ end }`` after ``begin``."""
+        start = self.at
+        self.at += 1
+        begins = self.words[self.at] == "begin"
+        self.at += begins
+        at = self.at
+        name = self.words[at]
+        if not begins and self.plans and self.words[start - 1] == "." and name in ("+", "-", "@", "^"):
+            raise self.unsupported("a plan within a plan", start, "write the inner plan after the outer one")
+        if name not in DIRECTIVES:
+            near = difflib.get_close_matches(name, DIRECTIVES, 1)
+            known = "include, namespace and register_function are supported"
+            shown = f"the directive '{name}'" if name != END else "a directive"
+            raise self.unsupported(shown, start, f"did you mean '{near[0]}'?" if near else known)
+        namespace, self.namespace = self.namespace, ""
+        self.at += 1
+        args = self.arguments(name) if self.words[self.at] == "(" else ()
+        self.namespace = namespace
+        least, most = DIRECTIVES[name]
+        if not least <= len(args) <= most:
+            raise self.source.error(at, f"the directive '{name}' takes {least} to {most} arguments")
+        self.skip("}", f"'}}' after the directive '{name}'")
+        if begins and name != "namespace":
+            raise self.source.error(at, f"the directive '{name}' has no content", f"write {{ {name}(...) }}")
+        if name == "include":
+            self.include(args, at)
+        elif name == "namespace":
+            self.open_namespace(args, at, begins)
+        else:
+            self.register_function(args, at)
+
+    def open_namespace(self, args: tuple[object, ...], at: int, begins: bool) -> None:
+        """Declare a namespace; after ``begin`` it is that of all components up to ``{ end }``."""
+        name, *kind = args
+        if not isinstance(name, Atom) or kind not in ([], [Atom("local")], [Atom("global")]):
+            raise self.source.error(at, "expected a namespace", "write namespace(name) or namespace(name, local)")
+        if kind == [Atom("local")]:
+            self.local_namespaces.setdefault(name.name, f"#{next(_local_numbers)}{name.name}")
+        elif kind == [Atom("global")]:
+            self.local_namespaces.pop(name.name, None)
+        if not begins:
+            return
+        before = self.namespace, self.own_namespace
+        self.namespace = self.own_namespace = self.local_namespaces.get(name.name, name.name)
+        self.components()
+        if self.words[self.at] != "{":
+            self.fail("'{ end }' of a namespace")
+        self.at += 3
+        self.namespace, self.own_namespace = before
+
+    def register_function(self, args: tuple[object, ...], at: int) -> None:
+        """Register a function that a rule computes; one without a rule is a function in Python."""
+        name, *rule = args
+        if not isinstance(name, str) or "." not in name or name[0] == "." or name.startswith(LIBRARIES):
+            raise self.source.error(at, "expected the name of a function, with a dot", 'write "library.name"')
+        match rule:
+            case []:
+                pass
+            case [int() as arity, str() as predicate]:
+                self.functions[name, arity] = predicate
+            case _:
+                raise self.source.error(
+                    at, "expected the name, the number of arguments and the rule", 'write ("lib.f", 2, "rule")'
+                )
+
+    def include(self, args: tuple[object, ...], at: int) -> None:
+        """Add the components of another file."""
+        name, *namespace = args
+        if not isinstance(name, str) or not all(isinstance(item, (Atom, Variable)) for item in namespace):
+            raise self.source.error(at, "expected the name of a file", 'write include("file.asl", namespace)')
+        if self.paths is None:
+            raise self.unsupported(
+                "an include in a text without a place", at, "load the program as a file, or give the paths of includes"
+            )
+        try:
+            file = self.paths.find(name, self.source.file)
+            text = read_text(file)
+        except RuleError as problem:
+            raise self.source.error(at, problem.what, problem.remedy) from None
+        place = file.resolve()
+        including = (*self.including, Path(self.source.file).resolve())
+        if place in including:
+            chain = " -> ".join(each.name for each in (*including[including.index(place) :], place))
+            raise self.source.error(at, f"the file includes itself: {chain}", "remove one of the includes")
+        inner = ProgramParser(Source(text, str(file)), self.paths, including)
+        own = self.namespace
+        if namespace:
+            given = namespace[0]
+            own = given.name if isinstance(given, Atom) else f"#{next(_local_numbers)}ns"
+            own = self.local_namespaces.get(own, own)
+        inner.namespace = inner.own_namespace = own
+        inner.functions = self.functions
+        inner.labels = self.labels
+        found = inner.program()
+        self.texts.update(found.texts)
+        self.beliefs += found.beliefs
+        self.inferences += found.inferences
+        self.goals += found.goals
+        self.plans += found.plans

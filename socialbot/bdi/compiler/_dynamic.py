@@ -1,0 +1,294 @@
+"""Run-time operations on values that stand for literals, conditions, steps or plans."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from socialbot.bdi.agentspeak.lexer import qualified
+from socialbot.bdi.intentions import SUBGOAL, EventPause, Failed
+from socialbot.bdi.library import BODY, CompiledPlan, Trigger
+from socialbot.bdi.literals import SELF, Change, Event, Literal, literal
+from socialbot.bdi.plans import Inference, Plan, parts_of
+from socialbot.bdi.stdlib import find
+from socialbot.bdi.stdlib.registry import literal_of, name_of
+from socialbot.bdi.steps import Achieve, Ask, Do, PlanBody, Step, Update
+from socialbot.bdi.terms import (
+    NOTHING,
+    Atom,
+    Comparison,
+    Conjunction,
+    Cons,
+    Holds,
+    LiteralVariable,
+    Pattern,
+    Rest,
+    Variable,
+)
+from socialbot.bdi.unification import Trail, Var, resolve, undo, unify
+
+if TYPE_CHECKING:
+    from socialbot.bdi._interpreter import Interpreter
+
+EMBEDDED = (Plan, PlanBody, Inference)
+"""Classes of terms that contain conditions or steps."""
+
+
+def variables_of(item: object) -> dict[str, None]:
+    """Return the names of the variables in a term, also in its plans and steps, in order and without ``_``."""
+    if isinstance(item, Variable):
+        return {} if item.name == "_" else {item.name: None}
+    found: dict[str, None] = {}
+    for part in parts_of(item):
+        found |= variables_of(part)
+    return found
+
+
+def embeds(term: object) -> bool:
+    """Check whether a term is or contains a plan, steps or a rule."""
+    if isinstance(term, EMBEDDED):
+        return True
+    if isinstance(term, Cons):
+        return embeds(term.items)
+    if isinstance(term, (tuple, Literal)):
+        return any(map(embeds, term if isinstance(term, tuple) else term.args))
+    return False
+
+
+def substituted(item: Any, values: Mapping[str, Any]) -> Any:
+    """Copy a plan, rule or body with the values of some variables."""
+    if isinstance(item, Variable):
+        value = resolve(values.get(item.name, item))
+        return item if value.__class__ is Var else value
+    if isinstance(item, tuple):
+        return tuple(substituted(part, values) for part in item)
+    if not isinstance(item, (Pattern, Step, Plan, Inference)):
+        return item
+    if isinstance(item, LiteralVariable):
+        variable, notes = substituted(item.variable, values), substituted(item.annotations, values)
+        made = literal_with(variable, notes, item.negated, substituted(item.namespace, values))
+        return made if isinstance(made, Literal) else item
+    if isinstance(item, Cons):
+        items, tail = substituted(item.items, values), substituted(item.tail, values)
+        return (*items, *tail) if isinstance(tail, tuple) else Cons(items, tail)
+    twin = copy.copy(item)
+    twin.__dict__.pop("compiled", None)
+    for name, part in vars(item).items():
+        changed = substituted(part, values)
+        if changed is not part:
+            if isinstance(changed, Atom) and isinstance(item, (Do, Achieve, Update, Ask, Holds)):
+                changed = literal(changed.name)
+            object.__setattr__(twin, name, changed)  # plans are frozen
+    if isinstance(twin, Holds) and isinstance(twin.what, Literal):
+        return twin.what
+    return twin
+
+
+def is_template(term: object) -> bool:
+    """Check whether a plan or body has variables for whole parts, such as ``{ @L +!T : C <- B }`` and ``{ S; _ }``."""
+    if isinstance(term, Plan):
+        return isinstance(term.label, Variable) or isinstance(term.event.literal, Variable)
+    return isinstance(term, PlanBody) and any(isinstance(step, Do) and _is_open(step.action) for step in term.steps)
+
+
+def _is_open(part: object) -> bool:
+    return part.__class__ is Variable
+
+
+def template(item: Any, values: Mapping[str, Any]) -> Any:
+    """Copy a plan or body with values, and with cells for the variables that have none, for `unify`."""
+    twin = substituted(item, values)
+    if twin is item:
+        twin = copy.copy(item)
+    cells = {name: value for name, value in values.items() if resolve(value).__class__ is Var}
+    twin.__dict__["match"] = partial(_matches, cells)
+    return twin
+
+
+def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -> bool:
+    """Unify a plan or body that has cells with another one."""
+    if isinstance(pattern, Variable):
+        return pattern.name == "_" or unify(cells.get(pattern.name, pattern), other, trail)
+    if isinstance(pattern, LiteralVariable):
+        notes = tuple(substitute_cells(cells, note) for note in pattern.annotations)
+        inner = cells.get(getattr(pattern.variable, "name", ""), pattern.variable)
+        made = LiteralVariable(Var() if str(inner) == "_" else inner, notes, pattern.negated, pattern.namespace)
+        return unify(made, other, trail)
+    if isinstance(pattern, Plan):
+        if not isinstance(other, Plan) or pattern.event.change is not other.event.change:
+            return False
+        label = literal(other.label or "unlabelled", (), (*other.annotations, *SELF))
+        condition = other.condition if other.condition.terms else Atom("true")
+        return (
+            (not isinstance(pattern.label, Variable) or _matches(cells, pattern.label, label, trail))
+            and (not isinstance(pattern.label, str) or pattern.label == other.label)
+            and _matches(cells, pattern.event.literal, other.event.literal, trail)
+            and (not pattern.condition.terms or _matches_condition(cells, pattern.condition, condition, trail))
+            and _matches_steps(cells, pattern.body, other.body, trail)
+        )
+    if isinstance(pattern, PlanBody):
+        return isinstance(other, PlanBody) and _matches_steps(cells, pattern.steps, other.steps, trail)
+    return unify(substitute_cells(cells, pattern), other, trail)
+
+
+def _matches_condition(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -> bool:
+    if len(pattern.terms) == 1 and isinstance(pattern.terms[0], Holds):
+        return _matches(cells, pattern.terms[0].what, other, trail)
+    return str(pattern) == str(other)
+
+
+def _matches_steps(cells: Mapping[str, Any], pattern: tuple[Any, ...], other: tuple[Any, ...], trail: Trail) -> bool:
+    """Unify steps in order; a variable as the last one is all remaining steps."""
+    for i, step in enumerate(pattern):
+        if isinstance(step, Do) and isinstance(step.action, Variable):
+            if i == len(pattern) - 1:
+                return _matches(cells, step.action, PlanBody(other[i:]), trail)
+            if i >= len(other) or not _matches(cells, step.action, PlanBody(other[i : i + 1]), trail):
+                return False
+        elif i >= len(other) or str(step) != str(other[i]):
+            return False
+    return len(pattern) == len(other)
+
+
+def substitute_cells(cells: Mapping[str, Any], term: Any) -> Any:
+    """Replace the variables of a term by their cells."""
+    if isinstance(term, Variable):
+        return Var() if term.name == "_" else cells.get(term.name, term)
+    if isinstance(term, tuple):
+        return tuple(substitute_cells(cells, item) for item in term)
+    if isinstance(term, Rest):
+        return Rest(substitute_cells(cells, term.tail))
+    if isinstance(term, Literal):
+        args, notes = substitute_cells(cells, term.args), substitute_cells(cells, term.annotations)
+        return term.with_(args=args, annotations=notes)
+    return term
+
+
+def literal_with(value: Any, notes: tuple[Any, ...], negated: bool, namespace: Any = None) -> Any:
+    """Return the value of ``X[notes]``, ``~X`` or ``Namespace::X``; a `LiteralVariable` while a part has none."""
+    value, namespace = resolve(value), resolve(namespace)
+    if isinstance(value, (Var, Variable)) or isinstance(namespace, (Var, Variable)):
+        return LiteralVariable(value, notes, negated, namespace)
+    item = literal_of("a literal with annotations", value)
+    new = tuple(note for note in notes if note not in item.annotations)
+    made = item.with_(annotations=item.annotations + new)
+    if negated:
+        made.negated = True
+    if namespace is not None:
+        name = name_of("a namespace", namespace)
+        made.functor = qualified("" if name == "default" else name, made.functor.rpartition("::")[2], len(made.args))
+    made.__dict__.pop("key", None)
+    return made
+
+
+def spread(notes: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Replace the remaining annotations at the end by their values, if known."""
+    tail = resolve(notes[-1].tail)
+    return (*notes[:-1], *tail) if tail.__class__ is tuple else notes
+
+
+def solutions_of(ag: Interpreter, condition: Any, trail: Trail) -> Iterator[None]:
+    """Yield the solutions of a condition that is a value."""
+    condition = resolve(condition)
+    if condition.__class__ is Atom and condition.name in ("true", "false"):
+        if condition.name == "true":
+            yield
+        return
+    if isinstance(condition, LiteralVariable) and isinstance(condition.variable, Literal):
+        yield from _in_any_namespace(ag, condition, trail)
+        return
+    if condition.__class__ is Var or isinstance(condition, LiteralVariable):
+        raise Failed("no_value", f"the condition {condition!s} has no value")
+    item = literal_of("a condition", condition)
+    entry = find(item.functor) if "." in item.functor else None
+    if entry is None:
+        yield from ag.solve(item.key, item.args, item.annotations, trail)
+    elif entry.many:
+        yield from entry.function(ag.engine, item.args, trail)
+    elif entry.function(ag.engine, item.args, trail) is not False:
+        yield
+
+
+def _in_any_namespace(ag: Interpreter, pattern: LiteralVariable, trail: Trail) -> Iterator[None]:
+    """Yield the solutions of a literal in each namespace that has beliefs of its name."""
+    item: Any = pattern.variable
+    mark = len(trail)
+    for key in dict.fromkeys((*ag.beliefs.relations, *ag.library.inferences)):
+        prefix, _, name = key.rpartition("::")
+        if name == item.key.removeprefix("~") and unify(pattern.namespace, Atom(prefix or "default"), trail):
+            yield from ag.solve(key, item.args, item.annotations, trail)
+        undo(trail, mark)
+
+
+def run_value(ag: Interpreter, value: Any, cause: Any) -> Any:
+    """Return the request for the steps, or the action, that is the value of a variable."""
+    value = resolve(value)
+    if value.__class__ is Var or isinstance(value, LiteralVariable):
+        raise Failed("no_value", f"the action {value!s} has no value")
+    if isinstance(value, Event) and value.change in (Change.ADDED, Change.REMOVED):
+        value = PlanBody((Update("+" if value.change is Change.ADDED else "-", value.literal),))
+    if not isinstance(value, PlanBody):
+        value = PlanBody((Do(literal_of("an action", value)),))
+    return (SUBGOAL, _trigger(ag, value), (), SELF, cause)
+
+
+def _trigger(ag: Interpreter, body: PlanBody) -> Any:
+    known = body.__dict__.get("compiled")
+    if known is not None and known[0] is ag.library:
+        return known[1]
+    plan = Plan(Event(Change.WANTED, literal(BODY)), NOTHING, body.steps, text=str(body))
+    trigger = Trigger(f"+!{BODY}/0", (CompiledPlan(plan, ag.library),))
+    body.__dict__["compiled"] = (ag.library, trigger)
+    return trigger
+
+
+def pause_until(change: Change, value: Any, limit_s: float | None) -> EventPause:
+    """Return the pause until an event whose literal is the value of a variable."""
+    item = literal_of("an event", value)
+    return EventPause(f"{change.value}{item.key}", item.args, item.annotations, limit_s)
+
+
+def change_rule(ag: Interpreter, sign: str, rule: Inference) -> None:
+    """Add or remove a rule."""
+    if sign == "+":
+        ag.engine.add_rules(rule)
+    elif not ag.own_library().remove_inference(rule):
+        raise Failed("wrong_arguments", f"there is no rule {rule!s} to remove")
+
+
+def specialised(plan: Plan, key: str) -> Plan | None:
+    """Return a plan for one key of a plan whose trigger is a variable; None if it does not match the key."""
+    name, _, arity = key.rpartition("/")
+    change = plan.event.change
+    name = name[len(change.value) :]
+    negated = name.startswith("~")
+    args = tuple(Variable(f"_Arg{i}") for i in range(int(arity)))
+    pattern: Any = plan.event.literal
+    notes: tuple[Any, ...] = (Rest(Variable("_Notes")),)
+    variable: Any = pattern
+    given: tuple[Any, ...] = notes
+    if isinstance(pattern, LiteralVariable) and pattern.namespace is not None:
+        prefix, _, bare_name = name.rpartition("::")
+        inner: Any = pattern.variable
+        if isinstance(inner, Literal) and f"{bare_name}/{arity}" != inner.key:
+            return None
+        known = Comparison("=", pattern.namespace, Atom(prefix.removeprefix("~") or "default"))
+        args = inner.args if isinstance(inner, Literal) else args
+        notes = inner.annotations if isinstance(inner, Literal) else pattern.annotations
+        head = literal(name.removeprefix("~"), args, notes, negated=negated)
+        more = () if isinstance(inner, Literal) else (Comparison("=", inner, literal(bare_name, args)),)
+        return replace(plan, event=Event(change, head), condition=Conjunction((known, *more, *plan.condition.terms)))
+    if isinstance(pattern, LiteralVariable):
+        notes, variable, given = pattern.annotations, pattern.variable, ()
+    head = literal(name.removeprefix("~"), args, notes, negated=negated)
+    bare: Any = head.with_(annotations=given)
+    if isinstance(pattern, LiteralVariable) and pattern.negated:
+        bare = literal(bare.functor, args)
+    if not args and not given and not bare.negated:
+        bare = Atom(bare.functor)
+    bound = () if variable.name == "_" else (Comparison("=", variable, bare),)
+    condition = Conjunction((*bound, *plan.condition.terms))
+    return replace(plan, event=Event(change, head), condition=condition)
