@@ -17,8 +17,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from evaluation.engine_bodies import BODIES
 from evaluation.engine_host import host, latency
+from evaluation.engine_loaded import LOADED
 from evaluation.engine_peers import Workload, peers
+from evaluation.engine_rows import Line, Row, measurement, ratio_line, row_lines
 from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
 from evaluation.report import JsonOption, Machine, QuickOption, run, setting, write
 from socialbot.core.errors import SocialbotError
@@ -26,10 +29,18 @@ from socialbot.runs.pages import Page, Section
 from socialbot.runs.pages import table as html_table
 
 OnlyOption = Annotated[
-    str | None, typer.Option("--only", metavar="W1,W2a", help="Only these workloads (W1 to W6, latency).")
+    str | None, typer.Option("--only", metavar="W1,bursts", help="Only these workloads, by the names in the table.")
 ]
 
-MEASURES: dict[str, Callable[[Scale], Figures]] = {**WORKLOADS, "W6": host, "latency": latency}
+ROWS: dict[str, tuple[Row, ...]] = {**BODIES, **LOADED}
+"""Rows of the workloads that look like programs."""
+
+MEASURES: dict[str, Callable[[Scale], Figures]] = {
+    **WORKLOADS,
+    **{name: measurement(rows) for name, rows in ROWS.items()},
+    "W6": host,
+    "latency": latency,
+}
 """Measurements by their names on the command line."""
 
 PAGE_WIDTH = 150
@@ -50,39 +61,6 @@ MARKS = {
 }
 
 
-@dataclass(frozen=True)
-class Line:
-    """Table line: the compared figure, its requirement, and the rates behind it.
-
-    ``required`` and ``aim`` are lower limits or, with ``at_most``, upper limits. ``rate`` and ``hand`` are the keys of
-    the rates of the engine and of the hand-written loop.
-    """
-
-    workload: str
-    key: str
-    text: str
-    required: float | None = None
-    aim: float | None = None
-    at_most: bool = False
-    rate: str | None = None
-    hand: str | None = None
-
-    def verdict(self, value: object) -> str:
-        """Return ``ok`` if the requirement is met, ``aim`` if the aim is met, else ``below`` or ``above``."""
-        if self.required is None or not isinstance(value, (int, float)):
-            return ""
-        if not self._reached(value, self.required):
-            return "above" if self.at_most else "below"
-        return "aim" if self.aim is not None and self._reached(value, self.aim) else "ok"
-
-    def _reached(self, value: float, limit: float) -> bool:
-        return value <= limit if self.at_most else value >= limit
-
-
-def _ratio(workload: str, text: str, name: object, required: float | None = None, aim: float | None = None) -> Line:
-    return Line(workload, f"ratio_{name}", text, required, aim, rate=f"engine_rate_{name}", hand=f"hand_rate_{name}")
-
-
 def lines(scale: Scale) -> list[Line]:
     """Return the lines of the table."""
     shallow, deep = scale.depths
@@ -94,14 +72,14 @@ def lines(scale: Scale) -> list[Line]:
         Line("W1", "fresh_ratio", "the same, each belief a new object", rate="fresh_rate", hand="fresh_hand_rate"),
         Line("W1", "hook_cost", "share that the trace's hook costs, trace off", 0.05, at_most=True),
         Line("W1", "traced_cost_ns", "what a trace costs more for each, ns", rate="traced_rate"),
-        _ratio("W2a", f"{few} plans for one kind of event", few),
-        _ratio("W2a", f"{many} plans for one kind of event", many, 0.40, 0.6),
+        ratio_line("W2a", f"{few} plans for one kind of event", few),
+        ratio_line("W2a", f"{many} plans for one kind of event", many, 0.40, 0.6),
         Line("W2a", "of_few", f"rate with {many} plans as a share of that with {few}", 0.8),
-        _ratio("W2b", f"join over {less} facts", less),
-        _ratio("W2b", f"join over {more} facts", more, 0.6, 1.0),
+        ratio_line("W2b", f"join over {less} facts", less),
+        ratio_line("W2b", f"join over {more} facts", more, 0.6, 1.0),
         Line("W2b", "slower_than_few", f"times slower with {more} facts than with {less}", 2.0, at_most=True),
-        _ratio("W3", f"goals {shallow} deep, each the last step", shallow),
-        _ratio("W3", f"goals {deep} deep, each the last step", deep, 0.45, 0.7),
+        ratio_line("W3", f"goals {shallow} deep, each the last step", shallow),
+        ratio_line("W3", f"goals {deep} deep, each the last step", deep, 0.45, 0.7),
         *(
             Line(
                 "W3", f"{name}_ratio_{deep}", text, rate=f"{name}_rate_{deep}", hand=f"hand_rate_{deep}",
@@ -114,13 +92,14 @@ def lines(scale: Scale) -> list[Line]:
         ),
         Line("W3", "growth_kib", f"memory that {shallow} goals take more than 1000, KiB", 1.0, at_most=True),
         *(
-            _ratio("W4", f"{size} agents in a ring, tokens: {tokens}", f"{size}_{tokens}", *limits)
+            ratio_line("W4", f"{size} agents in a ring, tokens: {tokens}", f"{size}_{tokens}", *limits)
             for size, tokens in scale.rings
             for limits in [(0.25, 0.4) if (size, tokens) == (1_000, 1) else ()]
         ),
         Line("W4", "agentspeak_ratio", "1000, 1 token, plan in AgentSpeak", rate="agentspeak_rate", hand="hand_rate"),
         Line("W5", "engine_rate", "plans a second read and added", 15_000, 30_000, rate="engine_rate"),
         Line("W5", "eager_rate", "the same, compiled at once", rate="eager_rate"),
+        *(line for name, rows in ROWS.items() for line in row_lines(name, rows)),
         Line("W6", "kib_per_agent", "memory an agent, KiB", 5.0, at_most=True),
         Line("W6", "import_ms", "processor time of the import, ms", 30.0, at_most=True),
         Line("W6", "asyncio_ms", "for comparison: that of the import of asyncio, ms"),

@@ -78,6 +78,15 @@ def reacting(events: list[Fact]) -> Hand:
     return agent
 
 
+def reacting_to_any(name: str) -> Hand:
+    """Return an agent with a plan for each fact of a name, under the condition ``ready(yes)``."""
+    agent = Hand()
+    agent.add(("ready", "yes"))
+    agent.run()
+    agent.plans = {("+", name, None): [(is_ready, forget_and_count)]}
+    return agent
+
+
 def joining(facts: int) -> Hand:
     """Return an agent with ``+ev(K) : at(K, R) & light(R, on)``; half of the facts are ``at``, half ``light``."""
     agent = Hand(indexed=("at",))
@@ -127,6 +136,117 @@ def descend(depth: int) -> int:
             stack.pop()
         else:
             stack.append([plans[goal[0]](goal[1]), 0, goal[1]])
+    return ticks
+
+
+def fib(number: int) -> tuple[int, int]:
+    """Run ``+!fib(N, F)`` with a stack of plan, step and variables; return the result and the number of goals."""
+    goals, result = 0, 0
+
+    def least(env: list[int], _step: int) -> tuple[str, int] | None:
+        nonlocal result
+        result = env[0]
+        return None
+
+    def add(env: list[int], step: int) -> tuple[str, int] | None:
+        nonlocal result
+        if step == 0:
+            return ("fib", env[0] - 1)
+        if step == 1:
+            env.append(result)
+            return ("fib", env[0] - 2)
+        result += env[1]
+        return None
+
+    plans = {"fib": lambda number: least if number < 2 else add}
+    stack: list[list[Any]] = [[plans["fib"](number), 0, [number]]]
+    while stack:
+        frame = stack[-1]
+        goal = frame[0](frame[2], frame[1])
+        frame[1] += 1
+        if goal is None:
+            goals += 1
+            stack.pop()
+        else:
+            stack.append([plans[goal[0]](goal[1]), 0, [goal[1]]])
+    return result, goals
+
+
+class Sum:
+    """Agent with a goal that sums its items: ``-+acc(0); for (item(_, V)) { ?acc(S); -+acc(S+V) }; tick``."""
+
+    def __init__(self, items: list[Fact]) -> None:
+        self.facts: dict[str, dict[Fact, None]] = {"item": dict.fromkeys(items), "acc": {}}
+        self.count = 0
+
+    def replace(self, name: str, fact: Fact) -> None:
+        held = self.facts[name]
+        for old in held:
+            del held[old]
+            break
+        held[fact] = None
+
+    def total(self) -> None:
+        self.replace("acc", (0,))
+        for item in list(self.facts["item"]):
+            for (value,) in self.facts["acc"]:
+                self.replace("acc", (value + item[1],))
+                break
+            else:
+                return
+        self.count += 1
+
+
+def serve(number: int) -> int:
+    """Run goals that fail in the plan of their subgoal, each handled by a failure plan; return the ticks."""
+    ticks, full = 0, set[int]()
+
+    def served(_env: int, _step: int) -> Any:
+        return None
+
+    def serve(env: int, step: int) -> Any:
+        nonlocal ticks
+        if step == 0:
+            return ("bring", env)
+        if step == 1:
+            ticks += 1
+            return ("", 0)
+        return ("serve", env - 1) if step == 2 else None
+
+    def bring(env: int, step: int) -> Any:
+        return ("grasp", env) if step == 0 else None
+
+    def not_brought(_env: int, _step: int) -> Any:
+        nonlocal ticks
+        ticks += 1
+        return None
+
+    def grasp(env: int, _step: int) -> Any:
+        return None if env in full else False
+
+    plans = {
+        "serve": lambda env: serve if env > 0 else served,
+        "bring": lambda env: bring,
+        "grasp": lambda env: grasp,
+    }
+    handlers = {"bring": not_brought}
+    stack: list[list[Any]] = [[serve, 0, number, "serve"]]
+    while stack:
+        frame = stack[-1]
+        goal = frame[0](frame[2], frame[1])
+        frame[1] += 1
+        if goal is None:
+            stack.pop()
+        elif goal is False:
+            while stack:
+                _, _, env, name = stack.pop()
+                if name in handlers:
+                    stack.append([handlers[name], 0, env, ""])
+                    break
+        elif goal[0]:
+            if goal[0] == frame[3]:
+                stack.pop()  # the last goal replaces its own
+            stack.append([plans[goal[0]](goal[1]), 0, goal[1], goal[0]])
     return ticks
 
 

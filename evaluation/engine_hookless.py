@@ -71,7 +71,7 @@ class _Loader(importlib.machinery.SourceFileLoader):
         return compile(without_hook(self.get_data(self.path).decode()), self.path, "exec", dont_inherit=True)
 
     def exec_module(self, module: ModuleType) -> None:
-        if module.__name__ == f"{PACKAGE}.compiler.source":
+        if module.__name__ == f"{PACKAGE}.compiler._source":
             module.__dict__["compile"] = _compile
         super().exec_module(module)
 

@@ -13,7 +13,7 @@ from typing import Any
 from socialbot.bdi import Action, Belief, Engine, Goal, Plan, action, send, variables
 from socialbot.core.clock import WallClock
 
-A, K, N, R, T = variables("A K N R T")
+A, K, N, P, R, T = variables("A K N P R T")
 
 
 class person(Belief): ...
@@ -38,6 +38,18 @@ class nxt(Belief): ...
 
 
 class count(Goal): ...
+
+
+class acc(Belief): ...
+
+
+class start(Goal): ...
+
+
+class total(Goal): ...
+
+
+class serve(Goal): ...
 
 
 class Counter:
@@ -76,6 +88,11 @@ RING_TEXT = "+token(T,N) : N > 0 & nxt(A) <- -token(T,N)[source(_)]; .send(A, te
 def react_rule(then: type[Action] = tick) -> Plan:
     """Return a plan for an arriving person: remove the belief and act."""
     return +person("yes") / ready("yes") >> [-person("yes"), then()]
+
+
+def burst_rule() -> Plan:
+    """Return a plan for any arriving person: remove the belief and act."""
+    return +person(P) / ready("yes") >> [-person(P), tick()]
 
 
 def plan_for_each(events: Iterable[str]) -> list[Plan]:

@@ -54,7 +54,7 @@ class Host:
     def start(self, *arguments: object, variables: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen:
         """Start a process on this host with additional ``variables``; its pid is that of the command."""
         environment = {**os.environ, **(variables or {})}
-        return subprocess.Popen(self.command(*arguments), env=environment, stdin=subprocess.DEVNULL, **options)
+        return subprocess.Popen(self.command(*arguments), env=environment, **{"stdin": subprocess.DEVNULL, **options})
 
     def run(self, *arguments: object) -> str:
         """Return the output of a command.

@@ -96,7 +96,7 @@ def _apart(kills: list[Kill]) -> tuple[Kill, ...]:
 class Result:
     """Result of a run. ``ended_s`` is the end of the gripper's desire; ``end`` its result, with the reason if dropped.
 
-    ``boxes_right`` is whether each box is with its carrier or in its deposit in the simulated world. ``violations``
+    ``boxes_right`` is whether each box is in its deposit in the simulated world. ``violations``
     come from the independent check, ``failures`` are exceptions of nodes.
     """
 
@@ -250,10 +250,7 @@ class Run:
 
     def _boxes_are_right(self) -> bool:
         cast, load = self.story.cast, self.world.load
-        return all(
-            set(boxes) <= {*load[carrier], *load[deposit]}
-            for carrier, deposit, boxes in zip(cast.carriers, cast.deposits, cast.loads, strict=True)
-        )
+        return all(set(boxes) <= set(load[deposit]) for deposit, boxes in zip(cast.deposits, cast.loads, strict=True))
 
 
 def play(story: Story, tell: Callable[[TraceRecord], object] = lambda record: None) -> Result:

@@ -8,9 +8,10 @@ from rich.console import Console
 
 from evaluation import engine_hand as hand
 from evaluation import engine_programs as programs
-from evaluation.engine import MEASURES, Findings, Line, chosen, lines
+from evaluation.engine import MEASURES, ROWS, Findings, Line, chosen, lines
 from evaluation.engine_hookless import hookless, without_hook
 from evaluation.engine_host import fresh, own_latencies, posted_latencies, wakes
+from evaluation.engine_rows import Job, Row, measurement, row_lines
 from evaluation.engine_workloads import QUICK, Scale, descend, join, peak_kib, post, react, ring, select, texts
 from evaluation.report import write
 from evaluation.timing import Passes, take_turns
@@ -63,6 +64,8 @@ def test_the_hand_written_loop_does_what_the_plans_say():
     hand.react(joining, [("ev", 4), ("ev", 5)])
     assert joining.count == 1, "nothing is known of 5"
     assert hand.descend(30) == 30
+    assert hand.fib(10) == (55, 177)
+    assert hand.serve(3) == 6
     agents = hand.Ring(3)
     agents.run(2, 7)
     assert agents.hops == 14
@@ -91,6 +94,32 @@ def test_a_workload_tells_its_rates(workload):
     assert figures["engine_rate"] > 0
     if workload is not texts:
         assert figures["ratio"] == pytest.approx(figures["engine_rate"] / figures["hand_rate"])
+
+
+ALL_ROWS = [(name, row) for name, rows in ROWS.items() for row in rows]
+
+
+@pytest.mark.parametrize(("name", "row"), ALL_ROWS, ids=lambda part: getattr(part, "name", None))
+def test_the_engine_does_the_job_of_each_row_as_the_hand_written_loop_does(name, row):
+    job = row.job(TINY)
+    for _ in range(2):
+        assert job.engine() > 0
+        assert job.hand() > 0
+    assert job.units > 0
+
+
+def test_a_row_becomes_ratio_and_share_in_the_table():
+    took = {"few": (10, 5), "many": (40, 10)}
+
+    def job(name):
+        return lambda scale: Job(100, lambda: took[name][0], lambda: took[name][1])
+
+    rows = (Row("few", "few", job("few"), 0.5), Row("many", "many", job("many"), 0.5, flat="few"))
+    figures = measurement(rows)(TINY)
+    assert figures["ratio_few"] == 0.5
+    assert figures["share_many"] == 0.25
+    lines = {line.key: line.verdict(figures[line.key]) for line in row_lines("jobs", rows)}
+    assert lines == {"ratio_few": "ok", "ratio_many": "below", "share_many": "below"}
 
 
 def test_tokens_go_round():

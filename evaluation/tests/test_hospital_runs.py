@@ -24,8 +24,12 @@ def test_configurations_differ_in_agents_and_policies_and_in_nothing_else():
     worlds = [graph.node("world") for graph in graphs.values()]
     assert worlds[0] == worlds[1] == worlds[2]
     assert worlds[0].parameters == {"rate": 25.0, "seed": 7, "noise": NOISE}
-    assert graphs["bdi"].node("coordinator").parameters == {"policy": "none", "proactive": False}
-    assert graphs["bdi+recovery"].node("coordinator").parameters == {"policy": "auto", "proactive": False}
+    assert graphs["bdi"].node("coordinator").parameters == {"pace": "paper", "policy": "none", "proactive": False}
+    assert graphs["bdi+recovery"].node("coordinator").parameters == {
+        "pace": "paper",
+        "policy": "auto",
+        "proactive": False,
+    }
     for configuration, kind in (("plain", ScriptedAgent), ("bdi", HospitalAgent), ("bdi+recovery", HospitalAgent)):
         agents = [each for each in graphs[configuration].nodes if issubclass(each.type, kind)]
         assert len(agents) == 3
