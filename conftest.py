@@ -1,10 +1,14 @@
-"""Each test worker has its own DDS domain, on this machine only: ROS_DOMAIN_ID and those after it."""
+"""Each test worker has its own DDS domain, on this machine only: ROS_DOMAIN_ID and those after it.
+
+With ``--dist loadgroup`` one worker runs the tests of a file, unless they are in another group.
+"""
 
 from __future__ import annotations
 
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -24,6 +28,21 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["ROS_DOMAIN_ID"] = str(first + int(worker))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of a file together, so that no fixture of a module is built twice."""
+    from xdist.scheduler import LoadGroupScheduling
+
+    class FileScheduling(LoadGroupScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return super()._split_scope(nodeid).partition("::")[0]
+
+    if config.getvalue("dist") != "loadgroup":
+        return None
+    config.option.loadscopereorder = False  # else the files with few tests, which take longest, come last
+    return FileScheduling(config, log)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -24,7 +24,7 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 
 if TYPE_CHECKING:
-    from socialbot.bdi import Engine
+    from socialbot.bdi import Engine, Society
 
 __all__ = ["SECOND", "GraphTester", "ManualClock", "Structured", "run_engine"]
 
@@ -101,8 +101,8 @@ class GraphTester:
         self._seen.append((topic, self.clock.now(), message))
 
 
-def run_engine(engine: Engine, seconds: float = 0.0) -> None:
-    """Run ``engine`` until it is idle, then for ``seconds`` of simulated time, timers included.
+def run_engine(engine: Engine | Society, seconds: float = 0.0) -> None:
+    """Run an engine or a society until it is idle, then for ``seconds`` of simulated time, timers included.
 
     The clock of the engine must be a `ManualClock`.
     """

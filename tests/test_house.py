@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 import subprocess
 import sys
@@ -184,8 +185,12 @@ def import_time_s(module: str) -> float:
 
 def test_importing_the_engine_costs_about_as_much_as_importing_asyncio():
     python(BEGIN + "import socialbot.bdi")  # compiles
-    pairs = [(import_time_s("socialbot.bdi"), import_time_s("asyncio")) for _ in range(8)]
-    assert min(engine for engine, _ in pairs) < 1.5 * min(other for _, other in pairs)
+    least = {"socialbot.bdi": math.inf, "asyncio": math.inf}
+    for _ in range(40):  # a busy machine adds to both, but not each time
+        least = {module: min(time_s, import_time_s(module)) for module, time_s in least.items()}
+        if least["socialbot.bdi"] < 1.5 * least["asyncio"]:
+            return
+    pytest.fail(f"seconds of the processor: {least}")
 
 
 WITHOUT_ROS = BEGIN + textwrap.dedent(f"""

@@ -8,9 +8,9 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -23,13 +23,28 @@ from socialbot.core.paths import read_text
 from socialbot.core.process import ENDING_SIGNALS, Ending
 
 if TYPE_CHECKING:
-    from socialbot.bdi.agentspeak import Program
+    from socialbot.bdi.agentspeak import IncludePaths, Program
+    from socialbot.bdi.agentspeak.projects import Project
     from socialbot.bdi.society import Society
     from socialbot.bdi.trace import Record
 
 asl = typer.Typer(help="Run and check agents written in AgentSpeak.", no_args_is_help=True)
 
-FilesArgument = Annotated[list[Path], typer.Argument(metavar="FILE.asl", help="AgentSpeak programs.")]
+FilesArgument = Annotated[
+    list[Path], typer.Argument(metavar="FILE.asl", help="AgentSpeak programs, or one project (.mas2j).")
+]
+
+ActionsOption = Annotated[
+    list[str] | None, typer.Option(metavar="MODULE", help="Python module or file with actions; can be repeated.")
+]
+IncludeOption = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="FOLDER", help="Folder of included files, searched after that of the program; repeatable."),
+]
+RootOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=FOLDER", help="Folder of the included files whose names begin with $NAME; repeatable."),
+]
 
 COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_red", "bright_cyan", "bright_green")
 
@@ -44,20 +59,45 @@ def run(
     until: Annotated[float | None, typer.Option(min=0.0, metavar="SECONDS", help="Time limit.")] = None,
     trace: Annotated[Path | None, typer.Option(help="Write the trace of all agents as JSON lines.")] = None,
     echo: Annotated[bool, typer.Option("--echo", help="Print unknown actions instead of failing.")] = False,
+    actions: ActionsOption = None,
+    environment: Annotated[
+        str | None, typer.Option(metavar="MODULE:CLASS", help="Environment in Python, with percepts and actions.")
+    ] = None,
+    include: IncludeOption = None,
+    root: RootOption = None,
 ) -> None:
-    """Run agents together until they are idle, or until Ctrl-C. By default an agent has the name of its file."""
+    """Run agents together until they are idle, or until Ctrl-C. By default an agent has the name of its file.
+
+    A project file (.mas2j) names the agents and their programs.
+    """
+    from socialbot.bdi.agentspeak import read_program
     from socialbot.bdi.agentspeak.loading import begin, library_of
+    from socialbot.bdi.agentspeak.projects import environment_of
     from socialbot.bdi.engine import Engine
+    from socialbot.bdi.environment import load_environment
     from socialbot.bdi.society import Society
     from socialbot.cli._agent_shell import EchoActions
 
-    names = _names(files, agents)
-    programs = [_program(read_text(file, RuleError), str(file)) for file in files]
-    if len(files) == 1:
-        programs *= len(names)
+    _import_actions(actions)
+    paths = _include_paths(include, root)
+    arguments: tuple[Any, ...] = ()
+    folder = None
+    if any(file.suffix == ".mas2j" for file in files):
+        project = _project(files, agents)
+        names, programs = _of_project(project, paths)
+        if environment is None and not (echo and project.environment):
+            environment, arguments, folder = environment_of(project), project.arguments, files[0].parent
+    else:
+        names = _names(files, agents)
+        programs = [_checked(read_program(file, paths), file) for file in files]
+        if len(files) == 1:
+            programs *= len(names)
     libraries = {id(program): library_of(program) for program in programs}
     clock = WallClock()
     society = Society(clock)
+    world = None if environment is None else load_environment(environment, arguments, folder)
+    if world is not None:
+        world.attach(society)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     with _tracing(trace) as sink, _warnings():
         for number, (name, program) in enumerate(zip(names, programs, strict=True)):
@@ -73,7 +113,9 @@ def run(
             if steps is not None:
                 _run_steps(society, steps, until)
             else:
-                society.run(linger=False, seconds=until)
+                society.run(linger=world is not None and world.lingers, seconds=until)
+    if world is not None:
+        world.stop()
     if steps is None and until is None and not society.stopping:
         for engine in society.agents.values():
             for intention in list(engine.intentions)[:3]:
@@ -81,39 +123,119 @@ def run(
 
 
 @asl.command()
-def check(files: FilesArgument) -> None:
+def check(
+    files: FilesArgument, actions: ActionsOption = None, include: IncludeOption = None, root: RootOption = None
+) -> None:
     """Check programs without running them. Exit code 4: there are errors."""
     from socialbot.bdi.agentspeak import AgentSpeakError, parse
     from socialbot.bdi.agentspeak.loading import check as problems_in
+    from socialbot.bdi.agentspeak.loading import needs_of, warnings_of
 
+    _import_actions(actions)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
+    paths = _include_paths(include, root)
     failed = False
     for file in files:
         text = read_text(file, RuleError)
-        problems = problems_in(text, str(file))
+        problems = problems_in(text, str(file), paths)
         for problem in problems:
             errors.print(Text.assemble(("error: ", "bold red"), str(problem)), soft_wrap=True)
         failed = failed or bool(problems)
         if not problems:
             name = f"{file}: " if len(files) > 1 else ""
-            console.print(f"{name}ok: {_summary(parse(text, str(file)))}", soft_wrap=True, markup=False)
+            program = parse(text, str(file), paths)
+            console.print(f"{name}ok: {_summary(program)}", soft_wrap=True, markup=False)
+            if needs := needs_of(program):
+                console.print(f"{name}needs actions in Python: {', '.join(needs)}", soft_wrap=True, markup=False)
+            for warning in warnings_of(program):
+                errors.print(Text.assemble(("warning: ", "yellow"), str(warning)), soft_wrap=True)
     if failed:
         raise typer.Exit(AgentSpeakError.exit_code)
 
 
-def _program(text: str, file: str) -> Program:
-    """Parse and check a program. Raises AgentSpeakError with the first error, and the number of the others."""
-    from socialbot.bdi.agentspeak import parse
+@asl.command("test")
+def run_tests(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE.asl|FOLDER", help="Programs, or folders with programs.")],
+    include: IncludeOption = None,
+    root: RootOption = None,
+    actions: ActionsOption = None,
+    name: Annotated[str, typer.Option(metavar="TEXT", help="Run only the tests whose names contain this text.")] = "",
+    timeout: Annotated[
+        float, typer.Option(min=0.0, metavar="SECONDS", help="Limit of the simulated time of a test.")
+    ] = 60.0,
+    output: Annotated[bool, typer.Option("--output", help="Show what passed tests print, too.")] = False,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results in JUnit's format.")] = None,
+) -> None:
+    """Run the plans with the annotation `test`, each in simulated time. Exit code 1: one failed, or there is none."""
+    from socialbot.bdi.agentspeak.unit_tests import programs_in
+    from socialbot.cli._asl_tests import report_tests
+
+    _import_actions(actions)
+    found, places = programs_in(paths), _include_paths(include, root)
+    with _warnings(logging.ERROR):
+        passed = report_tests(found, places, names=name, seconds=timeout, shows=output, junit=junit)
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _project(files: list[Path], agents: str | None) -> Project:
+    """Read a project file. Raises RuleError if it is not alone."""
+    from socialbot.bdi.agentspeak.projects import read_project
+
+    if len(files) > 1 or agents is not None:
+        raise RuleError("a project names its agents itself", where=str(files[0]), remedy="give the project file alone")
+    project = read_project(files[0])
+    errors = Console(stderr=True, highlight=False)
+    for note in project.notes:
+        errors.print(f"note: {files[0]}: {note}", style="dim", soft_wrap=True, markup=False)
+    return project
+
+
+def _of_project(project: Project, paths: IncludePaths) -> tuple[list[str], list[Program]]:
+    """Return the names and programs of the agents of a project."""
+    from socialbot.bdi.agentspeak.projects import program_of
+
+    found = replace(paths, folders=(*project.folders, *paths.folders))
+    names, programs = [], []
+    for agent in project.agents:
+        names += agent.names
+        programs += [_checked(program_of(agent, found), agent.file)] * agent.count
+    return names, programs
+
+
+def _checked(program: Program, file: Path) -> Program:
+    """Check a program. Raises AgentSpeakError with the first error, and the number of the others."""
     from socialbot.bdi.agentspeak.loading import problems_of
 
-    program = parse(text, file)
-    problems = problems_of(program, text, file)
+    problems = problems_of(program)
     if problems:
         first = problems[0]
         if len(problems) > 1:
             first.remedy = f"{first.remedy or ''}\n  and {len(problems) - 1} more: socialbot asl check {file}".lstrip()
         raise first
     return program
+
+
+def _import_actions(modules: list[str] | None) -> None:
+    from socialbot.bdi.stdlib.actions import import_module
+
+    for module in modules or ():
+        import_module(module)
+
+
+def _include_paths(folders: list[Path] | None, roots: list[str] | None) -> IncludePaths:
+    """Return the places of included files. Raises RuleError for a root without a folder."""
+    from socialbot.bdi.agentspeak import IncludePaths
+
+    found = {}
+    for root in roots or ():
+        name, _, folder = root.removeprefix("$").partition("=")
+        if not name or not folder or not Path(folder).is_dir():
+            raise RuleError(
+                f"{root!r} names no folder", where="--root", remedy="write NAME=FOLDER, such as jacamoJar=lib"
+            )
+        found[name] = Path(folder)
+    return IncludePaths(tuple(folders or ()), found)
 
 
 def _names(files: list[Path], agents: str | None) -> list[str]:
@@ -169,10 +291,10 @@ def _tracing(file: Path | None) -> Iterator[Callable[[Record], None] | None]:
 
 
 @contextmanager
-def _warnings() -> Iterator[None]:
+def _warnings(level: int = logging.WARNING) -> Iterator[None]:
     """Show warnings of agents on stderr."""
     log, handler = logging.getLogger("socialbot.bdi"), logging.StreamHandler()
-    handler.setLevel(logging.WARNING)
+    handler.setLevel(level)
     handler.setFormatter(logging.Formatter("warning: %(message)s"))
     propagate, log.propagate = log.propagate, False
     log.addHandler(handler)

@@ -110,7 +110,7 @@ def import_(
 ) -> None:
     """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
     from socialbot.bags.conversion import import_bag
-    from socialbot.vision.camera import is_device, open_frames
+    from socialbot.vision.camera_node import is_device, open_frames
 
     with Ending().on_signals() as ending, bar(f"writing {out}", "images") as advance:
         made = import_bag(

@@ -23,6 +23,7 @@ from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding, installed_version
 from socialbot.cli._options import JsonOption, many
 from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
+from socialbot.graph.files import load_graph
 
 OLDEST, NEWEST = (3, 10), (3, 14)
 
@@ -33,14 +34,17 @@ _OPENCV_WHEELS = (OPENCV, "opencv-python", "opencv-contrib-python", "opencv-cont
 _PACKAGES = ("msgspec", "numpy", "rich", "rosbags", "ruamel.yaml", "typer")
 
 
-def examine(*, quick: bool = False) -> Iterator[Finding]:
-    """Run all checks. With ``quick``, skip the round trip over DDS, which takes seconds."""
+def examine(*, quick: bool = False, graph: str = "waldo") -> Iterator[Finding]:
+    """Run all checks, of the camera pose for ``graph``.
+
+    With ``quick``, skip the round trip over DDS, which takes seconds.
+    """
     for check in (*FIRST_CHECKS, *ros_checks.CHECKS, *LAST_CHECKS):
         if quick and check is ros_checks.round_trip:
             continue
         name = getattr(check, "__name__", "check").replace("_", " ")
         try:
-            finding = check()
+            finding = camera_pose(graph) if check is camera_pose else check()
         except SocialbotError as error:
             finding = Finding(name, "error", error.what, error.remedy or "")
         except Exception as error:  # noqa: BLE001 - a failing check must not stop the others
@@ -143,6 +147,29 @@ def cameras(folder: Path = Path("/dev")) -> Finding | None:
     return Finding(name, "ok", ", ".join(f"{device} ({w}x{h})" for device, (w, h) in sizes.items()))
 
 
+def camera_pose(graph: str = "waldo") -> Finding | None:
+    """Check what the person detector of a graph knows about the pose of its camera."""
+    from socialbot.vision.camera import CameraPose
+    from socialbot.vision.camera_pose import load_pose
+    from socialbot.vision.person_detector import PersonDetector
+
+    name = "camera pose"
+    detector = next((each for each in load_graph(graph).nodes if issubclass(each.type, PersonDetector)), None)
+    if detector is None:
+        return None
+    defaults = {key: each.default for key, each in detector.type.parameters().items()}
+    values = {**defaults, **detector.parameters}
+    file = str(values["camera_file"])
+    pose = CameraPose.stated(values["mount_height_m"], values["pitch_rad"], load_pose(Path(file)) if file else None)
+    where = f"{graph}: {pose}"
+    if pose.source != "assumed":
+        return Finding(name, "ok", where)
+    remedy = f"socialbot calibrate BAG --save {file or 'camera.json'}"
+    if not file:
+        remedy += f"; then set {detector.name}.camera_file=camera.json"
+    return Finding(name, "warning", f"{where} until people or transforms show it", remedy)
+
+
 def runs_folder(folder: Path = Path("runs")) -> Finding:
     """Check that the folder of runs is writable and has free space."""
     name = "runs folder"
@@ -158,11 +185,11 @@ def runs_folder(folder: Path = Path("runs")) -> Finding:
 
 
 FIRST_CHECKS: tuple[Check, ...] = (python, packages)
-LAST_CHECKS: tuple[Check, ...] = (opencv, network, speech, sound_device, cameras, runs_folder)
+LAST_CHECKS: tuple[Check, ...] = (opencv, network, speech, sound_device, cameras, camera_pose, runs_folder)
 
 
 def _picture_size(device: Path) -> tuple[int, int] | None:
-    from socialbot.vision.camera import open_frames
+    from socialbot.vision.camera_node import open_frames
 
     if not os.access(device, os.R_OK | os.W_OK):
         return None
@@ -182,12 +209,13 @@ WIDEST = 100
 def doctor(
     as_json: JsonOption = False,
     quick: Annotated[bool, typer.Option("--quick", help="Skip the round trip of images over DDS.")] = False,
+    graph: Annotated[str, typer.Option(help="Graph whose camera pose is shown.")] = "waldo",
 ) -> None:
     """Check the installation and print remedies. Exit code 5: a check failed."""
     console = Console(highlight=False)
     findings: list[Finding] = []
     with console.status("examining"):
-        for finding in examine(quick=quick):
+        for finding in examine(quick=quick, graph=graph):
             findings.append(finding)
             if not as_json:
                 console.print(_paragraph(finding, min(console.width, WIDEST)), soft_wrap=True)

@@ -69,9 +69,10 @@ def evaluate(
     The pipeline includes tracking, as on the robot. docs/evaluation.md explains every figure.
     """
     from socialbot.graph.files import load_graph
+    from socialbot.runs.evaluation_json import write_json
     from socialbot.runs.evaluation_page import page
     from socialbot.runs.evaluation_tables import show as show_tables
-    from socialbot.runs.evaluation_tables import write_json, write_markdown
+    from socialbot.runs.evaluation_tables import write_markdown
     from socialbot.vision.metrics.behaviour import single_node
     from socialbot.vision.metrics.evaluation import EvaluationPlan
     from socialbot.vision.metrics.evaluation import evaluate as carry_out

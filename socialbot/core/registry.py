@@ -115,7 +115,11 @@ class WorldView(Protocol):
         ...
 
     def results(self, start: int, end: int) -> dict[str, Any]:
-        """Return the result of the run as plain data, for results.json."""
+        """Return the result of the run as plain data, for results.json.
+
+        The list ``unfinished``, if there is one, says what the world lacks of the goal. The goal is reached if it is
+        empty and all desires are fulfilled.
+        """
         ...
 
     def summary(self, start: int, end: int) -> list[str]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from socialbot.bdi import Engine, LongAction, variables
+from socialbot.bdi import Engine, LongAction, Variable
 from socialbot.bdi.literals import Change, Event, literal
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
@@ -117,8 +117,8 @@ class PlanAction(LongAction):
 
 def register(engine: Engine, kind: type[PlanAction], parameters: int, name: str = "") -> None:
     """Assign a class to the PDDL action ``name`` (default: that of the class). Call it as `Engine.add_rules`."""
-    objects = variables(" ".join(f"P{number}" for number in range(1, parameters + 1)))
-    wanted = Event(Change.WANTED, literal(name or kind.functor, tuple(objects)))
+    objects = tuple(Variable(f"P{number}") for number in range(1, parameters + 1))
+    wanted = Event(Change.WANTED, literal(name or kind.functor, objects))
     engine.add_rules(wanted >> [kind(*objects)])
 
 

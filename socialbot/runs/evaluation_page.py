@@ -19,6 +19,7 @@ from socialbot.runs.evaluation_tables import (
     coco_table,
     curve_charts,
     detector_table,
+    distance_table,
     paper_tables,
     summary_table,
     tracking_table,
@@ -67,6 +68,10 @@ TRACKING_NOTE = (
     "Metrics of the MOTChallenge, for whole recordings. Pairs need an IoU of 0.5; HOTA is a mean over 19 thresholds. "
     "Switches: a person's track changed. Fragments: a person's track was interrupted."
 )
+DISTANCE_NOTE = (
+    "Shares of the true distance, for detected people with a known distance. Bias: median error, positive "
+    "if distances are too large. Within 2 sigma: share of distances that differ by at most twice their stated error."
+)
 BEHAVIOUR_NOTE = (
     "Waldo's node runs on the detections and on the ground truth. What it does on the truth is due. In time means "
     f"within {GREET_S:g} s of a person being there."
@@ -109,6 +114,7 @@ def page(evaluation: Evaluation) -> Page:
             Section("Precision and recall", _curves(evaluation), CURVES_NOTE),
             Section("Average precision", _if_rows(coco_table(evaluation)), COCO_NOTE),
             Section("Tracking", _if_rows(tracking_table(evaluation)), TRACKING_NOTE),
+            Section("Errors of distances", _if_rows(distance_table(evaluation)), DISTANCE_NOTE),
             Section("Where false positives come from", _causes(evaluation) if by_boxes else ""),
             Section("What Waldo does with it", _behaviour(evaluation), BEHAVIOUR_NOTE),
             Section("The worst frames", _worst_frames(evaluation)),

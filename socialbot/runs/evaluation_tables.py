@@ -1,29 +1,24 @@
-"""Tables, curves and JSON of an evaluation, for the terminal, Markdown and the page, beside those of the paper."""
+"""Tables and curves of an evaluation, for the terminal, Markdown and the page, beside those of the paper."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
-import msgspec
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
 from socialbot.runs.pages import Cell, Table, rate, render, write_file
-from socialbot.runs.record import versions
 from socialbot.vision.metrics.behaviour import OUTCOMES
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation, SceneResult
-from socialbot.vision.metrics.frames import BLOCK_S
 from socialbot.vision.metrics.matches import CAUSES, UNKNOWN
-from socialbot.vision.metrics.scores import COVERAGE, DRAWS, BandScore, Interval, PrecisionRecallCurve, Score
-from socialbot.vision.metrics.tracks import TrackingScore
+from socialbot.vision.metrics.scores import COVERAGE, BandScore, Interval, PrecisionRecallCurve, Score
 
 COLOURS = ("#0b7fb0", "#c06a10", "#4f8a2a", "#a558a0", "#8a7015")
 """Colours of the detectors in their order, for light and dark backgrounds."""
@@ -265,6 +260,21 @@ def tracking_table(evaluation: Evaluation, *, full: bool = True) -> Table:
     return Table(heads, _without_repeats(rows), "Tracking")
 
 
+def distance_table(evaluation: Evaluation) -> Table:
+    """Distance errors of detected people by detector, scene and distance band, in percent."""
+    rows = []
+    for name, result in evaluation.detectors.items():
+        for scene, scored in result.scenes.items():
+            bands = [*shown_bands(evaluation, [scored]), "all"]
+            for band in bands:
+                score = (scored.score.overall if band == "all" else scored.score.bands[band]).distance
+                if score is not None:
+                    figures = f"{score.median:.1%}", f"{score.p90:.1%}", f"{score.bias:+.1%}", f"{score.within:.0%}"
+                    rows.append([f"{name}, {scene}", metres(band), score.people, *((each, "r") for each in figures)])
+    heads = ("detector", "distance", "people", "median", "90 % below", "bias", "within 2 sigma")
+    return Table(heads, _without_repeats(rows), "Errors of distances")
+
+
 def behaviour_clips(evaluation: Evaluation) -> Iterator[tuple[str, ClipResult]]:
     """Detector name and clip of each clip whose behaviour was evaluated."""
     for name, result in evaluation.detectors.items():
@@ -318,7 +328,7 @@ class DetectorCurve:
 
     def thinned(self) -> list[Point]:
         """At most `CURVE_POINTS` points (recall, precision) of the curve, with its first and last."""
-        return [] if self.curve is None else list(zip(*_thinned(self.curve)[:2], strict=True))
+        return [] if self.curve is None else list(zip(*thinned(self.curve)[:2], strict=True))
 
 
 @dataclass(frozen=True)
@@ -352,7 +362,8 @@ def _point(score: Score | None) -> Point | None:
     return score.recall, score.precision
 
 
-def _thinned(curve: PrecisionRecallCurve) -> list[list[float]]:
+def thinned(curve: PrecisionRecallCurve) -> list[list[float]]:
+    """Recalls, precisions and thresholds of at most `CURVE_POINTS` points of a curve, with its first and last."""
     count = len(curve.recall)
     kept = np.linspace(0, count - 1, min(count, CURVE_POINTS)).round().astype(np.intp)
     return [
@@ -370,6 +381,7 @@ def show(evaluation: Evaluation, console: Console) -> None:
         *paper_tables(evaluation),
         coco_table(evaluation),
         tracking_table(evaluation, full=False),
+        distance_table(evaluation),
         causes_table(evaluation),
         behaviour_table(evaluation),
     ]
@@ -398,7 +410,12 @@ def markdown(evaluation: Evaluation) -> str:
     tables = [table for table in paper_tables(evaluation) if table.rows]
     tables += [detector_table(evaluation, name, intervals=True) for name in evaluation.detectors]
     tables += [] if evaluation.plan.rules.presence else [causes_table(evaluation)]
-    further = coco_table(evaluation), tracking_table(evaluation), behaviour_table(evaluation)
+    further = (
+        coco_table(evaluation),
+        tracking_table(evaluation),
+        distance_table(evaluation),
+        behaviour_table(evaluation),
+    )
     tables += [table for table in further if table.rows]
     parts = [part for table in tables for part in (f"**{table.title}**", _markdown(table))]
     speeds = [f"- {name}: {result.speed}" for name, result in evaluation.detectors.items() if result.speed is not None]
@@ -426,98 +443,3 @@ def write_markdown(evaluation: Evaluation, folder: Path) -> None:
         columns = len(charts) // len(evaluation.scenes)
         drawing = render("curves.svg", charts=charts, columns=columns, colours=colours(evaluation))
         write_file(folder / "curves.svg", drawing)
-
-
-def write_json(evaluation: Evaluation, path: Path) -> None:
-    """Write `content` to ``path`` as JSON.
-
-    Raises:
-        SocialbotError: The file cannot be written.
-    """
-    write_file(path, msgspec.json.format(msgspec.json.encode(content(evaluation)), indent=2) + b"\n")
-
-
-def content(evaluation: Evaluation) -> dict[str, Any]:
-    """The evaluation as plain data, without single frames."""
-    plan = evaluation.plan
-    return {
-        "schema": "socialbot/evaluation",
-        "version": 1,
-        "settings": {
-            "bands": [list(band) for band in plan.rules.bands],
-            "matching": "presence" if plan.rules.presence else "boxes",
-            "iou": plan.rules.least_iou,
-            "intervals": {"block_s": BLOCK_S, "draws": DRAWS, "coverage": COVERAGE},
-            "average_precision": "all-point interpolation",
-        },
-        "sources": [
-            {
-                "name": source.name,
-                "scene": source.scene,
-                "split": source.split,
-                "frames": len(source.frames),
-                "format": source.format,
-                "notes": list(source.notes),
-            }
-            for source in plan.sources
-        ],
-        "detectors": {name: _detector(result) for name, result in evaluation.detectors.items()},
-        "paper": {
-            scene: {"bands": {band: _rates(score) for band, score in bands.items()}} for scene, bands in PAPER.items()
-        },
-        "versions": versions(),
-    }
-
-
-def _detector(result: DetectorResult) -> dict[str, Any]:
-    pipeline, speed = result.pipeline, result.speed
-    return {
-        "scenes": {
-            name: {
-                "bands": {band: _band(score) for band, score in scene.score.bands.items()},
-                "overall": _band(scene.score.overall),
-                "frames": scene.score.frames,
-                "blocks": scene.score.blocks,
-                "coco": asdict(scene.coco),
-                "tracking": _tracking(scene.tracking),
-                "clips": {clip.source.name: _clip(clip) for clip in scene.clips},
-            }
-            for name, scene in result.scenes.items()
-        },
-        "frames_per_s": None if speed is None else round(speed.frames_per_s, 2),
-        "speed": None if speed is None else asdict(speed),
-        "sure": pipeline.sure,
-        "weak": pipeline.spec.weak,
-        "parameters": pipeline.values,
-    }
-
-
-def _clip(clip: ClipResult) -> dict[str, Any]:
-    acted = clip.behaviour
-    return {
-        "frames": len(clip.frames),
-        "missing_frames": clip.missing_frames,
-        "damaged": clip.damaged,
-        "tracking": _tracking(clip.tracking),
-        "behaviour": None if acted is None else {f"{deed}s": acted.count(deed) for deed in OUTCOMES},
-    }
-
-
-def _tracking(score: TrackingScore | None) -> dict[str, Any] | None:
-    return score and {key: getattr(score, key) for key in (*TRACKING, "loca", "hits", *TRACKING_COUNTS)}
-
-
-def _band(band: BandScore) -> dict[str, Any]:
-    curve = band.curve
-    return {
-        **_rates(band.score),
-        "people": band.score.tp + band.score.fn,
-        "ap": band.ap,
-        "intervals": {name: list(interval) for name, interval in band.intervals.items()},
-        "causes": dict(band.causes),
-        "curve": None if curve is None else dict(zip(("recall", "precision", "score"), _thinned(curve), strict=True)),
-    }
-
-
-def _rates(score: Score) -> dict[str, Any]:
-    return {name: getattr(score, name) for name in ("tp", "fp", "fn", *RATES)}

@@ -120,7 +120,13 @@ class Story:
 
     @property
     def reached(self) -> bool:
-        return {desire.how for desire in self.aims} == {"fulfilled"}
+        """Whether all main desires were fulfilled, and the world shows it."""
+        return {desire.how for desire in self.aims} == {"fulfilled"} and not self.unfinished
+
+    @property
+    def unfinished(self) -> list[str]:
+        """What the world lacks of the goal at the end."""
+        return list(self.world.get("unfinished", ()))
 
     @property
     def first(self) -> DesireRecord | None:
@@ -165,6 +171,8 @@ class Story:
         if len(self.aims) > 1:
             reached = sum(desire.how == "fulfilled" for desire in self.aims)
             text += f" Of {len(self.aims)} desires, {reached} were fulfilled."
+        if self.unfinished:
+            text += f" But {'; '.join(self.unfinished)}."
         given_up = [plan for plan in self.plans if plan.given_up]
         if not given_up:
             return f"{text} No plan was given up."

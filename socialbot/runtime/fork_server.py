@@ -2,7 +2,7 @@
 
 ``python -m socialbot.runtime.fork_server FILE MODULE...`` imports the modules and serves requests from file descriptor
 FILE until the connection breaks. The server has no threads, which a fork would lose. It does not import rclpy, whose
-libraries start threads.
+libraries start threads, but the modules that rclpy imports first.
 
 Each fork is a child of the requesting process, so it outlives the server and keeps its exit code.
 """
@@ -38,6 +38,22 @@ MAX_SERVERS = 3  # maximum number of server starts; later processes start withou
 POLL_S = 0.005
 MAX_ANSWER_BYTES = 64
 MAX_REQUEST_BYTES = 2**17
+
+PRELOADED = (
+    "builtin_interfaces.msg",
+    "lifecycle_msgs.msg",
+    "lifecycle_msgs.srv",
+    "rcl_interfaces.msg",
+    "rcl_interfaces.srv",
+    "rosgraph_msgs.msg",
+    "rosidl_parser.definition",
+    "sensor_msgs.msg",
+    "socialbot.bridge._node_thread",
+    "std_msgs.msg",
+    "type_description_interfaces.srv",
+    "yaml",
+)
+"""Modules that every node imports and that do not import rclpy."""
 
 # From the headers of Linux.
 PR_SET_NAME = 15
@@ -180,7 +196,7 @@ def _adopting_orphans() -> Iterator[None]:
 def main() -> None:
     """Serve fork requests until the connection breaks."""
     connection = socket.socket(fileno=int(sys.argv[1]))
-    for module in sys.argv[2:]:
+    for module in (*PRELOADED, *sys.argv[2:]):
         importlib.import_module(module)
     from socialbot.__main__ import prepare, run
 

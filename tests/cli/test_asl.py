@@ -120,7 +120,7 @@ def test_writes_the_trace(written, tmp_path):
     ],
 )
 def test_errors_have_exit_code_4(written, tmp_path, monkeypatch, args, message):
-    written(good="b(1).", bad="b(1).\n+!g <- .prnt(1).\n+!h <- move(Y).")
+    written(good="b(1).", bad="b(1).\n+!g <- .prnt(1).\n+!h <- .prnt(2).")
     (tmp_path / "latin.asl").write_bytes(b'b("\xe4").')
     monkeypatch.chdir(tmp_path)
     ended = socialbot(*args)
@@ -139,7 +139,7 @@ def test_check_counts_parts(written):
 
 
 def test_check_reports_all_errors_of_all_files(written):
-    files = written(bad="b(1).\n+!g <- .prnt(1).\n+!h <- move(Y).", good="b.", worse="b(")
+    files = written(bad="b(1).\n+!g <- .prnt(1).\n+!h <- .prnt(2).", good="b.", worse="b(")
     ended = socialbot("check", *files)
     assert ended.returncode == 4
     assert ended.stderr.count("error: ") == 3
@@ -181,3 +181,57 @@ def test_contract_net_chooses_the_cheapest():
 def test_contract_net_without_offers():
     ended = socialbot("run", EXAMPLES / "contract_net.asl", "--agents", "manager")
     assert ended.stdout.splitlines()[-1].startswith("[manager] nobody does it: wait_timeout")
+
+
+def test_check_lists_needed_actions_and_warns_of_variables(written):
+    (file,) = written(bad="+!go <- move(1); farm.feed(2); +b(X).")
+    ended = socialbot("check", file)
+    assert ended.returncode == 0
+    assert "needs actions in Python: farm.feed/1, move/1" in ended.stdout
+    assert "X has no value in +b(X)" in ended.stderr
+
+
+def test_a_program_includes_files_of_folders_and_roots(written, tmp_path):
+    (file,) = written(main='{ include("a.asl") } { include("$libJar/b.asl") } !go. +!go <- !a; !b.')
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "a.asl").write_text("+!a <- .print(a).")
+    (tmp_path / "lib" / "b.asl").write_text("+!b <- .print(b).")
+    folder = str(tmp_path / "lib")
+    ended = socialbot("run", file, "--include", folder, "--root", f"libJar={folder}")
+    assert (ended.returncode, ended.stdout) == (0, "[main] a\n[main] b\n")
+    ended = socialbot("run", file, "--include", folder)
+    assert ended.returncode == 4
+    assert "--root libJar=FOLDER" in ended.stderr
+    assert "names no folder" in socialbot("run", file, "--root", "libJar").stderr
+
+
+def test_a_project_runs_its_agents(written, tmp_path):
+    written(a="!go. +!go : n(X) <- .my_name(Me); .print(X); .send(b, tell, from(Me)).", b="+from(Who) <- .print(Who).")
+    project = tmp_path / "p.mas2j"
+    project.write_text('MAS p { infrastructure: Centralised agents: a [beliefs="n(1)"] #2; b; }')
+    ended = socialbot("run", str(project))
+    assert ended.returncode == 0
+    assert sorted(ended.stdout.splitlines()) == ["[a1] 1", "[a2] 1", "[b] a1", "[b] a2"]
+    assert "infrastructure Centralised is ignored" in ended.stderr
+    assert socialbot("run", str(project), "--agents", "x").returncode == 4
+
+
+def test_a_project_runs_in_its_python_environment(written, tmp_path):
+    written(a="!go. +!go : seen(X) <- lift(X, Y); .print(Y).")
+    (tmp_path / "house.py").write_text(
+        "from socialbot.bdi import Environment\n"
+        "class House(Environment):\n"
+        "    def __init__(self, n): self.n = n\n"
+        "    def start(self): self.add_percept(f'seen({self.n})')\n"
+        "    def lift(self, agent, x): return x + 1\n"
+    )
+    project = tmp_path / "p.mas2j"
+    project.write_text("MAS p { environment: house:House(3) agents: a; }")
+    assert socialbot("run", str(project)).stdout == "[a] 4\n"
+    project.write_text("MAS p { environment: house.HouseEnv agents: a; }")
+    ended = socialbot("run", str(project))
+    assert ended.returncode == 4
+    assert "the environment house.HouseEnv is a class of Java" in ended.stderr
+    text = (tmp_path / "house.py").read_text().replace("def __init__(self, n): self.n = n", "n = 1")
+    (tmp_path / "one.py").write_text(text)
+    assert socialbot("run", str(project), "--environment", f"{tmp_path}/one.py:House").stdout == "[a] 2\n"

@@ -4,10 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer import Typer
+from typer.testing import CliRunner
 
 from socialbot.bags.reader import BagWriter
+from socialbot.cli import calibrate as calibrate_command
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Image
+from socialbot.vision import camera_node
 from socialbot.vision.camera_pose import load_pose
 from tests.system.running import socialbot_here
 
@@ -54,3 +58,34 @@ def test_people_give_the_pose_and_its_file(tmp_path: Path) -> None:
     assert (pose.source, pose.people > 0) == ("file", True)
     assert abs(pose.height_m - 1.62) < 2 * pose.height_std_m
     assert abs(pose.pitch_rad - 0.052) < 2 * pose.pitch_std_rad
+
+
+class Walk:
+    """A camera that shows a bag: its images, with the time of each."""
+
+    rate_hz, size = 10.0, (640, 480)
+
+    def __init__(self) -> None:
+        self.images = [view.image for view in calibrate_command._bag_views(DATA / "lens_wide_tune", None)]
+        self.now = 0.0
+
+    def read(self) -> np.ndarray | None:
+        self.now += 0.2
+        return self.images[round(self.now / 0.2) - 1] if self.now < 0.2 * len(self.images) else None
+
+    def close(self) -> None:
+        self.images.clear()
+
+
+def test_live_camera_is_watched_for_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    walk = Walk()
+    monkeypatch.setattr(camera_node, "open_frames", lambda device: walk)
+    monkeypatch.setattr(calibrate_command, "monotonic", lambda: walk.now)
+    app = Typer()
+    app.command()(calibrate_command.calibrate)
+    result = CliRunner().invoke(app, ["0", "--seconds", "3", "--hfov-rad", "1.37"], catch_exceptions=False)
+    assert result.output.startswith("watching camera 0 for 3 s")
+    assert "in 15 images" in result.output
+    assert "height  " in result.output
+    assert "a field of view of 1.37 rad is assumed" in result.output
+    assert not walk.images, "the camera is released"

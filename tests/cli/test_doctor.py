@@ -37,7 +37,7 @@ def wheels(monkeypatch) -> None:
 
 class TestCommand:
     def run(self, monkeypatch, findings, *arguments: str):
-        monkeypatch.setattr(doctor_command, "examine", lambda quick: iter(findings))
+        monkeypatch.setattr(doctor_command, "examine", lambda **how: iter(findings))
         return CliRunner().invoke(app, arguments, env={"COLUMNS": "80"}, catch_exceptions=False)
 
     def test_exit_code_is_5_after_an_error(self, monkeypatch):
@@ -271,3 +271,30 @@ class TestOtherChecks:
         assert finding.state == "error"
         assert "sha256" in finding.text
         assert "detector=hog" in finding.remedy
+
+
+def test_pose_of_the_camera_is_shown_with_its_source(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def shown(**parameters: object) -> Finding:
+        lines = "".join(f"\n      {name}: {value}" for name, value in parameters.items())
+        inputs = "inputs: [/camera/image_color, /camera/camera_info]"
+        node = f"  eyes:\n    type: person_detector\n    parameters:{lines or ' {}'}"
+        text = f"name: room\n{inputs}\nnodes:\n{node}\n"
+        Path("room.yaml").write_text(text)
+        finding = doctor_module.camera_pose("room.yaml")
+        assert finding is not None
+        return finding
+
+    assumed = shown()
+    assert (assumed.state, "assumed" in assumed.text) == ("warning", True)
+    assert "set eyes.camera_file=camera.json" in assumed.remedy
+    assert shown(mount_height_m=1.2, pitch_rad=0.1).text == "room.yaml: 1.20 m high, 0.100 rad down (given)"
+    pose = {"height_m": 1.4, "pitch_rad": 0.05, "height_std_m": 0.1, "pitch_std_rad": 0.02, "people": 7}
+    Path("camera.json").write_text(json.dumps(pose))
+    known = shown(camera_file="camera.json")
+    assert known == Finding("camera pose", "ok", "room.yaml: 1.40 +- 0.10 m high, 0.050 +- 0.020 rad down (7 people)")
+
+
+def test_graph_without_a_person_detector_has_no_camera_pose():
+    assert doctor_module.camera_pose("warehouse") is None

@@ -61,7 +61,7 @@ def test_explains_a_rejected_plan(run):
     code, told = ask("why", run, "--not", "several")
     assert code == 0
     assert told.splitlines()[1].endswith("for GreetPeople(): several() does not hold")
-    assert "  never rejected" in ask("why", run, "--not", '[speak("greeting"), For(')[1]
+    assert "  never rejected" in ask("why", run, "--not", '[speak("greeting"), for_each(')[1]
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bdi import Atom, Engine, LongAction, Trace, variables
+from socialbot.bdi import Atom, Engine, LongAction, Trace
 from socialbot.bdi.literals import Change, Event, literal
+from socialbot.bdi.terms import Variable
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
 from socialbot.deliberation.facts import FactBase
@@ -142,7 +143,7 @@ class Scene:
         self.lasts_s = lasts_s
         self.timeline: list[tuple[float, str, str]] = []
         for action in domain.actions.values():
-            parameters = variables(" ".join(f"P{number}" for number in range(len(action.parameters))))
+            parameters = [Variable(f"P{number}") for number in range(len(action.parameters))]
             wanted = Event(Change.WANTED, literal(action.name, tuple(parameters)))
             self.engine.add_rules(wanted >> [Perform(Atom(action.name), *parameters)])
 

@@ -11,9 +11,8 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,6 @@ from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.missions import CoordinatorMemory
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.ward import parse_faults as parse_ward_faults
-from socialbot.agents.waldo.head import Head
-from socialbot.agents.waldo.nodes import Listener, WaldoNode
 from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
 from socialbot.agents.warehouse.scenario import scenario_of
 from socialbot.bags import codec
@@ -44,16 +41,12 @@ from socialbot.core import paths
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import (
-    ActionRequest,
     BoxMarkers,
     CameraInfo,
     CompressedImage,
-    HeadCommand,
     Image,
     JointTrajectory,
     Message,
-    PersonDetection,
-    PersonDetections,
     Structured,
 )
 from socialbot.core.registry import graph_names, graph_text, node_types
@@ -71,10 +64,11 @@ from socialbot.vision.metrics.formats import labelled_sources, sniff
 from socialbot.vision.metrics.frames import load_labels
 from socialbot.vision.metrics.truth import load_truth, truth_from_messages
 from tests.deliberation.office import Office, job
+from tests.fuzz.decoder import STAMP, Decoder, StringMessage, text_of
 from tests.fuzz.examples import example, structured
+from tests.fuzz.node_decoders import detections, node_decoders
 
 ROOT = Path(graph_file.__file__).parents[1]
-STAMP = 1_700_000_000 * SECOND
 TYPES = RosbagsTypes()
 DEPLOYMENT = b"""graph: waldo
 domain: 42
@@ -98,47 +92,20 @@ PROBLEM = b"""(define (problem tidy) (:domain cleaner-domain)
 """
 
 
-@dataclass(frozen=True)
-class Decoder:
-    """What reads ``decode``'s bytes; ``seeds`` are good inputs."""
-
-    name: str
-    decode: Callable[[bytes], object]
-    seeds: tuple[bytes, ...]
-
-    def takes(self, data: bytes) -> bool:
-        """Whether ``data`` is taken; False when it is refused. Raises what a decoder must not raise."""
-        try:
-            self.decode(data)
-        except SocialbotError as error:
-            str(error)
-            return False
-        return True
-
-
 @functools.cache
 def decoders() -> tuple[Decoder, ...]:
     """All of them."""
-    return tuple(itertools.chain(_messages(), _files(), _minds(), _bags(), _words(), _nodes()))
+    return tuple(itertools.chain(_messages(), _files(), _minds(), _bags(), _words(), node_decoders()))
 
 
 # Messages
 
 
-@dataclass(frozen=True)
-class _String:
-    """A std_msgs/String as any middleware gives it."""
-
-    data: object
-
-
-def _text(data: bytes) -> str:
-    return data.decode("utf-8", "replace")
-
-
 def _messages() -> Iterator[Decoder]:
     texts = tuple(msgspec.json.encode(message) for message in structured())
-    yield Decoder("json", lambda data: codec.decode(Structured, _String(_text(data))), (*texts, b"good morning"))
+    yield Decoder(
+        "json", lambda data: codec.decode(Structured, StringMessage(text_of(data))), (*texts, b"good morning")
+    )
     yield Decoder("cdr-string", _cdr(Structured), tuple(map(_serialized, structured())))
     yield Decoder("cdr-image", _cdr(Image, bgr_from_image, Image.bgr), tuple(map(_serialized, _images())))
     pictures = tuple(map(_serialized, _compressed()))
@@ -155,8 +122,8 @@ def _messages() -> Iterator[Decoder]:
     yield Decoder("cdr-boxes", _cdr(BoxMarkers), (_serialized(boxes),))
     files = tuple(bytes(picture.data) for picture in _compressed())
     yield Decoder("picture", lambda data: bgr_from_compressed(_picture(data)), files)
-    sealed = tuple(_stream().seal(_text(text)).encode() for text in texts[:4])
-    yield Decoder("sealed", lambda data: _opener().open(_text(data)), sealed)
+    sealed = tuple(_stream().seal(text_of(text)).encode() for text in texts[:4])
+    yield Decoder("sealed", lambda data: _opener().open(text_of(data)), sealed)
     yield Decoder("sent-by-hand", _by_hand, tuple(_handwritten(message) for message in structured()))
 
 
@@ -210,7 +177,7 @@ def _opener() -> Opener:
 
 
 def _by_hand(data: bytes) -> Structured:
-    schema, _, text = _text(data).partition("\n")
+    schema, _, text = text_of(data).partition("\n")
     return parse_message(schema, text, stamp=STAMP)
 
 
@@ -280,11 +247,11 @@ def _files() -> Iterator[Decoder]:
         "agents/cleaner/cleaner.pddl", "agents/cleaner/team_cleaner.pddl", "agents/warehouse/carrier.pddl",
         "agents/warehouse/gripper.pddl",
     )  # fmt: skip
-    yield Decoder("domain", lambda data: read_domain(_text(data)), domains)
-    cleaner = read_domain(_text(domains[0]))
-    yield Decoder("problem", lambda data: read_problem(_text(data), cleaner), (PROBLEM,))
+    yield Decoder("domain", lambda data: read_domain(text_of(data)), domains)
+    cleaner = read_domain(text_of(domains[0]))
+    yield Decoder("problem", lambda data: read_problem(text_of(data), cleaner), (PROBLEM,))
     plan = b"; cost 1\n0.000: (move cleaner_1 base room_a) [5.000]\n5.001: (clean room_a)  [1e1] ; last\n"
-    yield Decoder("plan", lambda data: parse_plan(_text(data)), (plan,))
+    yield Decoder("plan", lambda data: parse_plan(text_of(data)), (plan,))
     for name, read in (("beliefs", load_beliefs), ("desires", load_desires), ("rules", load_rules)):
         seeds = _content(f"agents/cleaner/cleaner_{name}.yaml")
         yield Decoder(name, _file(functools.partial(read, domain=cleaner)), seeds)
@@ -294,7 +261,7 @@ def _files() -> Iterator[Decoder]:
     truth = b'{"schema": "socialbot/truth", ' + about + b', "frames": [' + frames + b"]}"
     frame = b'{"schema": "socialbot/truth_frame", ' + about + b', "stamp": 1, "persons": [' + person + b"]}"
     yield Decoder("truth", _file(load_truth), (truth,))
-    yield Decoder("truth-messages", lambda data: truth_from_messages(_text(data).split("\n\n"), "bag"), (frame,))
+    yield Decoder("truth-messages", lambda data: truth_from_messages(text_of(data).split("\n\n"), "bag"), (frame,))
     pictures = b'[{"image": "a.jpg", "boxes": [{"x": 1, "y": 2, "w": 30, "h": 40}], "complete": false, "scene": "one"}]'
     yield Decoder("pictures", _file(load_labels), (pictures,))
     yield from _data_sets()
@@ -385,7 +352,7 @@ def _engine() -> Engine:
 
 def _minds() -> Iterator[Decoder]:
     programs = _content("agents/hospital/nurse.asl", "agents/hospital/uvd.asl", "agents/hospital/spot.asl")
-    yield Decoder("agentspeak", lambda data: load_program(_engine(), _text(data)), programs)
+    yield Decoder("agentspeak", lambda data: load_program(_engine(), text_of(data)), programs)
     program = 'light(on). !wander. @p[atomic] +!wander : light(on) <- -light(on); +light([1, 2.5, "x", f(y)]); !later.'
     engine = _engine()
     load_program(engine, program)
@@ -438,7 +405,7 @@ def _bag(storage: str) -> Path:
             for topic, message in (
                 ("/image", next(_images())),
                 ("/jpeg", next(_compressed())),
-                ("/say", _seen(number)),
+                ("/say", detections(number)),
             ):
                 bag.write(topic, msgspec.structs.replace(message, stamp=time), time)
     return path
@@ -467,11 +434,11 @@ def _words() -> Iterator[Decoder]:
     ward, cast = paper_ward(), scenario_of()
     room, robot = next(iter(ward.room_by_name)), ward.robots[0]
     seeds = (f"10 dirty {room}; 20.5 drains {robot}; 1e1 silent {room} 5", f"3 stalls {robot} 7; 4 enters {room} 2")
-    yield Decoder("ward-faults", lambda data: parse_ward_faults(_text(data), ward), tuple(map(str.encode, seeds)))
+    yield Decoder("ward-faults", lambda data: parse_ward_faults(text_of(data), ward), tuple(map(str.encode, seeds)))
     carrier = next(iter(cast.carriers))
     seeds = (f"10 leaves {carrier}; 20.5 slips; 1e1 silent {carrier} 5; 3 stalls {carrier} 7",)
     yield Decoder(
-        "warehouse-faults", lambda data: parse_warehouse_faults(_text(data), cast), tuple(map(str.encode, seeds))
+        "warehouse-faults", lambda data: parse_warehouse_faults(text_of(data), cast), tuple(map(str.encode, seeds))
     )
     policies = (b"a, b\na\nb\na,b\n0.5, 1.0",)
     yield Decoder("policies", _policies, policies)
@@ -480,7 +447,7 @@ def _words() -> Iterator[Decoder]:
 
 def _policies(data: bytes) -> None:
     words = dict(
-        zip(("belief_ck", "belief_w", "desire_ck", "desire_w", "desire_pr"), _text(data).split("\n"), strict=False)
+        zip(("belief_ck", "belief_w", "desire_ck", "desire_w", "desire_pr"), text_of(data).split("\n"), strict=False)
     )
     Policies.parse(**words)
 
@@ -497,65 +464,10 @@ def _defaults() -> Iterator[bytes]:
 
 def _check_parameters(data: bytes) -> None:
     """As the parameter service gets them: values of any type."""
-    name, _, text = _text(data).partition("\n")
+    name, _, text = text_of(data).partition("\n")
     try:
         given = json.loads(text)
     except (ValueError, RecursionError):
         return
     if name in node_types() and isinstance(given, dict):
         check_parameters(graph_file.node_type(name), given, where=name)
-
-
-# Nodes that get whatever fits their inputs, in any order, at any time
-
-
-class _Strict(InlineRunner):
-    """Nodes may refuse what they get by a SocialbotError; any other exception ends it."""
-
-    def attempt(self, context: Any, callback: Callable[..., None], *arguments: Any, calls: int = 0) -> None:
-        if context.alive:
-            with suppress(SocialbotError):
-                callback(*arguments)
-
-
-def _seen(number: int, distance_m: float = 2.0) -> PersonDetections:
-    person = PersonDetection(
-        x=10.0, y=5.0, w=20.0, h=60.0, score=0.9, track_id="t1", distance_m=distance_m, distance_std_m=0.1,
-        bearing_rad=0.2, elevation_rad=0.1,
-    )  # fmt: skip
-    stamp = STAMP + number * SECOND // 5
-    return PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=(person,) * (number % 3))
-
-
-def _nodes() -> Iterator[Decoder]:
-    agent = (NodeConfig("waldo", WaldoNode), NodeConfig("listener", Listener), NodeConfig("head", Head))
-    seen = [*map(_seen, range(12)), HeadCommand(stamp=STAMP, mode="look", pan_rad=0.5, tilt_rad=-0.1)]
-    asked = ActionRequest(stamp=STAMP, id="a", agent="waldo", name="speak", arguments=("greet", "hello"))
-    yield Decoder("waldo", _fed(agent), (_lines(seen), _lines([*seen[:4], asked, *seen[4:]])))
-    coordinator = (NodeConfig("coordinator", HospitalCoordinator),)
-    heard = [message for message in structured() if type(message).__name__ in ("AclMessage", "WardState")]
-    yield Decoder("coordinator", _fed(coordinator), (_lines(heard * 3),))
-
-
-def _lines(messages: Iterable[Message]) -> bytes:
-    return b"\n".join(map(msgspec.json.encode, messages))
-
-
-def _fed(configs: tuple[NodeConfig, ...]) -> Callable[[bytes], object]:
-    """Feeds a message a line, each to the topics of its type; time goes on whatever the stamps say."""
-    topics: Mapping[type[Message], str] = {
-        port.message_type: topic for config in configs for topic, port in config.subscriptions
-    }
-
-    def decode(data: bytes) -> None:
-        runner = _Strict(Graph("fuzz", configs, inputs=frozenset(topics.values())), start=STAMP)
-        runner.start()
-        for number, line in enumerate(data.split(b"\n")[:100]):
-            with suppress(SocialbotError):
-                message = codec.decode(Structured, _String(_text(line)))
-                if type(message) in topics:
-                    runner.feed(topics[type(message)], message, time=STAMP + number * SECOND // 5)
-        runner.advance(runner.clock.now() + 2 * SECOND)
-        runner.close()
-
-    return decode

@@ -104,7 +104,8 @@ _RARE: tuple[Change, ...] = (_nest, _lengthen)
 def _span(chance: random.Random, data: bytes | bytearray) -> tuple[int, int]:
     """A part of ``data``, mostly a short one."""
     begin = chance.randrange(len(data))
-    return begin, min(len(data), begin + 1 + int(chance.expovariate(1 / chance.choice((4, 40, 400)))))
+    length = min(chance.expovariate(1 / chance.choice((4, 40, 400))), len(data))
+    return begin, min(len(data), begin + 1 + int(length))
 
 
 def mutated(chance: random.Random, seeds: Sequence[bytes]) -> bytes:

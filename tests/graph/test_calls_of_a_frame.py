@@ -11,8 +11,8 @@ from socialbot import SECOND, CompressedImage, Image, InlineRunner, load_graph
 from socialbot.testing import GraphTester
 from socialbot.vision.images import ImageConverter
 
-FOLDER = Path(socialbot.__file__).parent
-PICTURE = FOLDER.parent / "data" / "synthetic" / "sample.jpg"
+FOLDER = f"{Path(socialbot.__file__).parent}/"
+PICTURE = Path(socialbot.__file__).parents[1] / "data" / "synthetic" / "sample.jpg"
 PERIOD = SECOND // 10
 
 
@@ -23,9 +23,8 @@ def test_health_monitoring_takes_at_most_a_fifth_of_the_calls_of_a_frame():
     calls: Counter[str] = Counter()
 
     def count(frame, event, _argument):
-        path = Path(frame.f_code.co_filename)
-        if event == "call" and path.is_relative_to(FOLDER):
-            calls[path.relative_to(FOLDER).as_posix()] += 1
+        if event == "call" and frame.f_code.co_filename.startswith(FOLDER):
+            calls[frame.f_code.co_filename.removeprefix(FOLDER)] += 1
 
     for number in range(12):
         image = CompressedImage(stamp=number * PERIOD, frame_id="camera", format="jpeg", data=data)

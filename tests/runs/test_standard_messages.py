@@ -20,7 +20,7 @@ from socialbot.runs.standard_messages import (
     body_id,
     place_of,
 )
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 
 TYPES = RosbagsTypes()
 SAY = StandardMessages(TYPES)
@@ -113,7 +113,7 @@ def test_no_optical_frame_for_images_in_the_camera_frame():
 
 @pytest.mark.parametrize("pose", [HeadPose(0.0, 0.0), HeadPose(0.4, 0.3), HeadPose(-0.7, -0.4)])
 def test_body_lies_on_the_ray_through_the_frames(pose):
-    seeing = CameraModel(525.0, 525.0, 320.0, 240.0, 640, 480, pitch_rad=0.1)
+    seeing = CameraModel(525.0, 525.0, 320.0, 240.0, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.1))
     u, v = 500.0, 120.0
     bearing, elevation = seeing.direction(u, v)
     person = msgspec.structs.replace(ANN, bearing_rad=bearing, elevation_rad=elevation)

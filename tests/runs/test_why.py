@@ -32,7 +32,7 @@ def test_utterance_is_explained_down_to_the_frame(waldo):
     assert said.frame_s == at_s
     assert [(each.plan, each.because) for each in said.rejected] == [
         (
-            'GreetPeople() / (several()) >> [speak("greeting_several"), For(ungreeted(Who), [+greeted(Who)])]',
+            'GreetPeople() / (several()) >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])]',
             "several() does not hold",
         ),
     ]
@@ -141,7 +141,7 @@ def test_rejected_plan_has_its_reasons(waldo):
 def test_unknown_plan_is_an_error_with_the_known_ones(waldo):
     with pytest.raises(RunError, match="no plan 'dance' was ever considered") as caught:
         why_not(waldo.history, "dance")
-    assert '\n    GreetPeople() >> [speak("greeting"), For(ungreeted(Who), [+greeted(Who)])]' in str(caught.value)
+    assert '\n    GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])]' in str(caught.value)
 
 
 def test_missing_plan_of_a_desire_has_its_reason():

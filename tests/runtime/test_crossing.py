@@ -9,7 +9,7 @@ from socialbot.core.messages import Image
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime.deployment import Pictures, with_crossings
-from socialbot.vision.camera import Camera
+from socialbot.vision.camera_node import Camera
 from socialbot.vision.image_transport import ImageReceiver, ImageSender
 from tests.runtime.deployments import deployment
 

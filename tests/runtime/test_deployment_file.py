@@ -13,7 +13,7 @@ from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Deployment, Server, is_address, is_own, load_deployment, parse_deployment
-from socialbot.vision.camera import Camera
+from socialbot.vision.camera_node import Camera
 from tests.runtime.deployments import PAGE, deployment
 
 

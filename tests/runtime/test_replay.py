@@ -8,8 +8,9 @@ import pytest
 
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import GraphError
+from socialbot.graph.files import load_graph
 from socialbot.runs.report import recorded
-from socialbot.runtime.bag_source import find_truth, graph_of, replay
+from socialbot.runtime.bag_source import BagSource, find_truth, graph_of, replay
 from tests.planning import busy
 from tests.system.running import socialbot_here
 from tests.vision.metrics.scenes import drawn_bag
@@ -68,3 +69,12 @@ def test_finds_the_images_of_a_run_from_any_folder(tmp_path, monkeypatch):
     with recorded(tmp_path / "run") as run:
         assert run.damage == []
         assert run.picture(run.end) is not None
+
+
+def test_replay_never_writes_the_camera_file(tmp_path):
+    settings = {"camera_file": "camera.json", "keep_pose": True}
+    graph = load_graph("waldo").with_parameters({"person_detector": settings})
+    with open_bag(drawn_bag(tmp_path, frames=2)) as bag:
+        replayed = BagSource(bag).prepare(graph, "inline", tmp_path)
+    detector = next(each for each in replayed.nodes if each.name == "person_detector")
+    assert (detector.parameters["keep_pose"], detector.parameters["camera_file"]) == (False, "camera.json")

@@ -19,7 +19,7 @@ import msgspec
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.cli.main import main
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """Time for a command to end after a signal, also on a busy machine."""
 
 CALIBRATION_PERIOD_S = 1.0
@@ -79,7 +79,7 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             process.wait()
 
 
-def eventually(holds: Callable[[], bool], timeout_s: float = 60.0) -> bool:
+def eventually(holds: Callable[[], bool], timeout_s: float = 180.0) -> bool:
     """Wait until ``holds`` returns true, or for ``timeout_s``; return whether it did."""
     deadline = monotonic() + timeout_s
     while not holds():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,10 @@ def is_connected(ros: Any) -> bool:
 
 @pytest.mark.parametrize(
     ("how", "hosting"),
-    [(signal.SIGINT, ()), (signal.SIGTERM, ("--composed",))],
-    ids=["SIGINT, process a node", "SIGTERM, composed"],
+    [
+        pytest.param(signal.SIGINT, (), marks=pytest.mark.slow, id="SIGINT, process a node"),
+        pytest.param(signal.SIGTERM, ("--composed",), id="SIGTERM, composed"),
+    ],
 )
 def test_signals_end_every_process_with_code_0(
     pictures: Path, tmp_path: Path, onlooker: Any, how: signal.Signals, hosting: tuple[str, ...]
@@ -54,18 +57,16 @@ def test_signals_end_every_process_with_code_0(
     assert not [log for log in logs.glob("*.log") if "Traceback" in log.read_text()]
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_leaves_and_joins_again(pictures: Path, tmp_path: Path, onlooker: Any, how: signal.Signals) -> None:
+def test_a_node_leaves_on_both_signals_and_joins_again(onlooker: Any) -> None:
     def heads() -> int:
         return onlooker.get_node_names().count("head")
 
-    with running("node", "head") as head:
-        assert eventually(lambda: heads() == 1)
-        head.send_signal(how)
-        assert head.wait(PATIENCE_S) == 0
-    assert eventually(lambda: heads() == 0)
-    with running("node", "head"):
-        assert eventually(lambda: heads() == 1)
+    for how in (signal.SIGINT, signal.SIGTERM):
+        with running("node", "head") as head:
+            assert eventually(lambda: heads() == 1)
+            head.send_signal(how)
+            assert head.wait(PATIENCE_S) == 0
+        assert eventually(lambda: heads() == 0)
 
 
 def handles_sigterm(pid: int) -> bool:
@@ -80,10 +81,19 @@ def processor_s(pid: int) -> float:
     return times.user + times.system
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("stage", ["first import", "imports", "launch"])
+@pytest.mark.parametrize(
+    ("stage", "how"),
+    [
+        ("first import", signal.SIGTERM),
+        ("imports", signal.SIGINT),
+        ("launch", signal.SIGTERM),
+        pytest.param("first import", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("imports", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("launch", signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_signals_during_the_start_end_a_replay_with_code_0(
-    short_bag: Path, tmp_path: Path, how: signal.Signals, stage: str
+    short_bag: Path, tmp_path: Path, stage: str, how: signal.Signals
 ) -> None:
     def is_reached() -> bool:
         if stage == "launch":
@@ -102,11 +112,18 @@ def result_of(future: Any) -> Any:
     return future.result()
 
 
-def test_a_node_refuses_invalid_and_fixed_parameters_and_continues(onlooker: Any) -> None:
-    from rclpy.parameter import Parameter
-    from rclpy.parameter_client import AsyncParameterClient
+@pytest.fixture(scope="class")
+def speech_and_mind() -> Iterator[subprocess.Popen[str]]:
+    """A process with the nodes ``speech`` and ``bdi_engine``."""
+    with running("node", "speech", "bdi_engine", "--set", "bdi_engine.range_m=3.5") as process:
+        yield process
 
-    with running("node", "speech") as speech:
+
+class TestParameters:
+    def test_invalid_and_fixed_ones_are_refused(self, speech_and_mind: subprocess.Popen[str], onlooker: Any) -> None:
+        from rclpy.parameter import Parameter
+        from rclpy.parameter_client import AsyncParameterClient
+
         client = AsyncParameterClient(onlooker, "speech")
         assert eventually(client.services_are_ready)
         invalid = result_of(client.set_parameters([Parameter("voice", value="no such voice")])).results[0]
@@ -115,12 +132,28 @@ def test_a_node_refuses_invalid_and_fixed_parameters_and_continues(onlooker: Any
         fixed = result_of(client.set_parameters([Parameter("playback", value="off")])).results[0]
         assert not fixed.successful
         assert "read" in fixed.reason.lower()
-        assert speech.poll() is None
+        assert speech_and_mind.poll() is None
+
+    def test_have_ranges_and_change_at_run_time(self, speech_and_mind: subprocess.Popen[str], onlooker: Any) -> None:
+        from rclpy.parameter import Parameter
+        from rclpy.parameter_client import AsyncParameterClient
+
+        client = AsyncParameterClient(onlooker, "bdi_engine")
+        assert eventually(client.services_are_ready)
+        described = result_of(client.describe_parameters(["help_after_s"])).descriptors[0]
+        assert "help is offered" in described.description
+        assert described.floating_point_range[0].from_value == 0.5
+        assert result_of(client.get_parameters(["range_m"])).values[0].double_value == 3.5
+        too_short = [Parameter("help_after_s", value=0.1)]
+        assert not result_of(client.set_parameters(too_short)).results[0].successful
+        assert result_of(client.set_parameters([Parameter("help_after_s", value=4.0)])).results[0].successful
+        assert result_of(client.get_parameters(["help_after_s"])).values[0].double_value == 4.0
+        assert speech_and_mind.poll() is None
 
 
 def test_an_error_at_the_start_of_a_node_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:
     graph = detector_graph("StillbornDetector", tmp_path)
-    done = socialbot_here("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video")
+    done = socialbot_here("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video", "--composed")
     assert done.returncode == 6
     assert "cannot start: RuntimeError: not today" in done.stderr
 
@@ -130,7 +163,8 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
         for number in range(2):
             bag.write_raw("/camera/image_raw", "sensor_msgs/msg/Image", b"", 10**18 + number)
     graph = detector_graph("Detector", tmp_path)
-    done = socialbot_here("replay", tmp_path / "bag", "--graph", graph, "--out", tmp_path / "run", "--no-video")
+    options = ("--out", tmp_path / "run", "--rate", 10, "--no-video", "--composed")
+    done = socialbot_here("replay", tmp_path / "bag", "--graph", graph, *options)
     assert done.returncode == 3
     assert "2 damaged" in done.stderr
     assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 2
@@ -158,27 +192,10 @@ def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
         assert head.poll() is None
 
 
-def test_parameters_have_ranges_and_change_at_run_time(onlooker: Any) -> None:
-    from rclpy.parameter import Parameter
-    from rclpy.parameter_client import AsyncParameterClient
-
-    with running("node", "bdi_engine", "--set", "bdi_engine.range_m=3.5"):
-        client = AsyncParameterClient(onlooker, "bdi_engine")
-        assert eventually(client.services_are_ready)
-        described = result_of(client.describe_parameters(["help_after_s"])).descriptors[0]
-        assert "help is offered" in described.description
-        assert described.floating_point_range[0].from_value == 0.5
-        assert result_of(client.get_parameters(["range_m"])).values[0].double_value == 3.5
-        too_short = [Parameter("help_after_s", value=0.1)]
-        assert not result_of(client.set_parameters(too_short)).results[0].successful
-        assert result_of(client.set_parameters([Parameter("help_after_s", value=4.0)])).results[0].successful
-        assert result_of(client.get_parameters(["help_after_s"])).values[0].double_value == 4.0
-
-
 def test_counts_failures_of_a_detector_and_continues(corridor: Path, tmp_path: Path) -> None:
     bag, out = cut(corridor, tmp_path / "bag", 0.0, 0.4), tmp_path / "run"
     graph = detector_graph("RaisingDetector", tmp_path)
-    done = socialbot_here("replay", bag, "--graph", graph, "--out", out, "--rate", 3, "--no-video")
+    done = socialbot_here("replay", bag, "--graph", graph, "--out", out, "--rate", 3, "--no-video", "--composed")
     assert done.returncode == 0, done.stderr
     assert "failed 2 of 4 times; first: RuntimeError: no idea" in done.stdout
     assert results(out)["frames"] == 2
@@ -200,7 +217,10 @@ def test_a_crash_ends_a_replay_and_keeps_its_record(short_bag: Path, tmp_path: P
 PICTURES, PERIOD_S, LOOK_S = 30, 0.1, 0.35
 
 
-@pytest.mark.parametrize("hosting", [(), ("--composed",)], ids=["process a node", "composed"])
+@pytest.mark.parametrize(
+    "hosting",
+    [pytest.param((), id="process a node"), pytest.param(("--composed",), id="composed", marks=pytest.mark.slow)],
+)
 def test_a_slow_detector_processes_the_newest_images(corridor: Path, tmp_path: Path, hosting: tuple[str, ...]) -> None:
     bag, graph, looks = cut(corridor, tmp_path / "bag", 0.0, 3.0), tmp_path / "graph.yaml", tmp_path / "looks.jsonl"
     graph.write_text(

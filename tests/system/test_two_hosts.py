@@ -12,13 +12,14 @@ import pytest
 from tests.system.two_hosts import WORKSTATION, TwoHosts, two_hosts
 
 RECEIVE = """
-import socket, time
+import socket
 server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 SO_RCVBUFFORCE = 33  # Python has no name for it.
 server.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 1 << 23)
 server.bind(("", 5005))
-server.settimeout(0.5)
 print("ready", flush=True)
+input()  # everything is sent, and waits in the buffer
+server.settimeout(0.5)
 got = 0
 try:
     while True:
@@ -46,11 +47,12 @@ def hosts() -> Iterator[TwoHosts]:
 
 def arrived(hosts: TwoHosts) -> int:
     """How many of 1000 packets arrive that are sent at once."""
-    receiver = hosts.workstation.start(sys.executable, "-c", RECEIVE, stdout=subprocess.PIPE, text=True)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    receiver = hosts.workstation.start(sys.executable, "-c", RECEIVE, **pipes)
     assert receiver.stdout is not None
     receiver.stdout.readline()
     hosts.robot.run(sys.executable, "-c", SEND)
-    return int(receiver.communicate(timeout=60)[0])
+    return int(receiver.communicate("\n", timeout=180)[0])
 
 
 def test_the_cable_carries_loses_and_is_cut(hosts: TwoHosts) -> None:

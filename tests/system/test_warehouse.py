@@ -16,10 +16,10 @@ from socialbot.bridge.transport import publisher_qos
 from socialbot.deliberation.messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Delivery, Graph
-from tests.system.running import PATIENCE_S, eventually, running, socialbot
+from tests.system.running import PATIENCE_S, eventually, running, socialbot_here
 from tests.system.warehouse import GRIPPER, STEP_S, Live, Seen, over_dds
 
-pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("warehouse over DDS")]
+pytestmark = pytest.mark.ros
 
 CARRIERS = SIX.carriers
 SORTED = {box: deposit for load, deposit in zip(SIX.loads, SIX.deposits, strict=True) for box in load}
@@ -133,7 +133,7 @@ def commands(page: str, beginning: str) -> list[list[str]]:
 
 
 def publish(arguments: list[str]) -> None:
-    done = socialbot(*arguments)
+    done = socialbot_here(*arguments)
     assert done.returncode == 0, done.stderr
 
 
@@ -177,7 +177,8 @@ def check_second_run(live: Live) -> None:
     assert len(seen.of("desire_fulfilled", "carrier_c")) == 4, "it came twice, and unloaded twice"
 
 
-@pytest.mark.parametrize("composed", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("composed", [True, False])
 def test_a_new_plan_recalls_a_carrier_that_left_early(tmp_path: Path, composed: bool) -> None:
     with over_dds(second_warehouse(), tmp_path, composed=composed) as live:
         check_second_run(live)

@@ -121,7 +121,7 @@ const COLUMNS = [
   ['Takes', status => figure(status.handled_hz, 'Hz')], ['Gives', status => figure(status.published_hz, 'Hz')],
   ['Needs', status => spread(status.call)], ['Age of messages', status => spread(status.age)],
   ['CPU', status => figure(status.cpu_percent, '%')], ['Memory', status => figure(status.memory_mb, 'MB')],
-  ['Restarts', status => String(status.restarts ?? 0)], ['Last fault', status => status.last_error || status.first_failure || status.reason],
+  ['Restarts', status => String(status.restarts ?? 0)], ['Remarks', status => status.last_error || status.first_failure || status.reason],
 ];
 
 function table(statuses) {
