@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
+import threading
 import time
 from importlib import metadata
 
@@ -126,8 +128,17 @@ def test_coroutine_binds_its_result_and_lets_other_intentions_run():
     lines = []
     engine = Engine("me", WallClock())
     engine.out = lines.append
-    engine.add_text("!go. !other. +!go <- shop.total(1, 2, X); .print(X). +!other <- .print(other).")
-    deadline = time.monotonic() + 10
+    other_ran = threading.Event()
+
+    async def ask(agent):
+        while not other_ran.is_set():
+            await asyncio.sleep(0.001)
+        return 3
+
+    engine.add_action(ask, "ask")
+    engine.add_action(lambda agent: other_ran.set(), "release")
+    engine.add_text("!go. !other. +!go <- ask(X); .print(X). +!other <- .print(other); release.")
+    deadline = time.monotonic() + 60
     while len(lines) < 2 and time.monotonic() < deadline:
         engine.run_until_idle()
     assert lines == ["other", "3"]
