@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
 from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
+from socialbot.agents.teams.messages import ActionCommand, ActionResult
 from socialbot.core.clock import SECOND, nanoseconds
 
 ROUNDED_NS = 1000

@@ -17,11 +17,18 @@ from pathlib import Path
 from evaluation.hospital_noted import Notes, Work, name_of, noting, read_notes
 from evaluation.hospital_record import Configuration, MissionRecord, Share
 from evaluation.hospital_runs import LIMIT_S, graph_for, is_drawn
-from socialbot.agents.hospital.coordinator import MISSIONS
 from socialbot.agents.hospital.demo import WORLD
-from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
-from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
+from socialbot.agents.hospital.ward.messages import COMMANDS, MESSAGES, MISSIONS, RESULTS, STATE, WardState
 from socialbot.agents.hospital.ward.ward import paper_ward
+from socialbot.agents.teams.messages import (
+    COORDINATOR,
+    AclMessage,
+    ActionCommand,
+    ActionResult,
+    Missions,
+    MissionView,
+    Problem,
+)
 from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import NodeError
@@ -30,7 +37,7 @@ from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
 
 TOPICS: Mapping[str, type[Message]] = {
-    TOPIC: AclMessage,
+    MESSAGES: AclMessage,
     MISSIONS: Missions,
     COMMANDS: ActionCommand,
     RESULTS: ActionResult,
@@ -65,7 +72,7 @@ def run_ros(configuration: Configuration, rate: float, seed: int, folder: Path) 
         runner="ros",
         drawn=is_drawn(rate, seed),
         met=any(isinstance(message.content, Problem) for message in seen.said),
-        completed=view is not None and view.status == "finished" and seen.is_disinfected(view.room),
+        completed=view is not None and view.status == "finished" and seen.is_disinfected(view.target),
         recoveries=view.recoveries if view else 0,
         plans=max((work.plans for work in notes[COORDINATOR].works), default=0),
         actions=sum(action.status != "planned" for action in view.actions) if view else 0,

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from evaluation.hospital_record import Configuration, MissionRecord, Share
-from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.demo import WORLD, hospital
-from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, MissionView, Problem
 from socialbot.agents.hospital.scripted import ScriptedCoordinator, scripted
-from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, ActionResult
+from socialbot.agents.hospital.ward.messages import COMMANDS, MESSAGES, MISSIONS, RESULTS
 from socialbot.agents.hospital.ward.ward import drawn_problems, paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
+from socialbot.agents.teams.messages import COORDINATOR, AclMessage, ActionResult, Missions, MissionView, Problem
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
@@ -137,7 +137,7 @@ class Run:
         self._failure: _Failure | None = None
         self._recovered: list[Share] = []
         self.runner.tap(MISSIONS, self._on_missions)
-        self.runner.tap(TOPIC, self._on_said)
+        self.runner.tap(MESSAGES, self._on_said)
         self.runner.tap(RESULTS, self._on_result)
         self.runner.tap(COMMANDS, self._on_command)
 
@@ -165,7 +165,7 @@ class Run:
             runner="inline",
             drawn=is_drawn(self.rate, self.seed),
             met=self._met,
-            completed=view is not None and view.status == "finished" and self._is_disinfected(view.room),
+            completed=view is not None and view.status == "finished" and self._is_disinfected(view.target),
             recoveries=view.recoveries if view else 0,
             plans=runner.plans,
             actions=sum(action.status != "planned" for action in view.actions) if view else 0,

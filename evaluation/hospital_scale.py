@@ -25,8 +25,8 @@ from rich.console import Console
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
 from evaluation.progress import Bar
 from evaluation.report import JsonOption, QuickOption, Report, Value, percentile, run
-from socialbot.agents.hospital.missions import Policy
 from socialbot.agents.hospital.plans import DISINFECT, mission, ward
+from socialbot.agents.teams.missions import Policy
 from socialbot.planning.htn.planner import TaskPlanner
 
 RATES = (25.0, 50.0, 75.0, 100.0)

@@ -11,12 +11,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluation.hospital_check import violations
-from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.demo import WORLD, large_hospital
-from socialbot.agents.hospital.messages import COORDINATOR, TOPIC, AclMessage, Missions, Plan, Problem
-from socialbot.agents.hospital.missions import Policy
-from socialbot.agents.hospital.ward.messages import COMMANDS, RESULTS, STATE, ActionCommand, ActionResult, WardState
+from socialbot.agents.hospital.ward.messages import COMMANDS, MESSAGES, MISSIONS, RESULTS, STATE, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
+from socialbot.agents.teams.messages import (
+    COORDINATOR,
+    AclMessage,
+    ActionCommand,
+    ActionResult,
+    Missions,
+    Plan,
+    Problem,
+)
+from socialbot.agents.teams.missions import Policy
 from socialbot.core import paths
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
@@ -152,7 +160,13 @@ class Run:
         self.done_at = 0
         """Time of the last action (ns)."""
         self.runner = InlineRunner(story.graph(folder / "memory.json"))
-        taps = {STATE: self._see, TOPIC: self._hear, MISSIONS: self._count, COMMANDS: self._told, RESULTS: self._done}
+        taps = {
+            STATE: self._see,
+            MESSAGES: self._hear,
+            MISSIONS: self._count,
+            COMMANDS: self._told,
+            RESULTS: self._done,
+        }
         for topic, tap in taps.items():
             self.runner.tap(topic, tap)
 
@@ -254,7 +268,7 @@ class Run:
             interrupted=self.interrupted,
             plans=self.plans,
             planning_s=tuple(self.planning_s),
-            said=self.messages[TOPIC],
+            said=self.messages[MESSAGES],
             messages=sum(self.messages.values()),
             actions=len(self.results),
             violations=tuple(violations(homes, self.commands, self.results)),

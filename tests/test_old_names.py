@@ -38,7 +38,7 @@ def test_an_old_module_is_imported_with_a_warning_that_names_the_new_one():
     ("old", "name", "new"),
     [
         ("socialbot.graph", "Placement", "socialbot.graph.node.NodeConfig"),
-        ("socialbot.agents.hospital.missions", "Conduct", "socialbot.agents.hospital.missions.CoordinatorOptions"),
+        ("socialbot.agents.hospital.missions", "Conduct", "socialbot.agents.teams.missions.CoordinatorOptions"),
         ("socialbot.planning.domain", "Problem", "socialbot.planning.pddl.domain.PddlProblem"),
     ],
 )

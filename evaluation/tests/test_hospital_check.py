@@ -8,7 +8,7 @@ import pytest
 
 from evaluation.hospital_check import violations
 from evaluation.hospital_scale_runs import Run, Story
-from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
+from socialbot.agents.teams.messages import ActionCommand, ActionResult
 
 HOMES = {"nurse_disinfected1": "room1", "nurse_disinfected2": "room2"}
 

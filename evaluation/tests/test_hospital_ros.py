@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from evaluation.hospital_noted import Notes, Said, Work, name_of
 from evaluation.hospital_record import Share
 from evaluation.hospital_ros import Account, Seen, length, run_ros, union, without
-from socialbot.agents.hospital.messages import AclMessage, Belief, Problem
-from socialbot.agents.hospital.ward.messages import ActionCommand, ActionResult
+from socialbot.agents.teams.messages import AclMessage, ActionCommand, ActionResult, Belief, Problem
 from socialbot.core.errors import NodeError
 
 MS = 1_000_000

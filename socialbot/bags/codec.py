@@ -408,7 +408,7 @@ def from_typed(message_type: type[S], ros_message: Any) -> S:
 
 
 def _values(struct: Any, types: TypeFactory) -> dict[str, Any]:
-    return {field.name: _value(field, getattr(struct, field.name), types) for field in fields_of(type(struct))}
+    return {field.name: _value(field, getattr(struct, field.attribute), types) for field in fields_of(type(struct))}
 
 
 def _value(field: Field, value: Any, types: TypeFactory) -> Any:
@@ -452,7 +452,7 @@ def _text_field(text: str) -> str:
 
 
 def _given(struct: type, ros_message: Any) -> dict[str, Any]:
-    """Return the fields of ``struct`` that differ from their defaults."""
+    """Return the fields of ``struct`` that differ from their defaults, by their names in messages."""
     fields = ((field, _read(field, getattr(ros_message, field.name))) for field in fields_of(struct))
     defaults = _defaults(struct)
     return {field.name: value for field, value in fields if defaults.get(field.name, MISSING) != value}
@@ -460,7 +460,9 @@ def _given(struct: type, ros_message: Any) -> dict[str, Any]:
 
 @functools.cache
 def _defaults(struct: type) -> dict[str, Any]:
-    return {field.name: field.default for field in msgspec.structs.fields(struct) if field.default is not MISSING}
+    return {
+        field.encode_name: field.default for field in msgspec.structs.fields(struct) if field.default is not MISSING
+    }
 
 
 def _read(field: Field, value: Any) -> Any:

@@ -7,7 +7,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -40,6 +40,7 @@ class Field:
     """Field of a ROS type; ``kind`` is a scalar type of ROS, `JSON`, or a struct.
 
     ``count`` is the suffix of the type: empty, ``[]`` for an array, ``[N]`` for a fixed one, ``[<=1]`` if optional.
+    ``attribute`` is the name of the field in Python, ``name`` that in messages.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Field:
     count: str = ""
     choices: tuple[str, ...] = ()
     missing_is_nan: bool = False
+    attribute: str = ""
 
     @property
     def definition(self) -> str:
@@ -78,7 +80,11 @@ def fields_of(struct: type) -> tuple[Field, ...]:
     info = structs.type_info(struct)
     assert isinstance(info, structs.StructType)
     hidden = HEADER if issubclass(struct, Structured) else ()
-    return tuple(_field(field.name, field.type) for field in info.fields if field.name not in hidden)
+    return tuple(
+        replace(_field(field.encode_name, field.type), attribute=field.name)
+        for field in info.fields
+        if field.name not in hidden
+    )
 
 
 def _with_parts(struct: type) -> Iterator[type]:

@@ -61,7 +61,8 @@ class Delivery(enum.Enum):
 class Input(Generic[M]):
     """Typed input; as a decorator it registers the method that handles its messages.
 
-    An ``optional`` input may stay unconnected; it is meant for users and programs outside the graph.
+    An input that replaces one of a base class keeps its handler. An ``optional`` one may stay unconnected; it is meant
+    for users and programs outside the graph.
 
     An input with a ``deadline_s`` is silent when no message arrives within it (see `socialbot.graph.health`). The
     runner then calls `Node.on_silence`, later `Node.on_return`. Messages on an input that is ``alternative_to`` it
@@ -89,6 +90,7 @@ class Input(Generic[M]):
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
+        self._handler = self._handler or getattr(getattr(super(owner, owner), name, None), "_handler", "")
 
     def __call__(self, handler: H) -> H:
         self._handler = handler.__name__

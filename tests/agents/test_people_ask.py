@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.agents.hospital.messages import TOPIC
 from socialbot.agents.hospital.robot_node import Spot
-from socialbot.agents.hospital.ward.messages import RESULTS, STATE
+from socialbot.agents.hospital.ward.messages import MESSAGES, RESULTS, STATE
 from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.bdi import Engine
 from socialbot.bdi.compiler._source import Unit
@@ -350,7 +349,7 @@ def test_paused_agent_does_not_continue_its_plan(worker):
 
 
 def test_hospital_robot_accepts_commands():
-    asking = Asking(NodeConfig("spot1", Spot), TOPIC, RESULTS, STATE)
+    asking = Asking(NodeConfig("spot1", Spot), MESSAGES, RESULTS, STATE)
     assert asking.ask("believe", "start(m1)").accepted
     assert "start(m1)" in asking.told("belief")
     assert "it has" in asking.refused("achieve", "dance(1)")

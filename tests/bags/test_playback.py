@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.agents.hospital.demo import hospital
-from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, ActionResult
+from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.agents.warehouse.messages import GripperStatus, MoveCommand
 from socialbot.bags.playback import (
     CommandMatcher,

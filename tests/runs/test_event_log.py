@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from socialbot.agents.hospital.ward.messages import ActionCommand
+from socialbot.agents.teams.messages import ActionCommand
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.files import load_graph
 from socialbot.runs.record import event_log_topics, with_event_log

@@ -8,15 +8,9 @@ from socialbot.core.registry import AgentPackage
 if TYPE_CHECKING:
     from socialbot.agents.hospital.coordinator import HospitalCoordinator
     from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
-    from socialbot.agents.hospital.robots import WorldAction, names_of
-    from socialbot.agents.hospital.ward.messages import (
-        PERSON_IN_ROOM,
-        STATE,
-        ActionCancel,
-        ActionCommand,
-        ActionResult,
-        WardState,
-    )
+    from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, STATE, WardState
+    from socialbot.agents.teams.actions import WorldAction, names_of
+    from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 
 AGENT = AgentPackage(
     name="hospital",
@@ -29,11 +23,8 @@ AGENT = AgentPackage(
         "uvd": "socialbot.agents.hospital.robot_node:Uvd",
     },
     graphs={"hospital": "graph.yaml"},
-    messages=(
-        "socialbot.agents.hospital.messages:MISSION_MESSAGES",
-        "socialbot.agents.hospital.ward.messages:WARD_MESSAGES",
-    ),
-    recorded=("socialbot.agents.hospital.messages:MISSION_MESSAGES",),
+    messages=("socialbot.agents.hospital.ward.messages:WARD_MESSAGES",),
+    recorded=("socialbot.agents.teams.messages:MISSION_MESSAGES",),
     phrases="socialbot.agents.hospital.event_log:PHRASES",
     world_view="socialbot.agents.hospital.result:world_view",
     event_log="socialbot.agents.hospital.event_log:event_log",

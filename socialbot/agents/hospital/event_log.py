@@ -1,20 +1,9 @@
-"""Event log of a hospital: trace records that follow from its messages.
-
-A mission is a desire of the coordinator, plans for a team are a plan, and a command to the world is a step. So
-narration, charts and comparisons treat a hospital like deliberating agents.
-"""
+"""Event log of a hospital, and sentences for its actions."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, ClassVar
-
-from socialbot.agents.hospital import messages as content
-from socialbot.agents.hospital.messages import COORDINATOR, AclMessage, Missions, MissionView
-from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
-from socialbot.core.messages import Message, TraceRecord
+from socialbot.agents.teams.event_log import TeamEventLog
+from socialbot.agents.teams.messages import Missions
 from socialbot.graph.node import Graph
 
 PHRASES = {
@@ -32,150 +21,8 @@ PHRASES = {
 }
 """Sentences for actions, by name."""
 
-TRIGGER = "trigger_"
-"""Prefix of beliefs that make a partner continue."""
 
-
-@dataclass
-class _Mission:
-    """Latest state of a mission; ``plan`` is the number of its plan, 0 for none."""
-
-    name: str
-    view: MissionView
-    plan: int = 0
-    desire: str = ""
-
-
-class HospitalEventLog:
-    """Derives trace records from the messages of a hospital, in their order."""
-
-    kinds: ClassVar[tuple[type[Message], ...]] = (AclMessage, Missions, ActionCommand, ActionResult)
-
-    def __init__(self) -> None:
-        self._missions: dict[int, _Mission] = {}
-        self._plans = itertools.count(1)
-        self._numbers = itertools.count(1)
-        self._plan_of: dict[str, int] = {}
-        """Plan number by robot or nurse."""
-
-    def take(self, message: Message) -> list[TraceRecord]:
-        """The records that follow from a message."""
-        match message:
-            case Missions():
-                return [record for view in message.missions for record in self._mission(message.stamp, view)]
-            case ActionCommand(stamp=stamp, robot=robot, action=action, args=args):
-                plan = self._plan_of.get(robot)
-                directed = {} if plan is None else {"plan": plan, "directed_by": COORDINATOR}
-                detail = {"action": action, "args": list(args), **directed}
-                return [_record(stamp, message.id, robot, "step", call_of(action, args), detail=detail)]
-            case ActionResult(stamp=stamp, id=id, reason=reason):
-                outcome = "cancelled" if reason == CANCELLED else "failed" if reason else "successful"
-                call, detail = call_of(message.action, message.args), {"outcome": outcome, "message": reason}
-                return [_record(stamp, f"{id}-result", message.robot, "step_end", call, id, detail)]
-            case AclMessage(stamp=stamp, id=id, sender=sender, in_reply_to=cause):
-                weight, text = _sentence(message)
-                detail = {
-                    "receiver": message.receiver,
-                    "performative": message.performative,
-                    "content": type(message.content).__name__,
-                    "mission": message.mission,
-                    "weight": weight,
-                }
-                return [_record(stamp, id, sender, "said", text, cause, detail)]
-        return []
-
-    def _mission(self, stamp: int, view: MissionView) -> Iterator[TraceRecord]:
-        known = self._missions.get(view.id)
-        if known is None:
-            known = self._missions[view.id] = _Mission(f"{view.kind} {view.room}", view.untouched())
-            wanted = self._decision(stamp, "desire", known.name, f"{view.room} is infected", priority=view.priority)
-            known.desire = wanted.id
-            yield wanted
-        before, known.view = known.view, view
-        goes_on = view.status == "running" and view.label == before.label
-        if known.plan and not goes_on:
-            yield self._end(stamp, known, before)
-        if view.status == "running" and not known.plan:
-            yield self._begin(stamp, known)
-        if view.status != before.status and view.status in ("finished", "failed"):
-            kind, reason = ("desire_fulfilled", "") if view.status == "finished" else ("desire_dropped", view.problem)
-            yield self._decision(stamp, kind, known.name, known.desire, reason=reason)
-
-    def _begin(self, stamp: int, mission: _Mission) -> TraceRecord:
-        mission.plan, view = next(self._plans), mission.view
-        self._plan_of.update(dict.fromkeys(view.team, mission.plan))
-        steps = [f"0.000: {call_of(each.action, each.args)}" for each in view.actions if each.status == "planned"]
-        plan = {"plan": mission.plan, "steps": steps, "makespan_s": None, "beside": True}
-        about = {"mission": view.id, "label": view.label, "team": list(view.team), "tree": view.tree}
-        return self._decision(stamp, "plan_start", mission.name, mission.desire, **plan, **about)
-
-    def _end(self, stamp: int, mission: _Mission, before: MissionView) -> TraceRecord:
-        view, number = mission.view, mission.plan
-        mission.plan = 0
-        self._plan_of = {name: plan for name, plan in self._plan_of.items() if plan != number}
-        if view.status == "finished":
-            outcome, reason = "succeeded", ""
-        elif view.status == "failed" or view.recoveries > before.recoveries:
-            outcome, reason = "failed", view.problem
-        else:
-            outcome = "aborted"
-            reason = "the ward has changed" if view.revisions > before.revisions else view.problem
-        tree = view.tree if view.status == "finished" else before.tree
-        end = {"plan": number, "label": before.label, "outcome": outcome, "reason": reason, "tree": tree}
-        return self._decision(stamp, "plan_end", mission.name, mission.desire, **end)
-
-    def _decision(self, stamp: int, kind: str, what: str, cause: str, **detail: Any) -> TraceRecord:
-        """Record of the coordinator."""
-        return _record(stamp, f"{COORDINATOR}-told-{next(self._numbers)}", COORDINATOR, kind, what, cause, detail)
-
-
-def event_log(graph: Graph) -> HospitalEventLog | None:
+def event_log(graph: Graph) -> TeamEventLog | None:
     """The event log of the hospital in ``graph``; None for a graph without a coordinator."""
-    return HospitalEventLog() if Missions in graph.topics().values() else None
-
-
-def call_of(action: str, args: Iterable[str]) -> str:
-    """An action as in a PDDL plan: ``(a_charge spotrobot1)``."""
-    return f"({' '.join((action, *args))})"
-
-
-def _record(
-    stamp: int, id: str, source: str, kind: str, what: str, cause: str = "", detail: dict[str, Any] | None = None
-) -> TraceRecord:
-    return TraceRecord(stamp=stamp, id=id, source=source, kind=kind, what=what, cause=cause, detail=detail or {})
-
-
-def _sentence(message: AclMessage) -> tuple[str, str]:
-    """Weight and sentence of a speech act."""
-    to = message.receiver
-    match message.content:
-        case content.Register(kind=kind, capabilities=able):
-            if message.performative == "agree":
-                return "", f"registers {to}"
-            return "", f"registers as {kind}, which can {', '.join(able)}" if kind else "asks all agents to register"
-        case content.Plan(label=label, plans=plans):
-            return "plan", f"sends {to} {len(plans)} plans of {label}"
-        case content.Belief(literal=literal):
-            if literal.startswith(TRIGGER):
-                return "word", f"tells {to} to start {literal.removeprefix(TRIGGER).partition('(')[0]}"
-            return "", f"tells {to}: {literal}"
-        case content.Start(arguments=arguments):
-            return "", f"sends {to} start({', '.join(arguments)})"
-        case content.Stop(reason=reason):
-            return "problem", f"tells {to} to stop: {reason}"
-        case content.End():
-            return "", f"tells {to} that the mission is over"
-        case content.Ready(action=action):
-            return "", f"is ready for {action} and waits for {to}"
-        case content.Done(action=action):
-            return "", f"begins {action} with {to}"
-        case content.Report(outcome=outcome, action=action, reason=reason):
-            return "", f"reports {action}: {outcome}{f', {reason}' if reason else ''}"
-        case content.Problem(kind=kind, action=action, args=args):
-            return "problem", f"reports {kind}: {action}({', '.join(args)})"
-        case content.Finished():
-            return "", "has finished its part"
-        case content.InitialTrigger(mission_kind=kind, args=args):
-            return "plan", f"{'agrees to' if message.sender == COORDINATOR else 'asks for'} {kind} {' '.join(args)}"
-        case content.Refusal(reason=reason):
-            return "problem", f"refuses a message of {to}: {reason}"
+    is_team = Missions in graph.topics().values()
+    return TeamEventLog("{0} is infected", "the ward has changed") if is_team else None

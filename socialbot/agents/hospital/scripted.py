@@ -10,40 +10,27 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
-from socialbot.agents.hospital import messages as acl
-from socialbot.agents.hospital.coordinator import MISSIONS, HospitalCoordinator
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.hospital.coordinator import HospitalCoordinator
+from socialbot.agents.hospital.missions import DISINFECT, Disinfection
+from socialbot.agents.hospital.robot_node import HospitalMember, Nurse, Spot, Uvd
+from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, WardState
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROBOTS, ROLES, SPOT, UVD
+from socialbot.agents.teams import messages as acl
+from socialbot.agents.teams.actions import as_literal, names_of
+from socialbot.agents.teams.messages import (
     COORDINATOR,
     EVERYBODY,
-    TOPIC,
     AclMessage,
+    ActionResult,
     Missions,
     MissionStatus,
     MissionView,
 )
-from socialbot.agents.hospital.missions import (
-    DISINFECT,
-    AgentPool,
-    Mission,
-    PlanProgress,
-    RegisteredAgent,
-    state_of,
-    view,
-)
-from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
-from socialbot.agents.hospital.robot_node import HospitalMember, Nurse, Spot, Uvd
-from socialbot.agents.hospital.robots import as_literal, names_of
-from socialbot.agents.hospital.ward.messages import (
-    STATE,
-    ActionResult,
-    WardState,
-)
-from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROBOTS, ROLES, SPOT, UVD
+from socialbot.agents.teams.missions import AgentPool, Mission, PlanProgress, RegisteredAgent, view
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.core.errors import SocialbotError
 from socialbot.graph.node import Context, Delivery, Graph, Input, Node, Output
-from socialbot.planning.htn.planner import TaskPlanner
 
 
 class _Running(NamedTuple):
@@ -57,9 +44,9 @@ class _Running(NamedTuple):
 class ScriptedCoordinator(Node):
     """Disinfects one room after the other; the rooms of failed missions stay as they are."""
 
-    heard = Input(AclMessage, TOPIC)
+    heard = Input(AclMessage, MESSAGES)
     state = Input(WardState, STATE, Delivery.LATCHED)
-    said = Output(AclMessage, TOPIC)
+    said = Output(AclMessage, MESSAGES)
     missions = Output(Missions, MISSIONS, Delivery.LATCHED)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -67,7 +54,7 @@ class ScriptedCoordinator(Node):
         self._sender = acl.AclSender(name, self.clock, self.said.publish)
         self.planning_s: list[float] = []
         """Durations of plannings, s."""
-        self._planner = TaskPlanner(DOMAIN)
+        self._domain = Disinfection()
         self._members: dict[str, RegisteredAgent] = {}
         self._ward: WardState | None = None
         self._running: _Running | None = None
@@ -106,23 +93,24 @@ class ScriptedCoordinator(Node):
         """Plan the mission for the next room, if there is one, and a team."""
         if self._running is not None or self._ward is None:
             return
-        tried = {over.room for over in self._over if over.status == "failed"}
+        tried = {over.target for over in self._over if over.status == "failed"}
         room = next((room.name for room in self._ward.rooms if room.infected and room.name not in tried), None)
         if room is None:
             return
-        mission = Mission(len(self._over) + 1, DISINFECT, room, "running", revision=1)
-        team = AgentPool(self._members, self._ward).team(mission)
+        mission = Mission(len(self._over) + 1, DISINFECT, room, status="running", revision=1)
+        team = AgentPool(self._domain, self._members, self._ward).team(mission)
         if team is None:
             return
         mission.team = team
-        answer = self._planner.plan(state_of(self._ward, mission, sees_rooms=False), mission.tasks())
+        state = self._domain.state(self._ward, mission, sees=False)
+        answer = self._domain.planner.plan(mission, state, self._domain.tasks(mission))
         self.planning_s.append(answer.seconds)
         if answer.tree is None:
             mission.status, mission.problem = "failed", answer.message
             self._over.append(view(mission, None))
             self._publish()
             return
-        self._running = _Running(mission, PlanProgress(answer.tree, team.values()), set())
+        self._running = _Running(mission, PlanProgress(answer.tree, team.values(), JOINT_ACTIONS), set())
         self._request(self._running)
 
     def _request(self, running: _Running) -> None:
@@ -152,7 +140,7 @@ class ScriptedCoordinator(Node):
         running, ward = self._running, self._ward
         if running is None or ward is None or running.progress.next is not None:
             return
-        room = ward.room(running.mission.room)
+        room = ward.room(running.mission.target)
         if room is not None and room.disinfected:
             self._end(running, "finished")
         elif room is not None and ward.stamp > running.mission.ended:

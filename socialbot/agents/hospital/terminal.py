@@ -9,10 +9,11 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.agents.hospital.missions import DISINFECT
-from socialbot.agents.hospital.result import MissionResult, MissionResults, ward_in
+from socialbot.agents.hospital.result import ward_in
 from socialbot.agents.hospital.ward._drawing import WORD
 from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import NURSE, Room, Ward
+from socialbot.agents.teams.results import MissionResult, MissionResults
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.node import Graph
 from socialbot.runs.plan_trees import TreeBranch, as_text, branches, with_failure, with_news
@@ -151,7 +152,7 @@ def missions_table(missions: list[MissionResult]) -> Table:
         number = str(view.id) if view.kind == DISINFECT else f"{view.id} {view.kind}"
         recovered = "" if not problems else "yes" if mission.finished else "no"
         took = "" if mission.took_s is None else f"{mission.took_s:.2f} s"
-        table.add_row(number, view.room, *_counts([mission]), "; ".join(problems), recovered, view.status, took)
+        table.add_row(number, view.target, *_counts([mission]), "; ".join(problems), recovered, view.status, took)
     if len(missions) > 1:
         met = [mission for mission in missions if mission.problems]
         problems = sum(len(mission.problems) for mission in met)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 
-from socialbot.agents.hospital.messages import TOPIC, AclMessage, Belief, Performative, Plan, Start
 from socialbot.agents.hospital.robot_node import Spot
-from socialbot.agents.hospital.ward.messages import RESULTS, STATE, ActionResult, AgentState, WardState
+from socialbot.agents.hospital.ward.messages import MESSAGES, RESULTS, STATE, AgentState, WardState
+from socialbot.agents.teams.messages import AclMessage, ActionResult, Belief, Performative, Plan, Start
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.hospital.listings import NURSE, ROOM, SPOT, UVD
@@ -23,7 +23,7 @@ class Alone(Watched):
     ) -> None:
         self.name = name
         self.numbers = itertools.count()
-        inputs = frozenset({TOPIC, RESULTS, STATE, *topics})
+        inputs = frozenset({MESSAGES, RESULTS, STATE, *topics})
         super().__init__(Graph("alone", (NodeConfig(name, kind, parameters),), inputs=inputs), start=start)
         self.engine = self.runner.nodes[name].engine  # type: ignore[attr-defined]
 
@@ -46,7 +46,7 @@ class Alone(Watched):
         return message
 
     def receive(self, message: AclMessage) -> None:
-        self.runner.feed(TOPIC, message)
+        self.runner.feed(MESSAGES, message)
         assert self.runner.faults[self.name].failures == 0, self.runner.faults[self.name].first
 
     def take_on(self, *plans: str, label: str = "mission_1_1") -> None:

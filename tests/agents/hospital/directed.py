@@ -7,8 +7,10 @@ from collections.abc import Mapping
 
 import msgspec
 
-from socialbot.agents.hospital.coordinator import Coordinator
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.hospital.missions import Disinfection
+from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
+from socialbot.agents.teams.coordinator import Coordinator
+from socialbot.agents.teams.messages import (
     COORDINATOR,
     AclMessage,
     Finished,
@@ -18,8 +20,7 @@ from socialbot.agents.hospital.messages import (
     Register,
     Report,
 )
-from socialbot.agents.hospital.missions import CoordinatorMemory, CoordinatorOptions, by_number
-from socialbot.agents.hospital.ward.messages import AgentState, RoomState, WardState
+from socialbot.agents.teams.missions import CoordinatorMemory, CoordinatorOptions, by_number
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import ROOM
 
@@ -60,7 +61,8 @@ class Ward:
             self.said.append((receiver, performative, content, mission))
 
         options = {"proactive": False, **options}
-        return Coordinator(send, CoordinatorOptions(**options), memory or CoordinatorMemory())
+        domain = Disinfection(options.pop("pace", "clinic"))
+        return Coordinator(domain, send, CoordinatorOptions(**options), memory or CoordinatorMemory())
 
     def send(
         self,

@@ -3,7 +3,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.hospital.ward.messages import AWAY, DIRTY_ROOM
+from socialbot.agents.teams.messages import (
     EVERYBODY,
     Belief,
     Finished,
@@ -16,8 +17,7 @@ from socialbot.agents.hospital.messages import (
     Start,
     Stop,
 )
-from socialbot.agents.hospital.missions import CoordinatorMemory, by_number
-from socialbot.agents.hospital.ward.messages import AWAY, DIRTY_ROOM
+from socialbot.agents.teams.missions import CoordinatorMemory, by_number
 from tests.agents.hospital.directed import Ward, started
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 

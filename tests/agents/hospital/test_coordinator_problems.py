@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from socialbot.agents.hospital.messages import End, Finished, Plan, Problem, Report
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
     CLOSED_DOOR,
@@ -13,6 +12,7 @@ from socialbot.agents.hospital.ward.messages import (
     NURSE_ABSENT,
     PERSON_IN_ROOM,
 )
+from socialbot.agents.teams.messages import End, Finished, Plan, Problem, Report
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.directed import Ward, started
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD

@@ -4,9 +4,12 @@ from typing import Any
 
 import pytest
 
-from socialbot.agents.hospital.event_log import HospitalEventLog
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.teams.event_log import TeamEventLog
+from socialbot.agents.teams.messages import (
+    CANCELLED,
     AclMessage,
+    ActionCommand,
+    ActionResult,
     Belief,
     Missions,
     MissionStatus,
@@ -14,7 +17,6 @@ from socialbot.agents.hospital.messages import (
     PlannedAction,
     Problem,
 )
-from socialbot.agents.hospital.ward.messages import CANCELLED, ActionCommand, ActionResult
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.story import story_of
 from tests.agents.hospital.runs import paper_run
@@ -22,14 +24,14 @@ from tests.agents.hospital.runs import paper_run
 GO = PlannedAction(action="a_navigate_to", args=("spotrobot1", "room1"), agents=("spotrobot1",))
 
 
-def told(*views: MissionView, log: HospitalEventLog | None = None) -> list[TraceRecord]:
-    log = log or HospitalEventLog()
+def told(*views: MissionView, log: TeamEventLog | None = None) -> list[TraceRecord]:
+    log = log or TeamEventLog("{0} is infected", "the ward has changed")
     return [record for view in views for record in log.take(Missions(stamp=5, missions=(view,)))]
 
 
 def view(status: MissionStatus = "running", label: str = "mission_1_1", **more: Any) -> MissionView:
     return MissionView(
-        id=1, kind="disinfect", room="room1", priority=0, status=status, label=label, team=("spotrobot1",),
+        id=1, kind="disinfect", target="room1", priority=0, status=status, label=label, team=("spotrobot1",),
         actions=(GO,), **more,
     )  # fmt: skip
 
@@ -79,7 +81,7 @@ def test_mission_that_ended_earlier_has_no_plan():
 
 
 def test_step_belongs_to_plan_of_its_team():
-    log = HospitalEventLog()
+    log = TeamEventLog("{0} is infected", "the ward has changed")
     command = ActionCommand(stamp=6, id="c", robot="spotrobot1", action=GO.action, args=GO.args)
     [alone] = log.take(command)
     assert "plan" not in alone.detail
@@ -96,7 +98,7 @@ def test_step_belongs_to_plan_of_its_team():
     ("reason", "outcome"), [("", "successful"), ("dirty room", "failed"), (CANCELLED, "cancelled")]
 )
 def test_results_are_logged_as_step_ends(reason, outcome):
-    [end] = HospitalEventLog().take(
+    [end] = TeamEventLog("{0} is infected", "the ward has changed").take(
         ActionResult(
             stamp=7, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",), reason=reason,
             outcome="failure" if reason else "success",
@@ -114,7 +116,7 @@ def test_results_are_logged_as_step_ends(reason, outcome):
     ],
 )
 def test_speech_acts_have_weight(content, weight, text):
-    [word] = HospitalEventLog().take(
+    [word] = TeamEventLog("{0} is infected", "the ward has changed").take(
         AclMessage(stamp=8, id="m", sender="s", receiver="uvdrobot1", performative="inform", content=content)
     )
     assert (word.kind, word.what, word.detail["weight"]) == ("said", text, weight)

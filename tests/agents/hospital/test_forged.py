@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.hospital.demo import WORLD, hospital
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.hospital.robots import ACTIONS
+from socialbot.agents.hospital.ward.messages import MESSAGES
+from socialbot.agents.teams.messages import (
     COORDINATOR,
     EVERYBODY,
-    TOPIC,
     AclMessage,
     Belief,
     Done,
@@ -31,7 +32,6 @@ from socialbot.agents.hospital.messages import (
     Start,
     Stop,
 )
-from socialbot.agents.hospital.robots import ACTIONS
 from socialbot.core.clock import SECOND
 from socialbot.graph.inline import InlineRunner
 
@@ -78,7 +78,7 @@ CONTENTS = st.one_of(
     st.builds(InitialTrigger, st.sampled_from(["disinfect", "urgent", "tea"]), ARGS),
     st.builds(Refusal, WORDS),
 )
-MESSAGES = st.builds(
+SPEECH_ACTS = st.builds(
     AclMessage,
     stamp=st.just(0),
     id=WORDS,
@@ -92,7 +92,9 @@ MESSAGES = st.builds(
 
 
 TIMES = st.sampled_from([round(0.1 * number * SECOND) for number in range(30)])
-SAID = st.lists(st.tuples(TIMES, MESSAGES), min_size=10, max_size=20).map(lambda said: sorted(said, key=itemgetter(0)))
+SAID = st.lists(st.tuples(TIMES, SPEECH_ACTS), min_size=10, max_size=20).map(
+    lambda said: sorted(said, key=itemgetter(0))
+)
 
 
 @settings(max_examples=40, deadline=None)
@@ -100,10 +102,10 @@ SAID = st.lists(st.tuples(TIMES, MESSAGES), min_size=10, max_size=20).map(lambda
 def test_forged_messages_raise_nothing_and_the_mission_completes(rate, said):
     logging.disable(logging.CRITICAL)
     try:
-        run = InlineRunner(dataclasses.replace(hospital(rate=rate), inputs=frozenset({TOPIC})))
+        run = InlineRunner(dataclasses.replace(hospital(rate=rate), inputs=frozenset({MESSAGES})))
         run.start()
         for time, message in said:
-            run.feed(TOPIC, message, time=time)
+            run.feed(MESSAGES, message, time=time)
         run.advance(15 * SECOND)
     finally:
         logging.disable(logging.NOTSET)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.messages import AclMessage, AclSender, Done, Ready, Refusal
-from socialbot.agents.hospital.robots import Meeting, Rendezvous
+from socialbot.agents.teams.actions import Meeting, Rendezvous
+from socialbot.agents.teams.messages import AclMessage, AclSender, Done, Ready, Refusal
 from socialbot.core.clock import ManualClock
 
 MEETING = Meeting("mission_1_1", "a_authenticate_nurse", ("spotrobot1", "nurse1"))

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from socialbot.agents.hospital.coordinator import MISSIONS
 from socialbot.agents.hospital.demo import hospital
-from socialbot.agents.hospital.messages import TOPIC, AclMessage, Missions, Problem
-from socialbot.agents.hospital.ward.messages import STATE, WardState
+from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, WardState
+from socialbot.agents.teams.messages import AclMessage, Missions, Problem
 from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
@@ -40,7 +39,7 @@ class Heard(Observer):
 @contextmanager
 def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
     heard, fates = Heard(), LatestStatistics(graph)
-    topics = {TOPIC: AclMessage, MISSIONS: Missions, STATE: WardState}
+    topics = {MESSAGES: AclMessage, MISSIONS: Missions, STATE: WardState}
     with observe_graph(topics, heard.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder) as launch:

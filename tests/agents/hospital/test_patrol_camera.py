@@ -11,14 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.messages import Belief, Plan, Problem
-from socialbot.agents.hospital.ward.messages import (
-    PERSON_IN_ROOM,
-    STATE,
-    ActionResult,
-    AgentState,
-    WardState,
-)
+from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, STATE, AgentState, WardState
+from socialbot.agents.teams.messages import ActionResult, Belief, Plan, Problem
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Image, PersonDetection, PersonDetections, TraceRecord

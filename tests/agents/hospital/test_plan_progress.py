@@ -5,8 +5,9 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.missions import Mission, PlanProgress, view
 from socialbot.agents.hospital.plans import DISINFECT, mission, ward
+from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
+from socialbot.agents.teams.missions import Mission, PlanProgress, view
 from socialbot.planning.htn.planner import TaskPlanner
 from tests.agents.hospital.listings import LISTING_3, NURSE, ROOM, SPOT, UVD
 
@@ -24,7 +25,7 @@ def progress() -> PlanProgress:
     later.low_battery[SPOT] = True
     revised = planner.revise(later, first.tree, first.plan[2].id)
     assert revised.tree is not None
-    return PlanProgress(revised.tree, TEAM)
+    return PlanProgress(revised.tree, TEAM, JOINT_ACTIONS)
 
 
 def test_same_joint_action_may_occur_twice():
@@ -74,7 +75,7 @@ def test_failed_action_is_next_and_marked():
 
 def test_mission_view_has_past_plan_and_tree():
     plan = progress()
-    seen = Mission(7, "urgent", ROOM, past=plan.executed(failed=True))
+    seen = Mission(7, "urgent", ROOM, 2, past=plan.executed(failed=True))
     shown = view(seen, plan)
     assert (shown.id, shown.priority) == (7, 2)
     assert [action.status for action in shown.actions[:2]] == ["failed", "planned"]

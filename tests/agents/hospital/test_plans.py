@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socialbot.agents.hospital.messages import PlannedAction
-from socialbot.agents.hospital.plans import DISINFECT, initial_triggers, mission, stages, translate, ward
+from socialbot.agents.hospital.plans import DISINFECT, mission, ward
+from socialbot.agents.teams.messages import PlannedAction
+from socialbot.agents.teams.translation import initial_triggers, stages, translate
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak.parser import parse_literal, parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak

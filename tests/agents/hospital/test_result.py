@@ -7,12 +7,13 @@ from rich.console import Console
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.demo import hospital, large_hospital
-from socialbot.agents.hospital.messages import Missions, MissionStatus, MissionView
-from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, MissionResults, ward_in
+from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, ward_in
 from socialbot.agents.hospital.terminal import TREES, HospitalTerminal, ward_text
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
+from socialbot.agents.teams.messages import Missions, MissionStatus, MissionView
+from socialbot.agents.teams.results import MissionResults
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.files import load_graph
@@ -29,7 +30,7 @@ def ward_at(seconds: float, *infected: str) -> WardState:
 
 
 def missions_at(seconds: float, status: MissionStatus, **more) -> Missions:
-    view = MissionView(id=1, kind="disinfect", room="room1", priority=0, status=status, **more)
+    view = MissionView(id=1, kind="disinfect", target="room1", priority=0, status=status, **more)
     return Missions(stamp=nanoseconds(seconds), missions=(view,))
 
 

@@ -4,7 +4,11 @@ import logging
 
 import pytest
 
-from socialbot.agents.hospital.messages import (
+from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
+from socialbot.agents.hospital.robots import program
+from socialbot.agents.hospital.ward.messages import CLOSED_DOOR, DIRTY_ROOM, LOW_BATTERY, PERSON_IN_ROOM
+from socialbot.agents.teams.agent import REGISTER_S
+from socialbot.agents.teams.messages import (
     Belief,
     End,
     Finished,
@@ -16,14 +20,6 @@ from socialbot.agents.hospital.messages import (
     Report,
     Start,
     Stop,
-)
-from socialbot.agents.hospital.robot_node import REGISTER_S, Nurse, Spot, Uvd
-from socialbot.agents.hospital.robots import program
-from socialbot.agents.hospital.ward.messages import (
-    CLOSED_DOOR,
-    DIRTY_ROOM,
-    LOW_BATTERY,
-    PERSON_IN_ROOM,
 )
 from socialbot.bdi.agentspeak.loading import check
 from socialbot.bdi.agentspeak.parser import parse_literal

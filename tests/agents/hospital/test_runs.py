@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from socialbot.agents.hospital.demo import hospital, large_hospital
-from socialbot.agents.hospital.messages import TOPIC, AclMessage, InitialTrigger, Plan, Problem
-from socialbot.agents.hospital.ward.messages import RESULTS
+from socialbot.agents.hospital.ward.messages import MESSAGES, RESULTS
+from socialbot.agents.teams.messages import AclMessage, InitialTrigger, Plan, Problem
 from socialbot.core.errors import ParameterError
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, SPOT, UVD
 from tests.agents.hospital.watched import Watched
@@ -110,16 +110,16 @@ def test_unreadable_memory_file_is_an_error(tmp_path: Path, content: bytes):
 
 def test_urgent_room_is_served_first():
     run = large(4, 1, seed=0, rate=0).until(2.5)
-    first = run.views[1].room
+    first = run.views[1].target
     urgent = next(room.name for room in run.ward.rooms if room.name not in (first, "dock"))  # type: ignore[union-attr]
     trigger = AclMessage(
         stamp=run.runner.clock.now(), id="d", sender="desk", receiver="coordinator", performative="request",
         content=InitialTrigger("urgent", (urgent,)),
     )  # fmt: skip
-    run.runner.feed(TOPIC, trigger)
+    run.runner.feed(MESSAGES, trigger)
     run.until(60.0)
     assert run.infected() == []
-    ends = {run.views[mission].room: end for mission, end in run.ended.items()}
+    ends = {run.views[mission].target: end for mission, end in run.ended.items()}
     assert min(ends, key=ends.__getitem__) == urgent
 
 

@@ -5,19 +5,11 @@ import logging
 import pytest
 
 from socialbot.agents.hospital.demo import hospital, large_hospital
-from socialbot.agents.hospital.messages import (
-    TOPIC,
-    AclMessage,
-    Plan,
-    Problem,
-    Refusal,
-    Register,
-    Report,
-    Stop,
-)
-from socialbot.agents.hospital.missions import ROLES
+from socialbot.agents.hospital.missions import Disinfection
 from socialbot.agents.hospital.scripted import SCRIPTED, ScriptedAgent, actions_of, scripted
+from socialbot.agents.hospital.ward.messages import MESSAGES
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD
+from socialbot.agents.teams.messages import AclMessage, Plan, Problem, Refusal, Register, Report, Stop
 from socialbot.graph.node import Graph
 from tests.agents.hospital.listings import LISTING_3
 from tests.agents.hospital.watched import Watched
@@ -38,7 +30,7 @@ class Run(Watched):
                 "performative": "request", "content": Plan("mission_9_1", ()), "mission": "mission_9_1", **changes,
             }
         )  # fmt: skip
-        self.runner.feed(TOPIC, message)
+        self.runner.feed(MESSAGES, message)
 
 
 def test_scripted_hospital_has_no_bdi_nodes():
@@ -83,8 +75,8 @@ def test_absent_nurse_ends_joint_action_for_both_partners():
 
 def test_rooms_are_disinfected_one_by_one_and_failed_rooms_are_skipped():
     run = Run(large_hospital(4, 1, 1, seed=3, rate=50.0)).until(90.0)
-    failed = {view.room for view in run.views.values() if view.status == "failed"}
-    finished = {view.room for view in run.views.values() if view.status == "finished"}
+    failed = {view.target for view in run.views.values() if view.status == "failed"}
+    finished = {view.target for view in run.views.values() if view.status == "finished"}
     assert failed
     assert finished
     assert failed | finished == {"room1", "room2", "room3", "room4"}
@@ -126,7 +118,7 @@ def test_agents_register_again_on_request_of_the_coordinator():
 @pytest.mark.parametrize("kind", [SPOT, UVD, NURSE])
 def test_robots_and_nurses_register_their_actions(kind: str):
     able = set(actions_of(kind))
-    assert sum(needs <= able for needs in ROLES.values()) == 1
+    assert sum(role.needs <= able for role in Disinfection.roles) == 1
     assert ("a_charge" in able) is (kind != NURSE)
 
 

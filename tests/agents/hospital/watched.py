@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from socialbot.agents.hospital.messages import AclMessage, Missions, MissionView
-from socialbot.agents.hospital.ward.messages import ActionCancel, ActionCommand, WardState
+from socialbot.agents.hospital.ward.messages import WardState
+from socialbot.agents.teams.messages import AclMessage, ActionCancel, ActionCommand, Missions, MissionView
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner

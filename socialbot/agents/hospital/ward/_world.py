@@ -14,7 +14,6 @@ import msgspec
 from socialbot.agents.base._simulation import SimulatedWorld, WorldFault
 from socialbot.agents.hospital.ward.messages import (
     AWAY,
-    CANCELLED,
     CLOSED_DOOR,
     CORRIDOR,
     DIRTY_ROOM,
@@ -23,7 +22,6 @@ from socialbot.agents.hospital.ward.messages import (
     NURSE_ABSENT,
     PARTNER_ABSENT,
     PERSON_IN_ROOM,
-    ActionResult,
     AgentState,
     RoomState,
     WardState,
@@ -44,6 +42,7 @@ from socialbot.agents.hospital.ward.ward import (
     drawn_problems,
     length,
 )
+from socialbot.agents.teams.messages import CANCELLED, ActionResult
 from socialbot.core.clock import SECOND, nanoseconds
 
 PATIENCE_S = 10.0

@@ -1,14 +1,16 @@
-"""Messages of the ward: state, and commands of robots and nurses with their results."""
+"""Topics of a hospital, and the state of its ward."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
 from socialbot.core.messages import Structured
 
+MESSAGES = "/hospital/messages"
+MISSIONS = "/hospital/missions"
 COMMANDS = "/hospital/commands"
 CANCELS = "/hospital/cancels"
 RESULTS = "/hospital/results"
@@ -33,37 +35,6 @@ LOW_AT = 0.2
 """Charge below which a battery is low; 1 is full."""
 
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
-
-
-class ActionCommand(Structured, frozen=True, kw_only=True):
-    """Command for an action of a robot or nurse. ``args`` are all arguments of the action, with the robot.
-
-    A joint action starts when both partners have a command.
-    """
-
-    id: str
-    robot: str
-    action: str
-    args: tuple[str, ...] = ()
-
-
-class ActionCancel(Structured, frozen=True, kw_only=True):
-    """Cancels the command with this ``id``, unless it is finished."""
-
-    id: str
-
-
-class ActionResult(Structured, frozen=True, kw_only=True):
-    """Result of a command, ``duration_s`` after it. Each command has one result."""
-
-    id: str
-    robot: str
-    action: str
-    args: tuple[str, ...] = ()
-    outcome: Literal["success", "failure"]
-    reason: str = ""
-    duration_s: Seconds = 0.0
 
 
 class RoomState(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,4 +99,4 @@ class WardState(Structured, frozen=True, kw_only=True, dict=True):
         return {agent.name: agent for agent in self.agents}
 
 
-WARD_MESSAGES: tuple[type[Structured], ...] = (ActionCommand, ActionCancel, ActionResult, WardState)
+WARD_MESSAGES: tuple[type[Structured], ...] = (WardState,)

@@ -6,18 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from socialbot.agents.hospital.ward._world import WardWorld
-from socialbot.agents.hospital.ward.messages import (
-    CANCELS,
-    COMMANDS,
-    RESULTS,
-    STATE,
-    ActionCancel,
-    ActionCommand,
-    ActionResult,
-    AgentState,
-    RoomState,
-    WardState,
-)
+from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, RESULTS, STATE, AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import (
     DURATIONS,
     SLOW_S,
@@ -27,6 +16,7 @@ from socialbot.agents.hospital.ward.ward import (
     paper_ward,
     parse_faults,
 )
+from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer

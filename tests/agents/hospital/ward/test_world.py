@@ -4,7 +4,7 @@ import pytest
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.ward._world import JOINT_ACTIONS, PATIENCE_S, WardWorld
-from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult, AgentState
+from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState
 from socialbot.agents.hospital.ward.ward import (
     CLINIC,
     INSTANT,
@@ -14,6 +14,7 @@ from socialbot.agents.hospital.ward.ward import (
     large_ward,
     paper_ward,
 )
+from socialbot.agents.teams.messages import ActionResult
 from socialbot.core.clock import SECOND
 from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SPOT, UVD
 

@@ -4,19 +4,9 @@ import logging
 
 import pytest
 
-from socialbot.agents.hospital.ward.messages import (
-    CANCELS,
-    COMMANDS,
-    RESULTS,
-    STATE,
-    ActionCancel,
-    ActionCommand,
-    ActionResult,
-    AgentState,
-    RoomState,
-    WardState,
-)
+from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, RESULTS, STATE, AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.world_node import HospitalWorld
+from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Message

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.ward._world import WardWorld
-from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, ActionResult
+from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR
 from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROLES, STATE_SENSOR, Ward, large_ward
+from socialbot.agents.teams.messages import ActionResult
 from socialbot.core.clock import SECOND
 
 SMALL = large_ward(6, 2, 2, 3)

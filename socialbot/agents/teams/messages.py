@@ -1,17 +1,24 @@
-"""Speech acts (FIPA) between the coordinator, the robots and the nurses."""
+"""Messages of teams: speech acts (FIPA) with the coordinator, missions, and commands to the world."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from socialbot.core.clock import Clock
 from socialbot.core.messages import Structured
 
-TOPIC = "/hospital/messages"
+MESSAGES = "/team/messages"
+MISSIONS = "/team/missions"
+COMMANDS = "/team/commands"
+CANCELS = "/team/cancels"
+RESULTS = "/team/results"
+STATE = "/team/state"
+CANCELLED = "cancelled"
+"""Reason of the failure of a cancelled action."""
 COORDINATOR = "coordinator"
 EVERYBODY = "all"
 """Receiver of messages for all agents."""
@@ -24,7 +31,7 @@ class Content(msgspec.Struct, frozen=True, tag_field="content"):
 
 
 class Register(Content, frozen=True):
-    """Registration of an agent: its kind (``spot``) and its actions; from the coordinator, the request for it."""
+    """Registration of an agent: its kind (``courier``) and its actions; from the coordinator, the request for it."""
 
     kind: str = ""
     capabilities: tuple[str, ...] = ()
@@ -166,7 +173,7 @@ MissionStatus = Literal["waiting", "running", "finished", "failed"]
 
 
 class MissionView(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a mission.
+    """State of a mission. Messages call its target ``room``.
 
     ``actions`` are done, failed or planned, in order; ``tree`` is the task tree as text. ``recoveries`` counts the new
     plans after a problem, ``revisions`` those before one.
@@ -174,7 +181,7 @@ class MissionView(msgspec.Struct, frozen=True, kw_only=True):
 
     id: int
     kind: str
-    room: str
+    target: str = msgspec.field(name="room")
     priority: int
     status: MissionStatus
     team: tuple[str, ...] = ()
@@ -187,7 +194,7 @@ class MissionView(msgspec.Struct, frozen=True, kw_only=True):
 
     def untouched(self) -> MissionView:
         """The mission before its first plan."""
-        return MissionView(id=self.id, kind=self.kind, room=self.room, priority=self.priority, status="waiting")
+        return MissionView(id=self.id, kind=self.kind, target=self.target, priority=self.priority, status="waiting")
 
 
 class Missions(Structured, frozen=True, kw_only=True):
@@ -196,7 +203,41 @@ class Missions(Structured, frozen=True, kw_only=True):
     missions: tuple[MissionView, ...]
 
 
+Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
+
+
+class ActionCommand(Structured, frozen=True, kw_only=True):
+    """Command for an action of an agent. ``args`` are all arguments of the action, with the robot.
+
+    A joint action starts when both partners have a command.
+    """
+
+    id: str
+    robot: str
+    action: str
+    args: tuple[str, ...] = ()
+
+
+class ActionCancel(Structured, frozen=True, kw_only=True):
+    """Cancels the command with this ``id``, unless it is finished."""
+
+    id: str
+
+
+class ActionResult(Structured, frozen=True, kw_only=True):
+    """Result of a command, ``duration_s`` after it. Each command has one result."""
+
+    id: str
+    robot: str
+    action: str
+    args: tuple[str, ...] = ()
+    outcome: Literal["success", "failure"]
+    reason: str = ""
+    duration_s: Seconds = 0.0
+
+
 MISSION_MESSAGES: tuple[type[Structured], ...] = (AclMessage, Missions)
+WORLD_MESSAGES: tuple[type[Structured], ...] = (ActionCommand, ActionCancel, ActionResult)
 
 
 class AclSender:

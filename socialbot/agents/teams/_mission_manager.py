@@ -5,38 +5,23 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import Literal
+from typing import Any, Literal
 
-from socialbot.agents.hospital import messages as acl
-from socialbot.agents.hospital.messages import MissionView
-from socialbot.agents.hospital.missions import (
+from socialbot.agents.teams import messages as acl
+from socialbot.agents.teams.domain import TeamDomain
+from socialbot.agents.teams.messages import MissionView
+from socialbot.agents.teams.missions import (
     FOREVER,
-    NURSE,
-    PRIORITIES,
-    ROLES,
     AgentPool,
     CoordinatorMemory,
     CoordinatorOptions,
     Mission,
     PlanProgress,
-    action_limit,
-    state_of,
     view,
 )
-from socialbot.agents.hospital.plans import DISINFECT as DOMAIN
-from socialbot.agents.hospital.plans import initial_triggers, translate
-from socialbot.agents.hospital.ward.messages import (
-    AWAY,
-    CLOSED_DOOR,
-    DIRTY_ROOM,
-    LOW_BATTERY,
-    NURSE_ABSENT,
-    PERSON_IN_ROOM,
-    WardState,
-)
+from socialbot.agents.teams.translation import initial_triggers, translate
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.planning.htn.domain import Item, TaskState
-from socialbot.planning.htn.planner import TaskPlanner
 from socialbot.planning.htn.tree import TaskAnswer, TaskNode, TaskVerdict
 
 log = logging.getLogger("socialbot.coordinator")
@@ -48,8 +33,6 @@ SHOWN = 20
 """Largest number of ended missions that are published."""
 MOSTLY_JOINT = 0.5
 """Plans with a larger share of joint actions are replaced, not repaired."""
-REPAIRABLE = (DIRTY_ROOM, PERSON_IN_ROOM, LOW_BATTERY, NURSE_ABSENT)
-"""Problems that the task methods can solve. Any other one, such as a door, needs a new plan."""
 SAME_FAILURES = 3
 """Number of repetitions of a failure after which the mission waits."""
 ANSWER_NS = 5 * SECOND
@@ -58,7 +41,7 @@ ASIDE_NS = 60 * SECOND
 """Time for which an agent that is stuck or fails is set aside; it doubles with each time in a row."""
 MOST_STRIKES = 6
 SETTLED_NS = SECOND // 10
-"""Time for which the ward must contradict a plan before a revision; it doubles with each revision."""
+"""Time for which the world must contradict a plan before a revision; it doubles with each revision."""
 
 
 class MissionManager:
@@ -67,12 +50,16 @@ class MissionManager:
     Attributes:
         progress_of: Progress of the running missions, by number.
         heard: Time of the latest message of each agent.
-        given_up: Rooms of failed missions.
+        given_up: Targets of failed missions.
+        world: Latest state of the world.
         planning_s: Durations of the latest plannings.
         changed: Whether a mission changed since this was set to False.
     """
 
-    def __init__(self, send: Send, options: CoordinatorOptions, memory: CoordinatorMemory) -> None:
+    def __init__(
+        self, domain: TeamDomain[Any], send: Send, options: CoordinatorOptions, memory: CoordinatorMemory
+    ) -> None:
+        self.domain = domain
         self.send = send
         self.options = options
         self.memory = memory
@@ -81,9 +68,8 @@ class MissionManager:
         self.given_up: set[str] = set()
         self.planning_s: deque[float] = deque(maxlen=10_000)
         self.changed = True
-        self.ward: WardState | None = None
+        self.world: Any = None
         self.now = 0
-        self._planner = TaskPlanner(DOMAIN)
         self._may_form = True
         """Whether an agent or mission became free since the last attempt to form teams."""
         self._ended: deque[MissionView] = deque(maxlen=SHOWN)
@@ -92,10 +78,11 @@ class MissionManager:
 
     # Missions
 
-    def begin(self, kind: str, room: str) -> Mission:
+    def begin(self, kind: str, target: str) -> Mission:
         """Create a mission, which waits for a team."""
         self.memory.last += 1
-        mission = self.memory.missions[self.memory.last] = Mission(self.memory.last, kind, room)
+        mission = Mission(self.memory.last, kind, target, self.domain.kinds[kind])
+        self.memory.missions[mission.id] = mission
         self.await_team(mission)
         return mission
 
@@ -105,7 +92,7 @@ class MissionManager:
         self._dismiss(mission, acl.Stop(why))
         mission.status, mission.problem = "waiting", why
         mission.rests_until = self.now + nanoseconds(self.options.rest_s) if rest else 0
-        mission.authenticated = False
+        mission.found.clear()
         mission.failures.clear()
         self.await_team(mission)
 
@@ -119,6 +106,13 @@ class MissionManager:
         self._ended.append(view(mission, self.progress_of.get(mission.id)))
         self._dismiss(mission, acl.End())
         self.redraw(self.memory.missions.pop(mission.id))
+
+    def give_up(self, mission: Mission, problem: str) -> None:
+        """End a mission that cannot be done."""
+        log.warning("mission %d is given up: %s", mission.id, problem)
+        mission.problem, mission.lacks = problem, ""
+        self._abandon_plan(mission)
+        self.finish(mission, "failed")
 
     def _dismiss(self, mission: Mission, content: acl.Stop | acl.End) -> None:
         for name in list(mission.active):
@@ -165,12 +159,12 @@ class MissionManager:
 
     def form_teams(self) -> None:
         """Assign free agents to waiting missions, by priority."""
-        if self.ward is None or not self._may_form:
+        if self.world is None or not self._may_form:
             return
         self._may_form = False
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
-        pool = AgentPool(self.memory.members, self.ward, self.now)
+        pool = AgentPool(self.domain, self.memory.members, self.world, self.now)
         for mission in waiting:
             self._note_lack(mission, pool.lacking(mission))
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
@@ -194,7 +188,7 @@ class MissionManager:
 
     def _take_from_others(self, mission: Mission, pool: AgentPool) -> bool:
         """Make missions of lower priority wait if that gives this one a team; returns whether there are any."""
-        if mission.priority == min(PRIORITIES.values()):
+        if mission.priority == min(self.domain.kinds.values()):
             return False
         yielding = pool.yielding(mission, self.memory.missions)
         for other in yielding:
@@ -203,13 +197,13 @@ class MissionManager:
 
     # Plans
 
-    def _state(self, mission: Mission, *, sees_rooms: bool) -> TaskState:
-        assert self.ward is not None
-        return state_of(self.ward, mission, sees_rooms=sees_rooms)
+    def _state(self, mission: Mission, *, sees: bool) -> TaskState:
+        return self.domain.state(self.world, mission, sees=sees)
 
     def _plan(self, mission: Mission) -> TaskAnswer:
         """A plan for the whole mission from its present state."""
-        return self._timed(self._planner.plan(self._state(mission, sees_rooms=self.options.proactive), mission.tasks()))
+        state, planner = self._state(mission, sees=self.options.proactive), self.domain.planner_of(mission)
+        return self._timed(planner.plan(mission, state, self.domain.tasks(mission)))
 
     def _timed(self, answer: TaskAnswer) -> TaskAnswer:
         self.planning_s.append(answer.seconds)
@@ -220,7 +214,11 @@ class MissionManager:
         if answer.verdict is not TaskVerdict.PLAN or answer.tree is None:
             self.suspend(mission, answer.message)
             return
-        progress = self.progress_of[mission.id] = PlanProgress(answer.tree, mission.team.values())
+        progress = PlanProgress(answer.tree, mission.team.values(), self.domain.joint_actions)
+        if not progress.stages:
+            self.suspend(mission, "the plan is empty, but the world does not show that the mission is done")
+            return
+        self.progress_of[mission.id] = progress
         mission.status = "running"
         mission.lacks, mission.asked_at = "", 0
         mission.revision += 1
@@ -231,7 +229,8 @@ class MissionManager:
     def _send(self, mission: Mission, progress: PlanProgress) -> None:
         """Send each agent its part of a plan, and release agents without one."""
         label = mission.label
-        parts = translate(progress.stages, mission.context(), label)
+        variables = self.domain.variables(mission)
+        parts = translate(progress.stages, variables, label)
         for name in mission.team.values():
             if name not in parts and name in mission.active:
                 self.send(name, "request", acl.Stop("nothing is left to do"), label, "")
@@ -240,7 +239,7 @@ class MissionManager:
         for name in mission.active:
             self.memory.members[name].mission = mission.id
             self.send(name, "inform", acl.Plan(label, parts[name]), label, "")
-        arguments = tuple(mission.context().values())
+        arguments = tuple(variables.values())
         for name in mission.active:
             self.send(name, "request", acl.Start(arguments), label, "")
         for name, trigger in initial_triggers(progress.stages).items():
@@ -254,23 +253,25 @@ class MissionManager:
 
     # Lost and stuck agents
 
-    def follow_busy(self, mission: Mission, ward: WardState) -> None:
+    def follow_busy(self, mission: Mission) -> None:
         """Wait for agents that are busy with an action, and replace those that are busy with it for too long."""
-        progress = self.progress_of[mission.id]
+        progress, domain, world = self.progress_of[mission.id], self.domain, self.world
         for name in mission.active:
-            agent = ward.agent(name)
+            agent = domain.member(world, name)
             if agent is None or not agent.busy:
                 progress.busy_since.pop(name, None)
                 continue
             busy, since = progress.busy_since.get(name, ("", 0))
             if busy != agent.busy:
-                since = ward.stamp
+                since = world.stamp
                 progress.busy_since[name] = (agent.busy, since)
             action = agent.busy.partition("(")[0]
-            if ward.stamp - since <= action_limit(action, self.options.pace):
-                mission.touched = max(mission.touched, ward.stamp)
+            if world.stamp - since <= domain.action_limit(action):
+                mission.touched = max(mission.touched, world.stamp)
                 continue
-            stuck = sorted(other for other in mission.active if (state := ward.agent(other)) and state.busy == busy)
+            stuck = sorted(
+                other for other in mission.active if (state := domain.member(world, other)) and state.busy == busy
+            )
             self._replace(mission, stuck, f"{' and '.join(stuck)} is stuck in {action}")
             return
 
@@ -296,13 +297,13 @@ class MissionManager:
 
     def _set_aside(self, mission: Mission, names: Iterable[str]) -> None:
         """Set aside those agents that somebody else can replace."""
-        if self.ward is None:
+        if self.world is None:
             return
-        pool = AgentPool(self.memory.members, self.ward, self.now)
+        pool = AgentPool(self.domain, self.memory.members, self.world, self.now)
         roles = {name: role for role, name in mission.team.items()}
         for name in names:
-            role = roles.get(name)
-            if role in ROLES and any(other.name != name for other in pool.able(role, mission.room)):
+            role = self.domain.role(roles.get(name, ""))
+            if role is not None and any(other.name != name for other in pool.able(role, mission.target)):
                 member = self.memory.members[name]
                 member.aside_until = self.now + (ASIDE_NS << min(member.strikes, MOST_STRIKES))
                 member.strikes += 1
@@ -320,62 +321,66 @@ class MissionManager:
         node = progress.fail(agent, failed) if progress and failed else None
         if self.options.policy == "none":
             self._abandon_plan(mission, failed=node is not None)
-            self.given_up.add(mission.room)
+            self.given_up.add(mission.target)
             self.finish(mission, "failed")
             return
         mission.recoveries += 1
         again = mission.failures.get(key := " ".join((problem, *failed)), 0)
         mission.failures[key] = again + 1
-        if again >= SAME_FAILURES and problem not in (*REPAIRABLE, CLOSED_DOOR):
+        if again >= SAME_FAILURES and problem not in self.domain.repairable | self.domain.blameless:
             self._set_aside(mission, [agent])
         if not self._can_go_on(mission, again):
             self._abandon_plan(mission, failed=node is not None)
             self.suspend(mission, problem)
             return
-        is_repairable = problem in REPAIRABLE and not again
+        is_repairable = problem in self.domain.repairable and not again
         answer = self._repair(mission, progress, node) if progress and node and is_repairable else None
         answer = answer or self._plan(mission)
         self._abandon_plan(mission, failed=node is not None)
         self._go(mission, answer)
 
     def _can_go_on(self, mission: Mission, again: int) -> bool:
-        """Whether the team is complete and its nurse present, and the failure is not repeated too often."""
-        if self.ward is None or again >= SAME_FAILURES or not self._has_team(mission):
+        """Whether the team is complete, those that nobody can replace are present, and failures are few."""
+        if self.world is None or again >= SAME_FAILURES or not self._has_team(mission):
             return False
-        nurse = self.ward.agent(mission.team[NURSE])
-        return nurse is None or nurse.place != AWAY
+        local = [mission.team[role.variable] for role in self.domain.roles if role.is_local]
+        states = [self.domain.member(self.world, name) for name in local]
+        return all(state is None or state.is_present for state in states)
 
     def _repair(self, mission: Mission, progress: PlanProgress, failed: TaskNode) -> TaskAnswer | None:
         """A repaired plan, if the policy allows one and it does not start with the failed action."""
         policy = self.options.policy
         if policy == "replan" or (policy == "auto" and progress.joint_share > MOSTLY_JOINT):
             return None
-        state = self._state(mission, sees_rooms=self.options.proactive)
-        answer = self._timed(self._planner.replan(state, progress.tree, failed.id))
+        state = self._state(mission, sees=self.options.proactive)
+        answer = self.domain.planner_of(mission).repair(mission, state, progress.tree, failed)
+        if answer is None:
+            return None
+        self._timed(answer)
         usable = answer.verdict is TaskVerdict.PLAN and answer.plan[0].item != failed.item
         return answer if usable else None
 
     # Before a problem
 
     def look_ahead(self, mission: Mission) -> None:
-        """Revise a plan that the present ward contradicts. A plan with more actions than necessary stays."""
-        progress, ward = self.progress_of[mission.id], self.ward
+        """Revise a plan that the present world contradicts. A plan with more actions than necessary stays."""
+        progress, world, domain = self.progress_of[mission.id], self.world, self.domain
         upcoming = progress.next
-        if ward is None or upcoming is None or ward.stamp < mission.touched or ward.room(mission.room) is None:
+        if upcoming is None or world.stamp < mission.touched or domain.is_done(world, mission.target) is None:
             return
-        if any(ward.agent(name) is None for name in mission.team.values()):
+        if any(domain.member(world, name) is None for name in mission.team.values()):
             return
-        state = self._state(mission, sees_rooms=True)
+        state = self._state(mission, sees=True)
         settling_ns = SETTLED_NS << min(mission.revisions, 10)
         if progress.revised_for != (progress.position, state):
             progress.revised_for, progress.doubted_since = (progress.position, state), None
         elif progress.doubted_since is None or self.now - progress.doubted_since < settling_ns:
             return
-        answer = self._timed(self._planner.revise(state, progress.tree, upcoming.id))
+        answer = self._timed(domain.planner_of(mission).revise(mission, state, progress.tree, upcoming))
         if answer.verdict is not TaskVerdict.PLAN or _is_within([node.item for node in answer.plan], progress.left):
             return
         if progress.doubted_since is None:
-            # The ward may show a finished action before its report arrives.
+            # The world may show a finished action before its report arrives.
             progress.doubted_since = self.now
         elif not self._has_team(mission):
             self.suspend(mission, "the team is needed again")
