@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import failed_step, reasons_against
+from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
     DONE,
@@ -33,6 +34,7 @@ from socialbot.bdi.intentions import (
 )
 from socialbot.bdi.library import CompiledPlan, Trigger, record_behind
 from socialbot.bdi.steps import PlanFailed
+from socialbot.bdi.terms import Atom
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import closed, resolve
 
@@ -50,7 +52,8 @@ class IntentionStack:
     """Intentions of one agent, for the engine's thread; iteration yields each `Intention`, the oldest first."""
 
     __slots__ = (
-        "_all", "_interpreter", "atomic", "choosing", "number", "ready", "running", "turn_may_end", "unwound", "waits",
+        "_all", "_interpreter", "atomic", "awaited", "choosing", "goal_states", "number", "ready", "running",
+        "turn_may_end", "unwound", "waits",
     )  # fmt: skip
 
     def __init__(self, interpreter: Interpreter) -> None:
@@ -60,6 +63,8 @@ class IntentionStack:
         self.choosing: Request | None = None  # event for which a plan is chosen, while its condition needs to know
         self.ready: deque[Any] = deque()  # runnable intentions or queued plans, in the order of their turns
         self.waits = Waits(interpreter)
+        self.awaited = self.waits.events
+        self.goal_states: GoalStates | None = None  # of an agent with plans for meta-events
         self.running: Any = None  # intention or queued plan whose step is being executed
         self.atomic: Intention | None = None  # it excludes the others
         self.turn_may_end = False  # the current step has begun no other plan
@@ -85,6 +90,11 @@ class IntentionStack:
 
     def goal(self, request: Request) -> Literal:
         return goal_of(request, self._interpreter.library.goals)
+
+    def watch_goals(self) -> None:
+        """Report the states of goals if a plan of the library handles meta-events."""
+        if self._interpreter.library.watches_goals and self.goal_states is None:
+            self.goal_states = GoalStates(self._interpreter)
 
     # Adopting
 
@@ -117,11 +127,11 @@ class IntentionStack:
         if self.running.__class__ is tuple:
             self.running = known.get(id(self.running)) or self._register(self.running)
 
-    def intend(self, event: Request, plan: CompiledPlan, result: Any) -> None:
-        """Create an intention with a plan for an event."""
+    def intend(self, event: Request, plan: CompiledPlan, result: Any, *, first: bool = False) -> None:
+        """Create an intention with a plan for an event; ``first`` ones precede the other intentions."""
         intention = self.new(event)
         self._let_wait(intention, self._take_on(intention, None, plan, result))
-        self.settle(intention)
+        self.settle(intention, first=first)
 
     def _let_wait(self, intention: Intention, result: Any) -> None:
         """Let the intention of a plan whose first steps were executed in place wait for its next turn."""
@@ -162,8 +172,8 @@ class IntentionStack:
         self.ready.append(intention)
         return intention
 
-    def settle(self, intention: Intention) -> None:
-        """Queue an intention with remaining steps for its turn; end an empty one."""
+    def settle(self, intention: Intention, *, first: bool = False) -> None:
+        """Queue an intention with remaining steps for its turn, or ``first``; end an empty one."""
         frames = intention.frames
         if not intention.active:
             return
@@ -171,7 +181,17 @@ class IntentionStack:
         if not frames:
             self.end(intention, None)
         elif intention.pause is None and not intention.suspended:
-            (self.ready.appendleft if intention.atomic else self.ready.append)(intention)
+            if first:
+                self.ready.insert(self._firsts(), intention)
+            else:
+                (self.ready.appendleft if intention.atomic else self.ready.append)(intention)
+
+    def _firsts(self) -> int:
+        """Number of the plans for meta-events at the begin of the queue."""
+        for place, item in enumerate(self.ready):
+            if item.__class__ is tuple or item.event is None or item.event[1].key[0] != "^":
+                return place
+        return len(self.ready)
 
     def pop_kept(self, frames: list[Any]) -> None:
         while frames and frames[-1][0] is None:
@@ -196,12 +216,17 @@ class IntentionStack:
             return self.pursue(intention, result)
         if result.__class__ is Failure:
             return self.fail_goal(intention, goal, result)
-        self._push(intention, result, goal, plan)
+        self._push(intention, result, goal, plan, goal)
         return result
 
-    def _push(self, intention: Intention, body: Body, goal: Request | None, plan: CompiledPlan) -> None:
+    def _push(
+        self, intention: Intention, body: Body, goal: Request | None, plan: CompiledPlan, ends: Request | None
+    ) -> None:
+        """Push the body of a plan; its end is that of the goal ``ends``, also for a failure plan."""
         if body.__class__ is SpecialBody:
             body = body.body
+        if self.goal_states is not None and ends is not None:
+            body = WatchedBody(body, self.goal_states, ends)
         intention.frames.append((body, goal, plan))
         self.turn_may_end = True
         if plan.plan.atomic and not intention.atomic:
@@ -215,13 +240,15 @@ class IntentionStack:
 
         ``selected`` is the plan for the request and its result, if already known. Returns the pushed body, if any.
         """
-        interpreter = self._interpreter
+        interpreter, states = self._interpreter, self.goal_states
         for _ in repeat(None, MAX_CHAIN):
             kind, trigger, args, notes, cause = request
             goal = None if kind & EVENT else request
             if goal is not None and interpreter.trace.sink is not None:
                 cause = interpreter.trace.record("goal", str(self.goal(request)), cause)
                 goal = (kind, trigger, args, notes, cause)
+            if states is not None and goal is not None:
+                states.tell(goal, "pending")
             if selected is not None:
                 (plan, result), selected = selected, None
             else:
@@ -232,6 +259,8 @@ class IntentionStack:
                 if goal is not None:
                     self.fail_goal(intention, goal, self._no_plan(goal))
                 return None
+            if states is not None and goal is not None:
+                states.executing(goal)
             if result is DONE:
                 self.achieved(goal)
                 return None
@@ -248,9 +277,12 @@ class IntentionStack:
         """Replace a goal by the last goal of its plan; keep a goal with failure plans below it."""
         if goal is None:
             return
-        if self._failure_plans(goal).plans:
+        if self.failure_plans(goal).plans:
             intention.frames.append((None, goal, plan))
-        elif self._interpreter.trace.sink is not None:
+            return
+        if self.goal_states is not None:
+            self.goal_states.replaced(goal)
+        if self._interpreter.trace.sink is not None:
             self._interpreter.trace.record("continued", str(self.goal(goal)), goal[4])
 
     def finished_atomic(self, intention: Intention, plan: CompiledPlan | None) -> None:
@@ -262,6 +294,11 @@ class IntentionStack:
                 self.atomic = None
 
     def achieved(self, goal: Request | None) -> None:
+        if self.goal_states is not None:
+            self.goal_states.finished(goal, "achieved")
+        self.record_achieved(goal)
+
+    def record_achieved(self, goal: Request | None) -> None:
         if goal is not None and self._interpreter.trace.sink is not None and not goal[0] & EVENT:
             self._interpreter.trace.record("achieved", str(self.goal(goal)), goal[4])
 
@@ -269,6 +306,8 @@ class IntentionStack:
 
     def rest(self, intention: Intention, pause: Pause) -> None:
         intention.pause = pause
+        if self.goal_states is not None:
+            self.goal_states.waiting(intention)
         try:
             pause.begin(self._interpreter, intention)
         except Exception as problem:  # noqa: BLE001 - a long action is user code
@@ -284,6 +323,8 @@ class IntentionStack:
             self._fail_step(intention, problem)
             self.settle(intention)
         elif not intention.suspended:
+            if self.goal_states is not None:
+                self.goal_states.continued(intention)
             self.ready.append(intention)
 
     def pursue_timed(self, intention: Intention, timed: TimedRequest) -> None:
@@ -348,6 +389,8 @@ class IntentionStack:
 
     def fail_goal(self, intention: Intention, goal: Request | None, problem: Failure) -> None:
         """Replace a failed goal by its failure plan, or fail the goals below it until one recovers."""
+        states = self.goal_states
+        failing = None if states is None else states.failed(intention, goal, problem, self.failure_plans)
         left = problem if goal is None else self._recover(intention, goal, problem)
         frames, where = intention.frames, problem.where
         while left is not None and frames:
@@ -362,11 +405,13 @@ class IntentionStack:
             place, trace = left.where or where, self._interpreter.trace
             log().warning("%s: %s%s", trace.name, what, f" ({place})" if place else "")
             trace.record("dropped", "intention", left.cause, reason=left.reason, message=left.message)
+            if states is not None and failing is not None:
+                states.lost(failing)
             self.end(intention, left)
 
     def _recover(self, intention: Intention, goal: Request, problem: Failure) -> Failure | None:
         """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails."""
-        trigger = self._failure_plans(goal)
+        trigger = self.failure_plans(goal)
         if not trigger.plans and not self.waits.events:
             return problem
         _, _, args, notes, _ = goal
@@ -387,12 +432,15 @@ class IntentionStack:
             kept = frames[-1][1]
             if kept is not None and kept[1] is goal[1] and kept[2] is goal[2]:
                 frames.pop()  # the time limit of a goal does not apply to its failure plan
-        if result is not DONE:
+        if result is DONE:
+            if self.goal_states is not None:
+                self.goal_states.finished(goal, "achieved")
+        else:
             assert plan is not None
-            self._push(intention, result, None, plan)
+            self._push(intention, result, None, plan, goal)
         return None
 
-    def _failure_plans(self, goal: Request) -> Trigger:
+    def failure_plans(self, goal: Request) -> Trigger:
         trigger = goal[1]
         if trigger.failure is None:
             trigger.failure = self._interpreter.triggers[f"-{trigger.key[1:]}"]
@@ -429,6 +477,8 @@ class IntentionStack:
         intention.active = False
         if self.atomic is intention:
             self.atomic = None
+        if self.goal_states is not None:
+            self.goal_states.dropped(intention)
 
         self.unwound = True
 
@@ -458,6 +508,8 @@ class IntentionStack:
             self.achieved(goal)
         else:
             self.fail_goal(intention, goal, problem)
+        if not running and problem is None and frames and self.goal_states is not None:
+            self.goal_states.continued(intention, Atom("suceed_internal_action"))  # Jason writes it so
         if not running:
             self.settle(intention)
 

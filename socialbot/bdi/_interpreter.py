@@ -164,6 +164,7 @@ class Interpreter:
         self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
         self.relations = self.beliefs.relations
         self.intentions = IntentionStack(self)
+        self.intentions.watch_goals()
         self.messaging = Messaging(engine)
         self.ready = self.intentions.ready
         self.stage: str | None = None
@@ -386,7 +387,7 @@ class Interpreter:
             elif result is END:
                 frames.pop()
                 if goal is not None and trace.sink is not None:
-                    intentions.achieved(goal)
+                    intentions.record_achieved(goal)
                 if intention.atomic:
                     intentions.finished_atomic(intention, plan)
                 # The plan below continues to the end of its step even if its goal has ended.
@@ -403,7 +404,7 @@ class Interpreter:
                         intentions.finished_atomic(intention, plan)
                     if plan is not None:
                         intentions.replace_goal(intention, goal, plan)
-                if (kind & OPEN and not mode) or trace.sink is not None or intentions.waits.events:
+                if (kind & OPEN and not mode) or trace.sink is not None or intentions.awaited or intentions.goal_states:
                     intentions.turn_may_end = False
                     intentions.pursue(intention, result)
                     turn_may_end = intentions.turn_may_end

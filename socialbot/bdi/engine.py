@@ -150,6 +150,7 @@ class Engine:
 
     def _add_plan(self, plan: Plan, first: bool) -> None:
         compiled, beliefs = self.interpreter.own_library().add(plan, first=first), self.beliefs
+        self.intentions.watch_goals()
         for kind in plan.classes():
             beliefs.declare(kind)
         if not isinstance(plan.event.literal, Literal):

@@ -9,7 +9,7 @@ from types import FrameType
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
-from socialbot.bdi.literals import Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
+from socialbot.bdi.literals import META, Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
 from socialbot.bdi.plans import Inference, Plan, flat, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
@@ -119,7 +119,7 @@ class Trigger:
     def __init__(self, key: str, plans: tuple[CompiledPlan, ...] = ()) -> None:
         self.key = key
         self.failure: Trigger | None = None
-        self.goal = key[1:2] in ("!", "?")
+        self.goal = key[:2] in ("+!", "-!", "+?", "-?")
         self.plans = plans
         self.index()
 
@@ -147,7 +147,8 @@ class Trigger:
         heads = [compiled.plan.event.literal.args for compiled in self.plans]
         self.annotated = any(compiled.plan.event.literal.annotations for compiled in self.plans)
         constants = [sum(map(_is_constant, column)) for column in zip(*heads, strict=True)]
-        self.position = constants.index(max(constants)) if len(heads) > FEW and any(constants) else None
+        indexed = len(heads) > FEW and any(constants) and self.key[:1] != "^"  # meta-events may have variables
+        self.position = constants.index(max(constants)) if indexed else None
         self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
         self.rest = self.plans
         if self.position is None:
@@ -193,6 +194,7 @@ class Library:
         self._given: dict[str, Plan] = {}
         self._open: set[str] = set()
         self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
+        self.watches_goals = False  # plans handle meta-events
         for rule in rules:
             self.add_rule(rule)
 
@@ -218,6 +220,7 @@ class Library:
         twin.computed.update(self.computed)
         twin.kinds.update(self.kinds)
         twin.goals.update(self.goals)
+        twin.keeps_goals, twin.watches_goals = self.keeps_goals, self.watches_goals
         return twin
 
     def add_rule(self, rule: Plan | Inference | list[Plan]) -> None:
@@ -234,7 +237,8 @@ class Library:
                 f"the label {plan.label} is already used", where=str(plan.origin or plan), remedy="choose another label"
             )
         compiled = CompiledPlan(plan, self)
-        if not self.keeps_goals and looks_at_goals(plan):
+        self.watches_goals = self.watches_goals or plan.event.change in META
+        if not self.keeps_goals and (self.watches_goals or looks_at_goals(plan)):
             self.keeps_goals = True
             self.recompile()
         for kind in plan.classes():

@@ -38,7 +38,12 @@ class Change(enum.Enum):
     FAILED = "-!"
     ASKED = "+?"
     UNANSWERED = "-?"
+    GOAL_STATE = "^!"
+    QUESTION_STATE = "^?"
 
+
+META = frozenset({Change.GOAL_STATE, Change.QUESTION_STATE})
+"""Changes of the states of goals, the meta-events of AgentSpeak."""
 
 SIGNS = {Change.WANTED: "", Change.FAILED: "-", Change.ASKED: "?", Change.UNANSWERED: "-?"}
 

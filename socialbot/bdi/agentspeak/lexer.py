@@ -45,6 +45,8 @@ TRIGGERS = {
     ("-", "!"): Change.FAILED,
     ("+", "?"): Change.ASKED,
     ("-", "?"): Change.UNANSWERED,
+    ("^", "!"): Change.GOAL_STATE,
+    ("^", "?"): Change.QUESTION_STATE,
 }
 
 UNSUPPORTED = {

@@ -140,9 +140,8 @@ class Parser(TermReader):
             self.fail("'+' or '-' and a trigger")
         kind = words[at + 1] if words[at + 1] in ("!", "?") else ""
         self.at = at + 2 if kind else at + 1
-        if sign == "^":
-            remedy = "let the plans of the goal change a belief, and react to that"
-            raise self.unsupported("a meta-event ('^')", at, remedy)
+        if sign == "^" and not kind:
+            self.fail("'!' or '?' and a goal after '^'", at + 1)
         change = TRIGGERS[sign, kind]
         trigger: Any = self.literal_or_variable("a belief, or '!' or '?' and a goal" if not kind else "a goal")
         if isinstance(trigger, Literal) and trigger.annotations and change is Change.ADDED:

@@ -16,7 +16,7 @@ from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
 from socialbot.bdi.compiler._steps import Body, straight
 from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.intentions import SUBGOAL
-from socialbot.bdi.literals import Change, Literal
+from socialbot.bdi.literals import META, Change, Literal
 from socialbot.bdi.plans import Inference, Plan, symbol_variables
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import Achieve, Do
@@ -36,7 +36,10 @@ OTHERS = "ag.ready or ag.events"
 
 def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
     """Compile a plan; the bits of ``mode`` tell which arguments may have unbound variables."""
-    plan, opened = compiled.plan, bool(mode)
+    plan = compiled.plan
+    if plan.event.change in META:
+        mode = ANY_MODE  # the goal may have variables
+    opened = bool(mode)
     lenient = plan.text is not None
     with Unit(str(plan.origin or plan), compiled.library, symbol_variables(plan), lenient=lenient) as unit:
         unit.constants["PLAN"] = compiled
@@ -94,11 +97,13 @@ def chosen(f: Function, plan: Plan) -> None:
         return
     names = sorted(f.scope)
     body = Body(f.unit, plan, {name: f.scope[name] for name in names})
-    if straight(plan.body) and not plan.atomic and not (f.unit.library.keeps_goals and _ends_with_goal(plan)):
+    meta = plan.event.change in META
+    kept = f.unit.library.keeps_goals and _ends_with_goal(plan)
+    if straight(plan.body) and not (plan.atomic or meta or kept):
         inline(f, plan, body)
     else:
         generator = f"{body.generator()}({', '.join(['ag', 'c', *(f.local(name) for name in names)])})"
-        f.line(f"return SpecialBody({generator}, False)" if plan.atomic else f"return {generator}")
+        f.line(f"return SpecialBody({generator}, False)" if plan.atomic or meta else f"return {generator}")
 
 
 def _ends_with_goal(plan: Plan) -> bool:

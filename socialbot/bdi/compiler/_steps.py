@@ -11,7 +11,7 @@ from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies,
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
-from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, literal
+from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, literal
 from socialbot.bdi.plans import Inference, Plan, parts_of
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.steps import (
@@ -150,6 +150,11 @@ def await_(f: Function, step: Await, limit_s: object = None, elapsed: object = N
 
     With ``elapsed``, which gets the waiting time in ms, the end of its own limit is no failure.
     """
+    if isinstance(step.what, Event) and step.what.change in META:
+        raise RuleError(
+            f"{step.what} is a meta-event, which cannot be awaited",
+            remedy="let a plan for it add a belief, and wait for that",
+        )
     timed = "{}" if elapsed is None else f"timed({{}}, {build(f, elapsed)})"
     limit = "None" if step.limit_s is None else value(f, step.limit_s)
     if isinstance(step.what, Event) and not isinstance(step.what.literal, Literal):

@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from socialbot.bdi._goal_states import pause_term
 from socialbot.bdi.intentions import (
     KEPT,
     SUBGOAL,
-    EventPause,
     Failed,
     Failure,
     ForkPause,
     Intention,
     Request,
-    Sleep,
     goal_of,
 )
 from socialbot.bdi.literals import Event, Literal, error, error_msg, literal, literal_from_key
@@ -63,19 +62,8 @@ def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
         if intention.suspended or intention.pause is not None:
             for request in _goals(intention):
                 for _ in _matches(goal, request, trail):
-                    if gives(args[1], _reason(intention), trail):
+                    if gives(args[1], pause_term(intention), trail):
                         yield
-
-
-def _reason(intention: Intention) -> Any:
-    match intention.pause:
-        case Sleep(seconds):
-            return literal("wait", (intention.number,), (literal("time", (round(seconds * 1000),)),))
-        case EventPause(key, args, notes):
-            return literal("wait", (intention.number,), (literal_from_key(key.lstrip("+-!?"), resolve(args), notes),))
-        case None:
-            return Atom("suspend_ia")
-    return str(intention.pause)
 
 
 @internal(".current_intention", 1, aware=True)
@@ -311,6 +299,9 @@ def suspend(engine: Any, args: Args, trail: Trail) -> None:
 
 def _suspend(engine: Any, intention: Intention) -> None:
     intention.suspended = True
+    states = engine.intentions.goal_states
+    if states is not None:
+        states.suspended(intention)
     if intention in engine.interpreter.ready:
         engine.interpreter.ready.remove(intention)
     for branch in _branches(intention):
@@ -327,6 +318,9 @@ def resume(engine: Any, args: Args, trail: Trail) -> None:
 def _resume(engine: Any, intention: Intention) -> None:
     if intention.suspended:
         intention.suspended = False
+        states = engine.intentions.goal_states
+        if states is not None:
+            states.resumed(intention)
         if intention.pause is None and intention.frames:
             engine.interpreter.ready.append(intention)
         for branch in _branches(intention):

@@ -148,7 +148,6 @@ def test_a_mistake(text):
 
 
 UNSUPPORTED = {
-    "^!g <- a.": "a meta-event ('^') is not supported",
     '{ include("x.asl") }': "an include in a text without a place is not supported",
     "{ begin x(1) } b. { end }": "the directive 'x' is not supported",
     "{ x }": "the directive 'x' is not supported",
