@@ -66,7 +66,8 @@ def check_change(literal: Literal) -> None:
 def check_values(literal: Literal) -> None:
     """Check the arguments of a belief or goal."""
     for term in literal.args:
-        _check_no_condition(term, literal)
+        if not isinstance(literal, Structure):  # in AgentSpeak, conditions are terms
+            _check_no_condition(term, literal)
         if isinstance(term, type) and issubclass(term, Literal):
             raise RuleError(f"{term.__name__} in {literal} is a class", remedy=f"write {term.__name__}()")
         if isinstance(term, (list, set, dict, bytearray)):

@@ -122,7 +122,11 @@ class TermReader:
         else:
             value = self.primary()
             if level >= Level.SUM and words[start] == "(" and is_condition(value):
-                self.fail("a term", start, "only internal actions, such as .findall, take conditions as arguments")
+                self.fail(
+                    "a term",
+                    start,
+                    "a condition is a term as an argument, such as a(X > 1), not in a list or an annotation",
+                )
         while True:
             operator = BINARY.get(words[self.at])
             # A missing '.' before the next plan: +!g
@@ -354,12 +358,12 @@ class TermReader:
         return word
 
     def arguments(self, name: str) -> tuple[object, ...]:
-        """Read arguments in parentheses; those of internal actions may be conditions."""
+        """Read arguments in parentheses, terms or conditions."""
         self.at += 1
         if self.words[self.at] == ")":
             self.fail(f"an argument of '{name}'", remedy=f"write '{name}' without parentheses")
         namespace, self.namespace = self.namespace, ""
-        args = self.items(Level.OR if "." in name else Level.SUM)
+        args = self.items(Level.OR)
         self.namespace = namespace
         self.skip(")", "',' or ')'")
         return args

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 
 from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, stored
+from socialbot.bdi.compiler._dynamic import COLLECTORS
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
 from socialbot.bdi.literals import Literal, ground, literal
@@ -34,9 +35,6 @@ from socialbot.core.errors import RuleError
 MOST_LOOPS = 10
 MOST_BLOCKS = 50
 """Depth at which a new function starts. Python allows 20 nested loops and 100 nested blocks."""
-
-COLLECTORS = {".findall", ".setof", ".count", ".eval"}
-"""Internal actions with a condition as argument."""
 
 _IMPURE = {"math.random", "system.time"}
 """Functions whose value changes without a change of beliefs."""

@@ -20,21 +20,33 @@ from socialbot.bdi.terms import (
     NOTHING,
     Atom,
     Comparison,
+    Condition,
     Conjunction,
     Cons,
+    Disjunction,
     Holds,
     LiteralVariable,
+    Negation,
     Pattern,
     Rest,
     Variable,
+    conjunction,
 )
 from socialbot.bdi.unification import Trail, Var, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
 
-EMBEDDED = (Plan, PlanBody, Inference)
+COLLECTORS = frozenset({".findall", ".setof", ".count", ".eval"})
+"""Internal actions with a condition as argument."""
+
+_EMBEDDED = (Plan, PlanBody, Inference, Comparison, Conjunction, Disjunction, Negation)
 """Classes of terms that contain conditions or steps."""
+
+
+def is_embedded(term: object) -> bool:
+    """Check whether a term is a plan, steps, a rule or a condition, whose unbound variables are its own."""
+    return isinstance(term, _EMBEDDED) or (isinstance(term, Literal) and term.functor in COLLECTORS)
 
 
 def variables_of(item: object) -> dict[str, None]:
@@ -48,8 +60,8 @@ def variables_of(item: object) -> dict[str, None]:
 
 
 def embeds(term: object) -> bool:
-    """Check whether a term is or contains a plan, steps or a rule."""
-    if isinstance(term, EMBEDDED):
+    """Check whether a term is or contains a plan, steps, a rule or a condition."""
+    if is_embedded(term):
         return True
     if isinstance(term, Cons):
         return embeds(term.items)
@@ -82,7 +94,7 @@ def substituted(item: Any, values: Mapping[str, Any]) -> Any:
             if isinstance(changed, Atom) and isinstance(item, (Do, Achieve, Update, Ask, Holds)):
                 changed = literal(changed.name)
             object.__setattr__(twin, name, changed)  # plans are frozen
-    if isinstance(twin, Holds) and isinstance(twin.what, Literal):
+    if isinstance(twin, Holds) and isinstance(twin.what, Condition):
         return twin.what
     return twin
 
@@ -202,6 +214,12 @@ def solutions_of(ag: Interpreter, condition: Any, trail: Trail) -> Iterator[None
         return
     if condition.__class__ is Var or isinstance(condition, LiteralVariable):
         raise Failed("no_value", f"the condition {condition!s} has no value")
+    if isinstance(condition, Condition) and (not isinstance(condition, Literal) or condition.functor in COLLECTORS):
+        from socialbot.bdi.compiler._plans import compile_query
+
+        _, solve = compile_query(conjunction(condition), ag.library, lenient=True)
+        yield from (None for _ in solve(ag, trail))
+        return
     item = literal_of("a condition", condition)
     entry = find(item.functor) if "." in item.functor else None
     if entry is None:

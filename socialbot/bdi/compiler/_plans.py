@@ -170,9 +170,9 @@ def _without_arithmetic(rule: Inference) -> Inference:
     return replace(rule, head=rule.head.with_(args=tuple(args)), condition=Conjunction((*rule.condition.terms, *added)))
 
 
-def compile_query(condition: Conjunction, library: Library) -> tuple[list[str], Any]:
+def compile_query(condition: Conjunction, library: Library, *, lenient: bool = False) -> tuple[list[str], Any]:
     """Compile a condition; return the names of its new variables and the generator of their value tuples."""
-    with Unit(str(condition), library, symbol_variables(condition)) as unit:
+    with Unit(str(condition), library, symbol_variables(condition), lenient=lenient) as unit:
         f = unit.function("ask", ["ag", "trail"], {})
         name, arguments, fresh = query(f, condition)
         with loop(f, f"{name}({arguments})") as found:

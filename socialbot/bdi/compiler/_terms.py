@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from socialbot.bdi.compiler._dynamic import EMBEDDED, embeds, is_template, variables_of
+from socialbot.bdi.compiler._dynamic import embeds, is_embedded, is_template, variables_of
 from socialbot.bdi.compiler._runtime import FUNCTIONS
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, tuple_of
 from socialbot.bdi.intentions import Failed
@@ -130,7 +130,7 @@ def structure(f: Function, term: Literal, args: str, annotations: str) -> str:
 
 def build(f: Function, term: object) -> str:
     """Return the expression of a term with variables; variables without a local get one."""
-    if isinstance(term, EMBEDDED):
+    if is_embedded(term):
         return embedded(f, term)
     if isinstance(term, LiteralVariable):
         variable, notes = build(f, term.variable), build(f, term.annotations)

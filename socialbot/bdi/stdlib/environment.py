@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.registry import Args, detached, gives, internal, is_number, name_of, number_of, opened, wrong
 from socialbot.bdi.steps import PlanBody
-from socialbot.bdi.terms import Atom, Cons, Variable
+from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Cons, Disjunction, Negation, Variable
 from socialbot.bdi.unification import Trail, Var, closed, resolve
 from socialbot.core.clock import SECOND
 
@@ -151,9 +152,25 @@ def spelled(term: Any) -> str:
         return agentspeak(term)
     if isinstance(term, (PlanBody, Inference)):
         return agentspeak((term,))[1:-1]
+    if isinstance(term, Condition):
+        return _spelled_condition(term)
     if isinstance(term, Event):
         return f"{{ {term.change.value}{spelled(resolve(term.literal))} }}"
     return str(term)
+
+
+def _spelled_condition(condition: Condition) -> str:
+    if isinstance(condition, (Conjunction, Disjunction)):
+        joined = functools.reduce(
+            lambda left, right: f"({left} {'&' if isinstance(condition, Conjunction) else '|'} {right})",
+            map(spelled, condition.terms),
+        )
+        return joined if len(condition.terms) > 1 else spelled(condition.terms[0])
+    if isinstance(condition, Negation):
+        inner = spelled(condition.condition)
+        return f"not {inner if inner[0] == '(' else f'({inner})'}"
+    text = agentspeak(condition)
+    return f"({text})" if isinstance(condition, Comparison) else text
 
 
 def _decimal(number: float) -> str:
