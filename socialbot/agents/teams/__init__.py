@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from socialbot.agents.teams.coordinator import Coordinator, TeamCoordinator
     from socialbot.agents.teams.domain import MemberState, Role, TeamDomain
     from socialbot.agents.teams.messages import (
+        MISSIONS,
+        STATE,
         AclMessage,
         ActionCancel,
         ActionCommand,
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from socialbot.agents.teams.planning import HtnMissionPlanner, MissionPlanner, PddlMissionPlanner
     from socialbot.agents.teams.results import MissionResults
     from socialbot.agents.teams.translation import initial_triggers, stages, translate
+    from socialbot.agents.teams.world import TeamMemberState, TeamState, TeamWorld
 
 AGENT = AgentPackage(
     name="teams",
@@ -30,16 +33,18 @@ AGENT = AgentPackage(
     messages=(
         "socialbot.agents.teams.messages:MISSION_MESSAGES",
         "socialbot.agents.teams.messages:WORLD_MESSAGES",
+        "socialbot.agents.teams.world:TEAM_WORLD_MESSAGES",
     ),
     recorded=("socialbot.agents.teams.messages:MISSION_MESSAGES",),
     event_log="socialbot.agents.teams.event_log:event_log",
 )
 
 __all__ = [
-    "AGENT", "AclMessage", "ActionCancel", "ActionCommand", "ActionResult", "Coordinator", "CoordinatorOptions",
-    "HtnMissionPlanner", "MemberState", "Mission", "MissionPlanner", "MissionResults", "MissionView", "Missions",
-    "PddlMissionPlanner", "Problem", "Role", "TeamAgent", "TeamCoordinator", "TeamDomain", "TeamMember", "WorldAction",
-    "initial_triggers", "names_of", "stages", "translate",
+    "AGENT", "MISSIONS", "STATE", "AclMessage", "ActionCancel", "ActionCommand", "ActionResult", "Coordinator",
+    "CoordinatorOptions", "HtnMissionPlanner", "MemberState", "Mission", "MissionPlanner", "MissionResults",
+    "MissionView", "Missions", "PddlMissionPlanner", "Problem", "Role", "TeamAgent", "TeamCoordinator",
+    "TeamDomain", "TeamMember", "TeamMemberState", "TeamState", "TeamWorld", "WorldAction", "initial_triggers",
+    "names_of", "stages", "translate",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

@@ -1,0 +1,62 @@
+"""The library of the examples, run inline."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+from socialbot.agents.teams import MissionView
+from socialbot.agents.teams.messages import MESSAGES, MISSIONS, AclMessage, Missions
+from socialbot.core.clock import nanoseconds
+from socialbot.core.messages import Message
+from socialbot.graph.inline import InlineRunner
+
+PATH = Path(__file__).parents[3] / "examples" / "library.py"
+
+
+def example() -> ModuleType:
+    """The module of the example."""
+    spec = importlib.util.spec_from_file_location("library_example", PATH)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+EXAMPLE = example()
+
+
+class LibraryRun:
+    """A run of the library; ``late`` are agents that are not there at the start."""
+
+    def __init__(self, planner: str = "htn", faults: str = "", late: tuple[str, ...] = ()) -> None:
+        self.runner = InlineRunner(EXAMPLE.library(planner, faults))
+        self.said: list[AclMessage] = []
+        self.views: dict[str, MissionView] = {}
+        self.problems: set[str] = set()
+        self.runner.tap(MESSAGES, self._hear)
+        self.runner.tap(MISSIONS, self._view)
+        for name in late:
+            self.runner.kill(name)
+        self.runner.start()
+
+    def _hear(self, topic: str, message: Message) -> None:
+        assert isinstance(message, AclMessage)
+        self.said.append(message)
+
+    def _view(self, topic: str, message: Message) -> None:
+        assert isinstance(message, Missions)
+        self.views.update((view.target, view) for view in message.missions)
+        self.problems.update(view.problem for view in message.missions if view.problem)
+
+    def until(self, second: float) -> LibraryRun:
+        self.runner.advance(nanoseconds(second))
+        assert not {name: faults.first for name, faults in self.runner.faults.items() if faults.failures}
+        return self
+
+    def delivered(self) -> set[str]:
+        """Books that lie on the desk, by the world itself."""
+        loc = self.runner.nodes["world"].variables.loc  # type: ignore[attr-defined]
+        return {book for book in EXAMPLE.BOOKS if loc.get(book) == EXAMPLE.DESK}
