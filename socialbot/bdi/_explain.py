@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of
-from socialbot.bdi.literals import Event, Goal, Literal
+from socialbot.bdi.literals import Event, Goal, Literal, ground
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import Comparison, Condition
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Args = tuple[Any, ...]
 
 COMES_LATER = "another plan came first"
+NO_MATCH = "the event does not match"
 
 
 class ProbeTrail(list[Any]):
@@ -132,7 +133,7 @@ def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args,
     if trail.reached == len(terms):
         return None
     if trail.reached < 0:
-        return "the event does not match"
+        return NO_MATCH
     failed = terms[trail.reached]
     text = written(failed, plan)
     return f"{f'({text})' if isinstance(failed, Comparison) else text} does not hold"
@@ -148,6 +149,31 @@ def reasons_against(
             break
         reason = reason_against(interpreter, compiled, args, notes)
         found.append({"plan": compiled.plan.label or compiled.shown()[0], "because": reason or COMES_LATER})
+    return found
+
+
+def plans_after(trigger: Trigger, args: Args, chosen: CompiledPlan) -> list[str]:
+    """Texts of the candidate plans for an event that were not considered, since ``chosen`` came before them."""
+    candidates = list(trigger.candidates(args))
+    after = candidates[candidates.index(chosen) + 1 :] if chosen in candidates else []
+    return [compiled.plan.label or compiled.shown()[0] for compiled in after]
+
+
+def matched(interpreter: Interpreter, plan: Plan, values: Mapping[str, Any]) -> list[dict[str, object]]:
+    """What each part of the condition of a plan matched, with these values of its variables.
+
+    Each item has the text ``what`` and, for a held belief, the time ``since`` (ns) from which it has been held.
+    """
+    from socialbot.bdi.compiler._dynamic import substituted
+
+    found: list[dict[str, object]] = []
+    for term in plan.condition.terms:
+        part = substituted(term, values)
+        entry: dict[str, object] = {"what": written(part, plan)}
+        held = interpreter.beliefs.get(part) if isinstance(part, Literal) and ground(part.args) else None
+        if held is not None:
+            entry["since"] = held.since
+        found.append(entry)
     return found
 
 

@@ -8,7 +8,7 @@ from itertools import count, repeat
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import failed_step, reasons_against
+from socialbot.bdi._explain import NO_MATCH, failed_step, reasons_against
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
@@ -34,7 +34,7 @@ from socialbot.bdi.intentions import (
 )
 from socialbot.bdi.library import CompiledPlan, Trigger, record_behind
 from socialbot.bdi.steps import PlanFailed
-from socialbot.bdi.terms import Atom
+from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import closed, resolve
 
@@ -258,6 +258,8 @@ class IntentionStack:
             if result is None:
                 if goal is not None:
                     self.fail_goal(intention, goal, self._no_plan(goal))
+                elif interpreter.trace.sink is not None:
+                    self.unhandled(trigger, args, notes, cause)
                 return None
             if states is not None and goal is not None:
                 states.executing(goal)
@@ -361,6 +363,13 @@ class IntentionStack:
         message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
         record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
         return Failure(reason, message, what, record)
+
+    def unhandled(self, trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> None:
+        """Record why no plan applies to the change of a belief, if some plan is for this belief."""
+        reasons = reasons_against(self._interpreter, trigger, args, notes) if closed(args) else []
+        if any(reason["because"] != NO_MATCH for reason in reasons):
+            what = f"{trigger.key.rpartition('/')[0]}({', '.join(map(show, args))})"
+            self._interpreter.trace.record("unhandled", what, cause, rejected=reasons)
 
     def failure_of(
         self, plan: CompiledPlan | None, problem: Exception, goal: Request | None, cause: Any = None

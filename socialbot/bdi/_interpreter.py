@@ -221,14 +221,21 @@ class Interpreter:
             for event in sensed:
                 if event.change is Change.ADDED:
                     relation, args, *_ = self.admit(event.literal)
-                    self.beliefs.add(relation, args, event.literal.annotations + PERCEPT, cause, since)
+                    why = self._percept(event, cause, news=args not in relation.facts)
+                    self.beliefs.add(relation, args, event.literal.annotations + PERCEPT, why, since)
                 else:
-                    self.forget(event.literal, cause)
+                    self.forget(event.literal, self._percept(event, cause, news=True))
         except Exception as problem:  # noqa: BLE001 - sensors are user code
             self.trace.record_failure(type(sensor).__name__, cause, problem)
             return
         if sensor.once and sensed:
             sensor.stop()
+
+    def _percept(self, event: Event, cause: str, *, news: bool) -> str:
+        """Record the reason that a sensor gave for a change; return the cause of the change."""
+        if not event.reason or not news or self.trace.sink is None:
+            return cause
+        return self.trace.record("percept", event.reason, cause)
 
     # The cycle
 
@@ -289,6 +296,9 @@ class Interpreter:
                         elif result is not DONE:
                             intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
                         break
+                else:
+                    if self.trace.sink is not None:
+                        intentions.unhandled(trigger, args, notes, cause)
                 if waits.events:
                     waits.notify(trigger.key, args, notes)
             while ready:

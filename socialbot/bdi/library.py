@@ -233,9 +233,7 @@ class Library:
     def add(self, plan: Plan, *, first: bool = False) -> CompiledPlan:
         """Add a plan. Raises RuleError for a duplicate label."""
         if plan.label is not None and plan.label in self._labels:
-            raise RuleError(
-                f"the label {plan.label} is already used", where=str(plan.origin or plan), remedy="choose another label"
-            )
+            raise RuleError(f"the label {plan.label} is already used", where=plan.place, remedy="choose another label")
         compiled = CompiledPlan(plan, self)
         self.watches_goals = self.watches_goals or plan.event.change in META
         if not self.keeps_goals and (self.watches_goals or looks_at_goals(plan)):

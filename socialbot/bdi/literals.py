@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import enum
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from socialbot.bdi.terms import (
@@ -53,11 +53,21 @@ class Event(Pattern):
     """Change of a belief or goal: the head of a plan or, for beliefs, a step of its body.
 
     In AgentSpeak, ``literal`` may be a `Variable` or `LiteralVariable`: such a plan handles every event of its kind.
+    ``reason`` is that of a change by a sensor (see `because`).
     """
 
     change: Change
     literal: Literal
     seconds: Seconds = 0.0
+    reason: str = ""
+
+    def because(self, reason: str) -> Event:
+        """Return this change with the reason of a sensor, for explanations.
+
+        >>> print((+Belief("near", "anna")).because("2.1 m away, within range_m 3.0").reason)
+        2.1 m away, within range_m 3.0
+        """
+        return replace(self, reason=reason)
 
     @property
     def key(self) -> str:
@@ -123,10 +133,10 @@ class PlanHead:
     condition: Conjunction
 
     def __rshift__(self, body: Iterable[object]) -> Plan:
-        from socialbot.bdi.plans import Plan
+        from socialbot.bdi.plans import Plan, origin_in_python
         from socialbot.bdi.steps import body_of
 
-        return Plan(self.event, self.condition, body_of(body)).check()
+        return Plan(self.event, self.condition, body_of(body), origin=origin_in_python(__name__)).check()
 
     def __and__(self, other: object) -> None:
         raise RuleError(f"the condition of {self.event} is not in parentheses", remedy="write event / (a & b) >> [...]")

@@ -5,9 +5,12 @@ Both the operators of this package and AgentSpeak text create plans.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import PurePath
+from types import FrameType
 
 from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
 from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, Symbolic
@@ -61,6 +64,21 @@ class Origin:
         return f"{self.file}:{self.line}"
 
 
+def origin_in_python(module: str) -> Origin | None:
+    """Return the place of the rule that calls functions of ``module`` now; None outside any file.
+
+    The file is relative to the folder of its outermost package, so that it is the same on all machines.
+    """
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_globals.get("__name__") == module:
+        frame = frame.f_back
+    if frame is None or frame.f_code.co_filename.startswith("<"):
+        return None
+    path, name = PurePath(frame.f_code.co_filename), str(frame.f_globals.get("__name__"))
+    packages = 0 if name == "__main__" else name.count(".") + (path.stem == "__init__")
+    return Origin("/".join(path.parts[-packages - 1 :]), frame.f_lineno)
+
+
 @dataclass(eq=False, repr=False)
 class Plan:
     """Plan for ``event``: its steps are ``body``, executed if ``condition`` holds.
@@ -100,6 +118,11 @@ class Plan:
             )
         _Checker(self, strict=self.text is None).check()
         return self
+
+    @property
+    def place(self) -> str:
+        """Where the plan is, for error messages: its line in AgentSpeak text, or else the plan itself."""
+        return str(self) if self.origin is None or self.text is None else str(self.origin)
 
     def classes(self) -> Iterator[type[Literal]]:
         """Classes of the beliefs and goals in the event, the condition and the body."""

@@ -220,6 +220,8 @@ class tee:  # noqa: N801 - reads as a function
 SENTENCES = {
     "belief": "it believed {}{source:, source: }",
     "unbelief": "it believed {} no longer",
+    "percept": "{}",
+    "unhandled": "no plan applied to {}",
     "event": "there was {}",
     "held": "it had believed {} for {seconds} s",
     "goal": "it wanted {}",

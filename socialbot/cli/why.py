@@ -21,7 +21,7 @@ def why(
     run: RunArgument = None,
     action: Annotated[int | None, typer.Option(min=1, help="Explain the action with this number in --list.")] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Explain decisions at this time: 8.9 or 1:23.4.")
+        str | None, typer.Option(metavar="TIME", help="Explain the decisions at this time: 8.9 or 1:23.4.")
     ] = None,
     plan: Annotated[
         str | None,
@@ -35,13 +35,19 @@ def why(
 
     asked = {"--action": action, "--at": at, "--not": plan, "--list": show_list or None}
     given = [name for name, value in asked.items() if value is not None]
-    if len(given) > 1:
-        raise ParameterError("only one of these options is possible", where=" ".join(given), remedy="give one")
+    if len(given) > 1 and given != ["--at", "--not"]:
+        remedy = "give one, or --at and --not"
+        raise ParameterError("these options do not combine", where=" ".join(given), remedy=remedy)
     recorded = opened_run(run)
     history = recorded.history
     if plan is not None:
         found = why_not(history, plan)
-        print_found(found, _not_chosen(found), as_json=as_json)
+        if at is None:
+            print_found(found, _not_chosen(found), as_json=as_json)
+        else:
+            at_s = seconds_of(at)
+            then = [each.near(at_s) for each in found]
+            print_found(then, _not_chosen_then(found, then, at_s), as_json=as_json)
     elif show_list:
         listed = [explain(history, recorded.wording, record).chain[0] for record in actions(history)]
         rows = [f"{number:>4}  {one.at_s:>8.2f} s  {one.sentence}" for number, one in enumerate(listed, start=1)]
@@ -49,7 +55,8 @@ def why(
     else:
         records = _decided(recorded, seconds_of(at)) if at is not None else _done(recorded, action)
         explained = [explain(history, recorded.wording, record) for record in records]
-        lines = [
+        lines = [] if explained or at is None else [_undecided(recorded, seconds_of(at))]
+        lines += [
             "\n".join([each.text(), *(f"    not by {no.plan}: {no.because}" for no in each.rejected)])
             for each in explained
         ]
@@ -81,19 +88,49 @@ def _done(run: RecordedRun, number: int | None) -> Sequence[TraceRecord]:
 def _decided(run: RecordedRun, seconds: float) -> Sequence[TraceRecord]:
     from socialbot.runs.why import decided_at
 
-    found = decided_at(run.history, run.history.stamp(seconds))
-    if not found:
-        remedy = f"the run ends at {run.history.duration_s:.2f} s; --list shows its actions"
-        raise RunError(f"there are no decisions until {seconds:.2f} s", where=str(run.folder), remedy=remedy)
-    return found
+    if not 0 <= seconds <= run.history.duration_s:
+        remedy = f"give a time from 0 to {run.history.duration_s:.2f} s; --list shows the actions"
+        raise RunError(f"the run does not contain {seconds:.2f} s", where=str(run.folder), remedy=remedy)
+    return decided_at(run.history, run.history.stamp(seconds))
+
+
+def _undecided(run: RecordedRun, seconds: float) -> str:
+    from socialbot.runs.why import decisions_around
+
+    before, after = decisions_around(run.history, run.history.stamp(seconds))
+    others = [
+        f"the {which} decision was at {run.history.seconds(stamp):.2f} s"
+        for which, stamp in (("last", before), ("next", after))
+        if stamp is not None
+    ]
+    return "; ".join([f"Nothing was decided at {seconds:.2f} s", *others]) + "."
 
 
 def _not_chosen(plans: Sequence[Considered]) -> list[str]:
     lines = []
     for each in plans:
-        lines.append(each.plan)
+        lines += _named(each)
         if each.chosen_s:
             lines.append(f"  chosen at {', '.join(f'{at_s:.2f} s' for at_s in each.chosen_s)}")
         lines += [f"  not chosen at {no.at_s:.2f} s for {no.event}: {no.because}" for no in each.rejected]
-        lines += [] if each.rejected else ["  never rejected"]
+        lines += [] if each.rejected else ["  chosen each time"]
+    return lines
+
+
+def _named(plan: Considered) -> list[str]:
+    from socialbot.runs.why import head_of
+
+    return [f"{plan.plan}, which leads to {head_of(plan.leads_to)}" if plan.leads_to else plan.plan]
+
+
+def _not_chosen_then(plans: Sequence[Considered], then: Sequence[Considered], at_s: float) -> list[str]:
+    lines = []
+    for each, now in zip(plans, then, strict=True):
+        if now.chosen_s or now.rejected:
+            lines += _not_chosen([now]) if now.rejected else [*_named(now), f"  chosen at {now.chosen_s[0]:.2f} s"]
+            continue
+        times = sorted((*each.chosen_s, *(no.at_s for no in each.rejected)))
+        before, after = [t for t in times if t < at_s][-1:], [t for t in times if t > at_s][:1]
+        others = [f"; last at {t:.2f} s" for t in before] + [f"; next at {t:.2f} s" for t in after]
+        lines += [*_named(each), f"  not considered at {at_s:.2f} s: its event did not occur then{''.join(others)}"]
     return lines

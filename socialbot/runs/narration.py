@@ -130,6 +130,7 @@ _TEXTS = {
     "step_end": "{step}: {outcome}{because}",
     "utterance": 'says "{what}"',
     "unbelief": "no longer believes {what}",
+    "unhandled": "has no plan that applies to {what}",
 }
 """Present-tense texts by kind of record, and by kind and outcome."""
 
@@ -217,6 +218,8 @@ class Narrator:
         match record.kind:
             case "detection":
                 return Clause("", self._frame(record, about))
+            case "percept":
+                return Clause("", record.what)
             case "rule":
                 return Clause("", f"the rule {record.what} of {self.agent(record)} applied")
             case "step":

@@ -41,7 +41,7 @@ def test_explains_the_last_action(run):
     assert code == 0
     assert 'Waldo said "Hello! Nice to see you.",\n  because it did speak("greeting"),' in told
     assert "    not by GreetPeople() / (several()) >> [" in told
-    assert ask("why", run, "--action", 1) == ask("why", run, "--at", "1.9") == (0, told)
+    assert ask("why", run, "--action", 1) == ask("why", run, "--at", "1.2") == (0, told)
 
 
 def test_newest_run_is_the_default(run, monkeypatch, tmp_path):
@@ -61,14 +61,27 @@ def test_explains_a_rejected_plan(run):
     code, told = ask("why", run, "--not", "several")
     assert code == 0
     assert told.splitlines()[1].endswith("for GreetPeople(): several() does not hold")
-    assert "  never rejected" in ask("why", run, "--not", '[speak("greeting"), for_each(')[1]
+    assert "  chosen each time" in ask("why", run, "--not", '[speak("greeting"), for_each(')[1]
+
+
+def test_time_without_decision_is_said(run):
+    code, told = ask("why", run, "--at", "0.05")
+    assert (code, told.startswith("Nothing was decided at 0.05 s; the next decision was at 0.")) == (0, True)
+    assert json.loads(ask("why", run, "--at", "0.05", "--json")[1]) == []
+
+
+def test_explains_a_rejected_plan_at_a_time(run):
+    code, told = ask("why", run, "--not", "several", "--at", "1.0")
+    assert (code, "several() does not hold" in told) == (0, True)
+    code, told = ask("why", run, "--not", "several", "--at", "0.05")
+    assert (code, "not considered at 0.05 s: its event did not occur then; next at 0." in told) == (0, True)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--action", 7], "there is no action 7"),
-        (["--at", "0.01"], "there are no decisions until 0.01 s"),
+        (["--at", "99"], "the run does not contain 99.00 s"),
         (["--not", "dance"], "no plan 'dance' was ever considered"),
     ],
 )
@@ -79,7 +92,7 @@ def test_refuses_unknown_actions_and_times(run, options, message):
 
 
 def test_refuses_several_questions(run):
-    with pytest.raises(ParameterError, match="only one of these options"):
+    with pytest.raises(ParameterError, match="these options do not combine"):
         ask("why", run, "--action", 1, "--at", "3")
 
 

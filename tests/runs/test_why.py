@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+
 import pytest
 from msgspec.structs import replace
 
-from socialbot.core.clock import SECOND
+from socialbot.bdi import Action, Belief, Engine, Event, Goal, Record, Sensor, variables
+from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.folder import RecordedRun, open_run
@@ -22,11 +26,15 @@ def waldo(tmp_path_factory) -> RecordedRun:
 def test_utterance_is_explained_down_to_the_frame(waldo):
     said = explain(waldo.history, waldo.wording, actions(waldo.history)[-1])
     at_s = said.chain[0].at_s
-    assert said.text().split("\n") == [
+    text = re.sub(r"waldo\.py:\d+", "waldo.py:LINE", said.text())
+    assert text.split("\n") == [
         f'At {at_s:.2f} s Waldo said "Hello! Nice to see you.",',
         '  because it did speak("greeting"),',
+        "  by its rule 'GreetPeople()' (waldo.py:LINE),",
         "  because it wanted GreetPeople(),",
+        "  by its rule '+engages(Who) / (ungreeted(Who))' (waldo.py:LINE), where ungreeted(\"t1\") held,",
         '  because it believed engages("t1") (source: percept),',
+        "  because t1 does not turn away (100 % of 3 frames),",
         f"  because the frame at {at_s:.2f} s showed person t1 4.0 m away.",
     ]
     assert said.frame_s == at_s
@@ -128,14 +136,103 @@ def test_chain_ends_with_the_external_cause(cause, expected):
 
 def test_decisions_at_a_time(waldo):
     said = actions(waldo.history)[-1]
-    assert decided_at(waldo.history, said.stamp + SECOND) == [said]
-    assert decided_at(waldo.history, waldo.history.start) == []
+    assert decided_at(waldo.history, said.stamp + SECOND // 4) == [said]
+    assert decided_at(waldo.history, said.stamp + SECOND) == decided_at(waldo.history, waldo.history.start) == []
 
 
 def test_rejected_plan_has_its_reasons(waldo):
-    (several,) = why_not(waldo.history, "greeting_SEVERAL")
+    several, leading = why_not(waldo.history, "greeting_SEVERAL")
     assert (several.chosen_s, [each.because for each in several.rejected]) == ((), ["several() does not hold"])
+    assert (leading.plan.partition(" ")[0], leading.leads_to, leading.rejected) == ("+engages(Who)", several.plan, ())
     assert len(why_not(waldo.history, "GreetPeople")) == 3
+
+
+class near(Belief):  # noqa: N801
+    pass
+
+
+class greeted(Belief):  # noqa: N801
+    pass
+
+
+class greet(Goal):  # noqa: N801
+    pass
+
+
+class speak(Action):  # noqa: N801
+    def execute(self, text: str) -> None:
+        pass
+
+
+def mind(*rules: object) -> tuple[Engine, ManualClock, Callable[[], History]]:
+    """An agent with these rules, its clock, and its history so far."""
+    records: list[TraceRecord] = []
+
+    def keep(each: Record) -> None:
+        detail = {name: value for name, value in each.detail.items() if value is not None}
+        made = {"stamp": each.time, "id": each.id, "kind": each.kind, "what": each.what, "cause": each.cause}
+        records.append(TraceRecord(source="ann", detail=detail, **made))
+
+    clock = ManualClock(100 * SECOND)
+    engine = Engine("ann", clock, sink=keep)
+    engine.add_rules(*rules)
+    return engine, clock, lambda: History(records, start=100 * SECOND)
+
+
+def tell(engine: Engine, clock: ManualClock, at_s: float, belief: Belief) -> None:
+    clock.set(round((100 + at_s) * SECOND))
+    engine.believe(belief)
+    engine.run_until_idle()
+
+
+def test_plan_behind_the_chosen_one_was_not_considered():
+    Who = variables("Who")  # noqa: N806
+    engine, clock, history = mind(
+        +near(Who) >> [greet()],
+        greet() / greeted() >> [],
+        greet() >> [speak("greeting"), +greeted()],
+    )
+    tell(engine, clock, 6.4, near("bob"))
+    tell(engine, clock, 23.1, near("eve"))
+    greeting_plan, leading = why_not(history(), 'speak("greeting")')
+    assert greeting_plan.chosen_s == (6.4,)
+    (no,) = greeting_plan.rejected
+    assert (no.at_s, re.sub(r":\d+", ":LINE", no.because)) == (
+        23.1,
+        "not considered: the rule 'greet() / (greeted())' (test_why.py:LINE) was chosen, "
+        "where greeted() held since 6.40 s",
+    )
+    assert (leading.plan, leading.chosen_s) == ("+near(Who) >> [greet()]", (6.4, 23.1))
+    assert greeting_plan.near(23.3).rejected == (no,)
+    assert greeting_plan.near(6.4).rejected == greeting_plan.near(15.0).rejected == ()
+
+
+def test_event_without_an_applicable_plan_says_why():
+    Who = variables("Who")  # noqa: N806
+    engine, clock, history = mind(+near(Who) / ~greeted() >> [greet()], greet() >> [+greeted()])
+    tell(engine, clock, 1.0, near("bob"))
+    tell(engine, clock, 2.0, near("eve"))
+    (_, leading) = why_not(history(), "greet() >>")
+    (no,) = leading.rejected
+    assert (no.at_s, no.event, no.because) == (2.0, '+near("eve")', "~greeted() does not hold")
+
+
+def test_sensor_gives_the_reason_of_a_belief():
+    class Eye(Sensor):
+        def sense(self, percept: float) -> Event:
+            return (+near("bob")).because(f"bob is {percept} m away")
+
+    engine, _, history = mind(+near(variables("Who")) >> [speak("hello")])
+    eye = Eye()
+    engine.add_sensor(eye)
+    for distance_m in (1.5, 1.4):
+        eye.push(distance_m)
+        engine.run_until_idle()
+    percepts = [each.what for each in history() if each.kind == "percept"]
+    assert percepts == ["bob is 1.5 m away"]
+    done = explain(history(), Wording(), actions(history())[-1])
+    assert "because ann believed" in done.text().replace("it believed", "ann believed")
+    assert done.chain[-1].sentence == "bob is 1.5 m away"
 
 
 def test_unknown_plan_is_an_error_with_the_known_ones(waldo):

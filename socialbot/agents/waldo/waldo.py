@@ -182,12 +182,15 @@ class PersonSensor(Sensor):
         self._look(percept)
         changes = [*self._leave(percept.stamp), *self._forget(percept.stamp), *self._come(percept.stamp)]
         if self._there and self._alone is not False:
-            changes += [+people(self._company()), +personDetected("Yes")]
+            number = self._company()
+            counted = f"a median of {number} in range in the frames of the last {self._config.appear_s:g} s with people"
+            somebody = f"{', '.join(self._there)} {'is' if len(self._there) == 1 else 'are'} present"
+            changes += [(+people(number)).because(counted), (+personDetected("Yes")).because(somebody)]
             self._alone = False
         elif not self._there and (
             self._alone is False or (self._alone is None and self._share(self._config.vanish_s) < 0.25)
         ):
-            changes += [+personDetected("No")]
+            changes += [(+personDetected("No")).because(f"nobody is present: {self._shown('', self._config.vanish_s)}")]
             self._alone = True
             self._frames = deque([self._frames[-1]])  # a new arrival needs new frames
         changes += [*self._attend(), *self._stay(percept.stamp)]
@@ -220,26 +223,27 @@ class PersonSensor(Sensor):
             self._alone = None
         self._lost = tuple(self._there) or self._lost
         self._gone |= dict.fromkeys(self._there, self._lost_at)
-        changes = [+gone(person) for person in self._there]
+        changes = [(+gone(person)).because("no more detections arrive") for person in self._there]
         for memory in (self._frames, self._there, self._changed, self._engaged):
             memory.clear()
-        return [*changes, +personDetected("Unknown")] if somebody else None
+        return [*changes, (+personDetected("Unknown")).because("no more detections arrive")] if somebody else None
 
     def _leave(self, now: int) -> Iterator[Event]:
         for person in [person for person in self._there if self._share(self._config.vanish_s, person) < 0.25]:
+            why = self._shown(person, self._config.vanish_s)
             if self._there.pop(person) is None:
-                yield -stays(person)
+                yield (-stays(person)).because(why)
             if person in self._engaged:
                 self._engaged.remove(person)
-                yield -engages(person)
+                yield (-engages(person)).because(why)
             self._changed[person] = self._gone[person] = now
-            yield from (-present(person), +gone(person))
+            yield from ((-present(person)).because(why), (+gone(person)).because(why))
 
     def _stay(self, now: int) -> Iterator[Event]:
         for person, due in self._there.items():
             if due is not None and now >= due and self._share(self._config.appear_s, person) > 0:
                 self._there[person] = None
-                yield +stays(person)
+                yield (+stays(person)).because(f"{person} has been present for {self._config.help_after_s:g} s")
 
     def _forget(self, now: int) -> Iterator[Event]:
         for person, left in list(self._gone.items()):
@@ -247,19 +251,21 @@ class PersonSensor(Sensor):
             absence_s = self._config.regreet_after_s if person == SOMEBODY else self._config.forget_after_s
             if not 0 <= now - left < nanoseconds(absence_s):
                 del self._gone[person]
-                yield -gone(person)
+                yield (-gone(person)).because(f"{person} left at least {absence_s:g} s ago")
 
     def _come(self, now: int) -> Iterator[Event]:
         lost = [one for one in self._lost if one in self._gone] if self._alone is None else []
         for person in dict.fromkeys(person for frame in self._frames for person in frame.near):
             if person not in self._there and self._share(self._config.appear_s, person) >= 0.5:
                 self._there[person] = now + nanoseconds(self._config.help_after_s)
+                why = self._shown(person, self._config.appear_s)
                 self._changed[person] = now
-                yield +present(person)
+                yield (+present(person)).because(why)
                 if self._gone.pop(person, None) is not None:
-                    yield -gone(person)
+                    yield (-gone(person)).because(why)
                 else:
-                    yield from (+returned(person, one) for one in lost)
+                    same = f"{person} is the first in sight since detections arrive again; {{}} was there before"
+                    yield from ((+returned(person, one)).because(same.format(one)) for one in lost)
 
     def _attend(self) -> Iterator[Event]:
         frames = self._recent(max(self._config.appear_s, _PATH_S))
@@ -270,12 +276,13 @@ class PersonSensor(Sensor):
             if not looks or (path is None and _has_path(looks[-1]) and since < nanoseconds(_DECIDE_S)):
                 continue
             share = fmean(_is_attentive(look, path) for look in looks)
+            why = f"{person} {_attention(looks[-1], path)} ({share:.0%} of {len(looks)} frames)".replace("%", " %")
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
-                yield +engages(person)
+                yield (+engages(person)).because(why)
             elif engaged and share < 0.25:
                 self._engaged.remove(person)
-                yield -engages(person)
+                yield (-engages(person)).because(why)
 
     def _look(self, percept: PersonDetections) -> None:
         if self._frames and percept.stamp < self._frames[-1].stamp:
@@ -305,6 +312,13 @@ class PersonSensor(Sensor):
         if max(self._frames[0].stamp, self._changed.get(person, begin)) > begin:
             return math.nan
         return fmean(person in frame.near if person else bool(frame.near) for frame in self._recent(seconds))
+
+    def _shown(self, person: str, seconds: float) -> str:
+        """Describe the share of frames of the last ``seconds`` that show ``person`` (or anybody) within range."""
+        recent = self._recent(seconds)
+        count = sum(person in frame.near if person else bool(frame.near) for frame in recent)
+        shown = f"{count} of {len(recent)} frames of the last {seconds:g} s"
+        return f"{person or 'somebody'} was within {self._config.range_m:g} m in {shown}"
 
     def _company(self) -> int:
         """Return the median number of people in the recent frames with people."""
@@ -351,6 +365,19 @@ def _is_attentive(person: PersonDetection, path: _Path | None) -> bool:
     if path.speed_mps < _WALKS_MPS:
         return True
     return path.approach_mps > 0 and path.passes_m <= _REACH_M
+
+
+def _attention(person: PersonDetection, path: _Path | None) -> str:
+    """Describe what `_is_attentive` judges by."""
+    if person.facing_rad is not None and not _FACES_RAD < person.facing_rad < _AWAY_RAD:
+        return "faces the robot" if person.facing_rad <= _FACES_RAD else "faces away from the robot"
+    if path is None:
+        known = person.approach_mps is not None
+        return f"approaches at {person.approach_mps:.1f} m/s" if known else "does not turn away"
+    if path.speed_mps < _WALKS_MPS:
+        return "stands before the robot"
+    walks = f"walks past the robot at {path.passes_m:.1f} m" if path.approach_mps > 0 else "walks away from the robot"
+    return "walks up to the robot" if path.approach_mps > 0 and path.passes_m <= _REACH_M else walks
 
 
 def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -> Engine:

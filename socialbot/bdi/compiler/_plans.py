@@ -41,7 +41,7 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
         mode = ANY_MODE  # the goal may have variables
     opened = bool(mode)
     lenient = plan.text is not None
-    with Unit(str(plan.origin or plan), compiled.library, symbol_variables(plan), lenient=lenient) as unit:
+    with Unit(plan.place, compiled.library, symbol_variables(plan), lenient=lenient) as unit:
         unit.constants["PLAN"] = compiled
         f = unit.function("plan", ["ag", "args", "notes", "cause"], {})
         fail = "return undo(trail, 0)" if opened else "return None"
@@ -91,7 +91,8 @@ def head(f: Function, pattern: Literal, fail: str, mode: int) -> None:
 
 def chosen(f: Function, plan: Plan) -> None:
     """Emit the code after a successful context condition."""
-    f.line("c = cause if ag.trace.sink is None else chosen(ag, PLAN, args, notes, cause)")
+    values = ", ".join(f"{name!r}: {f.local(name)}" for name in sorted(f.scope))
+    f.line(f"c = cause if ag.trace.sink is None else chosen(ag, PLAN, args, notes, cause, {{{values}}})")
     if not plan.body:
         f.line("return DONE")
         return
@@ -186,7 +187,7 @@ def compile_probe(compiled: CompiledPlan) -> Any:
     terms = plan.condition.terms
     marked = [part for i, term in enumerate(terms) for part in (Reached(i), term)]
     lenient = plan.text is not None
-    with Unit(str(plan.origin or plan), compiled.library, symbol_variables(plan), lenient=lenient) as unit:
+    with Unit(plan.place, compiled.library, symbol_variables(plan), lenient=lenient) as unit:
         f = unit.function("probe", ["ag", "args", "notes", "trail"], {})
         head(f, plan.event.literal, "return", 0)
         write(f, Conjunction((*marked, Reached(len(terms)))), "return", lambda: f.line("return"))

@@ -10,10 +10,10 @@ from __future__ import annotations
 import inspect
 import math
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import reasons_against
+from socialbot.bdi._explain import matched, plans_after, reasons_against
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import (
     change_rule,
@@ -363,17 +363,24 @@ def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
     return (base.add_here if sign == "+" else base.replace)(relation, belief.args, notes, cause)
 
 
-def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: Any) -> str:
-    """Record the selection of a plan, with the reasons against earlier plans."""
+def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: Any, values: Mapping[str, Any]) -> str:
+    """Record the selection of a plan: its place, what its condition matched, and the other plans for the event."""
     text, event = plan.shown()
     detail: dict[str, object] = {"rule": text}
     if plan.plan.label:
         detail["label"] = plan.plan.label
+    if plan.plan.origin is not None:
+        detail["where"] = str(plan.plan.origin)
+    if plan.plan.condition.terms:
+        detail["matched"] = matched(ag, plan.plan, values)
     trigger = ag.triggers[plan.plan.event.key]
     if closed(args) and len(trigger.plans) > 1:
         rejected = reasons_against(ag, trigger, args, notes, plan)
         if rejected:
             detail["rejected"] = rejected
+        later = plans_after(trigger, args, plan)
+        if later:
+            detail["later"] = later
     return ag.trace.record("plan", event, cause, **detail)
 
 

@@ -60,7 +60,14 @@ export class Why {
     const text = n ? reason.sentence : capital(reason.sentence);
     return element('li', { class: n ? `${reason.link} ${reason.kind}` : 'first' },
       n ? element('span', { class: 'link', text: reason.link }) : null,
-      reason.id ? this.#button(reason, text) : element('span', { class: 'outside', text }));
+      reason.id ? this.#button(reason, text) : element('span', { class: 'outside', text }),
+      reason.rule ? this.#rule(reason) : null);
+  }
+
+  /** The text of a rule, which a click shows. */
+  #rule({ rule, where }) {
+    return element('details', { class: 'rule' },
+      element('summary', { text: where || 'rule' }), element('pre', {}, element('code', { text: rule })));
   }
 
   #effect(reason) {

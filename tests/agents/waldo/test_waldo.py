@@ -182,6 +182,7 @@ def test_trace_links_greeting_to_frame():
         "GreetPeople()",
         "+engages(Who)",
         'engages("somebody")',
+        "somebody does not turn away (100 % of 6 frames)",
     ]
     assert record.cause == f"detection-{SECOND // 2}"
     assert {record.source for record in corridor.trace} == {"waldo"}
