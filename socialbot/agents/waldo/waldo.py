@@ -78,6 +78,10 @@ class several(Belief):
     """More than one person waits for a greeting."""
 
 
+class forgotten(Reactor):
+    """This person left so long ago that they are greeted anew."""
+
+
 class returned(Reactor):
     """A person arrived after a loss of detections, and counts as this one, who was present before it."""
 
@@ -251,7 +255,8 @@ class PersonSensor(Sensor):
             absence_s = self._config.regreet_after_s if person == SOMEBODY else self._config.forget_after_s
             if not 0 <= now - left < nanoseconds(absence_s):
                 del self._gone[person]
-                yield (-gone(person)).because(f"{person} left at least {absence_s:g} s ago")
+                why = f"{person} left at least {absence_s:g} s ago"
+                yield from ((-gone(person)).because(why), (+forgotten(person)).because(why))
 
     def _come(self, now: int) -> Iterator[Event]:
         lost = [one for one in self._lost if one in self._gone] if self._alone is None else []
@@ -410,12 +415,12 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
         # People who return after a while are greeted again.
-        -gone(Who) / ~present(Who) >> [-greeted(Who), -offered(Who)],
+        atomic(+forgotten(Who) >> [-greeted(Who), -offered(Who)]),
         # After a loss of detections Waldo waits. People present afterwards count as those present before.
         +personDetected("Unknown") >> [-stays(_), -engages(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
         personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
-        +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_)],
+        +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_), -greeted(_), -offered(_)],
     )
     return engine
 

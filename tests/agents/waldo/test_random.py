@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
@@ -39,6 +39,10 @@ def played(scenes, manners) -> Corridor:
     return corridor
 
 
+@example(  # somebody comes in the very frame in which the last visit is forgotten
+    [([1.0], 1, 1), ([], 1, 1), ([], 53, 1), ([1.0], 1, 1)],
+    {"appear_s": 0.0, "vanish_s": 0.5, "help_after_s": 0.5, "regreet_after_s": 5.0},
+)
 @settings(deadline=None, max_examples=60)
 @given(SCENES, MANNERS)
 def test_any_detections_cause_polite_actions(scenes, manners):
