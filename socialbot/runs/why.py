@@ -304,8 +304,10 @@ def why_not(history: History, plan: str) -> tuple[Considered, ...]:
     named = {each.plan for each in found}
     for goal in found:  # grows
         name = _GOAL.match(rules.get(goal.plan) or goal.plan)
-        adopts = re.compile(rf"\b{re.escape(name[1])}\b") if name else None
-        for each in known if adopts else ():
+        if name is None:
+            continue
+        adopts = re.compile(rf"\b{re.escape(name[1])}\b")
+        for each in known:
             if each.plan not in named and adopts.search(_body(rules.get(each.plan) or each.plan)):
                 named.add(each.plan)
                 found.append(msgspec.structs.replace(each, leads_to=goal.plan))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from msgspec.structs import replace
 
-from socialbot.bdi import Action, Belief, Engine, Event, Goal, Record, Sensor, variables
+from socialbot.bdi import Action, Belief, Engine, Event, Goal, Plan, Record, Sensor, variables
 from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
@@ -164,7 +164,7 @@ class speak(Action):  # noqa: N801
         pass
 
 
-def mind(*rules: object) -> tuple[Engine, ManualClock, Callable[[], History]]:
+def mind(*rules: Plan) -> tuple[Engine, ManualClock, Callable[[], History]]:
     """An agent with these rules, its clock, and its history so far."""
     records: list[TraceRecord] = []
 
