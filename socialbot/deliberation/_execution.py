@@ -229,6 +229,14 @@ def projected(facts: FactBase, domain: PddlDomain, running: Iterable[PlanTask], 
     return state.problem(goal)
 
 
+def with_expected(problem: PddlProblem, facts: FactBase, running: Iterable[PlanTask]) -> PddlProblem:
+    """Return a problem with the expected effects of running tasks that sensors have not reported."""
+    state, seen = PddlState.of(problem, facts.domain), PddlState.of(facts.problem(), facts.domain)
+    for task in running:
+        state.apply({key: new for key, new in task.expected.items() if not task.is_seen(key, new, seen)})
+    return state.problem(problem.goal)
+
+
 def merged(
     domain: PddlDomain, facts: FactBase, plan: PddlPlan, goal: Formula, running: tuple[PlanTask, ...], now: int
 ) -> tuple[PlanTask, ...]:

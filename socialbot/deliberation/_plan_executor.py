@@ -16,7 +16,7 @@ The cause of a plan is its planning; that of a step is its plan.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,12 +24,12 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._action_executor import ActionExecutor, IsSensed, fact_of
-from socialbot.deliberation._execution import PlanExecution, PlanTask, merged, projected
+from socialbot.deliberation._execution import PlanExecution, PlanTask, merged, projected, with_expected
 from socialbot.deliberation._fact_index import FactIndex
 from socialbot.deliberation._matching import fitting
 from socialbot.deliberation._wakeup import WakeupLoop
-from socialbot.deliberation.facts import FactBase
-from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
+from socialbot.deliberation.facts import FactBase, problem_of
+from socialbot.deliberation.messages import INSTANCE, Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
 from socialbot.planning.pddl.formulas import Formula
@@ -87,6 +87,8 @@ class PlanExecutor:
         self._plans = 0
         self._after_abort: list[Callable[[], object]] | None = None
         self._outcomes: list[PlanOutcome] = []
+        self.finishing_steps = False
+        """Whether running steps may end before the abort."""
         self._keep_effects = False
         self._hold_reason = ""
         self._published = ""
@@ -127,6 +129,22 @@ class PlanExecutor:
             held.pop(fact.identity, None)
             if value is not None and value is not False:
                 held[fact.identity] = fact
+        return self._rolled_back(held.values())
+
+    def problem_if_aborted(self, goal: Formula | None) -> PddlProblem:
+        """Return the predicted state after an abort. Sensed effects that no sensor has reported yet have happened."""
+        return with_expected(problem_of(self.beliefs_if_aborted(), self._facts.domain, goal), self._facts, self.running)
+
+    def problem_after_steps(self, goal: Formula | None) -> PddlProblem:
+        """Return the predicted state after `finish_steps`."""
+        domain, state = self._facts.domain, self.projected(goal)
+        instances = (fact for fact in self._facts.facts() if fact.pddl_type == INSTANCE)
+        keys = (*((fact, True) for fact in state.facts), *state.values.items())
+        return problem_of(self._rolled_back((*instances, *(fact_of(*key) for key in keys))), domain, goal)
+
+    def _rolled_back(self, facts: Iterable[Fact]) -> tuple[Fact, ...]:
+        """Return facts after the rollback of the desire, in order."""
+        held = {fact.identity: fact for fact in facts}
         if self._execution is not None and not self._keep_effects:
             desire = self._execution.desire
             index = FactIndex(self._facts.domain, held.values())
@@ -183,8 +201,11 @@ class PlanExecutor:
         """Stop all steps; call ``then`` when every action has stopped and the desire's rollback is done."""
         if self._after_abort is not None:
             self._after_abort.append(then)
-            return
-        self._after_abort = [then]
+            if not self.finishing_steps:
+                return
+        else:
+            self._after_abort = [then]
+        self.finishing_steps = False
         if self._execution is not None:
             if self._execution.status == "RUNNING":
                 self._end_plan(self._execution, "aborted", reason)
@@ -192,9 +213,22 @@ class PlanExecutor:
                 self._guarded(lambda task=task: self._actions.give_up(task, "CANCELLED", reason))
         self._loop.wake()
 
+    def finish_steps(self, reason: str, then: Callable[[], object] = lambda: None) -> None:
+        """Start no further step, and call ``then`` after the end of the running ones and the desire's rollback.
+
+        `abort` stops them earlier.
+        """
+        if self.aborting:
+            self.abort(reason, then)
+            return
+        self._after_abort, self.finishing_steps = [then], True
+        if self._execution is not None and self._execution.status == "RUNNING":
+            self._end_plan(self._execution, "aborted", reason)
+        self._loop.wake()
+
     def finish(self, reason: str, then: Callable[[], object] = lambda: None) -> None:
         """Stop all steps without the desire's rollback, as the desire is fulfilled."""
-        if self._after_abort is None:
+        if self._after_abort is None or self.finishing_steps:
             self._keep_effects = True
         self.abort(reason, then)
 
@@ -286,8 +320,9 @@ class PlanExecutor:
                 self._actions.start_if_possible(task, execution.record)
 
     def _finish_abort(self) -> None:
-        if self._after_abort is None or self._actions.stopping:
+        if self._after_abort is None or self._actions.stopping or (self.finishing_steps and self.running):
             return
+        self.finishing_steps = False
         callbacks, execution, keep_effects = self._after_abort, self._execution, self._keep_effects
         self._after_abort = self._execution = None
         self._keep_effects = False
@@ -306,7 +341,7 @@ class PlanExecutor:
             self._guarded(lambda fact=fact: self._facts.add(fact, cause=execution.end_record))
 
     def _on_step_failed(self, task: PlanTask, record: str) -> None:
-        if self._execution is not None:
+        if self._execution is not None and not self.finishing_steps:
             self._fail_plan(self._execution, f"{task.step.call}: {task.message}", record)
 
     def _fail_plan(self, execution: PlanExecution, reason: str, cause: str = "") -> None:

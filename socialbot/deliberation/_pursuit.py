@@ -13,7 +13,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
 from socialbot.deliberation.desires import DesireState, End
-from socialbot.deliberation.facts import FactBase, problem_of
+from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
@@ -30,12 +30,17 @@ RunInBackground = Callable[[Callable[[], Any], Callable[[Any], None]], None]
 
 @dataclass(eq=False)
 class PlanRequest:
-    """A request for a plan of at most ``max_makespan_s`` (s)."""
+    """A request for a plan of at most ``max_makespan_s`` (s).
+
+    A desire that preempts another is planned for from the state after an abort, or ``after_steps``: after the end of
+    the running steps.
+    """
 
     state: DesireState
     domain: PddlDomain
     max_makespan_s: float
     cause: str
+    after_steps: bool = False
     cancelled: threading.Event = field(default_factory=threading.Event)
 
 
@@ -83,9 +88,11 @@ class DesirePursuit:
         if self.current is state and not state.context_holds():
             self.abort("the context of the desire no longer holds")
             return
-        request = PlanRequest(state, self.facts.domain, *self._max_makespan(state))
+        self._send(PlanRequest(state, self.facts.domain, *self._max_makespan(state)))
+
+    def _send(self, request: PlanRequest) -> None:
         try:
-            problem = self._planning_problem(state)
+            problem = self._planning_problem(request.state, request.after_steps)
         except PlanningError as error:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
@@ -105,8 +112,8 @@ class DesirePursuit:
             self._request.cancelled.set()
             self._request = None
 
-    def _planning_problem(self, state: DesireState) -> PddlProblem:
-        """Return the initial state and goal; after an abort of the current plan if the desire preempts it.
+    def _planning_problem(self, state: DesireState, after_steps: bool) -> PddlProblem:
+        """Return the initial state and goal; that of a preempting desire is predicted.
 
         Raises PlanningError for an unknown object.
         """
@@ -115,8 +122,9 @@ class DesirePursuit:
             if reason:
                 raise PlanningError(reason)
         goal = self.facts.goal(state.desire.wanted)
-        if self.current is not None and self.current is not state:
-            return problem_of(self.plan_executor.beliefs_if_aborted(), self.facts.domain, goal)
+        if self._preempts(state):
+            executor = self.plan_executor
+            return executor.problem_after_steps(goal) if after_steps else executor.problem_if_aborted(goal)
         return self.plan_executor.projected(goal) if self.plan_executor.running else self.facts.problem(goal)
 
     def _max_makespan(self, state: DesireState) -> tuple[float, str]:
@@ -153,22 +161,29 @@ class DesirePursuit:
         if unhandled:
             self.end(state, "dropped", f"no plan or action performs {', '.join(unhandled)}")
         elif plan is None or message:
+            if self._preempts(state) and not request.after_steps and self.plan_executor.running:
+                self._send(replace(request, after_steps=True))
+                return
             self._on_planning_failed(state, message, unsolvable=answer.verdict is PlannerVerdict.IMPOSSIBLE)
         elif self.current is not state and state.blocked:
             pass  # its precondition has stopped holding since the request
-        elif self.current is not None and self.current is not state:
+        elif self._preempts(state):
             # The plan is made anew after the abort: the facts may differ from the predicted ones.
+            assert self.current is not None
             self._preempted = state, self.current
-            self.abort(f"{state.name} comes first")
+            self.abort(f"{state.name} comes first", finish_steps=request.after_steps)
         else:
             if self.current is None:
                 self.current, self._began = state, self.engine.clock.now()
             self._plan_began = self.engine.clock.now()
             self._preempted = None
             self.problem = ""
-            state.failed_planning = 0
+            state.failed_planning = state.fruitless = 0
             self.plan_executor.execute(plan, state.desire, record, began=self._began, domain=request.domain)
         self.wake()
+
+    def _preempts(self, state: DesireState) -> bool:
+        return self.current is not None and self.current is not state
 
     def without_handler(self, actions: Iterable[str]) -> tuple[str, ...]:
         """Return the actions that have neither a `PlanAction` nor a plan of the engine."""
@@ -177,6 +192,11 @@ class DesirePursuit:
         return tuple(name for name, goal in goals.items() if goal not in triggers or not triggers[goal].plans)
 
     def _on_planning_failed(self, state: DesireState, reason: str, *, unsolvable: bool) -> None:
+        now = self.engine.clock.now()
+        if self._preempts(state):  # a prediction failed, which says little about the state that will come
+            state.fruitless += 1
+            state.not_before = now + self._pause(state.fruitless)
+            return
         state.failed_planning += 1
         if self._preempted is not None and self._preempted[0] is state and self._preempted[1] is not self.current:
             state.never_preempts.append(self._preempted[1])
@@ -184,18 +204,27 @@ class DesirePursuit:
         if state.failed_planning >= self.options.comp_plan_tries:
             self.end(state, "dropped", f"no plan after {_times(state.failed_planning, 'try', 'tries')}: {reason}")
             return
-        now, pause = self.engine.clock.now(), nanoseconds(self.options.retry_s)
-        state.not_before = now + pause
+        state.not_before = now + self._pause(state.failed_planning)
         if unsolvable:
-            state.unsolvable_version, state.unsolvable_until = self.facts.version, now + UNSOLVABLE_FACTOR * pause
+            until = now + UNSOLVABLE_FACTOR * nanoseconds(self.options.retry_s)
+            state.unsolvable_version, state.unsolvable_until = self.facts.version, until
         if self.current is state:
             self.abort(f"no new plan: {reason}")
 
-    def abort(self, reason: str) -> None:
-        """Stop the plan; its desire remains and may be planned for again."""
-        if not self.plan_executor.aborting:
+    def _pause(self, failures: int) -> int:
+        """Return the time (ns) until the next attempt, which doubles from the fourth failure on."""
+        factor = min(2 ** max(failures - 3, 0), UNSOLVABLE_FACTOR)
+        return factor * nanoseconds(self.options.retry_s)
+
+    def abort(self, reason: str, *, finish_steps: bool = False) -> None:
+        """Stop the plan, perhaps after the running steps; its desire remains and may be planned for again."""
+        executor = self.plan_executor
+        if not executor.aborting:
             self.cancel_request()
-            self.plan_executor.abort(reason, self._on_stopped)
+            stop = executor.finish_steps if finish_steps else executor.abort
+            stop(reason, self._on_stopped)
+        elif executor.finishing_steps and not finish_steps:
+            executor.abort(reason)
 
     def forget(self, state: DesireState, how: End, reason: str) -> None:
         """Stop the request and plan of a desire that has ended."""
@@ -208,6 +237,8 @@ class DesirePursuit:
         elif not self.plan_executor.aborting:
             self.cancel_request()
             self.plan_executor.finish(reason, self._on_stopped)
+        elif self.plan_executor.finishing_steps:
+            self.plan_executor.finish(reason)
 
     def revise(self, state: DesireState) -> None:
         """Apply a new deadline or priority; an open request is made again."""
@@ -231,7 +262,7 @@ class DesirePursuit:
 
     def _on_execution_failed(self, state: DesireState, reason: str) -> None:
         state.failed_execution += 1
-        state.not_before = max(state.not_before, self._plan_began + nanoseconds(self.options.retry_s))
+        state.not_before = max(state.not_before, self._plan_began + self._pause(state.failed_execution))
         if state.failed_execution >= self.options.exec_plan_tries:
             self.end(state, "dropped", f"aborted {_times(state.failed_execution, 'time', 'times')}: {reason}")
         elif self.current is not None:

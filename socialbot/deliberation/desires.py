@@ -31,7 +31,8 @@ class DesireState:
         unsolvable_version: `FactIndex.version` for which the planner has proved that there is no plan.
         unsolvable_until: Time (ns) until which that proof counts.
         never_preempts: Desires that it has interrupted without getting a plan.
-        failed_planning: Failed plannings since its last plan.
+        failed_planning: Failed plannings from known facts since its last plan.
+        fruitless: Failed plannings from predicted facts, to preempt another desire, since its last plan.
         failed_execution: Failed executions.
         reported: Refused preparations that are on the trace already.
     """
@@ -48,6 +49,7 @@ class DesireState:
     unsolvable_until: int = 0
     never_preempts: list[DesireState] = field(default_factory=list)
     failed_planning: int = 0
+    fruitless: int = 0
     failed_execution: int = 0
     listeners: list[Listener] = field(default_factory=list)
     reported: list[str] = field(default_factory=list)

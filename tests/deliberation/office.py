@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from socialbot.core.clock import ManualClock
+from socialbot.deliberation._action_executor import IsSensed
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
@@ -89,6 +90,7 @@ class Office(Scene):
         planner: Planner | None = None,
         slow: bool = False,
         observer: Any = None,
+        is_sensed: IsSensed = lambda name, objects: False,
         clock: ManualClock | None = None,
         **options: Any,
     ) -> None:
@@ -104,6 +106,7 @@ class Office(Scene):
             self._later if slow else self._aside,
             options=DeliberationOptions(**options),
             observer=observer,
+            is_sensed=is_sensed,
         )
         self.facts = self.deliberator.facts
         for known in facts(beliefs):

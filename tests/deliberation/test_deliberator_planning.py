@@ -85,6 +85,15 @@ def test_executions_that_fail_at_once_are_tried_again_after_a_pause():
     assert office.ends == [("a", "fulfilled", "")]
 
 
+def test_attempts_that_keep_failing_become_rarer():
+    office = Office(exec_plan_tries=8)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=0.0, fails="the arm is broken")
+    office.want(job("a"))
+    office.until(60)
+    assert [time for time, _ in office.begun()] == [0.0, 1.0, 2.0, 3.0, 5.0, 9.0, 17.0, 25.0]
+    assert office.ends == [("a", "dropped", "aborted 8 times: (do a): the arm is broken")]
+
+
 def test_a_plan_with_an_unhandled_action_drops_its_desire():
     office = Office()
     office.run(lambda: office.engine.remove_plan(next(iter(office.engine.library.triggers["+!prepare/0"].plans)).plan))

@@ -93,15 +93,15 @@ def only_after_the_other(problem):
     return PlannerAnswer(PlannerVerdict.GAVE_UP, message="no") if wants_b and not done else None
 
 
-def test_the_preempting_plan_starts_from_the_state_after_the_abort():
+def test_running_steps_end_when_only_then_there_is_a_plan():
     office = Office(reschedule_policy="PREEMPT", comp_plan_tries=100)
     office.clerk.script = only_after_the_other
     office.want(job("a", 0.1))
     office.until(1)
     office.want(job("b", 0.9))
-    office.until(5)
-    assert office.plans() == []
-    assert office.begun() == [(0.0, "(do a)")]
+    office.until(30)
+    assert office.begun() == [(0.0, "(do a)"), (6.0, "(do b)")]
+    assert [end[:2] for end in office.ends] == [("a", "fulfilled"), ("b", "fulfilled")]
 
 
 def test_a_fruitless_preemption_is_not_repeated_until_the_other_desire_ends():

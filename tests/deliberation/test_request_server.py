@@ -173,7 +173,7 @@ def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk)
 def test_a_negated_condition_about_an_unknown_object_is_not_fulfilled(desk):
     typo = job("typo", value=(), conditions=(FactCondition(check="F", condition_to_check=p("done", "aa")),))
     assert desk.ask("add", typo, monitor=True).state == "done"
-    desk.office.until(20)
+    desk.office.until(40)
     assert desk.replies[-1].state == "dropped"
     assert "there is no object 'aa'" in desk.replies[-1].reason
 
