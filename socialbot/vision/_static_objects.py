@@ -3,12 +3,15 @@
 An object is hidden only if it was known before anybody came, or never looked like a person with any certainty:
 
 * A box that looks like the background (`_Background`, places where nothing was detected) shows an object.
-* A box without any motion shows an object after a while. The time depends on its score and on whether anybody has
-  moved in the view before. A box with a certain score, or one that moved, is a person.
+* A box without any motion shows an object after a while. The time depends on its score, on its size and on whether
+  anybody has moved in the view before. A box with a certain score, or one that moved, is a person.
 
 Motion is measured in pixels, against the noise of the image (`_Motion`). Standing people sway by more than that. Pixels
 that do not change at all, as in a paused or strongly compressed video, say nothing. While the camera turns, no track
 changes its class.
+
+What is known belongs to a place and its look. A new track in the place of a lost one continues its history if the
+place looks the same, also when the camera was off in between.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.detector import clip
+from socialbot.vision.detector import clip, iou
 from socialbot.vision.tracking import Track
 
 _WIDTH = 320  # Images are compared at this width: coarse for vibrations, fine enough for breathing.
@@ -36,7 +39,10 @@ _STEP_S = 0.2  # Interval of the images that are kept.
 _CELL = 8  # Motion is measured in cells of so many pixels.
 _TEXTURE = 4.0  # Cells with a squared gradient below this multiple of the noise show no motion.
 _MOVED_PX, _STILL_PX = 0.35, 0.2  # A box moves from this apparent motion, and is still below that one,
-_MOVED_NOISE, _STILL_NOISE = 4.0, 2.0  # or these multiples of the apparent motion of the background.
+_MOVED_NOISE, _STILL_NOISE = 4.0, 1.2  # or these multiples of the apparent motion of the background.
+_HIGH = 0.8  # The motion of a box is this quantile of its cells. That of the background is the same quantile,
+_NOISE_TAIL = 2.6  # at most this multiple of its median: leaves and cars move too.
+_UNREST = 1.0  # Motion between still and moving counts against being still for so many times its duration.
 _FROZEN = 0.02  # Cells whose difference has a lower variance have not been updated by the video codec.
 _FROZEN_SHARE = 0.5
 _TURNED_PX = 0.8  # The camera moves when the background does.
@@ -44,11 +50,17 @@ _TURNED_PX = 0.8  # The camera moves when the background does.
 # Scores as multiples of the score that is certain.
 _ALONE_S, _ALONE_SCORE = 0.5, 1.0  # Still since the first image, before anybody moved: objects below this score.
 _STILL_S, _STILL_SCORE = 8.0, 0.9  # Still for so long: objects below this score,
+_CLEARLY_STILL_S = 3.0  # or for so long, if the sway of a person of this height would be visible; for twice as long,
+# objects below the score of those alone.
+_SWAY = 0.004  # Standing people sway by at least this share of their height.
 _LIFE_S = 30.0  # if they never moved; after a movement they may be still for longer.
 _AWAKE_S, _ASIDE = 1.5, 0.7  # An object that moves for so long, others being so many widths away, is a person.
 _FAMILIAR_SCORE = 1.05  # A score that contradicts the background.
 _FIRST_S = 0.35  # Tracks that begin so early were there in the first image.
 _NEWS = 0.1  # Weight of the newest score in the mean.
+
+_SAME_PLACE = 0.6  # A new track with this IoU to a lost one may show the same object, if it looks like it.
+_MOST_PLACES, _PLACE_S = 32, 900.0  # Lost tracks that are remembered, and for how long.
 
 _LEARN_S = 2.0  # Places without detections for so long are background.
 _FAMILIAR = 0.8  # A box shows background from this correlation,
@@ -119,7 +131,8 @@ class _Background:
 class _Motion:
     """Apparent motion between two images in pixels, by cell, from the residuals of a local fit of gain and offset.
 
-    ``noise`` is its median outside of all boxes: noise and compression look like a small motion at edges.
+    ``noise`` is its median outside of all boxes: noise and compression look like a small motion at edges. Boxes with
+    less motion than ``still`` move no more than the background.
     """
 
     def __init__(self, now: _Snapshot, then: _Snapshot) -> None:
@@ -139,7 +152,8 @@ class _Motion:
         self.shown = slope > _TEXTURE * noise + 2.0
         self.frozen = rest < _FROZEN
         behind = self.pixels[outside & self.shown]
-        self.noise = float(np.median(behind)) if len(behind) else 0.0
+        self.noise, high = np.quantile(behind, [0.5, _HIGH]).tolist() if len(behind) else (0.0, 0.0)
+        self.still = max(_STILL_PX, _STILL_NOISE * min(high, _NOISE_TAIL * self.noise))
 
     def of(self, box: np.ndarray, free: np.ndarray) -> float | None:
         """Motion of the ``free`` part of ``box`` in pixels; None if the image does not show it."""
@@ -148,19 +162,29 @@ class _Motion:
         if there.mean() < _LEAST_FREE or self.frozen[y:bottom, x:right][there].mean() > _FROZEN_SHARE:
             return None
         pixels = self.pixels[y:bottom, x:right][there & self.shown[y:bottom, x:right]]
-        return float(np.quantile(pixels, 0.8)) if len(pixels) else None
+        return float(np.quantile(pixels, _HIGH)) if len(pixels) else None
 
 
-@dataclass
+@dataclass(eq=False)
 class _History:
-    """What is known of one track: ``still_s`` without motion, and the mean ``score`` in that time."""
+    """What is known of one track: ``still_s`` without motion, and the mean ``score`` in that time.
+
+    ``look`` is the local contrast in ``box`` when it was last seen, in pixels of a `_Snapshot`, by the track ``key``.
+    ``begin`` is the first box. A track that ``moved`` ``lives`` if nobody else was the cause.
+    """
 
     first: bool
     score: float
     stamp: int
+    key: int
+    box: np.ndarray
+    look: np.ndarray
+    begin: np.ndarray
     still_s: float = 0.0
     moving_s: float = 0.0
     moved: bool = False
+    lives: bool = False
+    is_object: bool = False
 
 
 class StaticObjectFilter:
@@ -178,7 +202,7 @@ class StaticObjectFilter:
         self._views: deque[_Snapshot] = deque()
         self._background = _Background(shape)
         self._histories: dict[int, _History] = {}
-        self._objects: set[int] = set()  # objects in the last image
+        self._lost: list[_History] = []
         self._company = False  # whether anybody has moved
         self._begin: int | None = None
 
@@ -214,14 +238,18 @@ class StaticObjectFilter:
         is_turning = motion is not None and (motion.noise > _TURNED_PX or _has_turned(now, then))
         if is_turning:
             motion = None
+        keys = {track.key for track in both}
+        self._lost += [each for key, each in self._histories.items() if key not in keys]
+        oldest = stamp_ns - round(_PLACE_S * SECOND)
+        self._lost = [each for each in self._lost if each.stamp >= oldest][-_MOST_PLACES:]
+        self._histories = {key: each for key, each in self._histories.items() if key in keys}
         objects = {
             track.key
             for number, track in enumerate(both)
             if self._is_object(track, number, now, then, motion, is_turning=is_turning) and track.id not in people
         }
-        self._objects = objects
-        keys = {track.key for track in both}
-        self._histories = {key: each for key, each in self._histories.items() if key in keys}
+        for key, history in self._histories.items():
+            history.is_object = key in objects
         self._keep(now, [number for number, track in enumerate(both) if track.key not in objects])
         return tuple(track for track in tracks if track.key not in objects)
 
@@ -235,18 +263,19 @@ class StaticObjectFilter:
         *,
         is_turning: bool,
     ) -> bool:
-        box, was_object = now.boxes[number], track.key in self._objects
-        history = self._histories.get(track.key)
-        if history is None:
-            first = now.stamp - (self._begin or 0) <= _FIRST_S * SECOND
-            history = self._histories[track.key] = _History(first, track.score, now.stamp)
+        box = now.boxes[number]
+        history = self._history(track, box, now)
+        was_object = history.is_object
         seconds = (now.stamp - history.stamp) / SECOND
         history.stamp = now.stamp
         if is_turning or track.unseen_s:
             return was_object
+        history.box, history.look = box, now.shapes[_inside(box, now.shapes.shape)]
         history.score += _NEWS * (track.score - history.score)
         free = now.free(track.key)
-        pixels = motion.of(box, free & then.free(track.key)) if motion and then else None
+        before, history.key = history.key, track.key
+        free_then = then.free(track.key if track.key in then.names else before) if then else free
+        pixels = motion.of(box, free & free_then) if motion else None
         is_moving = False
         if pixels is not None and motion is not None:
             is_moving = pixels > max(_MOVED_PX, _MOVED_NOISE * motion.noise)
@@ -255,8 +284,12 @@ class StaticObjectFilter:
             history.moving_s = history.moving_s + seconds if is_moving and is_aside else 0.0
             if is_moving:
                 history.still_s, history.moved = 0.0, True
-            elif pixels < max(_STILL_PX, _STILL_NOISE * motion.noise):
+                # People who pass move the edges and the light of an object, but do not carry it away.
+                history.lives = history.lives or is_aside or _has_gone(box, history.begin)
+            elif pixels < motion.still:
                 history.still_s += seconds if history.still_s else (now.stamp - then.stamp) / SECOND if then else 0.0
+            else:
+                history.still_s = max(history.still_s - _UNREST * seconds, 0.0)
         if was_object and history.moving_s >= _AWAKE_S:
             self._background.known[_inside(box, now.shapes.shape)] = False
         familiar = self._background.likeness(now, box, free)
@@ -269,13 +302,34 @@ class StaticObjectFilter:
         self._company |= is_moving
         if history.first and not history.moved and not self._company and history.score < _ALONE_SCORE * self._certain:
             is_object = was_object or history.still_s >= _ALONE_S
-        elif history.score >= _STILL_SCORE * self._certain:
-            return False
         else:
-            is_object = history.still_s >= (_LIFE_S if history.moved else _STILL_S) or (was_object and not is_moving)
+            clear = motion is not None and motion.still < _SWAY * box[3]
+            likely = history.score >= _STILL_SCORE * self._certain
+            if likely and not (clear and history.score < _ALONE_SCORE * self._certain):
+                return False
+            least_s = _LIFE_S if history.lives else _CLEARLY_STILL_S * (1 + likely) if clear else _STILL_S
+            is_object = history.still_s >= least_s or (was_object and not is_moving)
         if is_object and not was_object:
             self._background.learn(now.shapes, _covered(now.shapes.shape, box[None], 0.0))
         return is_object
+
+    def _history(self, track: Track, box: np.ndarray, now: _Snapshot) -> _History:
+        """The history of a track: its own, else that of a lost track in its place, else a new one."""
+        history = self._histories.get(track.key)
+        if history is not None:
+            return history
+        overlaps = iou(box, np.array([each.box for each in self._lost]).reshape(-1, 4))
+        there = [each for each, overlap in zip(self._lost, overlaps, strict=True) if overlap >= _SAME_PLACE]
+        same = [each for each in there if _shows(now.shapes, each) >= _FAMILIAR]
+        if same:
+            history = max(same, key=lambda each: each.stamp)
+            self._lost = [each for each in self._lost if each not in same]
+        else:
+            first = now.stamp - (self._begin or 0) <= _FIRST_S * SECOND
+            look = now.shapes[_inside(box, now.shapes.shape)]
+            history = _History(first, track.score, now.stamp, track.key, box, look, box)
+        self._histories[track.key] = history
+        return history
 
     def _earlier(self, stamp_ns: int) -> _Snapshot | None:
         """The image to compare with: the newest that is old enough, or else the oldest."""
@@ -327,6 +381,16 @@ def _likeness(now: np.ndarray, then: np.ndarray, box: np.ndarray, free: np.ndarr
     if there.mean() < _LEAST_FREE:
         return None
     return _correlation(now[y:bottom, x:right][there], then[y:bottom, x:right][there])
+
+
+def _has_gone(box: np.ndarray, begin: np.ndarray) -> bool:
+    """Whether a box has left the place where it was at the ``begin``."""
+    return bool(iou(box, begin[None])[0] < _SAME_PLACE / 2)
+
+
+def _shows(shapes: np.ndarray, history: _History) -> float:
+    """Correlation of an image with the last look of a track in its place."""
+    return _correlation(shapes[_inside(history.box, shapes.shape)], history.look)
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:

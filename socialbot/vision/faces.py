@@ -110,7 +110,9 @@ _PAUSE_S = 0.15  # Least time between two searches for the same face.
 _LEAST_HEAD, _CLEAR_HEAD = 20.0, 28.0  # Heads are searched for faces, and can be said to have none, from here: pixels.
 _SMOOTHING = 0.5  # Weight of a new turn.
 _KEPT_S = 1.0  # A face counts for this long.
-_CERTAIN_FACES, _PERSON_S = 3, 30.0  # So many faces show a person, for this long.
+_CERTAIN_FACES, _PERSON_S = 3, 30.0  # So many faces show a person, for this long,
+_LIVE, _LIVE_PX = 0.015, 0.25  # if their middles spread by this share of their width. Printed faces stay in place.
+_MOST_FACES = 12
 _AWAY_RAD, _MISSES, _MISSED_S = 2.5, 5, 0.8  # Without a face for so long, a person who stands is turned away.
 
 _WALK_S, _LEAST_WALK_S, _LEAST_POINTS = 1.2, 0.6, 5  # Duration of a walk that shows its direction.
@@ -129,6 +131,7 @@ class Attention:
     first_miss: int = 0
     misses: int = 0
     _places: deque[tuple[int, float, float]] = field(default_factory=deque)
+    _faces: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=_MOST_FACES))
 
     def see(self, stamp: int, face: Face | None, *, clear: bool) -> None:
         """Record a search; ``clear`` heads are large enough to show a face."""
@@ -139,13 +142,19 @@ class Attention:
             self.turn_rad += share * (face.turn_rad - self.turn_rad)
             self.found, self.misses = stamp, 0
             self.faces += 1
+            x, y, w, h = face.box
+            self._faces.append((x + w / 2, y + h / 2, w))
         elif clear:
             self.first_miss = self.first_miss if self.misses else stamp
             self.misses += 1
 
     def is_person(self, stamp: int) -> bool:
-        """Whether faces have shown that this is a person."""
-        return self.faces >= _CERTAIN_FACES and stamp - (self.found or 0) <= _PERSON_S * SECOND
+        """Whether faces have shown that this is a person, and not the picture of one."""
+        if self.faces < _CERTAIN_FACES or stamp - (self.found or 0) > _PERSON_S * SECOND:
+            return False
+        across, down, width = np.array(self._faces).T
+        spread = max(float(across.std()), float(down.std()))
+        return spread >= max(_LIVE * float(np.median(width)), _LIVE_PX)
 
     def walk(self, stamp: int, distance_m: float, bearing_rad: float) -> None:
         """Record the place of the person, relative to the camera."""

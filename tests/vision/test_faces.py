@@ -113,9 +113,16 @@ def test_some_faces_show_a_person_for_a_while():
     attention = Attention()
     for number in range(3):
         assert not attention.is_person(number * SECOND)
-        attention.see(number * SECOND, FRONT, clear=True)
+        attention.see(number * SECOND, Face((10.0, 10.0 + number, 30.0, 30.0), 0.9, 0.1), clear=True)
     assert attention.is_person(20 * SECOND)
     assert not attention.is_person(60 * SECOND)
+
+
+def test_printed_face_that_stays_where_it_is_shows_nobody():
+    attention = Attention()
+    for number in range(20):
+        attention.see(number * SECOND, Face((10.0 + 0.4 * (number % 2), 10.0, 30.0, 30.0), 0.9, 0.1), clear=True)
+    assert not attention.is_person(20 * SECOND)
 
 
 def test_turns_are_smoothed_with_their_signs():

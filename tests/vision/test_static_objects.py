@@ -145,11 +145,60 @@ def test_person_with_a_face_is_kept():
     assert all(camera.look(sitting=(PERSON, STAND), skipped=9) == {"sitting"} for _ in range(40))
 
 
-def test_still_people_are_kept_beside_moving_ones():
+def swaying(step: int) -> np.ndarray:
+    """A person who sways by half a pixel of the compared images."""
+    shift = np.array([[1, 0, np.sin(step / 3)], [0, 1, 0]], np.float32)
+    return cv2.warpAffine(PERSON, shift, (80, 240), borderMode=cv2.BORDER_REPLICATE)
+
+
+def test_standing_people_are_kept_beside_moving_ones():
     camera = Camera()
-    for step in range(50):
-        still: dict[str, Any] = {f"p{number}": (PERSON, at(20 + 100 * number)) for number in range(4)}
-        assert camera.look(walker=(COAT, at(400 + 2 * step)), **still) >= set(still)
+    for step in range(80):
+        still: dict[str, Any] = {f"p{number}": (swaying(step), at(20 + 100 * number)) for number in range(4)}
+        assert camera.look(walker=(COAT, at(400 + 2 * step % 60)), **still) >= set(still)
+
+
+@pytest.mark.parametrize(("score", "after_s"), [(0.6, 3.0), (0.74, 6.0)])
+def test_large_object_beside_moving_people_is_removed_when_they_would_have_swayed(score, after_s):
+    camera = Camera()
+    camera.room, camera.score = with_a_coat(), score
+    seen = [camera.look(coat=(COAT, STAND), walker=(PERSON, at(400 + 2 * step))) for step in range(80)]
+    assert seen[: round(10 * after_s)] == [{"coat", "walker"}] * round(10 * after_s)
+    assert seen[round(10 * after_s) + 10 :] == [{"walker"}] * (70 - round(10 * after_s))
+
+
+def test_small_object_beside_moving_people_is_removed_later():
+    camera = Camera()
+    small = (320.0, 300.0, 20.0, 60.0)
+    seen = [camera.look(coat=(COAT, small), walker=(PERSON, at(400 + 2 * (step % 40)))) for step in range(100)]
+    assert seen[:70] == [{"coat", "walker"}] * 70
+    assert seen[90:] == [{"walker"}] * 10
+
+
+def test_time_that_the_camera_is_off_counts_if_nothing_has_changed():
+    camera = Camera()
+    for step in range(8):
+        assert camera.look(coat=(COAT, STAND), walker=(PERSON, at(400 + 4 * step))) == {"coat", "walker"}
+    camera.look(coat=(COAT, STAND))
+    assert camera.look(again=(COAT, STAND), skipped=600) == set()
+
+
+def test_person_in_the_place_of_a_lost_one_has_no_history():
+    camera = Camera()
+    for step in range(8):
+        camera.look(coat=(COAT, STAND), walker=(PERSON, at(400 + 4 * step)))
+    assert camera.look(other=(patterned(7, 80, 240), STAND), skipped=600) == {"other"}
+
+
+def test_object_that_a_person_passes_closely_does_not_live():
+    camera = Camera()
+    camera.room = with_a_coat()
+    for step in range(20):
+        shaded = COAT.copy()
+        shaded[:, :: 1 + step % 3] *= 0.6  # The shadow of the person moves over the object.
+        camera.look(coat=(shaded, STAND), walker=(PERSON, at(370 + step % 5)))
+    seen = [camera.look(coat=(COAT, STAND), walker=(PERSON, at(420 + 4 * (step % 20)))) for step in range(60)]
+    assert seen[50:] == [{"walker"}] * 10
 
 
 def test_paused_video_removes_nobody():
@@ -188,11 +237,11 @@ def test_object_that_sways_after_all_is_a_person():
 
 def test_uncertain_box_is_not_learnt_as_background():
     camera = Camera()
-    room = ROOM.copy()
     x, y, w, h = map(round, STAND)
-    room[y : y + h, x : x + w] = PERSON
     seen = []
     for step in range(61):
+        room = ROOM.copy()
+        room[y : y + h, x : x + w] = swaying(step)
         noise = np.random.default_rng(step).normal(0, 1.5, room.shape)
         frame = np.clip(room + noise, 0, 255)
         frame[100:340, 4 * step : 4 * step + 60] = 90  # Somebody walks.
