@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of
+from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of, origin_of
 from socialbot.bdi.literals import Event, Goal, Literal, ground
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.plans import Origin, Plan
 from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import Comparison, Condition
 from socialbot.core.errors import RuleError
@@ -68,6 +68,32 @@ def failed_step(plan: CompiledPlan | None, problem: Exception) -> str | None:
     if text is None:
         text = plan.texts[step] = written(step, plan.plan)
     return text
+
+
+def place_of_failure(plan: CompiledPlan | None, problem: Exception) -> Origin | None:
+    """Place in the text of the step whose code raised an exception, or of its plan."""
+    step = None if plan is None or plan is KEPT else plan.step_at(problem)
+    return _place(plan, step)
+
+
+def place_of_step(intention: Intention) -> Origin | None:
+    """Place in the text of the current step of the innermost plan."""
+    if not intention.frames:
+        return None
+    body, _, plan = intention.frames[-1]
+    if plan is None or plan is KEPT:
+        return None
+    step = None if body is None else step_of(body, plan, passed=False)
+    if step is None and plan.plan.body:
+        step = plan.plan.body[-1]
+    return _place(plan, step)
+
+
+def _place(plan: CompiledPlan | None, step: Step | None) -> Origin | None:
+    origin = origin_of(plan)
+    if origin is None or step is None or not step.line:
+        return origin
+    return Origin(origin.file, step.line)
 
 
 def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:

@@ -8,7 +8,7 @@ from itertools import count, repeat
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import NO_MATCH, failed_step, reasons_against
+from socialbot.bdi._explain import NO_MATCH, failed_step, place_of_failure, place_of_step, reasons_against
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
@@ -257,7 +257,7 @@ class IntentionStack:
                 plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:
                 if goal is not None:
-                    self.fail_goal(intention, goal, self._no_plan(goal))
+                    self.fail_goal(intention, goal, self._no_plan(goal, intention))
                 elif interpreter.trace.sink is not None:
                     self.unhandled(trigger, args, notes, cause)
                 return None
@@ -353,7 +353,7 @@ class IntentionStack:
 
     # Failures
 
-    def _no_plan(self, goal: Request) -> Failure:
+    def _no_plan(self, goal: Request, intention: Intention) -> Failure:
         _, trigger, args, notes, cause = goal
         trace = self._interpreter.trace
         explained = trace.sink is not None and closed(args)
@@ -362,7 +362,7 @@ class IntentionStack:
         what = str(self.goal(goal))
         message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
         record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
-        return Failure(reason, message, what, record)
+        return Failure(reason, message, what, record, where=place_of_step(intention))
 
     def unhandled(self, trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> None:
         """Record why no plan applies to the change of a belief, if some plan is for this belief."""
@@ -385,7 +385,7 @@ class IntentionStack:
             cause = record_behind(problem) or (goal[4] if goal is not None else "")
         log().info("%s: %s: %s", trace.name, what, message)
         record = trace.record("failure", what, cause, reason=reason, message=message)
-        return Failure(reason, message, what, record, notes, origin_of(plan))
+        return Failure(reason, message, what, record, notes, place_of_failure(plan, problem))
 
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
         """Fail the step of a paused intention."""

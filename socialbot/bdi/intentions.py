@@ -66,6 +66,14 @@ class code(Annotation):  # noqa: N801 - written as AgentSpeak writes it
     """Step that failed."""
 
 
+class code_src(Annotation):  # noqa: N801
+    """File of the step that failed, such as ``file:robot.asl``."""
+
+
+class code_line(Annotation):  # noqa: N801
+    """Line of the step that failed."""
+
+
 class Failed(PlanFailed):
     """Failure with a reason, one of `REASONS`, and annotations for the failure event."""
 
@@ -88,8 +96,18 @@ class Failure:
 
     @property
     def annotations(self) -> tuple[Any, ...]:
-        given = (error(Atom(self.reason)), error_msg(self.message), code(self.step))
-        return (*self.more, *given) if self.more else given
+        given: tuple[Any, ...] = (error(Atom(self.reason)), error_msg(self.message), code(self.step))
+        if self.where is not None:
+            given += (code_src(f"file:{self.where.file}"), code_line(self.where.line))
+        if self.more:
+            given = (
+                *self.more,
+                *(note for note in given if note.__class__ is not error_msg or not self._has_message()),
+            )
+        return given
+
+    def _has_message(self) -> bool:
+        return any(isinstance(note, Literal) and note.key == "error_msg/1" for note in self.more)
 
 
 Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]

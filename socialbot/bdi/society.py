@@ -17,13 +17,16 @@ from socialbot.bdi._messaging import deliver
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import literal_from_key, source
+from socialbot.bdi.literals import Change, Event, literal_from_key, source
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.environment import Environment
+
+SLEEPING, AWAKING = (Event(Change.ADDED, literal_from_key(f"{name}/0", ())) for name in ("jag_sleeping", "jag_awaking"))
+"""Events of an agent that becomes idle, and of one that a message or an event wakes."""
 
 VISITS = 16
 """Number of agent visits between checks for `Society.stop`."""
@@ -54,6 +57,7 @@ class Society:
         self._due: dict[Engine, int] = {}
         self._sequence = itertools.count()
         self._sources: dict[str, tuple[object, ...]] = {}
+        self._asleep: set[Engine] = set()  # agents that were told that they are idle
         self._wakeup: Wakeup | None = None
         self.stopping = False
 
@@ -79,6 +83,7 @@ class Society:
         agent = self.agents.pop(name, None)
         if agent is not None:
             agent.messaging.society = agent.wake = None
+            self._asleep.discard(agent)
             for names in (*self.services.values(), *self.subscribers.values()):
                 names.pop(name, None)
         return agent
@@ -150,7 +155,10 @@ class Society:
             agent = ready.popleft()
             if agent.messaging.society is not self:
                 continue
-            if agent.run_until_idle(turns) and not agent.interpreter.signalled:
+            busy = agent.run_until_idle(turns) if agent not in self._asleep else self._awaken(agent, turns)
+            if not busy and agent not in self._asleep:
+                busy = self._fall_asleep(agent, turns)
+            if busy and not agent.interpreter.signalled:
                 agent.interpreter.signalled = True
                 ready.append(agent)
             due = agent.next_wakeup()
@@ -158,6 +166,22 @@ class Society:
                 self._due[agent] = due
                 heapq.heappush(timers, (due, next(self._sequence), agent))
         return bool(ready)
+
+    def _fall_asleep(self, agent: Engine, turns: int) -> bool:
+        """Raise the event that an agent has become idle, if one of its plans is interested."""
+        triggers = agent.interpreter.triggers
+        if SLEEPING.key not in triggers and AWAKING.key not in triggers:
+            return False
+        self._asleep.add(agent)
+        agent.interpreter.raise_event(SLEEPING, "")
+        return agent.run_until_idle(turns)
+
+    def _awaken(self, agent: Engine, turns: int) -> bool:
+        """Run an idle agent; a new event or message wakes it."""
+        if agent.interpreter.inbox or agent.interpreter.events:
+            self._asleep.discard(agent)
+            agent.interpreter.raise_event(AWAKING, "")
+        return agent.run_until_idle(turns)
 
     def next_wakeup(self) -> int | None:
         """Time (ns) of the next timer of an agent; None without timers."""

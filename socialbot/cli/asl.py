@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 import signal
@@ -25,6 +26,8 @@ from socialbot.core.process import ENDING_SIGNALS, Ending
 if TYPE_CHECKING:
     from socialbot.bdi.agentspeak import IncludePaths, Program
     from socialbot.bdi.agentspeak.projects import Project
+    from socialbot.bdi.engine import Engine
+    from socialbot.bdi.library import Library
     from socialbot.bdi.society import Society
     from socialbot.bdi.trace import Record
 
@@ -84,6 +87,7 @@ def run(
     folder = None
     if any(file.suffix == ".mas2j" for file in files):
         project = _project(files, agents)
+        paths = replace(paths, folders=(*project.folders, *paths.folders))
         names, programs = _of_project(project, paths)
         if environment is None and not (echo and project.environment):
             environment, arguments, folder = environment_of(project), project.arguments, files[0].parent
@@ -100,12 +104,28 @@ def run(
         world.attach(society)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     with _tracing(trace) as sink, _warnings():
-        for number, (name, program) in enumerate(zip(names, programs, strict=True)):
-            engine = Engine(name, clock, sink=sink, library=libraries[id(program)])
-            engine.out = _printer(console, name, COLORS[number % len(COLORS)])
+        colors = itertools.cycle(COLORS)
+
+        def made(name: str, library: Library | None) -> Engine:
+            engine = Engine(name, clock, sink=sink, library=library)
+            engine.out = _printer(console, name, next(colors))
             if echo:
                 engine.actions = EchoActions()
-            society.add(engine)
+            return engine
+
+        def start(name: str, file: str | None, creator: Engine) -> Engine:
+            """Make an agent of `.create_agent`."""
+            if file is None:
+                return made(name, None)
+            place = paths.find(file, str(files[0]))
+            program = _checked(read_program(place, paths), place)
+            engine = made(name, library_of(program))
+            begin(engine, program)
+            return engine
+
+        society.starter = start
+        for name, program in zip(names, programs, strict=True):
+            engine = society.add(made(name, libraries[id(program)]))
             begin(engine, program)
         with Ending().on_signals():
             for number in ENDING_SIGNALS:
@@ -195,11 +215,10 @@ def _of_project(project: Project, paths: IncludePaths) -> tuple[list[str], list[
     """Return the names and programs of the agents of a project."""
     from socialbot.bdi.agentspeak.projects import program_of
 
-    found = replace(paths, folders=(*project.folders, *paths.folders))
     names, programs = [], []
     for agent in project.agents:
         names += agent.names
-        programs += [_checked(program_of(agent, found), agent.file)] * agent.count
+        programs += [_checked(program_of(agent, paths), agent.file)] * agent.count
     return names, programs
 
 

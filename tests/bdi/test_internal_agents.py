@@ -154,3 +154,19 @@ def test_recursion_in_the_last_step_stays_flat_in_programs_that_look_for_goals()
         depths += [len(intention.frames) for intention in mas.me.intentions]
     assert max(depths) < 5
     assert mas.lines == ["end"]
+
+
+def test_idle_agents_are_told():
+    mas = Mas(
+        bob="+jag_sleeping <- .print(idle); .wait(10). +jag_awaking <- .print(awake). +hi <- .print(hi).",
+        ann="!go. +!go <- .wait(1000); .send(bob, signal, hi).",
+    )
+    assert mas.until(5).lines == ["idle", "awake", "hi", "idle"]
+
+
+def test_all_agents_are_told_before_the_system_stops():
+    mas = Mas(
+        bob="+jag_shutting_down(T) <- .print(bob, T).",
+        ann="!go. +!go <- .stopMAS(100). +jag_shutting_down(T) <- .print(ann, T).",
+    )
+    assert sorted(mas.until(0.05).lines) == ["ann100", "bob100"]

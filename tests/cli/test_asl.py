@@ -235,3 +235,12 @@ def test_a_project_runs_in_its_python_environment(written, tmp_path):
     text = (tmp_path / "house.py").read_text().replace("def __init__(self, n): self.n = n", "n = 1")
     (tmp_path / "one.py").write_text(text)
     assert socialbot("run", str(project), "--environment", f"{tmp_path}/one.py:House").stdout == "[a] 2\n"
+
+
+def test_agents_create_agents_from_files(written):
+    files = written(
+        ann='!g. +!g <- .create_agent(bob, "carl.asl"); .create_agent(dan).', carl='!g. +!g <- .print("on").'
+    )
+    ended = socialbot("run", files[0])
+    assert ended.stdout == "[bob] on\n"
+    assert ended.stderr == ""

@@ -282,6 +282,10 @@ def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
         rest()
         return
     entry = called(condition, condition=True)
+    if condition.functor == ".fail":  # false, where a step fails its plan
+        with f.block("if False"):
+            rest()
+        return
     fresh = names_in(condition) - f.scope.keys() - {"_"}
     args = build(f, condition.args)
     test = f"{f.unit.constant(entry.function)}(ag.engine, {args}, trail)"

@@ -29,12 +29,23 @@ def all_names(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".stopMAS", 0, 2)
 def stop_all(engine: Any, args: Args, trail: Trail) -> None:
-    """``.stopMAS(Ms, Code)``: stop all agents, optionally after a delay in ms; the exit code is ignored."""
+    """``.stopMAS(Ms, Code)``: stop all agents, optionally after Ms that begin with ``+jag_shutting_down(Ms)``.
+
+    The exit code is ignored.
+    """
     society = engine.messaging.society or engine
-    if args and number_of(".stopMAS", args[0]) > 0:
-        engine.timers.after(number_of(".stopMAS", args[0]) / 1000, society.stop)
+    delay = number_of(".stopMAS", args[0]) if args else 0
+    if delay > 0:
+        for agent in getattr(society, "agents", {engine.name: engine}).values():
+            _announce_end(agent, delay)
+        engine.timers.after(delay / 1000, society.stop)
     else:
         society.stop()
+
+
+def _announce_end(agent: Any, delay: float) -> None:
+    notice = Event(Change.ADDED, literal_from_key("jag_shutting_down/1", (delay,)))
+    agent.call(lambda: agent.interpreter.raise_event(notice, ""))
 
 
 internal(".stop", 0, 1)(stop_all)
@@ -84,8 +95,7 @@ def kill_agent(engine: Any, args: Args, trail: Trail) -> bool:
         society.kill(name)
         return True
     delay = number_of(".kill_agent", args[1])
-    notice = Event(Change.ADDED, literal_from_key("jag_shutting_down/1", (delay,)))
-    agent.call(lambda: agent.interpreter.raise_event(notice, ""))
+    _announce_end(agent, delay)
     engine.timers.after(delay / 1000, lambda: society.kill(name))
     return True
 

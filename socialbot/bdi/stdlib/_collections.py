@@ -96,8 +96,12 @@ class QueueTerm(Collection):
         return f"[{','.join(map(spelled, self._items))}]"
 
 
-def _of(kind: type[C], name: str, term: Any) -> C:
+def _of(kind: type[C], name: str, term: Any, trail: Trail) -> C:
+    """Return the collection of an argument; a variable without a value gets a new set or map."""
     found = resolve(term)
+    if found.__class__ is Var and kind is not QueueTerm:
+        gives(found, made := kind(), trail)
+        return made
     if not isinstance(found, kind):
         raise wrong(name, found, f"a {kind.kind}, made by .{kind.kind}.create")
     return found
@@ -115,7 +119,7 @@ def _action(kind: type[C], word: str, most: int, act: Callable[[C, Args], Any]) 
 
     @internal(name, most)
     def run(engine: Any, args: Args, trail: Trail) -> Any:
-        return act(_of(kind, name, args[0]), (*args[1:], trail))
+        return act(_of(kind, name, args[0], trail), (*args[1:], trail))
 
     run.__doc__ = f"``{name}({('Q' if kind is QueueTerm else 'M' if kind is MapTerm else 'S')}{', X' * (most - 1)})``"
 
@@ -164,45 +168,45 @@ _action(
 @internal(".map.put", 3)
 def map_put(engine: Any, args: Args, trail: Trail) -> None:
     """``.map.put(M, Key, Value)``: set the value of a key."""
-    found = _of(MapTerm, ".map.put", args[0])
+    found = _of(MapTerm, ".map.put", args[0], trail)
     found.values[_value(".map.put", args[1])] = _value(".map.put", args[2])
 
 
 @internal(".map.get", 3, 4)
 def map_get(engine: Any, args: Args, trail: Trail) -> bool:
     """``.map.get(M, Key, Value, Default)``: Value is that of the key; without one, Default or a failure."""
-    values, key = _of(MapTerm, ".map.get", args[0]).values, _value(".map.get", args[1])
+    values, key = _of(MapTerm, ".map.get", args[0], trail).values, _value(".map.get", args[1])
     return (key in values or len(args) == 4) and gives(args[2], values.get(key, args[-1]), trail)
 
 
 @internal(".map.remove", 2, 3)
 def map_remove(engine: Any, args: Args, trail: Trail) -> bool:
     """``.map.remove(M, Key, Value)``: remove a key; Value is its value."""
-    values, key = _of(MapTerm, ".map.remove", args[0]).values, _value(".map.remove", args[1])
+    values, key = _of(MapTerm, ".map.remove", args[0], trail).values, _value(".map.remove", args[1])
     return key in values and gives(args[2:], (values.pop(key),)[: len(args) - 2], trail)
 
 
 @internal(".map.key", 2, many=True)
 def map_key(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.map.key(M, Key)``: Key is in turn each key."""
-    return each(args[1], [key for key, _ in _of(MapTerm, ".map.key", args[0]).items()], trail)
+    return each(args[1], [key for key, _ in _of(MapTerm, ".map.key", args[0], trail).items()], trail)
 
 
 @internal(".map.value", 2, many=True)
 def map_value(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.map.value(M, Value)``: Value is in turn each value, in the order of the keys."""
-    return each(args[1], [value for _, value in _of(MapTerm, ".map.value", args[0]).items()], trail)
+    return each(args[1], [value for _, value in _of(MapTerm, ".map.value", args[0], trail).items()], trail)
 
 
 @internal(".queue.head", 2)
 def queue_head(engine: Any, args: Args, trail: Trail) -> bool:
     """``.queue.head(Q, X)``: X is the first item, which stays."""
-    items = _of(QueueTerm, ".queue.head", args[0]).items()
+    items = _of(QueueTerm, ".queue.head", args[0], trail).items()
     return bool(items) and gives(args[1], items[0], trail)
 
 
 @internal(".queue.remove", 2)
 def queue_remove(engine: Any, args: Args, trail: Trail) -> bool:
     """``.queue.remove(Q, X)``: take the first item."""
-    queue = _of(QueueTerm, ".queue.remove", args[0])
+    queue = _of(QueueTerm, ".queue.remove", args[0], trail)
     return bool(queue.items()) and gives(args[1], queue.take(), trail)

@@ -284,6 +284,8 @@ def fail(engine: Any, args: Args, trail: Trail) -> None:
                 message = said(value)
                 continue
         others.append(arg)
+    if not message:
+        others.append(error_msg(""))
     raise Failed(reason, message or ".fail", tuple(others))
 
 

@@ -1,0 +1,26 @@
+"""A failure plan learns what failed, why and where."""
+
+from __future__ import annotations
+
+from tests.bdi.mas import said
+
+HANDLER = '-!go[error(E), code(C), code_src(S), code_line(L)] <- .print(E, " ", C, " ", S, " ", L).'
+
+
+def test_of_a_failed_step():
+    assert said(f"!go.\n+!go <-\n  true;\n  .fail.\n{HANDLER}") == ["ia_failed .fail file:me.asl 4"]
+
+
+def test_of_a_goal_without_plans():
+    assert said(f"!go.\n+!go\n  <- true;\n  !none(1).\n{HANDLER}") == ["no_relevant none(1) file:me.asl 4"]
+
+
+def test_of_a_step_far_below():
+    assert said(f"!go.\n+!go <- !a.\n+!a <- !b;\n  .print(no).\n+!b <- true;\n  ?c(1).\n{HANDLER}") == [
+        "test_goal_failed ?c(1) file:me.asl 6"
+    ]
+
+
+def test_a_failure_without_a_message_has_an_empty_one():
+    assert said('!go. +!go <- .fail. -!go[error_msg(M)] <- .print("<", M, ">").') == ["<>"]
+    assert said('!go. +!go <- .fail(error_msg(no)). -!go[error_msg(M)] <- .print("<", M, ">").') == ["<no>"]
