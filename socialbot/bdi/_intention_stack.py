@@ -17,6 +17,7 @@ from socialbot.bdi.intentions import (
     KEPT,
     OPEN,
     REASONS,
+    SUBGOAL,
     TAIL,
     Body,
     Failed,
@@ -107,25 +108,27 @@ class IntentionStack:
         """Make an `Intention` of the running one, if it is still a tuple."""
         item = self.running
         if item.__class__ is tuple:
-            item = self.running = self._register(item)
+            item = self.running = self.register(item)
         return item
 
-    def _register(self, queued: QueuedPlan) -> Intention:
+    def register(self, queued: QueuedPlan) -> Intention:
+        """Make an `Intention` of a queued plan."""
         body, plan, number, trigger, args, notes, cause = queued
-        intention = Intention(number, (EVENT, trigger, args, notes, cause))
-        intention.frames.append((body, None, plan))
+        request = (SUBGOAL if trigger.goal else EVENT, trigger, args, notes, cause)
+        intention = Intention(number, request)
+        intention.frames.append((body, request if trigger.goal else None, plan))
         self._all[intention] = None
         return intention
 
     def _register_all(self) -> None:
         """Make an `Intention` of each tuple."""
-        known = {id(item): self._register(item) for item in self.ready if item.__class__ is tuple}
+        known = {id(item): self.register(item) for item in self.ready if item.__class__ is tuple}
         if known:
             items = [known.get(id(item), item) for item in self.ready]
             self.ready.clear()
             self.ready.extend(items)
         if self.running.__class__ is tuple:
-            self.running = known.get(id(self.running)) or self._register(self.running)
+            self.running = known.get(id(self.running)) or self.register(self.running)
 
     def intend(self, event: Request, plan: CompiledPlan, result: Any, *, first: bool = False) -> None:
         """Create an intention with a plan for an event; ``first`` ones precede the other intentions."""
@@ -149,6 +152,12 @@ class IntentionStack:
         intention = self.new(request)
         intention.ended = ended
         self._let_wait(intention, self.pursue(intention, request))
+        self.settle(intention)
+
+    def adopt_with(self, request: Request, plan: CompiledPlan | None, result: Any) -> None:
+        """Adopt a goal in a new intention, with the selected plan for it and its result."""
+        intention = self.new(request)
+        self._let_wait(intention, self.pursue(intention, request, (plan, result)))
         self.settle(intention)
 
     def adopt_within(self, request: Request, seconds: float) -> None:
@@ -252,7 +261,7 @@ class IntentionStack:
             if selected is not None:
                 (plan, result), selected = selected, None
             else:
-                if self.waits.events:
+                if trigger.key in self.waits.events:
                     self.waits.notify(trigger.key, args, notes)
                 plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:

@@ -24,6 +24,7 @@ from socialbot.bdi.intentions import (
     OPEN,
     SUBGOAL,
     TAIL,
+    EventPause,
     Intention,
     TimedRequest,
     subgoal,
@@ -243,7 +244,7 @@ class Interpreter:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
         inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.heap
-        number, waits = intentions.number, intentions.waits
+        number, waits, trace = intentions.number, intentions.waits, self.trace
         while budget > 0:
             budget -= 1
             trigger: Trigger | None = None
@@ -258,17 +259,18 @@ class Interpreter:
                 else:
                     # A single belief (most percepts) skips the queue.
                     relation, args, notes, cause, since = item
-                    fact = (self.now() if since is None else since, notes, cause)
-                    if (
-                        relation.care
-                        or self.trace.sink is not None
-                        or relation.facts.setdefault(args, fact) is not fact
-                    ):
+                    if relation.care or trace.sink is not None:
                         self._take(item)
                     else:
-                        if relation.indexes:
-                            relation.enter(args)
-                        trigger = relation.added
+                        fact = (self.now() if since is None else since, notes, cause)
+                        if relation.facts.setdefault(args, fact) is fact:
+                            if relation.indexes:
+                                relation.enter(args)
+                            trigger = relation.added
+                        else:
+                            notes = relation.merge(args, notes)
+                            if notes:
+                                trigger = relation.added
             if heap and heap[0][0] <= self.now():
                 self.timers.run_due()
             if intentions.atomic is not None:
@@ -280,44 +282,70 @@ class Interpreter:
             if trigger is None and events:
                 trigger, args, notes, cause = events.popleft()
                 if trigger.goal:
-                    intentions.adopt((SUBGOAL, trigger, args, notes, cause))
-                    trigger = None
+                    if trace.sink is not None or intentions.goal_states is not None:
+                        intentions.adopt((SUBGOAL, trigger, args, notes, cause))
+                        trigger = None
+                    elif trigger.key in waits.events:
+                        waits.notify(trigger.key, args, notes)
             if trigger is not None:
+                plan: Any = None
+                result: Any = None
                 position = trigger.position
                 for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
                     try:
                         result = plan.run(self, args, notes, cause)
                     except Exception as problem:  # noqa: BLE001 - a condition is user code
-                        self.trace.record_failure(str(plan.plan), cause, problem)
+                        trace.record_failure(str(plan.plan), cause, problem)
+                        result = None
                         continue
                     if result is not None:
-                        if result.__class__ is GENERATOR:
-                            ready.append((result, plan, number(), trigger, args, notes, cause))
-                        elif result is not DONE:
-                            intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
                         break
-                else:
-                    if self.trace.sink is not None:
-                        intentions.unhandled(trigger, args, notes, cause)
-                if waits.events:
+                if result is DONE:
+                    pass
+                elif result.__class__ is GENERATOR:
+                    ready.append((result, plan, number(), trigger, args, notes, cause))
+                elif trigger.goal:
+                    intentions.adopt_with((SUBGOAL, trigger, args, notes, cause), plan, result)
+                elif result is not None:
+                    intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
+                elif trace.sink is not None:
+                    intentions.unhandled(trigger, args, notes, cause)
+                if waits.events and trigger.key in waits.events and not trigger.goal:
                     waits.notify(trigger.key, args, notes)
             while ready:
                 item = ready.popleft()
-                if item.__class__ is not tuple:
+                single = item.__class__ is tuple
+                if not single and (len(item.frames) > 1 or item.suspended or not item.active):
                     self._advance(item)
                 else:
+                    # A step of an intention of a single plan. What is not frequent is left to `_advance`.
                     intentions.running = item
                     try:
-                        result = next(item[0], END)
+                        result = next(item[0] if single else item.frames[0][0], END)
                     except Exception as problem:  # noqa: BLE001 - actions are user code
                         result = cast("Any", problem)
                         intentions.unwound = False
-                    if result is None and intentions.running is item:
-                        ready.append(item)
-                    elif result is END and intentions.running is item:
-                        intentions.running = None
+                    if intentions.running is not item or intentions.unwound:
+                        self._advance(intentions.register_running() if single else item, result)
+                    elif result is None:
+                        if single or ((ready or events or inbox) and not item.suspended):
+                            ready.append(item)
+                        else:
+                            self._advance(item)
+                    elif result is END and trace.sink is None and (single or not item.atomic):
+                        if single:
+                            intentions.running = None
+                        else:
+                            item.frames.pop()
+                            intentions.end(item, None)
+                    elif result.__class__ is EventPause:
+                        if single:
+                            item = intentions.running = intentions.register(item)
+                        intentions.rest(item, result)
+                        if item.pause is None and item.frames:
+                            self._advance(item)
                     else:
-                        self._advance(intentions.register_running(), result)
+                        self._advance(intentions.register_running() if single else item, result)
                 # Without other work, the next turn is only a step of the next intention.
                 budget -= 1
                 if events or inbox or heap or budget <= 0 or intentions.atomic or waits.due:
@@ -368,114 +396,114 @@ class Interpreter:
             return
         intentions = self.intentions
         intentions.running = intention
-        self.others = self.events
-        if self._advance_by(intention, result):
-            self.ready.append(intention)
-        self.others = ()
-
-    def _advance_by(self, intention: Intention, result: Any) -> bool:
-        """Execute steps of an intention; return whether it has more that can be executed."""
-        frames, intentions = intention.frames, self.intentions
-        events, ready, inbox, trace = self.events, self.ready, self.inbox, self.trace
-        for _ in repeat(None, STEPS_WITH_TIMERS if self.heap else STEPS):
-            frame = frames[-1]
-            body, goal, plan = frame
-            if result is NEXT:
-                try:
-                    result = next(body, END)  # type: ignore[arg-type]
-                except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
-                    result = cast("Any", problem)
+        frames, ready, events, inbox, trace = intention.frames, self.ready, self.events, self.inbox, self.trace
+        awaited = intentions.awaited
+        self.others = events
+        try:
+            for _ in repeat(None, STEPS_WITH_TIMERS if self.heap else STEPS):
+                frame = frames[-1]
+                body, goal, plan = frame
+                if result is NEXT:
+                    try:
+                        result = next(body, END)  # type: ignore[arg-type]
+                    except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+                        result = cast("Any", problem)
+                        intentions.unwound = False
+                turn_may_end = True
+                if intentions.unwound:
+                    # The step may have ended a goal of its own intention.
                     intentions.unwound = False
-            turn_may_end = True
-            if intentions.unwound:
-                # The step may have ended a goal of its own intention.
-                intentions.unwound = False
-                if not frames or frames[-1] is not frame:
-                    result = None
-            if result is None:
-                pass
-            elif result is END:
-                frames.pop()
-                if goal is not None and trace.sink is not None:
-                    intentions.record_achieved(goal)
-                if intention.atomic:
-                    intentions.finished_atomic(intention, plan)
-                # The plan below continues to the end of its step even if its goal has ended.
-                if frames and frames[-1][0] is not None and not intention.suspended:
-                    result = NEXT
-                    continue
-                turn_may_end = False
-            elif result.__class__ is tuple:
-                kind, trigger, args, notes, cause = result
-                mode = kind >> MODE if kind else 0
-                if kind & TAIL:
+                    if not frames or frames[-1] is not frame:
+                        result = None
+                if result is None:
+                    pass
+                elif result is END:
+                    frames.pop()
+                    if goal is not None and trace.sink is not None:
+                        intentions.record_achieved(goal)
+                    if intention.atomic:
+                        intentions.finished_atomic(intention, plan)
+                    # The plan below continues to the end of its step even if its goal has ended.
+                    if frames and frames[-1][0] is not None and not intention.suspended:
+                        result = NEXT
+                        continue
+                    turn_may_end = False
+                elif result.__class__ is tuple:
+                    kind, trigger, args, notes, cause = result
+                    mode = kind >> MODE if kind else 0
+                    if kind & TAIL:
+                        frames.pop()
+                        if intention.atomic:
+                            intentions.finished_atomic(intention, plan)
+                        if plan is not None:
+                            intentions.replace_goal(intention, goal, plan)
+                    special = trace.sink is not None or intentions.goal_states is not None
+                    if special or (kind & OPEN and not mode) or trigger.key in awaited:
+                        intentions.turn_may_end = False
+                        intentions.pursue(intention, result)
+                        turn_may_end = intentions.turn_may_end
+                    else:
+                        # A shorter form of `IntentionStack.pursue` for the most frequent requests.
+                        position = trigger.position
+                        chosen: Any = None
+                        found: Any = None
+                        for chosen in (
+                            trigger.plans
+                            if position is None or mode >> position & 1
+                            else trigger.by.get(args[position], trigger.rest)
+                        ):
+                            try:
+                                if mode:
+                                    found = (chosen.modes.get(mode) or chosen.in_mode(mode))(self, args, notes, cause)
+                                else:
+                                    found = chosen.run(self, args, notes, cause)
+                            except Exception as problem:  # noqa: BLE001 - a condition is user code
+                                trace.record_failure(str(chosen.plan), cause, problem)
+                                free(args)
+                                continue
+                            if found is not None:
+                                break
+                        if found.__class__ is GENERATOR:
+                            frames.append((found, None if kind & EVENT else result, chosen))
+                            result = NEXT
+                            if (ready or events or inbox) and not intention.atomic:
+                                ready.append(intention)
+                                return
+                            continue
+                        if found is DONE:
+                            turn_may_end = False
+                        else:
+                            intentions.turn_may_end = False
+                            intentions.pursue(intention, result, (chosen, found))
+                            turn_may_end = intentions.turn_may_end
+                elif isinstance(result, Exception):
                     frames.pop()
                     if intention.atomic:
                         intentions.finished_atomic(intention, plan)
-                    if plan is not None:
-                        intentions.replace_goal(intention, goal, plan)
-                if (kind & OPEN and not mode) or trace.sink is not None or intentions.awaited or intentions.goal_states:
                     intentions.turn_may_end = False
-                    intentions.pursue(intention, result)
+                    intentions.fail_goal(intention, goal, intentions.failure_of(plan, result, goal))
                     turn_may_end = intentions.turn_may_end
+                elif result.__class__ is TimedRequest:
+                    intentions.pursue_timed(intention, result)
                 else:
-                    # A shorter form of `IntentionStack.pursue` for the most frequent requests.
-                    position = trigger.position
-                    chosen: Any = None
-                    found: Any = None
-                    for chosen in (
-                        trigger.plans
-                        if position is None or mode >> position & 1
-                        else trigger.by.get(args[position], trigger.rest)
-                    ):
-                        try:
-                            if mode:
-                                found = (chosen.modes.get(mode) or chosen.in_mode(mode))(self, args, notes, cause)
-                            else:
-                                found = chosen.run(self, args, notes, cause)
-                        except Exception as problem:  # noqa: BLE001 - a condition is user code
-                            trace.record_failure(str(chosen.plan), cause, problem)
-                            free(args)
-                            continue
-                        if found is not None:
-                            break
-                    if found.__class__ is GENERATOR:
-                        frames.append((found, None if kind & EVENT else result, chosen))
-                        result = NEXT
-                        if (ready or events or inbox) and not intention.atomic:
-                            return True
-                        continue
-                    if found is DONE:
-                        turn_may_end = False
-                    else:
-                        intentions.turn_may_end = False
-                        intentions.pursue(intention, result, (chosen, found))
-                        turn_may_end = intentions.turn_may_end
-            elif isinstance(result, Exception):
-                frames.pop()
-                if intention.atomic:
-                    intentions.finished_atomic(intention, plan)
-                intentions.turn_may_end = False
-                intentions.fail_goal(intention, goal, intentions.failure_of(plan, result, goal))
-                turn_may_end = intentions.turn_may_end
-            elif result.__class__ is TimedRequest:
-                intentions.pursue_timed(intention, result)
-            else:
-                intentions.rest(intention, result)
-                if intention.pause is not None or not frames:
-                    return False
-            result = NEXT
-            if frames and frames[-1][0] is None:
-                intentions.pop_kept(frames)
-            if not frames:
-                if intention.active:
-                    intentions.end(intention, None)
-                return False
-            if intention.suspended or intention.pause is not None:
-                return False
-            if turn_may_end and (ready or events or inbox) and not intention.atomic:
-                return True
-        return True
+                    intentions.rest(intention, result)
+                    if intention.pause is not None or not frames:
+                        return
+                result = NEXT
+                if frames and frames[-1][0] is None:
+                    intentions.pop_kept(frames)
+                if not frames:
+                    if intention.active:
+                        intentions.end(intention, None)
+                    return
+                if intention.suspended or intention.pause is not None:
+                    return
+                if turn_may_end and (ready or events or inbox) and not intention.atomic:
+                    ready.append(intention)
+                    return
+            ready.append(intention)
+        finally:
+            self.others = ()
 
     def _advance_atomic(self) -> bool:
         """Execute steps of the atomic intention only; return False if it waits."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed, Failure, Intention, Pause, subgoal
-from socialbot.bdi.literals import Event, Literal, literal_from_key, source
+from socialbot.bdi.literals import Event, Literal, literal_from_key, source_notes
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
 from socialbot.bdi.steps import message
@@ -116,7 +116,7 @@ class Messaging:
             if reply is not None:
                 reply(agent, Atom("false"))
             return
-        said_by = (source(Atom(name)),)
+        said_by = source_notes(name)
         if agent.trace.sink is not None:
             cause = agent.trace.record("message", f"{performative} from {name}: {show(content)}", cause)
         if "+message/3" in agent.library.triggers:
@@ -181,7 +181,7 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
         if reply is None:
             deliver(agent, sender, "untell" if found is None else "tell", content if found is None else found, cause)
             return
-        said = (source(Atom(agent.name)),)
+        said = source_notes(agent.name)
         answers = () if found is None else each_of(found)
         solutions = tuple(each.with_(annotations=_notes(each, said)) for each in answers)
         reply(agent, detached(solutions if act == "askAll" else solutions[0] if solutions else Atom("false")))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from socialbot.bdi.literals import Belief, Literal, literal_from_key
-from socialbot.bdi.terms import Cons, Rest
+from socialbot.bdi.terms import Atom, Cons, Rest
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ Args = tuple[Any, ...]
 
 Annotations = tuple[Any, ...]
 
-Fact = tuple[int, Annotations, Any]
-"""Held belief: its begin (ns), its annotations (sources and others), and the trace record of its begin."""
+Fact = tuple[int, Any, Any]
+"""Held belief: its begin (ns), its annotations (a tuple or a `NoteSet`), and the trace record of its begin."""
 
 Watcher = Callable[[Args, bool, Any], object]
 """Callback with the arguments of a belief, whether it is held now, and the record of the change."""
@@ -36,7 +37,7 @@ MOST_INDEXES = 16
 """Number of indexes of a relation beyond which queries with other known parts search all its beliefs."""
 
 MANY_NOTES = 16
-"""Number of annotations from which a belief has a set of them."""
+"""Number of annotations from which a belief has a `NoteSet` of them."""
 
 _NONE: dict[Any, Any] = {}
 """Shared empty dictionary of relations without indexes or timers; it saves memory."""
@@ -146,32 +147,44 @@ class Index:
             bucket.update(dict.fromkeys((args, *others)))
 
 
-class AnnotationSets:
-    """Annotations of beliefs that have many of them, as sets."""
+class NoteSet:
+    """Annotations of a belief that has many of them, in order; a further one costs no copy of the others."""
 
-    __slots__ = ("_sets",)
+    __slots__ = ("_notes",)
 
-    def __init__(self) -> None:
-        self._sets: dict[Args, set[Any]] = {}
+    def __init__(self, notes: Annotations) -> None:
+        self._notes: dict[Any, Any] = {}
+        self.add(notes)
 
-    def of(self, args: Args, held: Annotations) -> set[Any]:
-        """Set of the held annotations; it is stored, so that additions to it remain."""
-        found = self._sets.get(args)
-        if found is None or len(found) != len(held):
-            found = self._sets[args] = set(held)
-        return found
+    def add(self, notes: Annotations) -> Annotations:
+        """Add annotations; return the new ones. Raises TypeError for a value that cannot be hashed."""
+        held = self._notes
+        new: list[Any] = []
+        for note in notes:
+            number = len(held)
+            held.setdefault(_key_of_note(note), note)
+            if len(held) > number:
+                new.append(note)
+        return notes if len(new) == len(notes) else tuple(new)
 
-    def enter(self, args: Args) -> None:
-        """Do nothing: a new belief has few annotations."""
+    def discard(self, note: Any) -> None:
+        """Remove an annotation, if it exists."""
+        self._notes.pop(_key_of_note(note), None)
 
-    def leave(self, args: Args) -> None:
-        self._sets.pop(args, None)
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._notes.values())
 
-    def touch(self, args: Args) -> None:
-        """Do nothing: `of` compares the numbers of annotations."""
+    def __len__(self) -> int:
+        return len(self._notes)
 
-    def clear(self) -> None:
-        self._sets.clear()
+
+def _key_of_note(note: Any) -> Any:
+    """Name of a source, since its hash costs less than that of a literal; for other annotations a tuple of them."""
+    if isinstance(note, Literal) and note.functor == "source" and len(note.args) == 1 and not note.annotations:
+        name = note.args[0]
+        if name.__class__ is Atom and not note.negated:
+            return name
+    return (note,)
 
 
 class Relation:
@@ -230,19 +243,27 @@ class Relation:
         for index in self.indexes.values():
             index.leave(args)
 
-    def new_notes(self, args: Args, notes: Annotations) -> Annotations:
-        """Those of the annotations that a belief does not have yet."""
-        held: Any = self.facts[args][1]
-        if len(held) < MANY_NOTES:
-            return tuple(note for note in notes if note not in held)
-        sets = self.indexes.get(AnnotationSets)
-        if not isinstance(sets, AnnotationSets):
-            sets = AnnotationSets()
-            self.observe(AnnotationSets, sets)
-        known = sets.of(args, held)
-        new = tuple(note for note in notes if note not in known)
-        known.update(new)
-        return new
+    def merge(self, args: Args, notes: Annotations) -> Annotations:
+        """Add annotations to a held belief; return those that it did not have yet."""
+        since, held, begin = self.facts[args]
+        if held is notes:
+            return ()
+        if held.__class__ is NoteSet:
+            notes = held.add(notes)
+            if not notes:
+                return ()
+        else:
+            notes = tuple(note for note in notes if note not in held)
+            if not notes:
+                return ()
+            held += notes
+            if len(held) >= MANY_NOTES:
+                with contextlib.suppress(TypeError):  # Some values cannot be hashed.
+                    held = NoteSet(held)
+            self.facts[args] = (since, held, begin)
+        if self.indexes:
+            self.touch(args)
+        return notes
 
     def touch(self, args: Args) -> None:
         for index in self.indexes.values():

@@ -78,6 +78,10 @@ class WaitIndex:
         if not bucket:
             table.pop(key, None)
 
+    def waiters(self) -> list[Any]:
+        """All waiters, in any order."""
+        return [waiter for table in (self._open, *self._by.values()) for bucket in table.values() for waiter in bucket]
+
     def matching(self, args: Args) -> list[Any]:
         """Waiters whose pattern may match the arguments."""
         found = [waiter for bucket in self._open.values() for waiter in bucket]
@@ -85,6 +89,67 @@ class WaitIndex:
             key = _key(args[position])
             for bucket in table.values() if key is _OPEN else (table.get(key, ()),):
                 found += bucket
+        return found
+
+
+class EventIndex(WaitIndex):
+    """Waiters for events of one key.
+
+    Waiters whose pattern consists of values without parts are in ``exact``, by this pattern: each alone, or several in
+    a dictionary. As long as there are no others and the arguments of the events have no variables, ``only_exact`` is
+    true.
+    """
+
+    __slots__ = ("_goals", "exact", "only_exact")
+
+    def __init__(self, key: str) -> None:
+        super().__init__()
+        self.exact: dict[Args, Any] = {}
+        self._goals = key[1:2] in ("!", "?")
+        self.only_exact = not self._goals
+
+    def __bool__(self) -> bool:
+        return bool(self.exact) or super().__bool__()
+
+    def add(self, waiter: Any, pattern: Args | None) -> Place:
+        if pattern is None:
+            self.only_exact = False
+            return super().add(waiter, pattern)
+        for term in pattern:
+            if term.__class__ not in ATOMIC:
+                self.only_exact = False
+                return super().add(waiter, pattern)
+        known = self.exact.setdefault(pattern, waiter)
+        if known is not waiter:
+            if known.__class__ is not dict:
+                known = self.exact[pattern] = {known: None}
+            known[waiter] = None
+        return self.exact, pattern
+
+    def take_out(self, waiter: Any, place: Place) -> None:
+        """Remove a waiter."""
+        table, key = place
+        if table is not self.exact or table.get(key).__class__ is dict:
+            self.remove(waiter, place)
+        elif table.get(key) is waiter:
+            del table[key]
+
+    def waiters(self) -> list[Any]:
+        found = super().waiters()
+        for waiters in self.exact.values():
+            found += waiters if waiters.__class__ is dict else (waiters,)
+        return found
+
+    def matching(self, args: Args) -> list[Any]:
+        if self._goals and not closed(args):
+            return self.waiters()
+        try:
+            waiters = self.exact.get(args, ())
+        except TypeError:
+            waiters = ()  # Arguments that cannot be hashed differ from those without parts.
+        found = list(waiters) if waiters.__class__ in (dict, tuple) else [waiters]
+        if self._by or self._open:
+            found += super().matching(args)
         return found
 
 
@@ -105,9 +170,7 @@ class ChangeIndex(WaitIndex):
 
     def clear(self) -> None:
         """Mark all conditions: every belief was removed."""
-        for table in (self._open, *self._by.values()):
-            for bucket in table.values():
-                self._due.update(bucket)
+        self._due.update(dict.fromkeys(self.waiters()))
 
 
 class Waits:
@@ -124,7 +187,7 @@ class Waits:
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         self._numbers = itertools.count()
-        self.events: dict[str, WaitIndex] = {}
+        self.events: dict[str, EventIndex] = {}
         self.conditions: dict[ConditionPause, None] = {}
         self.due: dict[ConditionPause, None] = {}
 
@@ -133,7 +196,7 @@ class Waits:
     def await_event(self, pause: EventPause) -> None:
         index = self.events.get(pause.key)
         if index is None:
-            index = self.events[pause.key] = WaitIndex()
+            index = self.events[pause.key] = EventIndex(pause.key)
             self._interpreter.beliefs.listen(pause.key)
         pause.number = next(self._numbers)
         pause.place = index.add(pause, pause.args)
@@ -141,7 +204,7 @@ class Waits:
     def forget_event(self, pause: EventPause) -> None:
         index = self.events.get(pause.key)
         if index is not None and pause.place is not None:
-            index.remove(pause, pause.place)
+            index.take_out(pause, pause.place)
             if not index:
                 del self.events[pause.key]
 
@@ -150,6 +213,20 @@ class Waits:
         index = self.events.get(key)
         if index is None:
             return
+        if index.only_exact:
+            # The most frequent case: nobody waits for this event, or one intention for just these arguments.
+            try:
+                pause = index.exact.get(args)
+            except TypeError:
+                return
+            if pause is None:
+                return
+            if pause.__class__ is not dict and not pause.notes:
+                del index.exact[args]
+                if not index.exact:
+                    del self.events[key]
+                pause.end()
+                return
         found = index.matching(args)
         if len(found) > 1:
             found.sort(key=_number)

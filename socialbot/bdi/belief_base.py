@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._relations import Annotations, Args, Fact, Relation, Watcher
+from socialbot.bdi._relations import Annotations, Args, Fact, NoteSet, Relation, Watcher
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, source
@@ -59,7 +59,7 @@ class HoldTimer:
         if base.trace.sink is not None:
             cause = base.trace.record("held", relation.text(args), cause, seconds=self.seconds)
         trigger = Trigger(self.plan.plan.event.key, (self.plan,))
-        base.events.append((trigger, args, relation.facts[args][1], cause))
+        base.events.append((trigger, args, tuple(relation.facts[args][1]), cause))
 
 
 class BeliefBase:
@@ -173,14 +173,9 @@ class BeliefBase:
 
     def _merge(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> Any:
         """Add new annotations to a held belief; this raises an event too."""
-        since, held, begin = relation.facts[args]
-        if held == notes:
-            return None
-        new = relation.new_notes(args, notes)
+        new = relation.merge(args, notes)
         if not new:
             return None
-        relation.facts[args] = (since, held + new, begin)
-        relation.touch(args)
         if self.trace.sink is not None:
             cause = self.trace.record("belief", relation.text(args), cause, source=_sources(new))
         return None if relation.added is None else (relation.added, args, new, cause)
@@ -222,7 +217,11 @@ class BeliefBase:
         left = () if held == taken else tuple(note for note in held if note not in taken)
         if any(map(is_source, left)):
             since, _, begin = relation.facts[found]
-            relation.facts[found] = (since, left, begin)
+            if held.__class__ is NoteSet:
+                for note in taken:
+                    held.discard(note)
+            else:
+                relation.facts[found] = (since, left, begin)
             relation.touch(found)
         else:
             del relation.facts[found]
@@ -261,7 +260,7 @@ class BeliefBase:
         if relation.watchers:
             self.notify(relation, args, False, cause)
         if relation.removed is not None:
-            self.events.append((relation.removed, args, fact[1], cause))
+            self.events.append((relation.removed, args, tuple(fact[1]), cause))
 
     def forget_all(self, relation: Relation, args: Args, notes: Annotations, cause: Any) -> None:
         """Remove the matching beliefs with all their sources."""

@@ -16,7 +16,7 @@ from socialbot.bdi._interpreter import Interpreter, Timers, Wakeup
 from socialbot.bdi._rule_checks import check_belief, check_goal, check_running
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import SELF, Belief, Change, Goal, Literal, source_notes
+from socialbot.bdi.literals import SELF, SOURCES, Belief, Change, Goal, Literal, source_notes
 from socialbot.bdi.plans import Inference, Plan, flat
 from socialbot.bdi.sensors import Sensor
 from socialbot.bdi.steps import Action
@@ -210,9 +210,10 @@ class Engine:
                 check_belief(belief, "believe")
             item = self.interpreter.admit(belief)
         if source != "self" or cause or since is not None:
-            if not isinstance(source, (str, Atom)):
+            if source.__class__ is not str and not isinstance(source, (str, Atom)):
                 raise RuleError(f"{source!r} is not a source", where=self.name, remedy="give the name of an agent")
-            item = (item[0], item[1], belief.annotations + source_notes(source), cause, since)
+            notes = SOURCES.get(source) or source_notes(source)
+            item = (item[0], item[1], belief.annotations + notes if belief.annotations else notes, cause, since)
         self._inbox.append(item)
         if self.wake is not None and not self.interpreter.signalled:
             self.interpreter.signal()

@@ -266,19 +266,23 @@ class Sleep(Pause):
         return f"waits {self.seconds} s"
 
 
-@dataclass(eq=False)
 class EventPause(Pause):
     """Pause until an event."""
 
-    key: str
-    args: tuple[Any, ...]
-    notes: tuple[Any, ...]
-    limit_s: float | None
-    number: int = 0
+    __match_args__ = ("key", "args", "notes", "limit_s")
+
+    number = 0
     place: Any = None
 
+    def __init__(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...], limit_s: float | None) -> None:
+        self.key = key
+        self.args = args
+        self.notes = notes
+        self.limit_s = limit_s
+
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
-        super().begin(interpreter, intention)
+        self.interpreter = interpreter
+        self.intention = intention
         interpreter.intentions.waits.await_event(self)
         if self.limit_s is not None:
             self.limit(self.limit_s, Failed("wait_timeout", f"{self.key} did not come in {self.limit_s} s"))

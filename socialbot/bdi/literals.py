@@ -413,9 +413,25 @@ PERCEPT = (source(Atom("percept")),)
 """Annotations of the agent's own conclusions and of percepts."""
 
 
-def source_notes(name: str) -> tuple[Literal, ...]:
-    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent."""
-    return PERCEPT if name == "percept" else SELF if name == "self" else (source(name),)
+SOURCES: dict[object, tuple[Literal, ...]] = {
+    name: notes for text, notes in (("self", SELF), ("percept", PERCEPT)) for name in (text, Atom(text))
+}
+"""Annotations of the sources that were needed before, by name."""
+
+
+def source_notes(name: object) -> tuple[Literal, ...]:
+    """Annotations of a belief with a source: ``self``, ``percept`` or the name of an agent; the same object each time.
+
+    A name is a string or an atom; other terms are possible in AgentSpeak.
+    """
+    if not isinstance(name, (str, Atom)):
+        return (source(name),)
+    notes = SOURCES.get(name)
+    if notes is None:
+        # An equal string is the same source as the atom.
+        notes = SOURCES.setdefault(Atom(str(name)), (source(name),))
+        SOURCES[name] = notes
+    return notes
 
 
 def check_seconds(seconds: object, what: str) -> None:

@@ -17,7 +17,7 @@ from socialbot.bdi._messaging import deliver
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import Change, Event, literal_from_key, source
+from socialbot.bdi.literals import Change, Event, literal_from_key, source_notes
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
@@ -56,7 +56,6 @@ class Society:
         self._timers: list[tuple[int, int, Engine]] = []
         self._due: dict[Engine, int] = {}
         self._sequence = itertools.count()
-        self._sources: dict[str, tuple[object, ...]] = {}
         self._asleep: set[Engine] = set()  # agents that were told that they are idle
         self._wakeup: Wakeup | None = None
         self.stopping = False
@@ -132,11 +131,8 @@ class Society:
         if ag.messaging.accepts is not None or "+message/3" in ag.triggers:
             deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
-        notes = self._sources.get(sender.name)
-        if notes is None:
-            notes = self._sources.setdefault(sender.name, (source(Atom(sender.name)),))
         relation = ag.relations.get(key) or ag.beliefs.relation(key)
-        ag.inbox.append((relation, args, notes, cause, None))
+        ag.inbox.append((relation, args, source_notes(sender.name), cause, None))
         if not ag.signalled:
             ag.signalled = True
             self._ready.append(agent)

@@ -33,8 +33,7 @@ class NaiveWaits(Waits):
     def notify(self, key, args, notes):
         index = self.events.get(key)
         if index is not None:
-            tables = [index._open, *index._by.values()]
-            for pause in sorted((p for table in tables for bucket in table.values() for p in bucket), key=_number):
+            for pause in sorted(index.waiters(), key=_number):
                 if pause.matches(args, notes):
                     self.forget_event(pause)
                     pause.end()

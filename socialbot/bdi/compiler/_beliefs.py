@@ -154,15 +154,28 @@ def stored(f: Function, pattern: Literal, rest: Callable[[], None]) -> None:
         _annotated(f, pattern.annotations, f"{lookup.relation}.facts[{found}][1]", rest)
 
 
+def match_annotations(f: Function, patterns: tuple[object, ...], fail: str) -> None:
+    """Emit the match of each pattern with the first annotation of an event that fits; else it executes ``fail``."""
+    for pattern in patterns:
+        found = f.unit.name("n")
+        with f.block(f"for {found} in notes"):
+            _match_annotation(f, pattern, found)
+            f.line("break")
+        f.line(f"else: {fail}")
+
+
+def _match_annotation(f: Function, pattern: object, found: str) -> None:
+    if isinstance(pattern, Literal) and not pattern.annotations and not has_cell(f, pattern):
+        match_literal(f, pattern, found, "continue")
+    else:
+        match(f, pattern, found, "continue")
+
+
 def _annotated(f: Function, patterns: tuple[object, ...], held: str, rest: Callable[[], None]) -> None:
     """Emit loops over the annotations of a belief that match the patterns."""
     if not patterns:
         rest()
         return
     with loop(f, held, binds=False) as found:
-        first = patterns[0]
-        if isinstance(first, Literal) and not first.annotations and not has_cell(f, first):
-            match_literal(f, first, found, "continue")
-        else:
-            match(f, first, found, "continue")
+        _match_annotation(f, patterns[0], found)
         _annotated(f, patterns[1:], held, rest)

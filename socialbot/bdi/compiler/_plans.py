@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.compiler._beliefs import loop
+from socialbot.bdi.compiler._beliefs import loop, match_annotations, needs_unification
 from socialbot.bdi.compiler._conditions import Reached, query, write
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
 from socialbot.bdi.compiler._steps import Body, straight
@@ -30,6 +30,8 @@ ANY_MODE = -1
 
 GOALS = {Change.WANTED, Change.FAILED, Change.ASKED, Change.UNANSWERED}
 
+BELIEFS = {Change.ADDED, Change.REMOVED}
+
 OTHERS = "ag.ready or ag.events"
 """Expression that tests for other intentions or events."""
 
@@ -47,7 +49,7 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
         fail = "return undo(trail, 0)" if opened else "return None"
         if plan.stage is not None:
             f.line(f"if ag.stage != {plan.stage!r}: return None")
-        head(f, plan.event.literal, fail, mode)
+        head(f, plan.event.literal, fail, mode, belief=plan.event.change in BELIEFS)
         write(f, plan.condition, fail, lambda: chosen(f, plan))
         f.line(fail)
         run, lines = unit.build()
@@ -69,8 +71,11 @@ def _telling(run: Any, plan: Plan) -> Any:
     return choose
 
 
-def head(f: Function, pattern: Literal, fail: str, mode: int) -> None:
-    """Emit the match of an event or a conclusion; the bits of ``mode`` are its possibly unbound arguments."""
+def head(f: Function, pattern: Literal, fail: str, mode: int, *, belief: bool = False) -> None:
+    """Emit the match of an event or a conclusion; the bits of ``mode`` are its possibly unbound arguments.
+
+    The annotations of the event of a ``belief`` have no unbound variables.
+    """
     for i, arg in enumerate(pattern.args):
         subject = f"args[{i}]"
         if not mode >> i & 1:
@@ -81,7 +86,9 @@ def head(f: Function, pattern: Literal, fail: str, mode: int) -> None:
                 f.scope[arg.name] = CELL
         else:
             f.line(f"if not unify({build(f, arg)}, {subject}, trail): {fail}")
-    if pattern.annotations:
+    if belief and pattern.annotations and not needs_unification(pattern.with_(args=())):
+        match_annotations(f, pattern.annotations, fail)
+    elif pattern.annotations:
         # The event must have all annotations of the trigger.
         fresh = names_in(pattern.annotations) - f.scope.keys() - {"_"}
         notes = build(f, pattern.annotations)

@@ -40,7 +40,7 @@ from socialbot.bdi.intentions import (
     mode_of,
     timed,
 )
-from socialbot.bdi.literals import SELF, Event, Literal, literal
+from socialbot.bdi.literals import SELF, Event, Literal, literal, source_notes
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, is_number, literal_of
 from socialbot.bdi.steps import Action
@@ -137,6 +137,11 @@ def known(term: Any) -> Any:
     return value
 
 
+def told_by(name: Any) -> Args:
+    """Return the annotation ``source(Name)`` of AgentSpeak, in which a string differs from an atom."""
+    return source_notes(name) if name.__class__ is Atom else (literal("source", (name,)),)
+
+
 def plain(term: Any) -> Any:
     """Return the value of a term, a `Name` instead of an atom."""
     term = resolve(term)
@@ -231,11 +236,11 @@ def act(ag: Interpreter, name: str, args: Args, cause: Any, plain: bool = False)
     if isinstance(action, type):
         if action.function is None:
             return perform(ag, action, known(args), cause)
-        action = action.function
+        kind, action = action, action.function
+        if action in DIRECT[len(args)]:
+            DIRECT[len(args)][kind] = action
     if ag.trace.sink is not None:
         record_action(ag, name, resolve(args), cause)
-    if plain and (action, len(args)) in DIRECT:
-        return action(ag.engine, *args)
     return call(ag.engine, name, action, args, plain=plain)
 
 
@@ -394,7 +399,8 @@ NAMES: dict[str, Any] = {
     "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod, "open_goal": open_goal,
     "order": order, "outcome": outcome, "perform": perform, "plain": plain, "question": question,
     "question_of": question_of, "record_action": record_action, "renew": renew, "resolve": resolve, "timed": timed,
-    "undo": undo, "unify": unify, "univ": univ, "update_of": update_of,
+    "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
+    "update_of": update_of,
     "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,
     "literal_with": literal_with, "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
     "spread": spread, "substituted": substituted, "template": template,

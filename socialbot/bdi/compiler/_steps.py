@@ -11,9 +11,10 @@ from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies,
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
-from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, literal
+from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, literal, source
 from socialbot.bdi.plans import Inference, Plan, parts_of
 from socialbot.bdi.stdlib import called, find
+from socialbot.bdi.stdlib.actions import DIRECT
 from socialbot.bdi.steps import (
     Achieve,
     Action,
@@ -34,7 +35,10 @@ from socialbot.bdi.steps import (
 from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, names_in
 from socialbot.core.errors import RuleError
 
-SWITCH = "if ag.ready or ag.events or ag.inbox or ag.heap: yield"
+WORK = "ag.ready or ag.events or ag.inbox or ag.heap"
+"""Expression that tests for work beside the running intention."""
+
+SWITCH = f"if {WORK}: yield"
 """Statement between two steps that lets other intentions run; without any work for them, it costs no switch."""
 
 
@@ -94,7 +98,12 @@ def do(f: Function, step: Do) -> str | None:
         return None
     record = f"if ag.trace.sink is not None: record_action(ag, {action.functor!r}, {tuple_of(args)}, c)"
     if not isinstance(action, Action):
-        f.line(f"{r} = act(ag, {action.functor!r}, {tuple_of(args)}, c, True)", step)
+        # The call of a simple function needs no detour.
+        found, direct = f.unit.name("t"), f.unit.constant(DIRECT[len(args)])
+        arguments = ", ".join(["ag.engine", *args])
+        f.line(f"{found} = {direct}.get(ag.engine.actions.get({action.functor!r}))", step)
+        f.line(f"if {found} is not None and ag.trace.sink is None: {r} = {found}({arguments})", step)
+        f.line(f"else: {r} = act(ag, {action.functor!r}, {tuple_of(args)}, c, True)", step)
     elif action.function is not None:
         f.line(record, step)
         f.line(f"{r} = {f.unit.constant(action.function)}({', '.join(['ag.engine', *args])})", step)
@@ -252,6 +261,11 @@ def notes_of(f: Function, literal: Literal) -> str:
     """Return the expression of annotations with source ``self`` by default."""
     if not literal.annotations:
         return "SELF"
+    if len(literal.annotations) == 1 and settled(f, literal.annotations):
+        (note,) = literal.annotations
+        if isinstance(note, Literal) and note.key == "source/1" and not note.annotations:
+            make = "source_notes" if isinstance(note, source) else "told_by"
+            return f"{make}({value(f, note.args[0])})"
     notes = [value(f, note) if has_value(f, note) else build(f, note) for note in literal.annotations]
     named = any(isinstance(note, Literal) and note.functor == "source" for note in literal.annotations)
     return tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
@@ -311,13 +325,17 @@ def request(f: Function, step: Achieve, kind: int) -> str:
         return f"goal_of(ag, {build(f, goal)}, c)"
     know(f, [part for arg in goal.args for part in expressions(arg)], step)
     free = unbound(f, goal)
-    args, notes = build(f, goal.args), notes_of(f, goal)
-    trigger = f"ag.triggers[{'+!' + goal.key!r}]"
+    parts = ", ".join(goal_parts(f, goal))
     if free is not None:
         if any(free) and not f.unit.dry:
             f.unit.library.requested.add((f"+!{goal.key}", mode_of(free) >> MODE))
-        return f"({kind | mode_of(free)}, {trigger}, {args}, {notes}, c)"
-    return f"open_goal(ag, {kind}, {trigger}, {args}, {notes}, c)"
+        return f"({kind | mode_of(free)}, {parts})"
+    return f"open_goal(ag, {kind}, {parts})"
+
+
+def goal_parts(f: Function, goal: Literal) -> tuple[str, str, str, str]:
+    """Return the expressions of the trigger, the arguments, the annotations and the record of a goal."""
+    return (f"ag.triggers[{'+!' + goal.key!r}]", build(f, goal.args), notes_of(f, goal), "c")
 
 
 def expressions(term: object) -> Iterator[Expression]:
@@ -340,6 +358,10 @@ def achieve(f: Function, step: Achieve, *, last: bool) -> None:
     if step.apart:
         if step.limit_s is not None:
             f.line(f"ag.intentions.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
+        elif isinstance(step.goal, Literal) and settled(f, step.goal):
+            if isinstance(step.goal, Goal):
+                f.unit.library.declare(type(step.goal))
+            f.line(f"ag.events.append(({', '.join(goal_parts(f, step.goal))}))", step)
         else:
             f.line(f"adopt_later(ag, {request(f, step, SUBGOAL)})", step)
         return
@@ -486,7 +508,8 @@ class Body:
                     f.line(f"{pause} = outcome(ag, {pause})", step)
                 if within != pause:
                     f.line(f"if {pause} is not None: {pause} = {within}", step)
-                f.line(f"if {pause} is not None: yield {pause}" if last or closes else f"yield {pause}")
+                waits = f"{pause} is not None" if last or closes else f"{pause} is not None or {WORK}"
+                f.line(f"if {waits}: yield {pause}")
                 return True
         elif isinstance(step, Update):
             update(f, step)

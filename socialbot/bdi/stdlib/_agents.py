@@ -116,7 +116,7 @@ def clone(engine: Any, args: Args, trail: Trail) -> None:
             twin.add_rules(compiled.inference)
     for relation in engine.beliefs.relations.values():
         for facts, (since, notes, _) in relation.facts.items():
-            twin.interpreter.post((twin.beliefs.relation(relation.key), facts, notes, "", since))
+            twin.interpreter.post((twin.beliefs.relation(relation.key), facts, tuple(notes), "", since))
 
 
 # The directory of services

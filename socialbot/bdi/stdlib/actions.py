@@ -11,6 +11,7 @@ import importlib
 import inspect
 import math
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Coroutine, Iterator
 from numbers import Integral, Real
 from pathlib import Path
@@ -139,7 +140,8 @@ def _register(name: str, function: Callable[..., Any], results: int | None) -> N
     if results is not None:
         _results[function] = results
         _number_of_inputs.cache_clear()
-        DIRECT.clear()
+        for functions in DIRECT.values():
+            functions.clear()
     if len(parts) > 1:
         least, _ = parameters(function)
         pauses = inspect.iscoroutinefunction(function)
@@ -169,8 +171,11 @@ def parameters(function: Callable[..., Any]) -> tuple[int, float]:
     return max(least - 1, 0), most - 1
 
 
-DIRECT: set[tuple[Callable[..., Any], int]] = set()
-"""Functions that take this number of values and give no results, so that `call` does no more than call them."""
+DIRECT: defaultdict[int, dict[Any, Callable[..., Any]]] = defaultdict(dict)
+"""Functions that take this number of values and give no results, so that `call` does no more than call them.
+
+The keys are the functions or the classes of actions under which agents know them.
+"""
 
 
 def call(engine: Any, name: str, function: Callable[..., Any], args: Args, *, plain: bool = False) -> Any:
@@ -184,7 +189,7 @@ def call(engine: Any, name: str, function: Callable[..., Any], args: Args, *, pl
     if plain and _number_of_inputs(name, function, len(args))[0] == len(args):
         inputs, outputs = args, ()
         if not inspect.isgeneratorfunction(function):
-            DIRECT.add((function, len(args)))
+            DIRECT[len(args)][function] = function
     else:
         inputs, outputs = _split(name, function, args)
     found = function(engine, *inputs)
