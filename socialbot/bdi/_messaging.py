@@ -92,8 +92,12 @@ class Messaging:
         trace = self._engine.trace
         if trace.sink is not None:
             cause = trace.record("message", f"{act} to all: {show(content)}", cause)
-        for agent in [] if self.society is None else list(self.society.agents.values()):
-            if agent is not self._engine:
+        if self.society is not None:
+            others = [agent for agent in self.society.agents.values() if agent is not self._engine]
+            if act == "tell" and detached(content) is content:
+                self.society.tell_all(self._engine, others, content, cause)
+                return
+            for agent in others:
                 deliver(self._engine, agent, act, content, cause)
 
     def tell(self, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
@@ -105,6 +109,12 @@ class Messaging:
         if trace.sink is not None:
             cause = trace.record("message", f"tell {show(receiver)}: {literal_from_key(key, args)}", cause)
         self.society.tell(self._engine, receiver, key, args, cause)
+
+    @property
+    def takes_beliefs(self) -> bool:
+        """Whether told beliefs need no check, record or event of the message, so that they can be added at once."""
+        engine = self._engine
+        return self.accepts is None and engine.trace.sink is None and "+message/3" not in engine.library.triggers
 
     def receive(
         self, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
@@ -146,6 +156,13 @@ def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any
 
 
 # Effects of performatives on the receiver
+
+
+def told_beliefs(sender: Engine, content: Any) -> list[tuple[str, tuple[Any, ...], tuple[Any, ...]]]:
+    """Return the keys, arguments and annotations of the beliefs in a message to other agents."""
+    said_by = source_notes(sender.name)
+    beliefs = [literal_of("tell", each) for each in each_of(content)]
+    return [(belief.key, belief.args, _notes(belief, said_by)) for belief in beliefs]
 
 
 def _apply(agent: Engine, act: str, content: Any, said_by: Any, cause: Any) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._interpreter import Wakeup
-from socialbot.bdi._messaging import deliver
+from socialbot.bdi._messaging import deliver, told_beliefs
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
@@ -136,6 +136,22 @@ class Society:
         if not ag.signalled:
             ag.signalled = True
             self._ready.append(agent)
+
+    def tell_all(self, sender: Engine, receivers: list[Engine], content: Any, cause: Any) -> None:
+        """Send beliefs to agents, which share the terms in them."""
+        beliefs = told_beliefs(sender, content)
+        for agent in receivers:
+            if not agent.messaging.takes_beliefs:
+                deliver(sender, agent, "tell", content, cause)
+                continue
+            ag = agent.interpreter
+            for key, args, notes in beliefs:
+                relation = ag.relations.get(key) or ag.beliefs.relation(key)
+                ag.inbox.append((relation, args, notes, cause, None))
+            if not ag.signalled:
+                ag.signalled = True
+                self._ready.append(agent)
+        self._ring()
 
     # Running
 

@@ -199,3 +199,20 @@ def test_a_term_is_opened_with_one_variable_for_each_name():
 def test_only_a_string_is_printed_without_quotes():
     assert said("a b") == "a b"
     assert said(Atom("a b")) == "'a b'"
+
+
+def test_all_beliefs_of_a_pattern_are_found_with_and_without_a_lookup():
+    program = """
+    p(1, a). p(2, b). p(3, a). p(4, 4). d(5) :- p(4, _). d(6).
+    !g(a).
+    +!g(K) <- .count(p(_, _), All); .count(p(_, K), Known); .count(p(3, a), One); .count(p(3, b), None);
+        .count(p(X, X), Same); .count(d(_), Derived); .print(All, " ", Known, One, None, Same, Derived);
+        .findall(X, p(X, _), L1); .findall(X, p(X, K), L2); .findall(X, p(X, X), L3); .findall(X, d(X), L4);
+        .findall(K, p(_, K), L5); .findall(f(X), p(X, K), L6); .print(L1, L2, L3, L4, L5, L6);
+        .setof(Y, p(_, Y), S); .findall(Z, nothing(Z), L7); .count(nothing(_), N7); .print(S, L7, N7).
+    """
+    assert Mas(me=program).until(1).lines == [
+        "4 21012",
+        "[1,2,3,4][1,3][4][6,5][a,a][f(1),f(3)]",
+        "[4,a,b][]0",
+    ]

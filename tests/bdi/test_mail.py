@@ -231,6 +231,31 @@ def test_a_broadcast_reaches_all_others():
     assert [mas.beliefs(name) for name in "abc"] == [{}, {"x(1)": ("a",)}, {"x(1)": ("a",)}]
 
 
+def test_a_broadcast_belief_meets_the_checks_of_each_receiver():
+    mas = Mas(
+        a="!g. +!g <- .broadcast(tell, [x(1)[sure], y]).",
+        b="+x(X)[sure, source(S)] <- .print(X, S).",
+        c="+message(S, P, C) <- .print(S, P, C).",
+        d="",
+    )
+    mas.d.messaging.accepts = lambda sender, performative, content: False
+    mas.until(1)
+    assert mas.said == [("b", "1a"), ("c", "atell[x(1)[sure],y]")]
+    expected = {"x(1)[sure]": ("a",), "y": ("a",)}
+    assert mas.beliefs("b") == expected
+    assert expected.items() <= mas.beliefs("c").items()
+    assert mas.beliefs("d") == {}
+
+
+def test_receivers_of_a_broadcast_share_no_collection():
+    mas = Mas(
+        a="!g. +!g <- .set.create(S); .set.add(S, 1); .broadcast(tell, s(S)).",
+        b="+s(S) <- .set.add(S, 2).",
+        c="+s(S) <- .wait(1); .print(S).",
+    )
+    assert mas.until(1).said == [("c", "{1}")]
+
+
 def test_each_agent_has_variables_of_its_own():
     mas = Mas(
         a="!g. +!g <- .send([b, c], achieve, do(X)).",

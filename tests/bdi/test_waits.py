@@ -52,6 +52,17 @@ def f(*args: object) -> Literal:
     return literal("f", args)
 
 
+def test_intentions_that_wait_for_the_same_event_continue_in_order():
+    lab = Lab(go(X) >> [wait_for(+p(1)), do(X)], sub(X, _) >> [wait_for(+p(Y)), do(X)])
+    lab.tell(go(1), sub(2, 0), go(3), go(4))
+    lab.tell(+p(2))
+    assert lab.done == [2]
+    lab.tell(sub(5, 0), +p(1))
+    assert lab.done == [2, 1, 3, 4, 5]
+    assert len(lab.engine.intentions) == 0
+    assert not lab.engine.intentions.waits.events
+
+
 RULES = [r(X) << (q(X, Y) & ~p(Y)), r(X) << (p(X) & q(_, X))]
 WHAT = [
     *(+p(part) for part in (X, 0, _, Y, f(X), f(_), f(0), f(1)[source(Atom("a"))], (X, Y), (0, 1))),

@@ -59,6 +59,21 @@ class Lookup:
             return f"({self._key},) if {self.test()} else ()"
         return f"reversed({self._table}.get({self._key}, ()))"
 
+    def count(self) -> str:
+        """Return the number of beliefs that are found."""
+        if not self._key:
+            return f"len({self._table})"
+        if self.complete and not self._nested:
+            return f"({self.test()}) * 1"
+        return f"len({self._table}.get({self._key}, ()))"
+
+    def position(self, variable: str) -> int | None:
+        """Return the position of a new variable among the arguments."""
+        for position, term in enumerate(self._args):
+            if isinstance(term, Variable) and term.name == variable and (position,) not in self._known:
+                return position
+        return None
+
     def match_rest(self, found: str) -> None:
         """Emit the match of the unknown parts with a belief; it continues the loop over the beliefs if they differ."""
         self._match(self._args, found, ())

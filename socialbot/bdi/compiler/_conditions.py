@@ -296,9 +296,37 @@ def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:
 
 
 def aggregated(f: Function, term: Aggregate) -> str:
-    """Return the expression of an iterator over the values of an aggregate."""
+    """Return the expression of the values of an aggregate, and of their number for ``count``."""
+    every = all_of(f, term.condition, None if term.kind == "count" else term.template)
+    if every is not None:
+        return every
     name, arguments, _ = query(f, term.condition, True if term.kind == "count" else term.template)
-    return f"{name}({arguments})"
+    return f"sum({name}({arguments}))" if term.kind == "count" else f"{name}({arguments})"
+
+
+def all_of(f: Function, condition: Condition, template: object) -> str | None:
+    """Return the tuple of a variable in all beliefs that match a condition, or without a template their number.
+
+    The result is None if this takes more than a lookup.
+    """
+    if isinstance(condition, Conjunction) and len(condition.terms) == 1:
+        (condition,) = condition.terms
+    if f.unit.dry or (template is not None and not isinstance(template, Variable)):
+        return None
+    lookup = exact_lookup(f, condition)
+    if lookup is None:
+        return None
+    if not isinstance(template, Variable):
+        return lookup.count()
+    position = None if template.name in f.unit.symbols else lookup.position(template.name)
+    return None if position is None else f"tuple([f[{position}] for f in {lookup.newest_first()}])"
+
+
+def _stored_in(f: Function, expression: str) -> str:
+    """Emit the evaluation of an expression; return the local with its value."""
+    found = f.unit.name("l")
+    f.line(f"{found} = {expression}")
+    return found
 
 
 def collected_goal(action: Literal) -> Condition:
@@ -318,6 +346,10 @@ def collected_goal(action: Literal) -> Condition:
 def collected(f: Function, action: Literal) -> str:
     """Return the expression of all solutions of the condition in an action, or of their count."""
     counts, tests = action.functor == ".count", action.functor == ".eval"
+    if not tests:
+        every = all_of(f, collected_goal(action), None if counts else action.args[0])
+        if every is not None:
+            return _stored_in(f, f"tuple(sorted(set({every}), key=order))" if action.functor == ".setof" else every)
     name, arguments, _ = query(f, collected_goal(action), None if counts or tests else action.args[0])
     found = f.unit.name("l")
     if tests:

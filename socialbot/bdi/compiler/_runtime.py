@@ -90,12 +90,16 @@ def _median(numbers: Any) -> float:
     return statistics.median(numbers)
 
 
+_NUMBERS = frozenset({int, float})
+
+
 def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
     """Apply a function to the numbers of a list, or to two numbers."""
 
     def compute(*args: Any) -> Any:
         if len(args) == 1 and isinstance(args[0], tuple):
-            return function([item for item in args[0] if is_number(item)])
+            plain = _NUMBERS.issuperset(map(type, args[0]))
+            return function(args[0] if plain else [item for item in args[0] if is_number(item)])
         if len(args) != 2 or function not in (max, min):
             raise TypeError("a list of numbers is required")
         return function(args)
@@ -151,10 +155,14 @@ def plain(term: Any) -> Any:
 _FAILS = object()
 
 
-def aggregate(kind: str, values: Iterator[Any], nothing: Any = _FAILS) -> Any:
-    """Return the value of an aggregate. Raises Failed for the extreme of no values, unless ``nothing`` is given."""
+def aggregate(kind: str, values: Any, nothing: Any = _FAILS) -> Any:
+    """Return the value of an aggregate; ``values`` are those that it is about, or their number for ``count``.
+
+    Raises:
+        Failed: There are no values for an extreme, unless ``nothing`` is given.
+    """
     if kind == "count":
-        return sum(1 for _ in values)
+        return values
     found = tuple(values)
     if kind == "findall":
         return found
