@@ -8,16 +8,17 @@ import importlib.util
 import logging
 import os
 import re
+import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from socialbot.core.errors import GraphError, InstallationError, ParameterError
+from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -137,6 +138,61 @@ def ros_domain(environment: MutableMapping[str, str] = os.environ) -> int:
             remedy=f"set it to a number from 0 to {HIGHEST_DOMAIN}",
         )
     return int(domain)
+
+
+FREE_DOMAINS = range(60, 101)
+"""ROS domains for isolated runs, below those whose ports the system gives to other programs."""
+
+
+def free_domain(domains: Sequence[int] = FREE_DOMAINS) -> int:
+    """Return an unused one of ``domains``. Raises NodeError when there is none."""
+    return next(_unused(domains))
+
+
+def _unused(domains: Sequence[int]) -> Iterator[int]:
+    for domain in domains:
+        # Each participant binds the discovery port of its domain.
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * domain))
+            except OSError:
+                continue
+        yield domain
+    raise NodeError(f"the domains {domains[0]} to {domains[-1]} are all in use", remedy="end other ROS programs")
+
+
+@contextmanager
+def own_domain(domain: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
+    """Use a ROS domain within the block: ``domain``, or that of ROS_DOMAIN_ID, or else one that nobody uses.
+
+    Nobody else who calls this on the machine gets the same unused domain. Call it before rclpy starts.
+
+    Raises:
+        NodeError: All domains are in use.
+        GraphError: ROS_DOMAIN_ID is not a domain.
+    """
+    before = environment.get("ROS_DOMAIN_ID")
+    with contextlib.ExitStack() as claim:
+        if domain is None:
+            unclaimed = (one for one in _unused(FREE_DOMAINS) if _claimed(one, claim))
+            domain = ros_domain(environment) if before else next(unclaimed)
+        environment["ROS_DOMAIN_ID"] = str(domain)
+        try:
+            yield domain
+        finally:
+            environment.pop("ROS_DOMAIN_ID", None)
+            if before is not None:
+                environment["ROS_DOMAIN_ID"] = before
+
+
+def _claimed(domain: int, claim: contextlib.ExitStack) -> bool:
+    """Claim an unused domain until ``claim`` closes; return False if another run did, whose nodes may not be up yet."""
+    try:
+        file = claim.enter_context((Path(tempfile.gettempdir()) / f"socialbot-domain-{domain}.lock").open("a"))
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def require_ros() -> None:

@@ -17,7 +17,7 @@ from socialbot.bridge.diagnostics import (
     subscription_connection,
     unconnected,
 )
-from socialbot.bridge.environment import ros_domain, spinning_node, wait_for
+from socialbot.bridge.environment import free_domain, ros_domain, spinning_node, wait_for
 from socialbot.bridge.transport import observer_qos, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
@@ -136,7 +136,7 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
             raise NodeError(
                 f"nodes with these names are running already: {', '.join(sorted(taken))}",
                 where=f"ROS domain {ros_domain()}",
-                remedy="stop them, or set ROS_DOMAIN_ID to another number (0 to 101)",
+                remedy=f"stop them, or write ROS_DOMAIN_ID={free_domain()} before the command",
             )
         wait_s = STATUS_PERIOD_S if known else DISCOVERY_S
         time.sleep(POLL_S)

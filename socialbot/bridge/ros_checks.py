@@ -12,11 +12,10 @@ import importlib.util
 import os
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -332,7 +331,6 @@ TOPIC = "/socialbot_trial/image"
 IMAGES = 30
 RATE_HZ = 30.0
 WIDTH, HEIGHT = 640, 480
-DOMAINS = range(80, 101)
 DISCOVERY_S = 8.0
 LIMIT_S = 25.0
 LONGEST_CAUSE = 300
@@ -355,7 +353,7 @@ def try_round_trip() -> Trial:
     of_networks = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "ROS_LOCALHOST_ONLY")
     variables = {name: value for name, value in os.environ.items() if name not in of_networks}
     variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    environment.prepare(variables, domain=free_domain())
+    environment.prepare(variables, domain=environment.free_domain())
     with ThreadPoolExecutor(2) as threads:
         return Trial(*threads.map(functools.partial(_count, variables), ("send", "listen")))
 
@@ -367,19 +365,6 @@ def _count(variables: Mapping[str, str], part: str) -> int:
         return int(_python("-m", __name__, part, timeout_s=LIMIT_S, variables=variables).split()[-1])
     except NodeError as error:
         raise NodeError(f"cannot {part}: {error.what}") from error
-
-
-def free_domain(domains: Sequence[int] = DOMAINS) -> int:
-    """Return an unused one of ``domains``. Raises NodeError when there is none."""
-    for domain in domains:
-        # Each participant binds the discovery port of its domain.
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7400 + 250 * domain))
-            except OSError:
-                continue
-            return domain
-    raise NodeError(f"the domains {domains[0]} to {domains[-1]} are all in use", remedy="end other ROS programs")
 
 
 def main(part: str) -> int:

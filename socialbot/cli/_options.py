@@ -149,6 +149,12 @@ SetOption = Annotated[
     ),
 ]
 ComposedOption = Annotated[bool, typer.Option("--composed", help="Run all nodes in one process (ros).")]
+DomainOption = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=232, help="ROS domain to join (ros); default: ROS_DOMAIN_ID, or else an unused one for this run."
+    ),
+]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="Stop when this process has stopped.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -12,6 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from socialbot.core.errors import ParameterError
+
 if TYPE_CHECKING:
     from socialbot.runs.folder import RecordedRun
     from socialbot.runs.record import RunTrace
@@ -20,6 +22,19 @@ if TYPE_CHECKING:
     from socialbot.vision.metrics.scores import Scores
 
 MAX_PAGE_BYTES = 20_000_000  # maximum trace size of a live run for a page; a longer trace would delay the exit
+
+
+def enter_domain(context: typer.Context, console: Console, domain: int | None, runner: str) -> None:
+    """Enter a ROS domain until the command ends, and print it. Raises ParameterError for a domain of an inline run."""
+    if runner != "ros":
+        if domain is not None:
+            remedy = "add --runner ros, or leave it out"
+            raise ParameterError("an inline run is in no ROS domain", where="--domain", remedy=remedy)
+        return
+    from socialbot.bridge.environment import own_domain
+
+    entered = context.with_resource(own_domain(domain))
+    console.print(f"ROS domain {entered}; in another terminal: ROS_DOMAIN_ID={entered} socialbot status", style="dim")
 
 
 def print_outcome(console: Console, result: RunResult) -> None:

@@ -26,6 +26,7 @@ def replay(
         Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
     ] = "ros",
     composed: options.ComposedOption = False,
+    domain: options.DomainOption = None,
     image_topic: Annotated[str | None, typer.Option(help="Topic of the images, when the bag has several.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed of a ros replay; 1 is as recorded.")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
@@ -39,7 +40,7 @@ def replay(
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
-    from socialbot.cli._runs import print_outcome, write_page
+    from socialbot.cli._runs import enter_domain, print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
     from socialbot.graph.files import load_graph, with_changes
@@ -50,6 +51,7 @@ def replay(
     from socialbot.runtime.run import new_run_folder, run
 
     console = Console(highlight=False)
+    enter_domain(context, console, domain, runner)
     whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()

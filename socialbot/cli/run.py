@@ -34,6 +34,7 @@ def run(
     graph: options.GraphArgument,
     runner: RunnerOption = "inline",
     composed: options.ComposedOption = False,
+    domain: options.DomainOption = None,
     rate: RateOption = 0.0,
     limit: LimitOption = 1800.0,
     out: options.OutOption = None,
@@ -50,7 +51,7 @@ def run(
 
     loaded = load_graph(graph)
     title = loaded.name.capitalize()
-    simulate(context, title, loaded, runner, composed, rate, limit, out, bag, show_page, port, changes)
+    simulate(context, title, loaded, runner, composed, domain, rate, limit, out, bag, show_page, port, changes)
 
 
 def simulate(
@@ -59,6 +60,7 @@ def simulate(
     graph: Graph,
     runner: Runner,
     composed: bool,
+    domain: int | None,
     rate: float,
     limit: float,
     out: Path | None,
@@ -68,7 +70,7 @@ def simulate(
     changes: list[str] | None,
 ) -> None:
     """Run ``graph`` on its simulated world, show it in the terminal and write its page."""
-    from socialbot.cli._runs import print_outcome, write_page
+    from socialbot.cli._runs import enter_domain, print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.clock import SECOND, nanoseconds
     from socialbot.core.messages import Message
@@ -83,6 +85,7 @@ def simulate(
 
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
+    enter_domain(context, console, domain, runner)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     source = SimulatedSource(rate, limit, folder / "bag" if bag else None)

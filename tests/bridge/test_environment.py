@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -15,9 +16,19 @@ import pytest
 
 from socialbot.bridge import environment
 from socialbot.bridge import environment as stale_memory
-from socialbot.bridge.environment import YOUNG_S, Across, prepare, remove_stale, split_ros_args, stale_locks
+from socialbot.bridge.environment import (
+    FREE_DOMAINS,
+    YOUNG_S,
+    Across,
+    free_domain,
+    own_domain,
+    prepare,
+    remove_stale,
+    split_ros_args,
+    stale_locks,
+)
 from socialbot.bridge.ros_checks import segment_size
-from socialbot.core.errors import GraphError
+from socialbot.core.errors import GraphError, NodeError
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
 
@@ -218,3 +229,40 @@ def test_does_not_test_young_locks_and_ports(
     segment(tmp_path, YOUNG, age_s=0.0)
     look(tmp_path)
     assert tried == [f"fastrtps_{DEAD}_el"]
+
+
+def test_run_has_an_unused_domain_of_its_own():
+    first: dict[str, str] = {}
+    second: dict[str, str] = {}
+    with own_domain(environment=first) as one, own_domain(environment=second) as other:
+        assert one in FREE_DOMAINS
+        assert one != other
+        assert (first, second) == ({"ROS_DOMAIN_ID": str(one)}, {"ROS_DOMAIN_ID": str(other)})
+    assert first == second == {}
+
+
+def test_domain_in_use_is_passed_over():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        free = free_domain()
+        taken.bind(("", 7400 + 250 * free))
+        with own_domain(environment={}) as domain:
+            assert domain > free
+        with pytest.raises(NodeError, match="are all in use"):
+            free_domain([free])
+
+
+@pytest.mark.parametrize(("asked", "caller", "entered"), [(7, "12", 7), (None, "12", 12), (7, None, 7)])
+def test_given_domain_is_entered(asked, caller, entered):
+    variables = {} if caller is None else {"ROS_DOMAIN_ID": caller}
+    before = dict(variables)
+    with own_domain(asked, variables) as domain:
+        assert (domain, variables) == (entered, {"ROS_DOMAIN_ID": str(entered)})
+    assert variables == before
+
+
+def test_invalid_domain_of_the_caller_is_refused():
+    with (
+        pytest.raises(GraphError, match="'forty' is not a ROS domain"),
+        own_domain(environment={"ROS_DOMAIN_ID": "forty"}),
+    ):
+        pass

@@ -17,7 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from socialbot.bridge.ros_checks import free_domain
+from socialbot.bridge.environment import free_domain
 from socialbot.bridge.topics import (
     TopicInfo,
     TopicRate,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -180,6 +182,23 @@ def test_a_second_node_of_a_name_is_refused(short_bag: Path, tmp_path: Path, onl
     assert replay.returncode == 6
     assert "head" in replay.stderr
     assert "ROS_DOMAIN_ID" in replay.stderr
+
+
+def test_a_replay_without_a_domain_is_isolated(
+    short_bag: Path, tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nodes of the same names in another domain neither stop a replay nor reach it."""
+    with running("node", "head"):
+        assert eventually(lambda: "head" in onlooker.get_node_names())
+        domain = os.environ["ROS_DOMAIN_ID"]
+        joined = socialbot_here("replay", short_bag, "--out", tmp_path / "joined", "--no-video", "--domain", domain)
+        monkeypatch.setenv("ROS_DOMAIN_ID", "")
+        alone = socialbot_here("replay", short_bag, "--out", tmp_path / "alone", "--no-video")
+    assert alone.returncode == 0
+    assert re.search(r"^ROS domain (6\d|7\d|8\d|9\d|100);", alone.stdout, re.MULTILINE)
+    assert joined.returncode == 6
+    inline = socialbot_here("replay", short_bag, "--runner", "inline", "--domain", "7")
+    assert (inline.returncode, "an inline run is in no ROS domain" in inline.stderr) == (4, True)
 
 
 def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
