@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import msgspec
+
 from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
 from socialbot.deliberation.desires import DesireState, End
 from socialbot.deliberation.facts import FactBase
+from socialbot.deliberation.messages import Desire, FactCondition
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
@@ -33,7 +36,7 @@ class PlanRequest:
     """A request for a plan of at most ``max_makespan_s`` (s).
 
     A desire that preempts another is planned for from the state after an abort, or ``after_steps``: after the end of
-    the running steps.
+    the running steps. The plan leaves out the conditions ``without``, which nothing can make true.
     """
 
     state: DesireState
@@ -41,7 +44,17 @@ class PlanRequest:
     max_makespan_s: float
     cause: str
     after_steps: bool = False
+    without: tuple[FactCondition, ...] = ()
     cancelled: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def desire(self) -> Desire:
+        """The desire, without the conditions that are left out."""
+        desire = self.state.desire
+        if not self.without:
+            return desire
+        rest = tuple(condition for condition in desire.wanted if condition not in self.without)
+        return msgspec.structs.replace(desire, value=(), conditions=rest)
 
 
 @dataclass(eq=False)
@@ -73,6 +86,7 @@ class DesirePursuit:
         self._request: PlanRequest | None = None
         self._failed_plan = 0
         self._failed_at = ""
+        self._is_partial = False
 
     @property
     def planning_for(self) -> DesireState | None:
@@ -92,7 +106,7 @@ class DesirePursuit:
 
     def _send(self, request: PlanRequest) -> None:
         try:
-            problem = self._planning_problem(request.state, request.after_steps)
+            problem = self._planning_problem(request)
         except PlanningError as error:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
@@ -112,19 +126,19 @@ class DesirePursuit:
             self._request.cancelled.set()
             self._request = None
 
-    def _planning_problem(self, state: DesireState, after_steps: bool) -> PddlProblem:
+    def _planning_problem(self, request: PlanRequest) -> PddlProblem:
         """Return the initial state and goal; that of a preempting desire is predicted.
 
         Raises PlanningError for an unknown object.
         """
-        for condition in state.desire.wanted:
+        for condition in request.desire.wanted:
             reason = self.facts.unknown_condition(condition)
             if reason:
                 raise PlanningError(reason)
-        goal = self.facts.goal(state.desire.wanted)
-        if self._preempts(state):
+        goal = self.facts.goal(request.desire.wanted)
+        if self._preempts(request.state):
             executor = self.plan_executor
-            return executor.problem_after_steps(goal) if after_steps else executor.problem_if_aborted(goal)
+            return executor.problem_after_steps(goal) if request.after_steps else executor.problem_if_aborted(goal)
         return self.plan_executor.projected(goal) if self.plan_executor.running else self.facts.problem(goal)
 
     def _max_makespan(self, state: DesireState) -> tuple[float, str]:
@@ -161,8 +175,12 @@ class DesirePursuit:
         if unhandled:
             self.end(state, "dropped", f"no plan or action performs {', '.join(unhandled)}")
         elif plan is None or message:
+            rest = self._without_unreachable(request, answer)
+            if rest is not None:
+                self._send(rest)
+                return
             if self._preempts(state) and not request.after_steps and self.plan_executor.running:
-                self._send(replace(request, after_steps=True))
+                self._send(replace(request, after_steps=True, without=()))
                 return
             self._on_planning_failed(state, message, unsolvable=answer.verdict is PlannerVerdict.IMPOSSIBLE)
         elif self.current is not state and state.blocked:
@@ -179,8 +197,20 @@ class DesirePursuit:
             self._preempted = None
             self.problem = ""
             state.failed_planning = state.fruitless = 0
-            self.plan_executor.execute(plan, state.desire, record, began=self._began, domain=request.domain)
+            self._is_partial = bool(request.without)
+            self.plan_executor.execute(plan, request.desire, record, began=self._began, domain=request.domain)
         self.wake()
+
+    def _without_unreachable(self, request: PlanRequest, answer: PlannerAnswer) -> PlanRequest | None:
+        """Return a request without the conditions that nothing can make true, if others are left to achieve."""
+        if not self.options.partial_desires or not answer.unreachable:
+            return None
+        wanted = request.desire.wanted
+        impossible = [one for one in wanted if self.facts.goal((one,)).parts[0] in answer.unreachable]
+        rest = [one for one in wanted if one not in impossible]
+        if not impossible or all(map(self.facts.check, rest)):
+            return None
+        return replace(request, without=(*request.without, *impossible))
 
     def _preempts(self, state: DesireState) -> bool:
         return self.current is not None and self.current is not state
@@ -251,11 +281,12 @@ class DesirePursuit:
         state = self.current
         if state is None:
             return
-        if outcome.how == "aborted" or (outcome.how == "succeeded" and state.is_fulfilled()):
+        partly = outcome.how == "succeeded" and self._is_partial
+        if outcome.how == "aborted" or partly or (outcome.how == "succeeded" and state.is_fulfilled()):
             self.current, self.problem = None, ""
         if state.is_fulfilled():
             self.end(state, "fulfilled", "")
-        elif outcome.plan != self._failed_plan:  # several steps of one plan may fail
+        elif not partly and outcome.plan != self._failed_plan:  # several steps of one plan may fail
             self._failed_plan, self._failed_at = outcome.plan, outcome.record
             self._on_execution_failed(state, outcome.reason or "the plan has ended, but its goal does not hold")
         self.wake()

@@ -159,7 +159,7 @@ class FactBase(FactIndex):
             return f"there is no object {fact.name!r}; {near(fact.name, self.objects())}"
         return mismatch(condition) or self.unknown(fact)
 
-    def goal(self, wanted: Iterable[FactCondition]) -> Formula:
+    def goal(self, wanted: Iterable[FactCondition]) -> And:
         """Return conditions as a formula; the existence of instances is evaluated now, as no plan changes it."""
         return And(tuple(self._formula(condition) for condition in wanted))
 

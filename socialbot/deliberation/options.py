@@ -44,6 +44,9 @@ class DeliberationOptions:
     exec_plan_tries: Annotated[int, OptionInfo("failed executions before a desire is dropped", 1, None)] = 8
     autosub_prec: Annotated[bool, OptionInfo("adopt desires for a missing precondition", maximum=None)] = False
     autosub_context: Annotated[bool, OptionInfo("adopt desires for a missing context", maximum=None)] = False
+    partial_desires: Annotated[
+        bool, OptionInfo("achieve the possible conditions of a desire whose others are impossible?", maximum=None)
+    ] = False
     give_up_silent_s: Annotated[float, OptionInfo("sensor timeout after which a plan is aborted (s)", 0.0)] = 30.0
     report_s: Annotated[float, OptionInfo("", 0.01)] = 0.2
 

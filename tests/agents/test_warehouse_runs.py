@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from evaluation.warehouse_runs import Kill, Result, Story, play, troubled
+from evaluation.warehouse_runs import Kill, Result, Run, Story, play, troubled
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import gripper_of
-from socialbot.agents.warehouse.scenario import GRIPPER
+from socialbot.agents.warehouse.scenario import GRIPPER, SIX
 from socialbot.agents.warehouse.world_node import WarehouseWorld, world_of
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import TraceRecord
@@ -53,6 +53,17 @@ def test_run_2_replans_after_lost_carrier():
     (failed,) = [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
     assert failed.what.endswith("carrier_c base_c)")
     assert "(carrier_in_base carrier_c base_c)" in failed.detail["message"]
+
+
+@pytest.mark.parametrize("faults", ["1 vanishes box_a1", "7 vanishes box_b2", "50 vanishes box_b1"])
+def test_a_vanished_box_costs_no_other_box(tmp_path, faults):
+    run = Run(Story(seed=4, faults=faults), tmp_path)
+    fine(run.play())
+    box = faults.split()[-1]
+    stored = {box: deposit for deposit in SIX.deposits for box in run.world.load[deposit]}
+    routes = zip(SIX.loads, SIX.deposits, strict=True)
+    assert stored == {other: deposit for load, deposit in routes for other in load if other != box}
+    assert f"nothing can make (carrier_moving carrier_{box[-2]} {box}) true" in run.end
 
 
 def test_same_seed_gives_same_records():

@@ -12,7 +12,7 @@ from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.formulas import And
 from socialbot.planning.planners.engines import Kairos
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
-from tests.deliberation.domains import dnf, p
+from tests.deliberation.domains import dnf, n, p
 from tests.deliberation.office import JOBS, Clerk, Office, job, office_for
 from tests.deliberation.stage import Behaviour
 
@@ -288,3 +288,42 @@ def test_a_planner_that_hangs_in_its_thread_does_not_hold_up_the_agent():
     leave.set()
     threads[0].join(60)
     assert office.until(7) == [("a", "fulfilled", "")]
+
+
+def both(**options) -> Office:
+    """An office that wants a job done, and a level that nothing brings about."""
+    office = Office(planner=Kairos(), comp_plan_tries=3, **options)
+    office.want(job("both", value=(p("done", "a"), n("level", "b", value=7))))
+    return office
+
+
+def test_an_impossible_desire_names_the_condition_that_nothing_makes_true():
+    office = both()
+    office.until(60)
+    assert office.begun() == []
+    assert office.ends == [("both", "dropped", "no plan after 3 tries: nothing can make (= (level b) 7) true")]
+
+
+def test_partial_desires_achieve_what_is_possible():
+    office = both(partial_desires=True)
+    office.until(60)
+    assert office.begun() == [(0.0, "(do a)")]
+    assert office.plans() == [("both", "succeeded")]
+    assert office.ends == [("both", "dropped", "no plan after 3 tries: nothing can make (= (level b) 7) true")]
+
+
+def test_an_impossible_condition_that_becomes_possible_is_achieved_after_all():
+    office = both(partial_desires=True)
+    office.until(8)
+    office.believe("level b = 7")
+    assert office.until(60) == [("both", "fulfilled", "")]
+
+
+def test_the_repair_of_a_partial_plan_leaves_out_the_same_conditions():
+    office = Office(planner=Kairos(), partial_desires=True, comp_plan_tries=3)
+    office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
+    office.want(job("both", value=(p("done", "a"), n("level", "b", value=7))))
+    office.until(0.5)
+    office.behaviour.clear()
+    office.until(60)
+    assert office.plans() == [("both", "failed"), ("both", "succeeded")]

@@ -310,6 +310,7 @@ class GripperAgent(Deliberating):
     init_reactive_rules_set = Parameter("gripper_rules.yaml", "its rules (YAML)", fixed=True)
     agent_group = Parameter("grippers", "the group it belongs to", fixed=True)
     comp_plan_tries = Parameter(16, "plannings that fail before a desire is dropped", minimum=1, fixed=True)
+    partial_desires = Parameter(True, "sort the other boxes when one is missing or out of reach", fixed=True)
     exec_plan_tries = Parameter(16, "executions that fail before a desire is dropped", minimum=1, fixed=True)
 
     status: MoveStatus | None = None

@@ -224,11 +224,12 @@ BOXES = "boxes"  # name of the sensor for box positions
 def parse_faults(text: str, scenario: Scenario) -> tuple[WorldFault, ...]:
     """Parse the faults of a warehouse. Raises ParameterError.
 
-    Kinds: a carrier ``leaves`` for its deposit; the box ``slips`` at the next grasp. The sensor of a robot, or `BOXES`,
-    is ``silent``, or a robot ``stalls``, for a duration.
+    Kinds: a carrier ``leaves`` for its deposit; the box ``slips`` at the next grasp; a box ``vanishes``. The sensor of
+    a robot, or `BOXES`, is ``silent``, or a robot ``stalls``, for a duration.
     """
     examples = "30 leaves carrier_c; 40 slips; 50 silent carrier_a 10; 60 stalls gripper_a 3"
-    return parse_world_faults(text, _fault_targets(scenario), ("silent", "stalls"), examples)
+    targets = {**_fault_targets(scenario), "vanishes": scenario.boxes}
+    return parse_world_faults(text, targets, ("silent", "stalls"), examples)
 
 
 def _fault_targets(scenario: Scenario) -> dict[str, tuple[str, ...] | None]:

@@ -306,6 +306,14 @@ class Warehouse(SimulatedWorld):
         self.load[self.scenario.deposits[self.scenario.carriers.index(carrier)]] += boxes
         self.load[carrier] = []
 
+    def _remove(self, box: str) -> None:
+        """Take a box out of the warehouse."""
+        for holder, boxes in self.load.items():
+            if box in boxes:
+                boxes.remove(box)
+                self._spots.pop(box, None)
+                self._update_carrier(holder)
+
     def _apply_fault(self, fault: WorldFault) -> None:
         seconds = fault.duration_s or 0.0
         match fault.kind:
@@ -313,6 +321,8 @@ class Warehouse(SimulatedWorld):
                 self._send(fault.target, "deposit")
             case "slips":
                 self._slips += 1
+            case "vanishes":
+                self._remove(fault.target)
             case "silent":
                 until = self.now + nanoseconds(seconds)
                 self._silence[fault.target] = max(until, self._silence.get(fault.target, 0))

@@ -16,6 +16,8 @@ from typing import Protocol
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
+from socialbot.planning.pddl.formulas import Formula
+from socialbot.planning.pddl.reachability import unreachable_goals
 from socialbot.planning.pddl.reader import read_problem
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run
@@ -58,12 +60,16 @@ class PlannerLimits:
 
 @dataclass(frozen=True, slots=True)
 class PlannerAnswer:
-    """Answer of a planner: the plan, or the reason for its absence, and the elapsed seconds."""
+    """Answer of a planner: the plan, or the reason for its absence, and the elapsed seconds.
+
+    ``unreachable`` are the parts of the goal that nothing can make true, if that is why there is no plan.
+    """
 
     verdict: PlannerVerdict
     plan: PddlPlan | None = None
     message: str = ""
     seconds: float = 0.0
+    unreachable: tuple[Formula, ...] = ()
 
 
 class Planner(Protocol):
@@ -181,6 +187,8 @@ class ChildPlanner(ABC):
             search = SearchJob(folder, limits.timeout_s, limits, cancelled)
             answer = self._validated(self.search(search), domain, problem)
             aimed = replace(search.after(answer), target_s=limits.makespan_s)
+            if answer.verdict in (PlannerVerdict.IMPOSSIBLE, PlannerVerdict.GAVE_UP):
+                return explained(answer, domain, problem)
             if answer.plan is None or aimed.good(answer):
                 return answer
             # Minimize the makespan rather than the metric of the problem.
@@ -195,6 +203,17 @@ class ChildPlanner(ABC):
         if faults:
             return PlannerAnswer(PlannerVerdict.INVALID, message=f"{self.name}: {faults[0]}")
         return replace(answer, plan=plan)
+
+
+def explained(answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
+    """Return an answer without a plan that names the goals that nothing can make true, if there are any."""
+    goals = unreachable_goals(domain, problem)
+    if not goals:
+        return answer
+    unreachable = tuple(goal.goal for goal in goals)
+    return replace(
+        answer, verdict=PlannerVerdict.IMPOSSIBLE, message="; ".join(map(str, goals)), unreachable=unreachable
+    )
 
 
 def separated(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> tuple[PddlPlan, tuple[PlanFault, ...]]:

@@ -1,0 +1,241 @@
+"""Which goals nothing can make true: relaxed reachability, without delete effects and with any number.
+
+Everything that a plan can reach is reachable. A goal that is not reachable proves that there is no plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    ConditionalEffect,
+    Delete,
+    Effect,
+    Equality,
+    Formula,
+    Not,
+    NumericComparison,
+    NumericEffect,
+    Or,
+    Predicate,
+    UniversalEffect,
+)
+from socialbot.planning.pddl.semantics import Binding, fluents, holds, substitute
+from socialbot.planning.pddl.state import PddlState
+
+MAX_REASONS = 5
+"""Number of conditions that a reason lists."""
+
+
+@dataclass(frozen=True)
+class UnreachableGoal:
+    """A part of a goal that no plan reaches, and the reason as a text."""
+
+    goal: Formula
+    reason: str
+
+    def __str__(self) -> str:
+        return self.reason
+
+
+def unreachable_goals(domain: PddlDomain, problem: PddlProblem) -> tuple[UnreachableGoal, ...]:
+    """Return the parts of the goal that nothing can make true."""
+    goals = [] if problem.goal is None else list(_conjuncts(problem.goal))
+    relaxed = _Relaxation(domain, problem)
+    missing = [goal for goal in goals if not relaxed.may_hold(goal)]
+    return tuple(UnreachableGoal(goal, relaxed.reason(goal)) for goal in missing)
+
+
+class _Relaxation:
+    """The predicates that a plan may make true, as far as they are known from the start on."""
+
+    def __init__(self, domain: PddlDomain, problem: PddlProblem) -> None:
+        self.state = PddlState.of(problem, domain)
+        self.domain = domain
+        self.reached: dict[str, set[tuple[str, ...]]] = {}
+        self._index: dict[tuple[str, int, str], set[tuple[str, ...]]] = {}
+        effects = [effect.effect for action in domain.actions.values() for effect in action.effects]
+        changes = list(_elements([*effects, *(timed.effect for timed in problem.timed)]))
+        self._deleted = {effect.predicate.name for effect in changes if isinstance(effect, Delete)}
+        self._changed = {effect.fluent.name for effect in changes if isinstance(effect, NumericEffect)}
+        for predicate in problem.facts:
+            self._reach(predicate)
+        for timed in problem.timed:
+            if isinstance(timed.effect, Add):
+                self._reach(timed.effect.predicate)
+        while sum(self._apply(action) for action in domain.actions.values()):
+            pass
+
+    def may_hold(self, formula: Formula, binding: Binding | None = None) -> bool:
+        """Return False only for a ground formula that never holds."""
+        bound = binding or {}
+        match formula:
+            case Predicate(name, terms):
+                if name in self.domain.derived:
+                    return True
+                return tuple(bound.get(term, term) for term in terms) in self.reached.get(name, ())
+            case And(parts):
+                return all(self.may_hold(part, bound) for part in parts)
+            case Or(parts):
+                return any(self.may_hold(part, bound) for part in parts)
+            case Not(Predicate(name)):
+                return name in self._deleted or name in self.domain.derived or holds(formula, self.state, bound)
+            case NumericComparison(_, left, right):
+                names = {fluent.name for side in (left, right) for fluent in fluents(side)}
+                return bool(names & self._changed) or holds(formula, self.state, bound)
+            case Equality() | Not(Equality()):
+                return holds(formula, self.state, bound)
+            case _:
+                return True
+
+    def reason(self, goal: Formula) -> str:
+        """Return why a formula never holds: the chain of conditions that lack something, as a text."""
+        chain, missing = [str(goal)], next((part for part in _atoms(goal) if not self._matches(part)), None)
+        while missing is not None and len(chain) <= MAX_REASONS:
+            if chain[-1] != str(missing):
+                chain.append(str(missing))
+            missing = self._missing_for(missing, chain)
+        return f"nothing can make {chain[0]} true" + "".join(f", which needs {need}" for need in chain[1:])
+
+    def _missing_for(self, wanted: Predicate, seen: list[str]) -> Predicate | None:
+        """Return a condition that never holds of an action that would bring about ``wanted``."""
+        for action in self.domain.actions.values():
+            for effect in _elements(effect.effect for effect in action.effects):
+                binding = _unified(effect.predicate, wanted) if isinstance(effect, Add) else None
+                if binding is None:
+                    continue
+                for condition in _conditions(action):
+                    for part in _atoms(condition):
+                        need = substitute(part, binding)
+                        if str(need) not in seen and not self._matches(need):
+                            return need
+        return None
+
+    def _matches(self, pattern: Predicate) -> bool:
+        return pattern.name in self.domain.derived or any(True for _ in self._matching(pattern, {}))
+
+    def _reach(self, predicate: Predicate) -> bool:
+        known = self.reached.setdefault(predicate.name, set())
+        if predicate.terms in known:
+            return False
+        known.add(predicate.terms)
+        for place, term in enumerate(predicate.terms):
+            self._index.setdefault((predicate.name, place, term), set()).add(predicate.terms)
+        return True
+
+    def _apply(self, action: PddlAction) -> bool:
+        """Reach what an action brings about; return whether that is new."""
+        conditions = list(_conditions(action))
+        atoms = [part for part in conditions if isinstance(part, Predicate) and part.name not in self.domain.derived]
+        others = [part for part in conditions if part not in atoms]
+        adds = [effect.effect for effect in action.effects]
+        found = [
+            predicate
+            for binding in self._joined(atoms, {})
+            for full in self._completed(action, binding)
+            if all(self.may_hold(other, full) for other in others)
+            for predicate in self._added(adds, full)
+        ]
+        return sum(self._reach(predicate) for predicate in found) > 0
+
+    def _joined(self, atoms: list[Predicate], binding: dict[str, str]) -> Iterator[dict[str, str]]:
+        """Yield the bindings for which all atoms are reached; the atom with the fewest matches comes first."""
+        if not atoms:
+            yield binding
+            return
+        first = min(atoms, key=lambda atom: len(self._candidates(atom, binding)))
+        rest = [atom for atom in atoms if atom is not first]
+        for found in self._matching(first, binding):
+            yield from self._joined(rest, found)
+
+    def _matching(self, atom: Predicate, binding: dict[str, str]) -> Iterator[dict[str, str]]:
+        for terms in self._candidates(atom, binding):
+            found = dict(binding)
+            if all(_bind(found, term, value) for term, value in zip(atom.terms, terms, strict=True)):
+                yield found
+
+    def _candidates(self, atom: Predicate, binding: dict[str, str]) -> set[tuple[str, ...]]:
+        sets = [self.reached.get(atom.name, set())]
+        for place, term in enumerate(atom.terms):
+            value = binding.get(term, term)
+            if not value.startswith("?"):
+                sets.append(self._index.get((atom.name, place, value), set()))
+        return min(sets, key=len)
+
+    def _completed(self, action: PddlAction, binding: dict[str, str]) -> Iterator[dict[str, str]]:
+        """Yield the binding with objects of the right types for all parameters."""
+        waiting = [binding]
+        for parameter in action.parameters:
+            possible = self.state.objects(parameter.types)
+            waiting = [
+                {**one, parameter.name: name}
+                for one in waiting
+                for name in ((one[parameter.name],) if parameter.name in one else possible)
+                if name in possible
+            ]
+        yield from waiting
+
+    def _added(self, effects: Iterable[Effect], binding: Binding) -> Iterator[Predicate]:
+        for effect in effects:
+            match effect:
+                case Add(predicate):
+                    yield substitute(predicate, binding)
+                case ConditionalEffect(_, inside):
+                    yield from self._added(inside, binding)
+                case UniversalEffect(variables, inside):
+                    bindings: list[Binding] = [binding]
+                    for typed in variables:
+                        names = self.state.objects(typed.types)
+                        bindings = [{**one, typed.name: name} for one in bindings for name in names]
+                    for one in bindings:
+                        yield from self._added(inside, one)
+                case _:
+                    pass
+
+
+def _bind(binding: dict[str, str], term: str, value: str) -> bool:
+    """Bind a term to a value; return False if it has another one."""
+    return (binding.setdefault(term, value) if term.startswith("?") else term) == value
+
+
+def _unified(added: Predicate, wanted: Predicate) -> dict[str, str] | None:
+    """Return the binding with which an added predicate is the wanted one, whose own variables stay open."""
+    if added.name != wanted.name:
+        return None
+    binding: dict[str, str] = {}
+    for term, value in zip(added.terms, wanted.terms, strict=True):
+        if value.startswith("?"):
+            continue
+        if not _bind(binding, term, value):
+            return None
+    return binding
+
+
+def _conjuncts(formula: Formula) -> Iterator[Formula]:
+    if isinstance(formula, And):
+        for part in formula.parts:
+            yield from _conjuncts(part)
+    else:
+        yield formula
+
+
+def _atoms(formula: Formula) -> Iterator[Predicate]:
+    """Yield the predicates that must hold for a formula to hold."""
+    return (part for part in _conjuncts(formula) if isinstance(part, Predicate))
+
+
+def _conditions(action: PddlAction) -> Iterator[Formula]:
+    for condition in action.conditions:
+        yield from _conjuncts(condition.formula)
+
+
+def _elements(effects: Iterable[Effect]) -> Iterator[Effect]:
+    for effect in effects:
+        if isinstance(effect, UniversalEffect | ConditionalEffect):
+            yield from _elements(effect.effects)
+        else:
+            yield effect

@@ -1,0 +1,77 @@
+"""Goals that nothing can make true, against plans that planners find."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import pytest
+
+from evaluation.warehouse_planning import first_question
+from socialbot.planning.pddl.domain import PddlProblem
+from socialbot.planning.pddl.formulas import And, Predicate
+from socialbot.planning.pddl.reachability import unreachable_goals
+from socialbot.planning.pddl.reader import read_domain, read_problem
+from socialbot.planning.planners.engines import make_planner
+from socialbot.planning.planners.planner import PlannerLimits, PlannerVerdict
+from tests.planning.random_worlds import random_pair
+
+
+def without_box(problem: PddlProblem, box: str) -> PddlProblem:
+    """The problem after the top box of a stack has vanished from what sensors report."""
+    (below,) = (fact.terms[1] for fact in problem.facts if fact.name == "on" and fact.terms[0] == box)
+    gone = frozenset(fact for fact in problem.facts if fact.name in ("on", "in", "clear") and box in fact.terms)
+    facts = problem.facts - gone | {Predicate("clear", (below,))}
+    return replace(problem, facts=facts)
+
+
+def test_all_goals_of_a_solvable_problem_are_reachable():
+    question = first_question(6)
+    assert unreachable_goals(question.domain, question.problem) == ()
+
+
+def test_a_vanished_box_is_the_only_unreachable_goal_and_the_reason_names_it():
+    question = first_question(6)
+    (goal,) = unreachable_goals(question.domain, without_box(question.problem, "box_a2"))
+    assert str(goal.goal) == "(carrier_moving carrier_a box_a2)"
+    assert goal.reason.startswith("nothing can make (carrier_moving carrier_a box_a2) true, which needs (holding ")
+    assert "(on box_a2 " in goal.reason
+
+
+def test_static_numbers_negations_and_constants_are_evaluated():
+    domain = read_domain(
+        """
+        (define (domain shop) (:requirements :typing :fluents :negative-preconditions)
+          (:types thing) (:constants lamp - thing)
+          (:predicates (broken ?t - thing) (bought ?t - thing) (lit))
+          (:functions (price ?t - thing) (money))
+          (:action buy :parameters (?t - thing) :precondition (and (<= (price ?t) 5) (not (broken ?t)))
+            :effect (bought ?t))
+          (:action light :parameters () :precondition (bought lamp) :effect (lit)))
+        """
+    )
+    init = "(= (price lamp) {}) (= (price cup) 9) (= (money) 3)"
+    goal = "(:goal (and (bought cup) (lit)))"
+    for price, broken, expected in ((4, "", 1), (7, "", 2), (4, "(broken lamp)", 2)):
+        objects = "(:objects cup - thing)"
+        text = f"(define (problem p) (:domain shop) {objects} (:init {init.format(price)} {broken}) {goal})"
+        found = unreachable_goals(domain, read_problem(text, domain))
+        assert len(found) == expected
+        assert str(found[0].goal) == "(bought cup)"
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_goals_that_a_planner_reaches_are_reachable(seed):
+    domain, problem, _ = random_pair(seed)
+    answer = make_planner().solve(domain, problem, PlannerLimits(timeout_s=1.0))
+    assert answer.verdict is not PlannerVerdict.SOLVED or unreachable_goals(domain, problem) == ()
+
+
+def test_the_reason_for_24_boxes_costs_little():
+    question = first_question(24)
+    begun = time.process_time()
+    impossible = And((question.problem.goal, Predicate("clear", ("nothing",))))  # type: ignore[arg-type]
+    problem = replace(question.problem, goal=impossible)
+    (goal,) = unreachable_goals(question.domain, problem)
+    assert str(goal.goal) == "(clear nothing)"
+    assert time.process_time() - begun < 2.0
