@@ -23,10 +23,14 @@ from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
+    from socialbot.bdi.agentspeak.programs import IncludePaths
     from socialbot.bdi.environment import Environment
 
 SLEEPING, AWAKING = (Event(Change.ADDED, literal_from_key(f"{name}/0", ())) for name in ("jag_sleeping", "jag_awaking"))
 """Events of an agent that becomes idle, and of one that a message or an event wakes."""
+
+START_TURNS = 8
+"""Turns of each agent, one at a time, with which `Society.run` begins, so that no agent is far ahead of the others."""
 
 VISITS = 16
 """Number of agent visits between checks for `Society.stop`."""
@@ -40,6 +44,7 @@ class Society:
         environment: The world of the agents, if any.
         starter: Makes the agent of `.create_agent` from its name, its file (or None) and the agent that creates it;
             without a starter, an agent without a file can be created only.
+        include_paths: Places of the files of `.include`; None refuses it.
         services: Agents that offer a service, by its name (`.df_register`).
         subscribers: Agents that want to know who offers a service, by its name.
     """
@@ -50,6 +55,7 @@ class Society:
         self.agents: dict[str, Engine] = {}
         self.environment: Environment | None = None
         self.starter: Callable[[str, str | None, Engine], Engine] | None = None
+        self.include_paths: IncludePaths | None = None
         self.services: dict[str, dict[str, None]] = {}
         self.subscribers: dict[str, dict[str, None]] = {}
         self._ready: deque[Engine] = deque()
@@ -207,6 +213,7 @@ class Society:
         end = None if seconds is None else self.clock.now() + round(seconds * SECOND)
         wakeup = self._wakeup = Wakeup()
         try:
+            self.run_until_idle(START_TURNS * len(self.agents), turns=1)
             while not self.stopping:
                 busy = self.run_until_idle(VISITS)
                 if end is not None and self.clock.now() >= end:

@@ -124,6 +124,7 @@ def run(
             return engine
 
         society.starter = start
+        society.include_paths = replace(paths, folders=(files[0].parent, *paths.folders))
         for name, program in zip(names, programs, strict=True):
             engine = society.add(made(name, libraries[id(program)]))
             begin(engine, program)

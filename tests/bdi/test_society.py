@@ -229,3 +229,18 @@ def test_now_is_the_time_of_the_society():
     mas = Mas(a="!g. +!g <- .wait(1500); .print(system.time).")
     assert mas.until(2).lines == ["1500"]
     assert mas.clock.now() == 2 * SECOND
+
+
+def test_agents_begin_together():
+    clock = WallClock()
+    society = Society(clock)
+    said: list[str] = []
+    for name, text in {
+        "ann": '!register. !search. +!register <- .df_register("a"). +!search <- .df_search("b", L); .print(L).',
+        "bob": '!register. +!register <- .df_register("b").',
+    }.items():
+        engine = society.add(Engine(name, clock))
+        engine.out = said.append
+        engine.add_text(text)
+    society.run(linger=False)
+    assert said == ["[bob]"]

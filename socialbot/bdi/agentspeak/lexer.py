@@ -74,7 +74,6 @@ REMEDIES = {
 REFUSED = {
     ".python": ("a Python function in a condition has no counterpart in AgentSpeak",
                 "write the rule in Python, or let a rule in AgentSpeak say the same"),
-    ".include": ("'.include' is not supported", "write the directive { include(\"file.asl\") }"),
 }  # fmt: skip
 """Internal actions that the parser rejects."""
 

@@ -115,6 +115,7 @@ class _Run:
         self.clock = ManualClock()
         self.society = Society(self.clock)
         self.society.starter = self._start
+        self.society.include_paths = replace(file.paths, folders=(file.file.parent, *file.paths.folders))
         manager = self.society.add(Engine(MANAGER, self.clock))
         manager.messaging.accepts = lambda *_: False
         agent = self._agent(file.file.stem, file.program)

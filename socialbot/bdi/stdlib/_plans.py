@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,7 +18,7 @@ from socialbot.bdi.stdlib.environment import event_of, print_
 from socialbot.bdi.stdlib.registry import Args, each, each_of, gives, internal, literal_of, name_of, opened, wrong
 from socialbot.bdi.terms import Atom
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
-from socialbot.core.errors import RuleError
+from socialbot.core.errors import RuleError, SocialbotError
 
 
 @internal(".abolish", 1)
@@ -244,3 +245,34 @@ def _sources(plan: Plan) -> tuple[object, ...]:
 
 def _others(plan: Plan) -> tuple[object, ...]:
     return tuple(note for note in plan.annotations if not is_source(note))
+
+
+_namespaces = itertools.count(1)
+
+
+@internal(".include", 1, 2, binds=True)
+def include(engine: Any, args: Args, trail: Trail) -> bool:
+    """``.include("file.asl", Namespace)``: load a program into this agent; an unbound Namespace gets a new one.
+
+    The file is searched in the include folders of the society.
+    """
+    from socialbot.bdi.agentspeak.loading import load  # needs this package
+
+    file = resolve(args[0])
+    if not isinstance(file, str):
+        raise wrong(".include", file, "the name of a file, a string")
+    society = engine.messaging.society
+    if society is None or society.include_paths is None:
+        raise Failed("action_failed", f".include: {file} cannot be loaded: set Society.include_paths")
+    namespace = resolve(args[1]) if len(args) > 1 else None
+    given = namespace
+    if namespace.__class__ is Var:
+        given = Atom(f"ns{next(_namespaces)}")
+    elif namespace is not None and not isinstance(namespace, Atom):
+        raise wrong(".include", namespace, "the name of a namespace")
+    directive = literal("include", (file,) if given is None else (file, given))
+    try:
+        load(engine, f"{{ {agentspeak(directive)} }}", ".include", society.include_paths)
+    except SocialbotError as problem:
+        raise Failed("action_failed", f".include: {problem}") from problem
+    return namespace is None or gives(args[1], given, trail)

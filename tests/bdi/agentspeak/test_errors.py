@@ -154,7 +154,6 @@ UNSUPPORTED = {
     "+b. { +c. }": "a plan within a plan is not supported",
     "+!g : c <: d <- a.": "a goal condition ('<:') is not supported",
     "+b <- -<c.": "'-<' is not supported",
-    '+b <- .include("x").': "'.include' is not supported",
     "+b <- a(X(1)).": "a variable with arguments is not supported",
     "+b <- a(`x).": "a backquote is not supported",
     "+b : .python(near, X).": "a Python function in a condition has no counterpart in AgentSpeak",
