@@ -48,9 +48,11 @@ demo: setup
 inspect: runs/waldo/results.json
 	$(BIN)/socialbot inspect runs/waldo $(if $(DISPLAY)$(WAYLAND_DISPLAY),--open)
 
+# The folder gets its name only when the run is whole.
 runs/waldo/results.json: | setup
-	rm -rf runs/waldo
-	$(BIN)/socialbot replay $(BAG) --runner inline --no-video --out runs/waldo
+	rm -rf runs/waldo runs/waldo.part
+	$(BIN)/socialbot replay $(BAG) --runner inline --no-video --out runs/waldo.part
+	mv runs/waldo.part runs/waldo
 
 evaluate: setup
 	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))

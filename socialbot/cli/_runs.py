@@ -1,4 +1,4 @@
-"""Present live runs, results and damage in the terminal."""
+"""Present live runs, results and problems of runs in the terminal."""
 
 from __future__ import annotations
 
@@ -80,18 +80,18 @@ def scores_table(scores: Scores) -> Table:
 
 
 def opened_run(folder: Path | None) -> RecordedRun:
-    """Open the run in ``folder``, by default the newest, and print its damage on stderr. Raises RunError."""
+    """Open the run in ``folder``, by default the newest, and print its problems on stderr. Raises RunError."""
     from socialbot.runs.folder import newest_run, open_run
 
     run = open_run(newest_run() if folder is None else folder)
-    print_damage(run)
+    print_problems(run)
     return run
 
 
-def print_damage(run: RecordedRun) -> None:
-    """Print on stderr which parts of a run are unreadable."""
-    for damage in run.damage:
-        Console(stderr=True, highlight=False).print(f"warning: {damage}", soft_wrap=True, markup=False)
+def print_problems(run: RecordedRun) -> None:
+    """Print on stderr why a run is not whole."""
+    for problem in run.problems:
+        Console(stderr=True, highlight=False).print(f"warning: {problem}", soft_wrap=True, markup=False)
 
 
 def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from socialbot.cli._options import PORT, MachineOption, PortOption, join, run_folders
-from socialbot.cli._runs import print_damage
+from socialbot.cli._runs import print_problems
 from socialbot.core.process import Ending
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def inspect(
             title = f"{run.title}, live"
         else:
             run, commands = stack.enter_context(recorded(None if what is None else Path(what))), None
-            print_damage(run)
+            print_problems(run)
             title = str(run.folder)
         served = stack.enter_context(serving(run, Address(host, port, token_given(token)), commands))
         announce(Console(highlight=False), served, title, show=show)

@@ -49,7 +49,7 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
     shown = overview(run, NoCommands(shut))
     has = msgspec.structs.replace(shown.has, pictures=bool(pictures), world=world is not None and bool(world))
     content = {
-        "run": msgspec.structs.replace(shown, has=has, results={}, since_s=history.seconds(begin)),
+        "run": msgspec.structs.replace(shown, has=has, problems=(), results={}, since_s=history.seconds(begin)),
         "timeline": run.timeline.lanes(),
         "log": log_lines(run, records),
         "tracks": _tracks(run, records),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from socialbot.core.messages import Health, Message, TraceRecord
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
-from socialbot.runs.record import DIAGNOSTICS, SCORED, SEEN, TRACE, NodeReport
+from socialbot.runs.record import DIAGNOSTICS, ENDED_WELL, SCORED, SEEN, STOPPED, TRACE, NodeReport
 from socialbot.runs.run import ImageSource, RunView
 from socialbot.vision.metrics.scores import ScoredFrame
 
@@ -41,6 +41,14 @@ class RecordedRun(RunView):
         path = folder / SCORED
         self.scored: list[ScoredFrame] = list(self._lines(path, ScoredFrame)) if path.is_file() else []
         """Results of each frame with ground truth."""
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """The reason of a failed or stopped run, and the damaged parts of its record."""
+        ended, until = self.results.get("ended", ""), f"after {self.history.duration_s:.1f} s"
+        stopped = [f"This run was stopped {until}, before its end."] if ended == STOPPED else []
+        failed = [f"This run failed {until}: {ended}"] if ended not in (*ENDED_WELL, STOPPED) else []
+        return [*stopped, *failed, *self.damage]
 
     @property
     def title(self) -> str:

@@ -43,6 +43,7 @@ WELL = "well"
 NOTHING_WANTED = "nobody wants anything more"
 NOTHING_SHOWN = "there is nothing more to see"
 TIME_UP = "the time was up"
+ENDED_WELL = ("", WELL, NOTHING_WANTED, NOTHING_SHOWN, TIME_UP)
 STOPPED = "stopped by a signal"
 """Values of ``reason`` in results.json for the end of a run; a failed run has its error there."""
 

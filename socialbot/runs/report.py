@@ -19,13 +19,12 @@ from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_file
-from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, STOPPED, TIME_UP, WELL
+from socialbot.runs.record import ENDED_WELL, STOPPED
 from socialbot.runs.run import RunView
 from socialbot.runs.story import Story, story_of
 from socialbot.runs.why import actions
 
 PAGE = "report.html"
-ENDED_WELL = ("", WELL, NOTHING_WANTED, NOTHING_SHOWN, TIME_UP)
 MAX_QUOTES = 3
 
 FRAMES_NOTE = "Camera frames at the turning points; boxes show detected persons with their distance."
@@ -123,7 +122,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
         lead=story.lead() if story.desires else _lead(run),
         verdict=verdict,
         good=good,
-        warnings=warnings_of(run),
+        warnings=run.problems,
         tiles=tiles or _figures(run),
         sections=[section for section in sections if section.content],
     )
@@ -134,14 +133,6 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
         bundle=bundle("main.js", charts=True, instead=(("api.js", "frozen.js"),)),
         modules=(),
     )
-
-
-def warnings_of(run: RecordedRun) -> list[str]:
-    """Return the reason of a failed or stopped run, and the damaged parts of its record."""
-    ended = run.results.get("ended", "")
-    stopped = ["This run was stopped before its end."] if ended == STOPPED else []
-    failed = [f"This run failed: {ended}"] if ended not in (*ENDED_WELL, STOPPED) else []
-    return [*stopped, *failed, *run.damage]
 
 
 def verdict_of(run: RecordedRun) -> tuple[str, bool]:

@@ -77,6 +77,11 @@ class RunView:
         self._states = StateIndex(history, self.wording)
 
     @property
+    def problems(self) -> Sequence[str]:
+        """What a person must know before they trust this run; empty for a whole one."""
+        return ()
+
+    @property
     def title(self) -> str:
         return self.graph.name.capitalize() if self.graph is not None else ""
 
@@ -353,10 +358,12 @@ class Has(msgspec.Struct, frozen=True):
 class Overview(msgspec.Struct, frozen=True):
     """Summary of a run for the page, which opens at ``opens_s``.
 
-    ``began_s`` is in s since 1970 unless time is simulated. Everything before ``since_s`` was dropped.
+    ``began_s`` is in s since 1970 unless time is simulated. Everything before ``since_s`` was dropped. ``problems``
+    are texts about a run that was stopped, failed or is damaged.
     """
 
     title: str
+    problems: Sequence[str]
     live: bool
     began_s: float
     since_s: float
@@ -373,6 +380,7 @@ def overview(run: RunView, commands: CommandSender) -> Overview:
     end = run.end
     return Overview(
         title=run.title,
+        problems=run.problems,
         live=run.live,
         began_s=run.history.start / SECOND,
         since_s=run.history.seconds(run.history.since),

@@ -90,8 +90,8 @@ def test_report_explains_actions_down_to_the_frame(folder):
     ("ended", "verdict", "warning"),
     [
         ("well", "ended well", ""),
-        (STOPPED, "stopped", "This run was stopped before its end."),
-        ("detector: no model", "failed", "This run failed: detector: no model"),
+        (STOPPED, "stopped", "This run was stopped after 1.9 s, before its end."),
+        ("detector: no model", "failed", "This run failed after 1.9 s: detector: no model"),
     ],
 )
 def test_report_begins_with_how_the_run_ended(folder, tmp_path, ended, verdict, warning):

@@ -21,6 +21,7 @@ from socialbot.runs import narration as log
 from socialbot.runs import run as live_run
 from socialbot.runs._server import COOKIE, PageServer
 from socialbot.runs.folder import open_run
+from socialbot.runs.record import STOPPED
 from socialbot.runs.run import LiveRun, Picture, RunView
 from socialbot.runs.serving import Address, _listening
 from tests.runs.runs import START, greeting, waldo_at_work
@@ -93,6 +94,14 @@ def test_overview_of_a_run(get):
         "pictures": True, "world": False, "trees": False, "commands": False, "why_not": "this run is not live"
     }  # fmt: skip
     assert found["results"]["runner"] == "inline"
+
+
+def test_overview_says_that_a_run_was_stopped(tmp_path):
+    folder = greeting(tmp_path / "evening")
+    results = json.loads((folder / "results.json").read_text("utf-8"))
+    (folder / "results.json").write_text(json.dumps({**results, "ended": STOPPED}), "utf-8")
+    found = client(open_run(folder))("/api/run").json()
+    assert found["problems"] == ["This run was stopped after 1.9 s, before its end."]
 
 
 @pytest.mark.parametrize(

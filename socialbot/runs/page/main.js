@@ -190,7 +190,7 @@ class Page {
     find('log-choice').hidden = run.agents.length < 2;
     document.body.classList.toggle('many', run.agents.length > 1);
     document.body.classList.toggle('mapped', run.has.world && !run.has.pictures);
-    if (run.damage?.length) notice({ run: `Not all of this run could be read: ${run.damage.join('; ')}.` });
+    if (run.problems.length) notice({ run: run.problems.join('\n') });
   }
 
   /** Reloads the events; older ones are loaded on demand. */
