@@ -34,10 +34,11 @@ class GoalStates:
         interpreter: The interpreter of the agent.
     """
 
-    __slots__ = ("_interpreter", "_replaced")
+    __slots__ = ("_announced", "_interpreter", "_replaced")
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
+        self._announced: dict[int, tuple[Any, ...]] = {}
         self._replaced: list[Request] = []
 
     def tell(self, goal: Request, state: str, reason: Any = "") -> None:
@@ -49,6 +50,19 @@ class GoalStates:
         note = literal("state", (Atom(state),), (literal("reason", (reason,)),))
         request = (EVENT, trigger, detached(goal[2]), (*goal[3], note), goal[4])
         self._interpreter.inbox.append(_MetaEvent(self._interpreter, request))
+
+    def pending(self, goal: Request) -> None:
+        """Report an adopted goal, unless it was `announced`."""
+        if self._announced.pop(id(goal[3]), None) is None:
+            self.tell(goal, "pending")
+
+    def announced(self, goal: Request) -> Request:
+        """Report a goal that is queued, and return it with annotations that `pending` recognizes."""
+        self.tell(goal, "pending")
+        kind, trigger, args, notes, cause = goal
+        notes = (*notes, *())  # a new object
+        self._announced[id(notes)] = notes
+        return (kind, trigger, args, notes, cause)
 
     def executing(self, goal: Request, reason: Any = "") -> None:
         """Report a goal with a plan; only questions are not ``executing``, as in Jason."""

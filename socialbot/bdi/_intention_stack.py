@@ -257,7 +257,7 @@ class IntentionStack:
                 cause = interpreter.trace.record("goal", str(self.goal(request)), cause)
                 goal = (kind, trigger, args, notes, cause)
             if states is not None and goal is not None:
-                states.tell(goal, "pending")
+                states.pending(goal)
             if selected is not None:
                 (plan, result), selected = selected, None
             else:
@@ -532,6 +532,8 @@ class IntentionStack:
             self.settle(intention)
 
     def fail_request(self, request: Request, problem: Failure) -> None:
-        intention = self.new(request)
+        kind, _, args, notes, cause = request
+        # Nobody pursues the goal any more.
+        intention = self.new((kind, self.failure_plans(request), args, notes, cause))
         self.fail_goal(intention, request, problem)
         self.settle(intention)

@@ -426,6 +426,11 @@ def origin_of(plan: CompiledPlan | None) -> Origin | None:
     return None if plan is None or plan is KEPT else plan.plan.origin
 
 
+def source_of(origin: Origin) -> str:
+    """Source file as in annotations, such as ``file:a.asl``."""
+    return origin.file if origin.file[:1] == "<" else f"file:{origin.file}"
+
+
 def mode_of(free: Iterable[bool]) -> int:
     """Return the flags of a request whose arguments are values, except for the ``free`` ones."""
     mode = sum(1 << i for i, unbound in enumerate(free) if unbound)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.literals import META, Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
-from socialbot.bdi.plans import Inference, Plan, flat, parts_of, unbound_result
+from socialbot.bdi.plans import Inference, Plan, flat, open_changes, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
 from socialbot.bdi.terms import Variable
@@ -189,6 +189,7 @@ class Library:
         self.kinds: dict[str, type[Belief]] = {}
         self.goals: dict[str, type[Goal]] = {}
         self.requested: set[tuple[str, int]] = set()  # goals of compiled plans, with their modes
+        self.namespaces: dict[str, dict[Any, Any]] = {}  # properties of namespaces, by name
         self.users = 0
         self._labels: dict[str, CompiledPlan] = {}
         self._given: dict[str, Plan] = {}
@@ -220,6 +221,7 @@ class Library:
         twin.computed.update(self.computed)
         twin.kinds.update(self.kinds)
         twin.goals.update(self.goals)
+        twin.namespaces = {name: dict(properties) for name, properties in self.namespaces.items()}
         twin.keeps_goals, twin.watches_goals = self.keeps_goals, self.watches_goals
         return twin
 
@@ -242,6 +244,7 @@ class Library:
         for kind in plan.classes():
             self.declare(kind)
         self._expect_rules(plan.body)
+        self._expect_keys(change.key for change in open_changes(plan))
         if plan.label is not None:
             self._labels[plan.label] = compiled
         if isinstance(plan.event.literal, Literal):
@@ -298,11 +301,17 @@ class Library:
     def _expect_rules(self, part: object) -> None:
         """Prepare for rules that a step of a plan may add, such as ``+{b :- c}``."""
         for inner in parts_of(part):
-            if isinstance(inner, Inference) and inner.head.key not in self.inferences:
-                self.inferences[inner.head.key] = []
-                self.recompile()
+            if isinstance(inner, Inference):
+                self._expect_keys([inner.head.key])
             elif isinstance(inner, (Step, tuple, Plan, PlanBody)):
                 self._expect_rules(inner)
+
+    def _expect_keys(self, keys: Iterable[str]) -> None:
+        """Compile queries of these beliefs so that rules for them may be added while they run."""
+        new = [key for key in keys if key not in self.inferences]
+        if new:
+            self.inferences.update({key: [] for key in new})
+            self.recompile()
 
     def add_inference(self, inference: Inference) -> None:
         for kind in inference.classes():

@@ -124,6 +124,12 @@ class Plan:
         """Where the plan is, for error messages: its line in AgentSpeak text, or else the plan itself."""
         return str(self) if self.origin is None or self.text is None else str(self.origin)
 
+    def same_text(self, other: Plan) -> bool:
+        """Whether another plan is written alike; two plans as terms are equal then."""
+        from socialbot.bdi.agentspeak.printer import agentspeak
+
+        return agentspeak(self) == agentspeak(other)
+
     def classes(self) -> Iterator[type[Literal]]:
         """Classes of the beliefs and goals in the event, the condition and the body."""
         for part in (self.event.literal, self.condition, self.body):
@@ -227,6 +233,14 @@ def unbound_in(item: Plan | Inference) -> list[tuple[str, object]]:
     checker = _Checker(item, strict=False)
     checker.check()
     return checker.found
+
+
+def open_changes(plan: Plan) -> list[Literal]:
+    """Return the beliefs that a plan in AgentSpeak adds with variables that have no value."""
+    if plan.text is None:
+        return []
+    steps = [where for _, where in unbound_in(plan) if isinstance(where, Update)]
+    return [step.literal for step in steps if step.sign in ("+", "-+", "++") and isinstance(step.literal, Literal)]
 
 
 def unbound_result(rule: Inference, open_keys: Collection[str]) -> bool:

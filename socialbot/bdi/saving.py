@@ -29,6 +29,7 @@ from socialbot.bdi.belief_base import HoldTimer
 from socialbot.bdi.intentions import EVENT, Intention, Request, subgoal
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal, source_notes
+from socialbot.bdi.stdlib.environment import JAVA, JavaRandom
 from socialbot.bdi.terms import Atom, Name, show
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import Var, closed, resolve
@@ -383,7 +384,7 @@ def _decode_random(state: Any) -> random.Random | None:
     if state is None:
         return None
     version, numbers, gauss = state
-    decoded = random.Random()
+    decoded = JavaRandom() if version == JAVA else random.Random()
     decoded.setstate((version, tuple(numbers), gauss))
     return decoded
 

@@ -80,6 +80,10 @@ class Pattern:
     def names(self) -> set[str]:
         return names_in(tuple(vars(self).values()))
 
+    def same_text(self, other: Pattern) -> bool:
+        """Whether another expression is written alike; two conditions or bodies as terms are equal then."""
+        return str(self) == str(other)
+
 
 def _arithmetic(symbol: str) -> tuple[Callable[[Term, object], Expression], Callable[[Term, object], Expression]]:
     """Operator methods of a term, as left and as right operand."""

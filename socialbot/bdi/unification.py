@@ -7,7 +7,7 @@ from operator import is_
 from typing import Any
 
 from socialbot.bdi.literals import Event, Literal, literal
-from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest, Term
 
 Trail = list["Var"]
 """Variables bound since a choice point, for backtracking."""
@@ -127,7 +127,15 @@ def unify(left: Any, right: Any, trail: Trail) -> bool:
             return bool(match(one, two, trail))
     if isinstance(left, Event) and isinstance(right, Event):
         return left.change is right.change and unify(left.literal, right.literal, trail)
-    return bool(left == right)
+    return left == right or _same_text(left, right)
+
+
+def _same_text(left: Any, right: Any) -> bool:
+    """Whether two plans, bodies, rules or conditions have the same text."""
+    if left.__class__ is not right.__class__ or left.__class__ in SIMPLE:
+        return False
+    same_text = getattr(left, "same_text", None)
+    return same_text is not None and same_text(right)
 
 
 def _unify_literal_variable(left: Any, right: Any, trail: Trail) -> bool:
@@ -189,6 +197,21 @@ def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trai
         else:
             return False
     return True
+
+
+def same(left: Any, right: Any) -> bool:
+    """Whether two terms are equal; an unbound variable is equal to itself only."""
+    left, right = resolve(left), resolve(right)
+    if left.__class__ is tuple and right.__class__ is tuple:
+        return len(left) == len(right) and all(map(same, left, right))
+    if left.__class__ is Cons and right.__class__ is Cons:
+        return same(left.items, right.items) and same(left.tail, right.tail)
+    if isinstance(left, Literal) and isinstance(right, Literal):
+        parts = ((item.functor, item.negated, item.args, item.annotations) for item in (left, right))
+        return all(map(same, *parts))
+    if isinstance(left, Term) or isinstance(right, Term):
+        return left is right
+    return left == right or _same_text(left, right)
 
 
 def undo(trail: Trail, mark: int) -> None:

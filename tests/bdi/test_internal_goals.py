@@ -58,8 +58,8 @@ PRINTED = {
         .suspended(g(Y), Why); .print(A, B, C, D, Y, Why);
         if (not .desire(other)) { .print(no) }; .resume(g(_)).""", ["[1][1][][1]1wait(1)[time(100)]", "no"]),
     "the current intention lists its goals": (
-        "!g. +!g <- !h(1); .print(x). +!h(X) <- .current_intention(intention(N, Goals)); .print(N, Goals).",
-        ["1[h(1),g]", "x"],
+        "!g. +!g <- !h(1); .print(x). +!h(X) <- .current_intention(intention(N, [im(_,{+!G},_,_)|_])); .print(N, G).",
+        ["1h(1)[source(self)]", "x"],
     ),
     "a goal that continues as the goal of its last step is still pursued": (
         "!g. !end. +!g <- !h. +!h <- .wait(100); .print(never). +!end <- .wait(1); .drop_intention(g); .print(end).",

@@ -102,7 +102,7 @@ def _label(plan: Plan) -> str:
     notes += map(_term, plan.annotations)
     if plan.label is None and not notes:
         return ""
-    name = "" if plan.label is None else _name(plan.label)
+    name = "" if plan.label is None else _name(plan.label) if isinstance(plan.label, str) else _term(plan.label)
     return f"@{name}[{', '.join(notes)}] " if notes else f"@{name} "
 
 

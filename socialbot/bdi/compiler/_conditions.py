@@ -270,9 +270,21 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
     if condition.symbol == "=..":
         test = f"univ({build(f, left)}, {build(f, right)}, trail)"
     else:
-        test = f"{value(f, left)} {condition.symbol} {value(f, right)}"
+        test = test_of(f, condition)
     with f.block(f"if {test}"):
         rest()
+
+
+def test_of(f: Function, condition: Comparison) -> str:
+    """Return the expression of a comparison; ``==`` and ``!=`` compare unbound variables, too."""
+    left, right, symbol = condition.left, condition.right, condition.symbol
+    if symbol in ("==", "!=") and f.unit.lenient and not (settled(f, left) and settled(f, right)):
+        return f"{'not ' if symbol == '!=' else ''}same({build(f, left)}, {build(f, right)})"
+    if symbol in ("==", "!=") and f.unit.lenient and isinstance(left, Variable) and isinstance(right, Variable):
+        one, two = value(f, left), value(f, right)  # maybe plans
+        equal = f"({one} == {two} or same({one}, {two}))"
+        return equal if symbol == "==" else f"not {equal}"
+    return f"{value(f, left)} {symbol} {value(f, right)}"
 
 
 def internal(f: Function, condition: Literal, fail: str, rest: Rest) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._open_beliefs import any_belief
 from socialbot.bdi.agentspeak.lexer import qualified
 from socialbot.bdi.intentions import SUBGOAL, EventPause, Failed
 from socialbot.bdi.library import BODY, CompiledPlan, Trigger
@@ -213,7 +214,8 @@ def solutions_of(ag: Interpreter, condition: Any, trail: Trail) -> Iterator[None
         yield from _in_any_namespace(ag, condition, trail)
         return
     if condition.__class__ is Var or isinstance(condition, LiteralVariable):
-        raise Failed("no_value", f"the condition {condition!s} has no value")
+        yield from (None for _ in any_belief(ag, condition, trail))
+        return
     if isinstance(condition, Condition) and (not isinstance(condition, Literal) or condition.functor in COLLECTORS):
         from socialbot.bdi.compiler._plans import compile_query
 

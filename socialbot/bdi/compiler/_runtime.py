@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import matched, plans_after, reasons_against
+from socialbot.bdi._open_beliefs import add_belief, remove_belief
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import (
     change_rule,
@@ -42,10 +43,10 @@ from socialbot.bdi.intentions import (
 )
 from socialbot.bdi.literals import SELF, Event, Literal, literal, source_notes
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
-from socialbot.bdi.stdlib.registry import Collection, is_number, literal_of
+from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
 from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, order, show
-from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, undo, unify
+from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, same, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
@@ -339,10 +340,13 @@ def goal_of(ag: Interpreter, goal: Any, cause: Any) -> Request:
 
 def adopt_later(ag: Interpreter, request: Request) -> None:
     """Adopt ``!!g`` in a separate intention."""
-    _, trigger, args, notes, cause = request
-    if not closed(args):
-        raise Failed("no_value", f"!!{trigger.key[2:]} has a variable without a value")
-    ag.events.append((trigger, args, notes, cause))
+    if ag.intentions.goal_states is not None:
+        request = ag.intentions.goal_states.announced(request)
+    kind, trigger, args, notes, cause = request
+    if closed(args):
+        ag.events.append((trigger, args, notes, cause))
+    else:
+        ag.intentions.adopt_later((kind, trigger, detached(args), notes, cause), suspended=False)
 
 
 def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
@@ -406,11 +410,12 @@ NAMES: dict[str, Any] = {
     "chosen": chosen, "closed": closed, "cons": cons, "div": div, "goal_of": goal_of, "holds": holds,
     "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod, "open_goal": open_goal,
     "order": order, "outcome": outcome, "perform": perform, "plain": plain, "question": question,
-    "question_of": question_of, "record_action": record_action, "renew": renew, "resolve": resolve, "timed": timed,
-    "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
+    "question_of": question_of, "record_action": record_action, "renew": renew, "resolve": resolve, "same": same,
+    "timed": timed, "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
     "update_of": update_of,
     "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,
     "literal_with": literal_with, "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
+    "add_belief": add_belief, "remove_belief": remove_belief,
     "spread": spread, "substituted": substituted, "template": template,
 }  # fmt: skip
 """Global names of generated code."""

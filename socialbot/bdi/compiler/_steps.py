@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies, joined_state, query, unpack
+from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies, joined_state, query, test_of, unpack
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, Unit, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
@@ -212,8 +212,9 @@ def constrain(f: Function, step: Constrain) -> None:
             assign_cell(f, left, value(f, right), fail, step)
             return
     elif isinstance(condition, Comparison) and condition.symbol != "=..":
-        know(f, (condition.left, condition.right), step)
-        f.line(f"if not {value(f, condition.left)} {condition.symbol} {value(f, condition.right)}: {fail}", step)
+        if condition.symbol not in ("==", "!="):
+            know(f, (condition.left, condition.right), step)
+        f.line(f"if not ({test_of(f, condition)}): {fail}", step)
         return
     found, fresh = first(f, condition, step)
     f.line(f"if {found} is None: {fail}", step)
@@ -284,11 +285,21 @@ def update(f: Function, step: Update) -> None:
     relation = f.relation(literal.key)
     if sign in ("-", "--"):
         anyones = list(map(str, literal.annotations)) == ["source(_)"]
+        if f.unit.library.derives(literal.key):
+            args, notes = build(f, literal.args), notes_of(f, literal)
+            f.line(f"r = remove_belief(ag, {literal.key!r}, {args}, {notes}, c, {sign == '-'})", step)
+            refresh(f, names_in(literal))
+            return
         known = settled(f, literal.args) and (anyones or settled(f, literal.annotations))
         args = build(f, literal.args)
         notes = "None" if known and anyones else notes_of(f, literal)
         method = "remove_known" if known else "remove"
         f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes}, c, {sign == '-'})", step)
+        refresh(f, names_in(literal))
+        return
+    if f.unit.lenient and not settled(f, literal.args):
+        args, notes = build(f, literal.args), notes_of(f, literal)
+        f.line(f"r = add_belief(ag, {sign!r}, {literal.key!r}, {args}, {notes}, c)", step)
         refresh(f, names_in(literal))
         return
     know(f, literal.args, step)

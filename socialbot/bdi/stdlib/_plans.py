@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from socialbot.bdi._open_beliefs import any_belief, forget_all
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
@@ -15,17 +16,32 @@ from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import SELF, Literal, literal, source
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.environment import event_of, print_
-from socialbot.bdi.stdlib.registry import Args, each, each_of, gives, internal, literal_of, name_of, opened, wrong
-from socialbot.bdi.terms import Atom
+from socialbot.bdi.stdlib.registry import (
+    Args,
+    detached,
+    each,
+    each_of,
+    gives,
+    internal,
+    literal_of,
+    name_of,
+    opened,
+    wrong,
+)
+from socialbot.bdi.terms import Atom, LiteralVariable
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 from socialbot.core.errors import RuleError, SocialbotError
 
 
 @internal(".abolish", 1)
 def abolish(engine: Any, args: Args, trail: Trail) -> None:
-    """``.abolish(b(_))``: remove every matching belief from any source."""
-    what = literal_of(".abolish", args[0])
-    engine.beliefs.forget_all(engine.beliefs.relation(what.key), what.args, what.annotations, engine.interpreter.cause)
+    """``.abolish(b(_))``: remove every matching belief from any source; ``.abolish(_[source(bob)])`` any of bob."""
+    what, ag = resolve(args[0]), engine.interpreter
+    if isinstance(what, (Var, LiteralVariable)):
+        for relation, found in list(any_belief(ag, what, trail)):
+            engine.beliefs.forget_one(relation, found, ag.cause)
+        return
+    forget_all(ag, literal_of(".abolish", what), ag.cause)
 
 
 @internal(".belief", 1, many=True)
@@ -105,6 +121,9 @@ def relevant_plan(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.plan_label(Plan, Label)``: the plan with a label, the label of a plan, or all of both."""
     plan, label = map(resolve, args)
+    if isinstance(plan, Plan) and not isinstance(plan.label, str):
+        bare = _bare(plan)
+        return each(label, [label_of(engine, known) for known in engine.library if _bare(known) == bare], trail)
     if isinstance(plan, Plan):
         return each(label, [label_of(engine, plan)], trail)
     if label.__class__ is Var:
@@ -148,6 +167,28 @@ def namespace(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     return each(args[0], map(Atom, names), trail)
 
 
+@internal(".namespace_set_prop", 3)
+def namespace_set_prop(engine: Any, args: Args, trail: Trail) -> None:
+    """``.namespace_set_prop(family, uri, "http://x")``: set a property of a namespace."""
+    name, key, value = map(resolve, args)
+    properties = engine.library.namespaces.setdefault(name_of(".namespace_set_prop", name), {})
+    properties[Atom(name_of(".namespace_set_prop", key))] = detached(value)
+
+
+@internal(".namespace_get_prop", 2, 4, many=True)
+def namespace_get_prop(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
+    """``.namespace_get_prop(family, K, V, Default)``: K is in turn each property of a namespace, and V its value.
+
+    V is the default for a known K that is no property.
+    """
+    name, key, *rest = map(resolve, args)
+    properties = engine.library.namespaces.get(name_of(".namespace_get_prop", name), {})
+    if key.__class__ is not Var and key not in properties and len(rest) == 2:
+        return each(rest[0], [rest[1]], trail)
+    found = [(key, value)[: len(args) - 1] for key, value in properties.items()]
+    return each(args[1:3], found, trail)
+
+
 def label_of(engine: Any, plan: Plan) -> Any:
     """Return the label of a plan with its annotations; a plan without one gets a name, such as ``p__2``."""
     name = plan.label or engine.library.given_label(plan)
@@ -171,6 +212,8 @@ def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
     """Return the relevant plans of an event in the order of selection."""
     event = event_of(".relevant_plans", term)
     found, triggers = [], engine.library.triggers
+    if not isinstance(event.literal, Literal):
+        return tuple(plan for plan in engine.library if plan.event.change is event.change)
     for ready in triggers[event.key].plans if event.key in triggers else ():
         trail: Trail = []
         head = opened(ready.plan.event.literal)
@@ -237,6 +280,11 @@ def _known(engine: Any, plan: Plan) -> Any:
 
 def _text(plan: Plan) -> str:
     return agentspeak(replace(plan, annotations=_others(plan)))
+
+
+def _bare(plan: Plan) -> str:
+    """Text of a plan without its label."""
+    return agentspeak(replace(plan, label=None, annotations=()))
 
 
 def _sources(plan: Plan) -> tuple[object, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 from pathlib import Path
+from random import Random
 from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
@@ -161,14 +162,12 @@ def spelled(term: Any) -> str:
 
 def _spelled_condition(condition: Condition) -> str:
     if isinstance(condition, (Conjunction, Disjunction)):
-        joined = functools.reduce(
-            lambda left, right: f"({left} {'&' if isinstance(condition, Conjunction) else '|'} {right})",
-            map(spelled, condition.terms),
-        )
-        return joined if len(condition.terms) > 1 else spelled(condition.terms[0])
+        sign = "&" if isinstance(condition, Conjunction) else "|"
+        first, *others = map(spelled, condition.terms)
+        return functools.reduce(lambda left, right: f"({left} {sign} {right})", others, first)
     if isinstance(condition, Negation):
         inner = spelled(condition.condition)
-        return f"not {inner if inner[0] == '(' else f'({inner})'}"
+        return f"not {inner}" if isinstance(condition.condition, (Comparison, Conjunction)) else f"not ({inner})"
     text = agentspeak(condition)
     return f"({text})" if isinstance(condition, Comparison) else text
 
@@ -226,8 +225,58 @@ def nano_time(engine: Any, args: Args, trail: Trail) -> bool:
 
 @internal(".set_random_seed", 1)
 def set_random_seed(engine: Any, args: Args, trail: Trail) -> None:
-    """``.set_random_seed(N)``: seed the random number generator of the agent."""
-    engine.random.seed(number_of(".set_random_seed", args[0]))
+    """``.set_random_seed(N)``: seed the random numbers of the agent, which then are those of Jason."""
+    engine.interpreter.random = JavaRandom(int(number_of(".set_random_seed", args[0])))
+
+
+JAVA = "java"
+"""Mark of the state of `JavaRandom`."""
+
+
+JAVA = "java"
+"""Mark of the state of `JavaRandom`."""
+
+
+class JavaRandom(Random):
+    """Random numbers of ``java.util.Random``."""
+
+    _MASK = (1 << 48) - 1
+    _state = 0
+
+    def seed(self, a: Any = 0, version: int = 2) -> None:
+        """Set the seed, an integer."""
+        self._state = (int(a) ^ 0x5DEECE66D) & self._MASK
+
+    def _bits(self, count: int) -> int:
+        self._state = (self._state * 0x5DEECE66D + 0xB) & self._MASK
+        return self._state >> (48 - count)
+
+    def random(self) -> float:
+        """Number of at least 0 and less than 1."""
+        return ((self._bits(26) << 27) + self._bits(27)) * 2.0**-53
+
+    def getrandbits(self, k: int, /) -> int:
+        """Integer of ``k`` random bits."""
+        value = 0
+        for _ in range(0, k, 32):
+            value = value << 32 | self._bits(32)
+        return value >> (-k % 32)
+
+    def _randbelow(self, n: int) -> int:
+        while True:
+            bits = self._bits(31)
+            if n & (n - 1) == 0:
+                return bits * n >> 31
+            if bits - bits % n + n <= 1 << 31:
+                return bits % n
+
+    def getstate(self) -> Any:
+        """Internal state, marked as that of this class."""
+        return JAVA, (self._state,), None
+
+    def setstate(self, state: Any) -> None:
+        """Restore an internal state."""
+        _, (self._state,), _ = state
 
 
 def _now(engine: Any) -> datetime:

@@ -18,7 +18,7 @@ from socialbot.bdi.intentions import (
     ForkPause,
     Intention,
     Request,
-    goal_of,
+    source_of,
 )
 from socialbot.bdi.literals import Event, Literal, error, error_msg, literal, literal_from_key
 from socialbot.bdi.stdlib.environment import Appointment, event_of, said, spelled
@@ -68,11 +68,9 @@ def suspended(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 @internal(".current_intention", 1, aware=True)
 def current_intention(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.current_intention(intention(Number, Goals))``: the intention of this plan, with the innermost goal first."""
+    """``.current_intention(intention(Number, Stack))``: the intention of this plan, with the plans of `.intention`."""
     intention = engine.intentions.current
-    goals = [goal_of(request, {}) for request in reversed(list(_goals(intention)))]
-    shown = tuple(goal if goal.args else Atom(goal.functor) for goal in goals)
-    return gives(args[0], literal("intention", (intention.number, shown)), trail)
+    return gives(args[0], literal("intention", (intention.number, _stack(engine, intention))), trail)
 
 
 @internal(".intention", 2, 4, many=True, aware=True)
@@ -108,7 +106,11 @@ def _stack(engine: Any, intention: Intention) -> Args:
         if origin is not None:
             line = next((step.line for step in left if step.line), origin.line)
             label = label.with_(
-                annotations=(*label.annotations, literal("code_line", (line,)), literal("code_src", (origin.file,)))
+                annotations=(
+                    *label.annotations,
+                    literal("code_line", (line,)),
+                    literal("code_src", (source_of(origin),)),
+                )
             )
         wanted = plan.event.literal
         if goal is not None:
@@ -294,7 +296,12 @@ def fail(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".suspend", 0, 1, pauses=True, aware=True)
 def suspend(engine: Any, args: Args, trail: Trail) -> None:
-    """``.suspend(g)``: suspend intentions that pursue the goal; without a goal the current intention."""
+    """``.suspend(g)``: suspend intentions that pursue the goal, also a pending one; without a goal the current one."""
+    states = engine.intentions.goal_states
+    for request in _take_pending(engine, literal_of(".suspend", args[0])) if args else ():
+        engine.intentions.adopt_later(request, suspended=True)
+        if states is not None:
+            states.tell(request, "suspended", Atom("suspend_ia"))
     for intention in _with(engine, args, ".suspend"):
         _suspend(engine, intention)
 
@@ -312,9 +319,11 @@ def _suspend(engine: Any, intention: Intention) -> None:
 
 @internal(".resume", 1, pauses=True, aware=True)
 def resume(engine: Any, args: Args, trail: Trail) -> None:
-    """``.resume(g)``: resume suspended intentions that pursue the goal."""
-    for intention in _pursuing(engine, literal_of(".resume", args[0])):
-        _resume(engine, intention)
+    """``.resume(g)``: resume suspended intentions that pursue the goal; variables get the values of the first one."""
+    goal = literal_of(".resume", args[0])
+    for intention in engine.intentions:
+        if intention.suspended and any(_binds(goal, request, trail) for request in _goals(intention)):
+            _resume(engine, intention)
 
 
 def _resume(engine: Any, intention: Intention) -> None:
@@ -384,6 +393,12 @@ def _fits(goal: Literal, request: Request) -> bool:
     fits = next(_matches(goal, request, trail), "none") != "none"
     undo(trail, 0)
     return fits
+
+
+def _binds(goal: Literal, request: Request, trail: Trail) -> bool:
+    """Check whether a request matches a goal, whose variables it binds."""
+    fits = request[1].key == f"+!{goal.key}" and gives(goal.args, request[2], trail)
+    return fits and annotations_match(goal.annotations, request[3], trail)
 
 
 def _pending(engine: Any) -> list[Request]:
