@@ -64,9 +64,20 @@ class Timers:
         self._most = FEW_TIMERS
         self._sequence = count()
 
-    def at(self, time: int, callback: Callable[[], object], over: Callable[[], bool] | None = None) -> None:
-        """Call ``callback`` at ``time`` (ns)."""
-        heapq.heappush(self.heap, (time, next(self._sequence), callback, over))
+    def number(self) -> int:
+        """Number of the next timer; of several due at the same time, that with the lowest number is first."""
+        return next(self._sequence)
+
+    def at(
+        self,
+        time: int,
+        callback: Callable[[], object],
+        over: Callable[[], bool] | None = None,
+        *,
+        number: int | None = None,
+    ) -> None:
+        """Call ``callback`` at ``time`` (ns); ``number`` is that of the timer, by default a new one."""
+        heapq.heappush(self.heap, (time, next(self._sequence) if number is None else number, callback, over))
         if len(self.heap) > self._most:
             self.remove(lambda _: False)
             self._most = max(FEW_TIMERS, 2 * len(self.heap))
@@ -368,10 +379,17 @@ class Interpreter:
                 relation, args, notes, cause, since = item
                 if since is None:
                     since = now = self.now() if now is None else now
-                fact = (since, notes, cause)
-                if not (relation.care or trace.sink is not None) and relation.facts.setdefault(args, fact) is fact:
-                    if relation.indexes:
-                        relation.enter(args)
+                if relation.care or trace.sink is not None:
+                    item = (relation, args, notes, cause, since)
+                else:
+                    fact = (since, notes, cause)
+                    if relation.facts.setdefault(args, fact) is fact:
+                        if relation.indexes:
+                            relation.enter(args)
+                    else:
+                        notes = relation.merge(args, notes)
+                        if not notes:
+                            continue
                     if relation.added is not None:
                         queue((relation.added, args, notes, cause))
                     continue

@@ -13,8 +13,9 @@ from socialbot.bdi.terms import Atom, Cons, Rest
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
+    from socialbot.bdi._hold_timers import HoldTimer
     from socialbot.bdi.belief_base import BeliefBase
-    from socialbot.bdi.library import Trigger
+    from socialbot.bdi.library import CompiledPlan, Trigger
 
 Args = tuple[Any, ...]
 
@@ -195,7 +196,7 @@ class Relation:
     """
 
     __slots__ = (
-        "added", "base", "care", "facts", "first_facts", "held", "indexes", "key", "kind", "quiet", "removed",
+        "added", "base", "care", "facts", "held", "hold_timers", "indexes", "key", "kind", "quiet", "removed",
         "special", "watchers",
     )  # fmt: skip
 
@@ -204,7 +205,7 @@ class Relation:
         self.base = base
         self.facts: dict[Args, Fact] = {}
         self.indexes: dict[Any, Observer] = _NONE
-        self.first_facts: dict[Args, Fact] = _NONE  # initial fact of each belief, for "held for" events
+        self.hold_timers: dict[CompiledPlan, HoldTimer] = _NONE  # the newest timer of each plan for "held for" events
         self.added: Trigger | None = None
         self.removed: Trigger | None = None
         self.held: Trigger | None = None
@@ -229,17 +230,17 @@ class Relation:
         self.indexes[name] = observer
         self.quiet = False
 
-    def begin(self, args: Args, fact: Fact) -> None:
-        if self.first_facts is _NONE:
-            self.first_facts = {}
-        self.first_facts[args] = fact
+    def keep_timer(self, plan: CompiledPlan, timer: HoldTimer) -> None:
+        """Let further beliefs use the timer of a plan."""
+        if self.hold_timers is _NONE:
+            self.hold_timers = {}
+        self.hold_timers[plan] = timer
 
     def enter(self, args: Args) -> None:
         for index in self.indexes.values():
             index.enter(args)
 
     def leave(self, args: Args) -> None:
-        self.first_facts.pop(args, None)
         for index in self.indexes.values():
             index.leave(args)
 
@@ -271,7 +272,7 @@ class Relation:
 
     def clear(self) -> None:
         self.facts.clear()
-        self.first_facts.clear()
+        self.hold_timers = _NONE
         for index in self.indexes.values():
             index.clear()
 

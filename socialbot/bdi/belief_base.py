@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._hold_timers import HoldTimer
 from socialbot.bdi._relations import Annotations, Args, Fact, NoteSet, Relation, Watcher
 from socialbot.bdi.intentions import EVENT
-from socialbot.bdi.library import CompiledPlan, Library, Trigger
+from socialbot.bdi.library import CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, source
 from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Var, resolve
@@ -37,31 +38,6 @@ class HeldBelief:
         return ",".join(self.sources)
 
 
-@dataclass(eq=False, slots=True)
-class HoldTimer:
-    """Timer callback of a ``held_for`` plan for a belief: it queues the event, unless the belief was removed before."""
-
-    base: BeliefBase
-    relation: Relation
-    args: Args
-    fact: Fact
-    plan: CompiledPlan
-    seconds: float
-
-    def start(self, due: int) -> None:
-        self.base.timers.at(due, self, self.over)
-
-    def over(self) -> bool:
-        return self.relation.first_facts.get(self.args) is not self.fact
-
-    def __call__(self) -> None:
-        base, relation, args, cause = self.base, self.relation, self.args, self.fact[2]
-        if base.trace.sink is not None:
-            cause = base.trace.record("held", relation.text(args), cause, seconds=self.seconds)
-        trigger = Trigger(self.plan.plan.event.key, (self.plan,))
-        base.events.append((trigger, args, tuple(relation.facts[args][1]), cause))
-
-
 class BeliefBase:
     """Beliefs of one agent; iteration yields each `HeldBelief`.
 
@@ -69,7 +45,7 @@ class BeliefBase:
     arguments. With ``here`` they return the event as a request instead of queuing it.
     """
 
-    __slots__ = ("_now", "events", "known", "library", "relations", "timers", "trace")
+    __slots__ = ("_fact", "_now", "events", "known", "library", "relations", "timers", "trace")
 
     def __init__(self, library: Library, events: deque[Any], timers: Timers, trace: TraceWriter) -> None:
         self.library = library
@@ -79,6 +55,7 @@ class BeliefBase:
         self.known: dict[tuple[type[Literal], int], Relation] = _NONE
         self.timers = timers
         self._now = timers.now
+        self._fact: Fact = (0, (), None)
 
     # Reading
 
@@ -130,12 +107,15 @@ class BeliefBase:
             return self._hold_special(relation, args, notes, cause, since)
         if self.trace.sink is not None:
             cause = self.trace.record("belief", relation.text(args), cause, source=_sources(notes))
-        fact = facts[args] = (self._now() if since is None else since, notes, cause)
+        if since is None:
+            since = self._now()
+        fact = self._fact
+        if fact[0] != since or fact[1] is not notes or fact[2] is not cause:
+            fact = self._fact = (since, notes, cause)
+        facts[args] = fact  # shared by beliefs that begin together
         if relation.indexes:
             relation.enter(args)
         if relation.held is not None:
-            # Annotations may change later; the first fact identifies this period.
-            relation.begin(args, fact)
             for plan in relation.held.candidates(args):
                 self.set_hold_timer(relation, args, plan)
         added = relation.added
@@ -292,7 +272,7 @@ class BeliefBase:
 
     def set_hold_timer(self, relation: Relation, args: Args, plan: CompiledPlan) -> None:
         """Start the timer of a plan with a ``held_for`` event for this belief."""
-        event, fact = plan.plan.event, relation.first_facts[args]
+        event, fact = plan.plan.event, relation.facts[args]
         if not all(not ground(part) or part == arg for part, arg in zip(event.literal.args, args, strict=True)):
             return
         try:
@@ -301,7 +281,16 @@ class BeliefBase:
         except Exception as problem:  # noqa: BLE001 - user code
             self.trace.record_failure(str(plan.plan), fact[2], problem)
             return
-        HoldTimer(self, relation, args, fact, plan, seconds).start(due)
+        self.start_hold_timer(relation, args, plan, due, seconds)
+
+    def start_hold_timer(self, relation: Relation, args: Args, plan: CompiledPlan, due: int, seconds: float) -> None:
+        """Start the timer of a plan for this belief, with the time (ns) at which it is due."""
+        length = due - relation.facts[args][0]
+        timer = relation.hold_timers.get(plan)
+        if timer is None or timer.length != length or not timer.accepts(due):
+            timer = HoldTimer(self, relation, plan, seconds, length)
+            relation.keep_timer(plan, timer)
+        timer.add(args, due)
 
     # The plan library
 

@@ -159,9 +159,7 @@ class Engine:
         beliefs.listen(plan.event.key)
         if plan.event.change is Change.HELD:
             relation = beliefs.relation(plan.event.literal.key)
-            for args, fact in list(relation.facts.items()):
-                if args not in relation.first_facts:
-                    relation.begin(args, fact)
+            for args in list(relation.facts):
                 beliefs.set_hold_timer(relation, args, compiled)
 
     def remove_plan(self, plan: Plan | str) -> bool:

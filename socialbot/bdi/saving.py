@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from socialbot.bdi._explain import later_request
+from socialbot.bdi._hold_timers import HoldTimer
 from socialbot.bdi._relations import Annotations, Args, Fact, Relation
-from socialbot.bdi.belief_base import HoldTimer
 from socialbot.bdi.intentions import EVENT, Intention, Request, subgoal
 from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.literals import Literal, literal, source_notes
@@ -96,13 +96,12 @@ def save(engine: Engine) -> dict[str, Any]:
         "ripening": [
             {
                 "belief": timer.relation.key,
-                "args": _encode(timer.args, functools.partial(_belief_text, timer.relation, timer.args)),
+                "args": _encode(args, functools.partial(_belief_text, timer.relation, args)),
                 "plan": _plan_id(timer.plan),
                 "due": due,
                 "seconds": float(timer.seconds),
             }
-            for due, _, timer, _ in sorted(engine.timers.heap, key=lambda timer: timer[:2])
-            if isinstance(timer, HoldTimer) and not timer.over()
+            for due, _, args, timer in sorted(_hold_timers(engine), key=lambda found: found[:2])
         ],
     }
 
@@ -199,6 +198,14 @@ def _event(request: Request, *, suspended: bool = False) -> dict[str, Any]:
     return saved
 
 
+def _hold_timers(engine: Engine) -> Iterator[tuple[int, int, Args, HoldTimer]]:
+    """Yield the beliefs that ``held_for`` plans wait for, with their due times and numbers."""
+    for _, _, timer, _ in engine.timers.heap:
+        if isinstance(timer, HoldTimer):
+            for due, number, args in timer.waiting():
+                yield due, number, args, timer
+
+
 def _held_plans(engine: Engine) -> list[CompiledPlan]:
     return [
         plan for key, trigger in list(engine.library.triggers.items()) if key.startswith(HELD) for plan in trigger.plans
@@ -279,8 +286,6 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
         relation.facts[args] = fact
         if relation.indexes:
             relation.enter(args)
-        if relation.held is not None:
-            relation.begin(args, fact)
         if relation.watchers:
             beliefs.notify(relation, args, True, fact[2])
     _set_hold_timers(engine, mind)
@@ -315,11 +320,10 @@ def _set_hold_timers(engine: Engine, mind: _Mind) -> None:
     for key, plan_id, args, due, seconds in mind.timers:
         plan = plans.get((key, plan_id))
         relation = engine.beliefs.relation(key)
-        fact = relation.first_facts.get(args)
-        if plan is None or fact is None:
+        if plan is None or args not in relation.facts:
             log().warning("%s: the plan %s or its belief %s is missing", engine.name, plan_id, key)
         else:
-            HoldTimer(engine.beliefs, relation, args, fact, plan, seconds).start(due)
+            engine.beliefs.start_hold_timer(relation, args, plan, due, seconds)
 
 
 def _pursue(

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 SLEEPING, AWAKING = (Event(Change.ADDED, literal_from_key(f"{name}/0", ())) for name in ("jag_sleeping", "jag_awaking"))
 """Events of an agent that becomes idle, and of one that a message or an event wakes."""
 
+SLEEP_KEYS = frozenset({SLEEPING.key, AWAKING.key})
+
 START_TURNS = 8
 """Turns of each agent, one at a time, with which `Society.run` begins, so that no agent is far ahead of the others."""
 
@@ -163,7 +165,7 @@ class Society:
 
     def run_until_idle(self, budget: int = 1_000_000, turns: int = 4) -> bool:
         """Run ready agents for ``turns`` turns each, at most ``budget`` visits; return whether work remains."""
-        ready, timers = self._ready, self._timers
+        ready, timers, asleep = self._ready, self._timers, self._asleep
         while budget > 0:
             if timers and timers[0][0] <= self.clock.now():
                 self._queue_due()
@@ -173,9 +175,14 @@ class Society:
             agent = ready.popleft()
             if agent.messaging.society is not self:
                 continue
-            busy = agent.run_until_idle(turns) if agent not in self._asleep else self._awaken(agent, turns)
-            if not busy and agent not in self._asleep:
-                busy = self._fall_asleep(agent, turns)
+            if agent in asleep:
+                busy = self._awaken(agent, turns)
+            else:
+                busy = agent.run_until_idle(turns)
+            if not busy and not SLEEP_KEYS.isdisjoint(agent.interpreter.triggers) and agent not in asleep:
+                asleep.add(agent)
+                agent.interpreter.raise_event(SLEEPING, "")
+                busy = agent.run_until_idle(turns)
             if busy and not agent.interpreter.signalled:
                 agent.interpreter.signalled = True
                 ready.append(agent)
@@ -184,15 +191,6 @@ class Society:
                 self._due[agent] = due
                 heapq.heappush(timers, (due, next(self._sequence), agent))
         return bool(ready)
-
-    def _fall_asleep(self, agent: Engine, turns: int) -> bool:
-        """Raise the event that an agent has become idle, if one of its plans is interested."""
-        triggers = agent.interpreter.triggers
-        if SLEEPING.key not in triggers and AWAKING.key not in triggers:
-            return False
-        self._asleep.add(agent)
-        agent.interpreter.raise_event(SLEEPING, "")
-        return agent.run_until_idle(turns)
 
     def _awaken(self, agent: Engine, turns: int) -> bool:
         """Run an idle agent; a new event or message wakes it."""

@@ -74,6 +74,50 @@ def test_each_duration_fires_on_its_own():
     assert lab.timeline == [(1, "one"), (2, "two"), (2, "too")]
 
 
+def test_many_beliefs_share_a_timer_and_fire_each_at_its_time():
+    lab = Lab(+p(X).held_for(5) >> [do("p", X)], +q(X, _).held_for(5) >> [do("q", X)], +p(X).held_for(2) >> [do(X)])
+    engine = lab.engine
+    for second in range(4):
+        engine.believe(p(second))
+        engine.believe(q(second, 0))
+        engine.run_until_idle()
+        lab.until(second + 1)
+    assert len(engine.timers.heap) == 3
+    engine.forget(p(3))
+    engine.believe(p(3))
+    engine.believe(p(9), since=SECOND)
+    engine.believe(p(1), source="other")
+    lab.until(20)
+    assert lab.timeline == [
+        (2, 0), (3, 1), (4, 2), (4, 9), (5, ("p", 0)), (5, ("q", 0)), (6, ("p", 1)), (6, ("q", 1)), (6, 3),
+        (6, ("p", 9)), (7, ("p", 2)), (7, ("q", 2)), (8, ("q", 3)), (9, ("p", 3)),
+    ]  # fmt: skip
+    assert not engine.timers.heap
+
+
+def test_a_belief_that_begins_again_in_the_same_instant_fires_once():
+    lab = Lab(+p(X).held_for(5) >> [do(X)])
+    for _again in range(3):
+        lab.tell(+p(1), +p(2))
+        lab.tell(-p(1))
+    lab.tell(+p(1))
+    lab.until(10)
+    assert sorted(lab.done) == [1, 2]
+
+
+def test_a_timer_forgets_beliefs_that_end_before_it():
+    lab = Lab(+p(X).held_for(1000) >> [do(X)])
+    for second in range(500):
+        lab.tell(+p(second))
+        lab.tell(-p(second - 1))
+        lab.until(second + 1)
+    ((_, _, timer, _),) = lab.engine.timers.heap
+    assert sum(1 for _ in timer.waiting()) == 1
+    assert len(timer._args) < 200
+    lab.until(2000)
+    assert lab.done == [499]
+
+
 def test_a_duration_of_nothing_fires_at_once():
     lab = Lab(+p(X).held_for(0) >> [do("held")], +p(X) >> [do("came")])
     lab.tell(+p(1))
