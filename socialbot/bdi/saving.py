@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import itertools
 import json
+import operator
 import os
 import random
 import tempfile
@@ -253,10 +255,23 @@ def _encode_term(term: Any, where: Callable[[], str], variables: dict[int, str] 
 # Restoring
 
 
+@contextlib.contextmanager
+def _collector_paused() -> Iterator[None]:
+    """Pause the collection of garbage, which would look through all restored data again and again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def read(path: str | PathLike[str]) -> dict[str, Any]:
     """Read a file of `write`. Raises MindError for other or damaged files."""
     try:
-        data = json.loads(Path(path).read_text("utf-8"))
+        with _collector_paused():
+            data = json.loads(Path(path).read_text("utf-8"))
         _check(data)
     except OSError as problem:
         raise MindError(f"cannot read: {problem.strerror or problem}", where=str(path)) from problem
@@ -273,7 +288,12 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
     The current beliefs and intentions are removed. Watchers receive all removed beliefs, then all restored ones.
     Overdue timers run at once. Raises MindError for damaged data, without any change.
     """
-    mind, beliefs = _decode_mind(engine, data), engine.beliefs
+    with _collector_paused():
+        _restore(engine, _decode_mind(engine, data))
+
+
+def _restore(engine: Engine, mind: _Mind) -> None:
+    beliefs = engine.beliefs
     gone = [(relation, args) for relation in beliefs.relations.values() if relation.watchers for args in relation.facts]
     _clear(engine)
     for relation, args in gone:
@@ -281,8 +301,10 @@ def restore(engine: Engine, data: dict[str, Any]) -> None:
     engine.interpreter.stage = mind.stage
     engine.interpreter.random = mind.random
     engine.trace.numbers = itertools.count(max(mind.records, _next_record(engine)))
+    relation: Any = None
     for key, args, fact in mind.beliefs:
-        relation = beliefs.relation(key)
+        if relation is None or relation.key != key:
+            relation = beliefs.relation(key)
         relation.facts[args] = fact
         if relation.indexes:
             relation.enter(args)
@@ -397,18 +419,19 @@ def _decode_beliefs(items: Any, kinds: Kinds, ahead: int) -> list[tuple[str, Arg
     found: list[tuple[str, Args, Fact]] = []
     keys: dict[tuple[str, int], str] = {}
     sources: dict[str, Annotations] = {}
+    before: Any = None
+    annotations: Annotations = ()
+    parts = operator.itemgetter("belief", "args", "annotations", "since", "cause")
     for item in items:
-        name, args, notes, since, cause = (item[field] for field in _BELIEF)
-        if not (isinstance(name, str) and isinstance(args, list) and isinstance(since, int) and isinstance(cause, str)):
+        name, args, notes, since, cause = parts(item)
+        if name.__class__ is not str or args.__class__ is not list or type(since) is not int or type(cause) is not str:
             raise ValueError(f"{item!r} is not a belief")
         terms = tuple(args) if _JSON.issuperset(map(type, args)) else _decode(args, kinds)
         key = keys.get((name, len(terms))) or keys.setdefault((name, len(terms)), f"{name}/{len(terms)}")
-        annotations = _decode_source(notes, kinds, sources) or _decode(notes, kinds)
+        if notes != before:
+            annotations, before = _decode_source(notes, kinds, sources) or _decode(notes, kinds), notes
         found.append((key, terms, (since - ahead, annotations, cause)))
     return found
-
-
-_BELIEF = ("belief", "args", "annotations", "since", "cause")
 
 
 def _decode_source(notes: Any, kinds: Kinds, sources: dict[str, Annotations]) -> Annotations | None:
