@@ -296,6 +296,8 @@ class _Checker:
                 return self.pattern((what,), bound, condition)
             case Comparison(symbol="=" | "=.."):
                 return self.pattern((condition.left, condition.right), bound, condition)
+            case Comparison(symbol="==" | "!=") if not self.strict:
+                pass  # free variables are the same only as themselves
             case Comparison():
                 self.value((condition.left, condition.right), bound, condition)
             case _:

@@ -105,6 +105,7 @@ def run(
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     with _tracing(trace) as sink, _warnings():
         colors = itertools.cycle(COLORS)
+        loaded: dict[Path, tuple[Program, Library]] = {}
 
         def made(name: str, library: Library | None) -> Engine:
             engine = Engine(name, clock, sink=sink, library=library)
@@ -118,8 +119,11 @@ def run(
             if file is None:
                 return made(name, None)
             place = paths.find(file, str(files[0]))
-            program = _checked(read_program(place, paths), place)
-            engine = made(name, library_of(program))
+            if place not in loaded:
+                program = _checked(read_program(place, paths), place)
+                loaded[place] = program, library_of(program)
+            program, library = loaded[place]
+            engine = made(name, library)
             begin(engine, program)
             return engine
 

@@ -102,7 +102,7 @@ def call(f: Function, term: Call) -> str:
 
         return collected(f, literal(".count", (*term.args, Variable("_"))))
     if term.predicate:
-        return f"computed_by_rule(ag, {f'{term.predicate}/{len(term.args) + 1}'!r}, {value(f, term.args)})"
+        return f"computed_by_rule(ag, {f'{term.predicate}/{len(term.args) + 1}'!r}, {build(f, term.args)})"
     return f"{f.unit.constant(function_of(term))}(ag.engine{''.join(', ' + value(f, arg) for arg in term.args)})"
 
 

@@ -306,13 +306,13 @@ def include(engine: Any, args: Args, trail: Trail) -> bool:
     """
     from socialbot.bdi.agentspeak.loading import load  # needs this package
 
-    file = resolve(args[0])
+    file, *rest = map(resolve, args)
     if not isinstance(file, str):
         raise wrong(".include", file, "the name of a file, a string")
     society = engine.messaging.society
     if society is None or society.include_paths is None:
         raise Failed("action_failed", f".include: {file} cannot be loaded: set Society.include_paths")
-    namespace = resolve(args[1]) if len(args) > 1 else None
+    namespace = rest[0] if rest else None
     given = namespace
     if namespace.__class__ is Var:
         given = Atom(f"ns{next(_namespaces)}")
@@ -323,4 +323,4 @@ def include(engine: Any, args: Args, trail: Trail) -> bool:
         load(engine, f"{{ {agentspeak(directive)} }}", ".include", society.include_paths)
     except SocialbotError as problem:
         raise Failed("action_failed", f".include: {problem}") from problem
-    return namespace is None or gives(args[1], given, trail)
+    return namespace is None or gives(namespace, given, trail)

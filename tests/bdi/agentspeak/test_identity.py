@@ -1,0 +1,32 @@
+"""`==` compares terms with free variables, which are the same only as themselves."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.bdi.mas import said
+
+
+@pytest.mark.parametrize(
+    ("body", "printed"),
+    [
+        ("f(X) \\== 3; X = 2; .print(X)", "2"),
+        ("X == 3; .print(no)", "constraint_failed"),
+        ("!give(L); L == 2; .print(L)", "2"),
+        ("!give(L); L \\== 3; Y = L + 1; .print(Y)", "3"),
+        (".findall(X, .member(X, [1, 2]) & X \\== Z, L); .print(L)", "[1,2]"),
+        ("if ([X, 1] == [X, 1] & [X] \\== [Y]) { .print(same) }", "same"),
+    ],
+)
+def test_in_steps_and_conditions(body, printed):
+    assert said(f"!go. +!give(2). +!go <- {body}. -!go[error(E)] <- .print(E).") == [printed]
+
+
+def test_in_rules():
+    text = "same(A, B) :- A == B. !go. +!go <- if (not same(X, Y) & same(X, X)) { .print(ok) }."
+    assert said(text) == ["ok"]
+
+
+def test_a_registered_function_takes_terms_with_free_variables():
+    text = '{ register_function("my.cost", 2, "cost") } cost(S, G, 7). !go. +!go <- X = my.cost(1, [J]) + 1; .print(X).'
+    assert said(text) == ["8"]
