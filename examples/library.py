@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from socialbot import Delivery, Graph, InlineRunner, Input, NodeConfig, Parameter, read_domain, read_problem
 from socialbot.agents import teams
-from socialbot.planning.htn.domain import TaskDomain, TaskState
+from socialbot.planning.htn import TaskDomain, TaskState
 
 RUNNERS, PORTERS, DESK = ("runner1", "runner2", "runner3"), ("porter1", "porter2"), "desk"
 BOOKS = {"atlas": "cellar", "bible": "cellar", "comic": "attic", "diary": "attic"}
@@ -93,7 +93,7 @@ def problem(mission: teams.Mission, state: TaskState):
     text = f"""(define (problem fetch) (:domain library)
       (:objects {runner} - runner {porter} - porter {" ".join(BOOKS)} - book {" ".join(state.holders)} - place)
       (:init (at {runner} {state.loc[runner]}) {hands} {full} {held or f"(idle {porter})"})
-      (:goal (and (in {book} {DESK}) (idle {porter}))))"""
+      (:goal (and (brought {book} {DESK}) (idle {porter}))))"""
     return read_problem(text, PDDL)
 
 

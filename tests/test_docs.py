@@ -127,3 +127,11 @@ def test_an_unknown_command_and_an_unknown_option_are_noticed():
         resolved(["replya", "bag"])
     assert "--runer" not in options_of(resolved(["replay"])[0])
     assert "--runner" in options_of(resolved(["replay"])[0])
+
+
+def test_the_rules_in_the_readme_are_waldos():
+    text = (ROOT / "README.md").read_text("utf-8")
+    rules = text.partition("rules:\n\n```python\n")[2].partition("```")[0].splitlines()
+    source = {line.strip() for line in (ROOT / "socialbot/agents/waldo/waldo.py").read_text("utf-8").splitlines()}
+    assert len(rules) >= 3
+    assert [line for line in rules if line not in source] == []

@@ -11,7 +11,16 @@ import pytest
 from rich.console import Console
 
 from evaluation import hospital
-from evaluation.hospital import add_figures, main, parse_rates, play_inline, sample, settings, tell_what_went_wrong
+from evaluation.hospital import (
+    GROWTH_PERCENT,
+    add_figures,
+    main,
+    parse_rates,
+    play_inline,
+    sample,
+    settings,
+    tell_what_went_wrong,
+)
 from evaluation.hospital_csv import EARLIER, LATER
 from evaluation.hospital_paper import GROWTH, TABLE_3
 from evaluation.hospital_plots import charts, svg
@@ -112,13 +121,22 @@ def test_problems_that_cost_nothing_are_named():
 @pytest.mark.parametrize(
     ("changes", "missed"),
     [
-        ({"mission_s": 4.7}, "growth_percent"),
+        ({"mission_s": 4.7}, "growth_low"),
         ({"recovered": (Share(0.03, 0.01, 0.02, 0.0),)}, "ros_recovery_p95_ms"),
         ({"completed": False}, "ros_missed"),
     ],
 )
 def test_over_ros_what_is_not_as_required_is_named(changes, missed):
     assert report_of([*GOOD, *(replace(one, **changes) if one.met else one for one in ROS)]).unmet == [missed]
+
+
+def test_full_run_must_show_that_the_growth_is_within_the_limit():
+    spread = [replace(one, mission_s=one.mission_s + 0.5 * (one.seed % 2) * one.met) for one in ROS]
+    report = Report("hospital", quick=False)
+    add_figures(report, Experiments([*GOOD, *spread]))
+    low, high = value(report, "growth_low"), value(report, "growth_high")
+    assert low < GROWTH_PERCENT < high
+    assert report.unmet == ["growth_high"]
 
 
 def test_missions_that_went_wrong_are_told_with_all_that_is_needed_to_see_them_again():

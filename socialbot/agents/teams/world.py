@@ -117,6 +117,11 @@ class TeamWorld(Node):
         """The agents with their homes."""
         raise NotImplementedError
 
+    def busy_s(self, member: str) -> float:
+        """Time until a member finishes its action (s); 0 if it is idle or waits for a partner."""
+        activity = self._activities.get(member)
+        return 0.0 if activity is None or activity.due < 0 else (activity.due - self._time.now) / SECOND
+
     def start(self) -> None:
         self._time = _Agenda(self.clock.now())
         for fault in self._faults:
