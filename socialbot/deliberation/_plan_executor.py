@@ -16,7 +16,7 @@ The cause of a plan is its planning; that of a step is its plan.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,7 +32,8 @@ from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.messages import INSTANCE, Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
-from socialbot.planning.pddl.formulas import Formula
+from socialbot.planning.pddl.formulas import Formula, Key
+from socialbot.planning.pddl.restriction import touches
 
 How = Literal["succeeded", "failed", "aborted"]
 
@@ -243,6 +244,13 @@ class PlanExecutor:
         if not self._hold_reason:
             self._hold_reason = reason
             self._record_hold("hold", reason)
+
+    def needs(self, unavailable: Sequence[Key]) -> bool:
+        """Return whether a step that has not ended touches unavailable parts of the state."""
+        execution = self._execution
+        if execution is None or not unavailable:
+            return False
+        return any(touches(task.action, unavailable) for task in execution.tasks if task.phase != "over")
 
     def release(self) -> None:
         if self._hold_reason:

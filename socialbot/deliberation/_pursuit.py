@@ -19,6 +19,8 @@ from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import Desire, FactCondition
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
+from socialbot.planning.pddl.formulas import Key
+from socialbot.planning.pddl.restriction import restricted
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
 
 GRACE_S = 5.0
@@ -66,6 +68,7 @@ class DesirePursuit:
         wake: Called when the deliberator should run another pass.
         current: The desire that is pursued.
         problem: Why its plan has failed, if it has.
+        unavailable: Facts of silent sensors, which no step of a new plan may touch.
     """
 
     engine: Engine
@@ -87,6 +90,8 @@ class DesirePursuit:
         self._failed_plan = 0
         self._failed_at = ""
         self._is_partial = False
+        self._silent: tuple[str, ...] = ()
+        self.unavailable: tuple[Key, ...] = ()
 
     @property
     def planning_for(self) -> DesireState | None:
@@ -110,9 +115,12 @@ class DesirePursuit:
         except PlanningError as error:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
+        domain = request.domain
+        if self.unavailable:
+            domain, problem = restricted(domain, problem, self.unavailable)
         self._request = request
         limits = replace(self.options.limits, makespan_s=request.max_makespan_s)
-        work = functools.partial(self.planner.solve, request.domain, problem, limits, request.cancelled)
+        work = functools.partial(self.planner.solve, domain, problem, limits, request.cancelled)
 
         def time_out() -> None:
             request.cancelled.set()
@@ -120,6 +128,14 @@ class DesirePursuit:
 
         self.engine.timers.after(limits.timeout_s + GRACE_S, time_out, lambda: request is not self._request)
         self.run_in_background(work, lambda answer: self.engine.call(lambda: self.on_answer(request, answer)))
+
+    def change_unavailable(self, sensors: Iterable[str], facts: tuple[Key, ...]) -> bool:
+        """Plan without steps that need silent sensors, given their facts; return whether that is new."""
+        if facts == self.unavailable:
+            return False
+        self._silent, self.unavailable = tuple(f"sensor {sensor}" for sensor in sensors), facts
+        self.cancel_request()
+        return True
 
     def cancel_request(self) -> None:
         if self._request is not None:
@@ -164,7 +180,8 @@ class DesirePursuit:
         state, plan = request.state, answer.plan if answer.verdict is PlannerVerdict.SOLVED else None
         message = answer.message
         if plan is None:
-            message = message or answer.verdict.value
+            without = f"without {' and '.join(self._silent)}: " if self._silent else ""
+            message = without + (message or answer.verdict.value)
         elif not in_time(plan, request.max_makespan_s):
             message = f"the plan lasts {plan.makespan_s:g} s, longer than the {request.max_makespan_s:g} s there are"
         detail = {} if plan is None else {"steps": len(plan.steps), "makespan_s": round(plan.makespan_s, 3)}

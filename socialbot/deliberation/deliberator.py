@@ -21,7 +21,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from socialbot.bdi import Engine
-from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._action_executor import IsSensed
 from socialbot.deliberation._fact_index import like
@@ -44,7 +44,7 @@ from socialbot.deliberation.facts import FactBase, out_of_range
 from socialbot.deliberation.messages import Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.deliberation.rules import Reaction, ReactiveRule, RuleBook, unfit_parts
-from socialbot.deliberation.sensing import SensorTimeouts
+from socialbot.deliberation.sensing import SensorTimeouts, silence_of
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.planners.planner import Planner
 
@@ -113,6 +113,7 @@ class Deliberator:
         self._changed: dict[tuple[int, str, tuple[str, ...]], Fact] = {}
         self._unchecked: list[DesireState] = []
         self._pursued: DesireState | None = None
+        self._awaited: tuple[str, ...] = ()
         self._rules_changed = True
         self._desires_published = True
         self._status = ("", "")
@@ -264,19 +265,23 @@ class Deliberator:
         return bool(steps) and sum(step.progress for step in steps) / len(steps) >= NEARLY_DONE
 
     def _check_sensor_timeouts(self) -> None:
-        timeouts, pursuit = self.sensor_timeouts, self.pursuit
-        if not timeouts:
+        """Hold new steps for silent sensors; after ``give_up_silent_s``, go on without what needs them."""
+        timeouts, pursuit, patience = self.sensor_timeouts, self.pursuit, nanoseconds(self.options.give_up_silent_s)
+        lost = [sensor for sensor, since in timeouts.since.items() if self._loop.is_due(since + patience)]
+        self._awaited = tuple(sensor for sensor in timeouts.since if sensor not in lost)
+        if not self._awaited:
             self.plan_executor.release()
-            return
-        if pursuit.current is not None or pursuit.planning_for is not None:
-            self.plan_executor.hold(str(timeouts))
-        since = timeouts.since
-        if pursuit.current is not None and self._loop.is_due(since + nanoseconds(self.options.give_up_silent_s)):
-            pursuit.abort(f"{timeouts} for {(self._loop.now - since) / SECOND:.0f} s")
+        elif pursuit.current is not None or pursuit.planning_for is not None:
+            self.plan_executor.hold(silence_of(self._awaited))
+        if pursuit.change_unavailable(lost, timeouts.facts_of(lost)):
+            for state in self.desires:  # what was impossible may be possible now
+                state.unsolvable_version, state.not_before, state.failed_planning = -1, 0, 0
+        if pursuit.current is not None and self.plan_executor.needs(pursuit.unavailable):
+            pursuit.abort(f"{silence_of(lost)} for {self.options.give_up_silent_s:g} s")
 
     def _schedule(self) -> None:
         """Request a plan for the next desire."""
-        if self.sensor_timeouts or self.plan_executor.aborting:
+        if self._awaited or self.plan_executor.aborting:
             return
         pursued = self.pursuit.current
         state = next_desire(self.desires.ranked, pursued, self.options.reschedule_policy, self._is_ready)
@@ -347,8 +352,8 @@ class Deliberator:
             self._loop.guarded(lambda: observer.status_changed(status, reason))
 
     def _current_status(self) -> tuple[str, str]:
-        if self.sensor_timeouts:
-            return "BOOTING" if self.sensor_timeouts.is_first else "PAUSED", str(self.sensor_timeouts)
+        if self._awaited:
+            return "BOOTING" if self.sensor_timeouts.is_first else "PAUSED", silence_of(self._awaited)
         if self.plan_executor.aborting:
             return "ABORTING", ""
         if self.pursuit.current is not None and not self.pursuit.problem:

@@ -47,7 +47,7 @@ class DeliberationOptions:
     partial_desires: Annotated[
         bool, OptionInfo("achieve the possible conditions of a desire whose others are impossible?", maximum=None)
     ] = False
-    give_up_silent_s: Annotated[float, OptionInfo("sensor timeout after which a plan is aborted (s)", 0.0)] = 30.0
+    give_up_silent_s: Annotated[float, OptionInfo("sensor timeout until it is done without (s)", 0.0)] = 30.0
     report_s: Annotated[float, OptionInfo("", 0.01)] = 0.2
 
     def __post_init__(self) -> None:

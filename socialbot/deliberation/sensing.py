@@ -19,10 +19,11 @@ from socialbot.bdi import Engine
 from socialbot.bdi.sensors import Sensor
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import PlanningError
-from socialbot.deliberation._action_executor import IsSensed
+from socialbot.deliberation._action_executor import IsSensed, key_of
 from socialbot.deliberation._fact_index import signature_of
 from socialbot.deliberation.messages import FLUENT, INSTANCE, PREDICATE, Fact
 from socialbot.planning.pddl.domain import PddlDomain
+from socialbot.planning.pddl.formulas import Key
 
 if TYPE_CHECKING:
     from socialbot.deliberation.deliberator import Deliberator
@@ -52,6 +53,7 @@ class FactSensor(Sensor):
     Attributes:
         prototypes: Facts that it may report; ``*`` stands for any object, or for any name of an instance.
         deadline_s: Longest time between percepts; after it, and before the first one, the agent starts nothing new.
+            After ``give_up_silent_s`` more it goes on without what needs the sensor.
     """
 
     prototypes: ClassVar[tuple[Fact, ...]] = ()
@@ -81,7 +83,7 @@ class FactSensor(Sensor):
         self._percept_at = deliberator.engine.clock.now()
         deliberator.engine.add_sensor(self)
         if self.deadline_s is not None:
-            deliberator.sensor_timeouts.expect(self.name)
+            deliberator.sensor_timeouts.expect(self.name, self.prototypes)
             deliberator.engine.call(self._check_deadline)
 
     def sense(self, percept: Any) -> None:
@@ -174,16 +176,18 @@ class SensorTimeouts:
         self._engine = engine
         self._wake = wake
         self._timeouts: dict[str, _Timeout] = {}
+        self._prototypes: dict[str, tuple[Fact, ...]] = {}
 
     def __bool__(self) -> bool:
         return bool(self._timeouts)
 
-    def expect(self, sensor: str) -> None:
+    def expect(self, sensor: str, prototypes: tuple[Fact, ...] = ()) -> None:
         """Start no plan before the first percept of a sensor. Raises PlanningError if the name is taken."""
         if sensor in self._timeouts:
             raise PlanningError(
                 "there is another sensor of this name", where=f"sensor {sensor}", remedy="override its name"
             )
+        self._prototypes[sensor] = prototypes
         self._timeouts[sensor] = _Timeout(self._engine.clock.now(), True)
         self._wake()
 
@@ -209,9 +213,20 @@ class SensorTimeouts:
         return any(timeout.first for timeout in self._timeouts.values())
 
     @property
-    def since(self) -> int:
-        """Start (ns) of the longest timeout; only while there is one."""
-        return min(timeout.since for timeout in self._timeouts.values())
+    def since(self) -> dict[str, int]:
+        """Start (ns) of the timeout of each silent sensor."""
+        return {sensor: timeout.since for sensor, timeout in self._timeouts.items()}
+
+    def facts_of(self, sensors: Iterable[str]) -> tuple[Key, ...]:
+        """Return the predicates and functions that some sensors report; ``*`` stands for any object."""
+        prototypes = (prototype for sensor in sensors for prototype in self._prototypes.get(sensor, ()))
+        keys = (key_of(prototype) for prototype in prototypes)
+        return tuple(dict.fromkeys(key for key in keys if key is not None))
 
     def __str__(self) -> str:
-        return ", ".join(f"sensor {sensor} is silent" for sensor in self._timeouts)
+        return silence_of(self._timeouts)
+
+
+def silence_of(sensors: Iterable[str]) -> str:
+    """Return a text that names silent sensors."""
+    return ", ".join(f"sensor {sensor} is silent" for sensor in sensors)

@@ -66,6 +66,16 @@ def test_a_vanished_box_costs_no_other_box(tmp_path, faults):
     assert f"nothing can make (carrier_moving carrier_{box[-2]} {box}) true" in run.end
 
 
+def test_a_sensor_that_is_silent_for_ever_costs_only_what_needs_it(tmp_path):
+    run = Run(Story(seed=4, faults="2 silent carrier_a 5000"), tmp_path)
+    run.play()
+    assert not run.violations
+    stored = {deposit: set(run.world.load[deposit]) for deposit in SIX.deposits}
+    assert {"box_b1", "box_b2"} <= stored["deposit_b"], run.end
+    assert {"box_c1", "box_c2"} <= stored["deposit_c"], run.end
+    assert "without sensor status of carrier_a: nothing can make (carrier_moving carrier_a" in run.end
+
+
 def test_same_seed_gives_same_records():
     story = Story(seed=9, faults="6 leaves carrier_b; 12 slips", kills=(Kill(9.0, "carrier_a", 1.0),), limit_s=25.0)
     first: list[TraceRecord] = []

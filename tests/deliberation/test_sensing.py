@@ -5,6 +5,7 @@ import pytest
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation.sensing import FactSensor, fits, fluent, instance, predicate, sensed_by
 from socialbot.planning.pddl.domain import parse_plan
+from socialbot.planning.planners.engines import Kairos
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import Office, Watcher, job
@@ -235,17 +236,56 @@ def test_a_plan_that_comes_while_a_sensor_is_silent_waits():
 
 
 def test_a_plan_is_given_up_when_a_sensor_stays_silent_and_taken_up_when_it_is_back():
-    office, eye = Office(give_up_silent_s=5.0), Eye()
-    office.behaviour["(do a)"] = Behaviour(lasts_s=6.9)
+    office, eye = Office(planner=Kairos(), give_up_silent_s=5.0), Eye()
+    office.behaviour["(light)"] = Behaviour(lasts_s=6.9)
     join(office, eye)
     keep_showing(office, eye, 1.0)
-    office.want(job("a"))
+    office.want(job("a", value=(p("lit"),)))
     office.until(20)
     (ending,) = office.found("plan_end")
     assert ending.time / 1e9 == 6.5
     assert (ending.detail["outcome"], ending.detail["reason"]) == ("aborted", "sensor Eye is silent for 5 s")
     assert office.wants == ["a"]
-    keep_showing(office, eye, 30)
+    keep_showing(office, eye, 20.5)
+    keep_showing(office, eye, 30, p("lit"))
+    assert office.ends == [("a", "fulfilled", "")]
+
+
+def test_a_sensor_that_stays_silent_blocks_only_steps_that_need_it():
+    sees = sensed_by([Eye()])
+    office, eye = Office(planner=Kairos(), is_sensed=sees, give_up_silent_s=5.0, comp_plan_tries=2), Eye()
+    join(office, eye)
+    show(office, eye)
+    office.want(job("a"), job("dark", value=(p("lit"),), priority=0.9))
+    office.until(3)
+    assert office.begun() == [(0.0, "(light)")]
+    office.until(60)
+    assert [call for _, call in office.begun()] == ["(light)", "(do a)"]
+    reason = "no plan after 2 tries: without sensor Eye: nothing can make (lit) true"
+    assert sorted(office.ends) == [("a", "fulfilled", ""), ("dark", "dropped", reason)]
+
+
+def test_a_plan_without_the_silent_sensor_continues():
+    office, eye = Office(give_up_silent_s=2.0), Eye()
+    office.clerk.script = lambda problem: PlannerAnswer(
+        PlannerVerdict.SOLVED, parse_plan("0: (do a) [6]\n6.001: (report a) [1]")
+    )
+    join(office, eye)
+    show(office, eye)
+    office.want(job("x", value=(p("told"),)))
+    office.until(20)
+    assert office.begun() == [(0.0, "(do a)"), (6.0, "(report a)")]
+    assert office.ends == [("x", "fulfilled", "")]
+
+
+def test_a_sensor_without_a_first_percept_does_not_stop_the_rest():
+    watcher = Watcher()
+    office, eye = Office(planner=Kairos(), observer=watcher, give_up_silent_s=5.0), Eye()
+    join(office, eye)
+    office.want(job("a"))
+    office.until(4)
+    assert watcher.statuses[-1] == ("BOOTING", "sensor Eye is silent")
+    office.until(20)
     assert office.ends == [("a", "fulfilled", "")]
 
 

@@ -1,0 +1,163 @@
+"""Problems without the actions that touch unavailable parts of the state, such as facts of a silent sensor."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+from socialbot.planning.pddl._parser import SexpGroup, Sexpression, SexpWord, read_sexpression
+from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem
+from socialbot.planning.pddl.formulas import Fluent, Key, Predicate
+from socialbot.planning.pddl.reader import read_domain
+from socialbot.planning.pddl.semantics import GroundAction
+from socialbot.planning.pddl.state import PddlState
+
+_CONDITION = {":action": ":precondition", ":durative-action": ":condition"}
+
+
+def touches(action: GroundAction, patterns: Sequence[Key]) -> bool:
+    """Return whether conditions or effects of an action mention a part of the state; ``*`` stands for any object."""
+    return any(
+        _matches(key.terms, pattern.terms)
+        for key in _keys((action.conditions, action.effects))
+        for pattern in patterns
+        if (type(key), key.name) == (type(pattern), pattern.name)
+    )
+
+
+def restricted(domain: PddlDomain, problem: PddlProblem, unavailable: Sequence[Key]) -> tuple[PddlDomain, PddlProblem]:
+    """Return the domain and problem without the actions that touch ``unavailable`` parts of the state.
+
+    Each plan for the result is a plan for the original. An action that may touch such a part under a quantifier, or by
+    a derived predicate, is left out for all objects.
+
+    Args:
+        unavailable: Predicates and functions; ``*`` stands for any object.
+    """
+    left_out: set[str] = set()
+    conditions: dict[str, list[Predicate]] = {}
+    marks: dict[str, Key] = {f"unavailable-{number}": key for number, key in enumerate(unavailable)}
+    for action in domain.actions.values():
+        variables = {typed.name for typed in action.parameters}
+        for mark, pattern in marks.items():
+            for key in _touching(domain, action, pattern):
+                if key is None or set(pattern.terms) <= {"*"} or _variables(key) - variables:
+                    left_out.add(action.name)
+                else:
+                    conditions.setdefault(action.name, []).append(Predicate(mark, key.terms))
+    state = PddlState.of(problem, domain)
+    facts = {Predicate(mark, terms) for mark, key in marks.items() for terms in _instances(domain, state, key)}
+    text = _restricted_text(domain, left_out, conditions, marks)
+    return read_domain(text, where=domain.where), replace(problem, facts=problem.facts | facts, text="")
+
+
+def _touching(domain: PddlDomain, action: PddlAction, pattern: Key) -> Iterator[Key | None]:
+    """Yield the keys of an action that a pattern may fit; None for a derived predicate that depends on such a key."""
+    for key in _keys((action.conditions, action.effects)):
+        if (type(key), key.name) == (type(pattern), pattern.name):
+            yield key
+        elif isinstance(key, Predicate) and _depends(domain, key.name, pattern.name, set()):
+            yield None
+
+
+def _depends(domain: PddlDomain, derived: str, name: str, seen: set[str]) -> bool:
+    if derived not in domain.derived or derived in seen:
+        return False
+    inner = {key.name for key in _keys(domain.derived[derived][1])}
+    return name in inner or any(_depends(domain, other, name, seen | {derived}) for other in inner)
+
+
+def _keys(part: Any) -> Iterator[Key]:
+    """Yield the predicates and functions in conditions and effects."""
+    if isinstance(part, Predicate | Fluent):
+        yield part
+    elif isinstance(part, tuple):
+        for one in part:
+            yield from _keys(one)
+    elif is_dataclass(part):
+        for one in fields(part):
+            yield from _keys(getattr(part, one.name))
+
+
+def _variables(key: Key) -> set[str]:
+    return {term for term in key.terms if term.startswith("?")}
+
+
+def _matches(terms: tuple[str, ...], patterns: tuple[str, ...]) -> bool:
+    """Return whether objects fit patterns; a variable fits any."""
+    return len(terms) == len(patterns) and all(
+        term.startswith("?") or fnmatchcase(term, pattern) for term, pattern in zip(terms, patterns, strict=True)
+    )
+
+
+def _instances(domain: PddlDomain, state: PddlState, key: Key) -> Iterator[tuple[str, ...]]:
+    """Yield the objects for which a pattern is unavailable."""
+    if set(key.terms) <= {"*"}:
+        return
+    signature = (domain.predicates if isinstance(key, Predicate) else domain.functions)[key.name]
+    possible = [
+        [name for name in state.objects(typed.types) if fnmatchcase(name, pattern)]
+        for typed, pattern in zip(signature.parameters, key.terms, strict=True)
+    ]
+    yield from itertools.product(*possible)
+
+
+def _restricted_text(
+    domain: PddlDomain, left_out: set[str], conditions: dict[str, list[Predicate]], marks: dict[str, Key]
+) -> str:
+    signatures = {
+        mark: (domain.predicates if isinstance(key, Predicate) else domain.functions)[key.name]
+        for mark, key in marks.items()
+    }
+    declared = tuple(_group(mark, *_typed(signature.parameters)) for mark, signature in signatures.items())
+    whole, items = read_sexpression(domain.text, where=domain.where or domain.name), []
+    for item in whole.items:
+        head = item.head if isinstance(item, SexpGroup) else ""
+        name = str(item.items[1]) if isinstance(item, SexpGroup) and head in _CONDITION else ""
+        if name in left_out:
+            continue
+        if isinstance(item, SexpGroup) and head == ":requirements":
+            item = SexpGroup((*item.items, _word(":negative-preconditions")), item.line)
+        elif isinstance(item, SexpGroup) and head == ":predicates":
+            item = SexpGroup((*item.items, *declared), item.line)
+        elif isinstance(item, SexpGroup) and name in conditions:
+            item = _with_conditions(item, conditions[name])
+        items.append(item)
+    if not any(isinstance(item, SexpGroup) and item.head == ":predicates" for item in items):
+        place = next(n for n, item in enumerate(items) if isinstance(item, SexpGroup) and item.head in _CONDITION)
+        items.insert(place, _group(":predicates", *declared))
+    return str(SexpGroup(tuple(items), whole.line))
+
+
+def _with_conditions(action: SexpGroup, unavailable: list[Predicate]) -> SexpGroup:
+    """Return an action with the condition that its objects are available."""
+    keyword = _CONDITION[action.head]
+    needed: list[Sexpression] = [_group("not", _group(one.name, *one.terms)) for one in dict.fromkeys(unavailable)]
+    if keyword == ":condition":
+        needed = [_group("at", "start", one) for one in needed]
+    items = list(action.items)
+    words = [str(item) for item in items]
+    if keyword not in words:
+        items[2:2] = [_word(keyword), _group()]
+        words[2:2] = [keyword, "()"]
+    place = words.index(keyword) + 1
+    old = items[place]
+    items[place] = _group("and", *((old,) if isinstance(old, SexpGroup) and old.items else ()), *needed)
+    return SexpGroup(tuple(items), action.line)
+
+
+def _typed(parameters: Sequence[Any]) -> Iterator[Sexpression | str]:
+    for typed in parameters:
+        kinds = typed.types
+        yield from (typed.name, "-", kinds[0] if len(kinds) == 1 else _group("either", *kinds))
+
+
+def _group(*items: Sexpression | str) -> SexpGroup:
+    return SexpGroup(tuple(_word(item) if isinstance(item, str) else item for item in items), 0)
+
+
+def _word(text: str) -> SexpWord:
+    return SexpWord(text, 0)
