@@ -29,7 +29,7 @@ PRINTED = {
     ),
     "the plan of a label": (
         "!g. @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m). -!g <- .print(none).",
-        ["@l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m).","none"],
+        ["{ @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m) }","none"],
     ),
     "beliefs put first and last are found in that order": ("""b(1). !g. +b(X) <- .print(X).
     @g[atomic] +!g <- .asserta(b(0)); .assertz(b(2)); .findall(X, b(X), L); .print(L).""", ["1", "[0,1,2]", "0", "2"]),

@@ -121,7 +121,8 @@ class TermReader:
             value: object = Negation(self.as_condition(self.expression(Level.COMPARE), start + 1))
         else:
             value = self.primary()
-            if level >= Level.SUM and words[start] == "(" and is_condition(value):
+            operand = level == Level.SUM and words[start - 1] in ("=", "==", "\\==")
+            if level >= Level.SUM and words[start] == "(" and is_condition(value) and not operand:
                 self.fail(
                     "a term",
                     start,
@@ -182,8 +183,8 @@ class TermReader:
         )
 
     def compared(self, value: object, start: int) -> object:
-        """Convert a term to one side of a comparison."""
-        if is_condition(value):
+        """Convert a term to one side of a comparison; a condition in parentheses is a term."""
+        if is_condition(value) and self.words[start] != "(":
             self.fail("a term to compare", start)
         if is_plain_structure(value) and "." in value.functor and self.words[start][0] != "'":
             return Call(value.functor, *value.args)

@@ -150,7 +150,7 @@ def spelled(term: Any) -> str:
         notes = f"[{','.join(sorted(map(spelled, term.annotations)))}]" if term.annotations else ""
         return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
     if isinstance(term, Plan):
-        return agentspeak(term)
+        return f"{{ {agentspeak(term).removesuffix('.')} }}"
     if isinstance(term, (PlanBody, Inference)):
         return agentspeak((term,))[1:-1]
     if isinstance(term, Condition):

@@ -71,7 +71,6 @@ MISTAKES = {
     "b :- 1.": "p.asl:1:6: expected a condition, found a term",
     "b :- c + 1.": "p.asl:1:6: expected a number, a variable or a function as operand of '+', found 'c'",
     "b :- X < Y < Z.": "p.asl:1:12: expected one comparison, found '<'",
-    "b :- (X > 1) = Y.": "p.asl:1:6: expected a term to compare, found '('",
     "!g": "p.asl:1:3: expected '.' after a goal, found the end of the text",
     "!g[within(5)].": "p.asl:1:2: an initial goal has no limit",
     "+b c": "p.asl:1:4: expected ':', '<-' or '.' after the trigger, found 'c'",
