@@ -11,7 +11,8 @@ from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_
 from socialbot.bdi.literals import Event, Goal, Literal, ground
 from socialbot.bdi.plans import Origin, Plan
 from socialbot.bdi.steps import Step
-from socialbot.bdi.terms import Comparison, Condition
+from socialbot.bdi.terms import Comparison, Condition, Variable
+from socialbot.bdi.unification import closed
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -151,6 +152,8 @@ def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args,
     plan = compiled.plan
     if plan.stage is not None and plan.stage != interpreter.stage:
         return f"the stage is {interpreter.stage or 'none'}, not {plan.stage}"
+    from socialbot.bdi.compiler._dynamic import substituted
+
     terms, trail = plan.condition.terms, ProbeTrail()
     try:
         compiled.probe(interpreter, args, notes, trail)
@@ -160,9 +163,16 @@ def reason_against(interpreter: Interpreter, compiled: CompiledPlan, args: Args,
         return None
     if trail.reached < 0:
         return NO_MATCH
-    failed = terms[trail.reached]
+    failed = substituted(terms[trail.reached], _values(plan, args))
     text = written(failed, plan)
     return f"{f'({text})' if isinstance(failed, Comparison) else text} does not hold"
+
+
+def _values(plan: Plan, args: Args) -> dict[str, Any]:
+    """Values that the arguments of an event give to the variables of a plan."""
+    pattern = plan.event.literal
+    named = pattern.args if isinstance(pattern, Literal) else ()
+    return {one.name: arg for one, arg in zip(named, args, strict=False) if isinstance(one, Variable) and closed(arg)}
 
 
 def reasons_against(

@@ -102,8 +102,8 @@ def test_goal_without_applicable_plan_fails_with_the_names_of_plans():
     lab.tell(go(2))
     (failure,) = [record for record in lab.trace if record.kind == "failure"]
     assert failure.detail["rejected"] == [
-        {"plan": "go(X) / (p(X)) >> []", "because": "p(X) does not hold"},
-        {"plan": "go(X) / (X > 5) >> []", "because": "(X > 5) does not hold"},
+        {"plan": "go(X) / (p(X)) >> []", "because": "p(2) does not hold"},
+        {"plan": "go(X) / (X > 5) >> []", "because": "(2 > 5) does not hold"},
     ]
 
 

@@ -73,7 +73,7 @@ def test_a_plan_names_its_rule_and_those_that_did_not_apply():
     assert where.startswith("tests/bdi/test_trace.py:")
     assert plan.detail == {
         "rule": "+p(X) >> [do(X)]",
-        "rejected": [{"plan": "+p(X) / (q(X)) >> []", "because": "q(X) does not hold"}],
+        "rejected": [{"plan": "+p(X) / (q(X)) >> []", "because": "q(2) does not hold"}],
     }
 
 
