@@ -230,24 +230,28 @@ class Interpreter:
             return
         try:
             sensed = changes(sensor.sense(percept))
+            reasons: dict[str, str] = {}
             for event in sensed:
                 if event.change is Change.ADDED:
                     relation, args, *_ = self.admit(event.literal)
-                    why = self._percept(event, cause, news=args not in relation.facts)
+                    why = self._percept(event, cause, reasons, news=args not in relation.facts)
                     self.beliefs.add(relation, args, event.literal.annotations + PERCEPT, why, since)
                 else:
-                    self.forget(event.literal, self._percept(event, cause, news=True))
+                    self.forget(event.literal, self._percept(event, cause, reasons, news=True))
         except Exception as problem:  # noqa: BLE001 - sensors are user code
             self.trace.record_failure(type(sensor).__name__, cause, problem)
             return
         if sensor.once and sensed:
             sensor.stop()
 
-    def _percept(self, event: Event, cause: str, *, news: bool) -> str:
-        """Record the reason that a sensor gave for a change; return the cause of the change."""
-        if not event.reason or not news or self.trace.sink is None:
+    def _percept(self, event: Event, cause: str, reasons: dict[str, str], *, news: bool) -> str:
+        """Record a reason that a sensor gave for changes once; return the cause of the change."""
+        reason = event.reason
+        if not reason or not news or self.trace.sink is None:
             return cause
-        return self.trace.record("percept", event.reason, cause)
+        if reason not in reasons:
+            reasons[reason] = self.trace.record("percept", reason, cause)
+        return reasons[reason]
 
     # The cycle
 
