@@ -6,17 +6,17 @@ Contents are terms; only plans may be sent as text. The receiver adds told belie
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed, Failure, Intention, Pause, subgoal
-from socialbot.bdi.literals import Event, Literal, literal_from_key, source_notes
+from socialbot.bdi.literals import SELF, Event, Literal, literal_from_key, source_notes
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
 from socialbot.bdi.steps import message
-from socialbot.bdi.terms import Atom, show
-from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
+from socialbot.bdi.terms import Atom, Rest, show
+from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
@@ -204,7 +204,8 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
         reply(agent, detached(solutions if act == "askAll" else solutions[0] if solutions else Atom("false")))
 
     def ended(failure: Failure | None) -> None:
-        answer(resolve(query) if failure is None else None)
+        asked = query.with_(annotations=tuple(note for note in query.annotations if not is_source(note)))
+        answer(resolve(asked) if failure is None else None)
 
     if act == "askHow":
         plans = relevant(agent, content)
@@ -215,7 +216,7 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
         return
     query = literal_of(act, content)
     trail: Trail = []
-    solutions = (resolve(query) for _ in agent.interpreter.solve(query.key, query.args, query.annotations, trail))
+    solutions = _annotated(agent, query, trail)
     if act == "askAll":
         answer(tuple(solutions))
         return
@@ -226,6 +227,14 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
         answer(found)
     else:
         agent.intentions.adopt(subgoal(trigger, query.args, _notes(query, said_by), cause), ended)
+
+
+def _annotated(agent: Engine, query: Literal, trail: Trail) -> Iterator[Literal]:
+    """Yield the solutions of a query with all annotations of the beliefs."""
+    others = Var()
+    for _ in agent.interpreter.solve(query.key, query.args, (*query.annotations, Rest(others)), trail):
+        found, more = resolve(query), resolve(others)
+        yield found.with_(annotations=found.annotations + (more if more.__class__ is tuple else ()))
 
 
 class AnswerPause(Pause):
@@ -294,10 +303,13 @@ def _content(act: str, content: Any) -> Any:
     return content
 
 
-def _notes(what: Literal, said_by: tuple[object, ...]) -> tuple[object, ...]:
-    """Annotations with the sources replaced by the sender."""
+def _notes(what: Literal, said_by: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Annotations with the sender as source, which has the given sources itself: ``source(ann)[source(bob)]``."""
     if not what.annotations:
         return said_by
+    nested = tuple(note for note in what.annotations if is_source(note) and note not in SELF)
+    if nested:
+        said_by = tuple(source.with_(annotations=nested) for source in said_by)
     return (*(note for note in what.annotations if not is_source(note)), *said_by)
 
 

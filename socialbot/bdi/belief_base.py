@@ -11,7 +11,7 @@ from socialbot.bdi._hold_timers import HoldTimer
 from socialbot.bdi._relations import Annotations, Args, Fact, NoteSet, Relation, Watcher
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library
-from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, source
+from socialbot.bdi.literals import ATOMIC, SELF, Computed, Literal, Reactor, ground, source
 from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import nanoseconds
@@ -194,11 +194,11 @@ class BeliefBase:
 
     def _remove_held(self, relation: Relation, found: Args, notes: Annotations, cause: Any, here: bool) -> Any:
         held, taken = relation.facts[found][1], notes if notes is SELF else resolve(notes)
-        left = () if held == taken else tuple(note for note in held if note not in taken)
+        left = () if held == taken else tuple(note for note in held if note not in taken and not _nested(note, taken))
         if any(map(is_source, left)):
             since, _, begin = relation.facts[found]
             if held.__class__ is NoteSet:
-                for note in taken:
+                for note in [*taken, *(note for note in held if _nested(note, taken))]:
                     held.discard(note)
             else:
                 relation.facts[found] = (since, left, begin)
@@ -328,6 +328,13 @@ class BeliefBase:
         relation.special = watched or (kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed))))
         changed = triggers.get(f"changed {key}")
         relation.care = relation.special or relation.held is not None or changed is not None
+
+
+def _nested(note: Any, taken: Annotations) -> bool:
+    """Whether an annotation is a source with sources of its own, as ``source(a)[source(b)]``, and is taken."""
+    if note.__class__ in ATOMIC or not is_source(note) or not note.annotations:
+        return False
+    return any(is_source(other) and not other.annotations and other.args == note.args for other in taken)
 
 
 def is_source(note: object) -> bool:

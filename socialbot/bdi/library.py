@@ -237,9 +237,10 @@ class Library:
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(f"the label {plan.label} is already used", where=plan.place, remedy="choose another label")
         compiled = CompiledPlan(plan, self)
-        self.watches_goals = self.watches_goals or plan.event.change in META
-        if not self.keeps_goals and (self.watches_goals or looks_at_goals(plan)):
+        watches = plan.event.change in META
+        if (watches and not self.watches_goals) or (not self.keeps_goals and looks_at_goals(plan)):
             self.keeps_goals = True
+            self.watches_goals = self.watches_goals or watches
             self.recompile()
         for kind in plan.classes():
             self.declare(kind)

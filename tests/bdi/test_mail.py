@@ -76,13 +76,13 @@ ANSWERER = """color(red). color(blue)[source(c)]. warm(X) :- color(X) & X = red.
     [
         (".send(b, askOne, color(X), color(X)); .print(X)", "red"),
         (".send(b, askOne, color(_), A); .print(A)", "color(red)[source(b)]"),
-        (".send(b, askOne, color(blue), A); .print(A)", "color(blue)[source(b)]"),
+        (".send(b, askOne, color(blue), A); .print(A)", "color(blue)[source(b)[source(c)]]"),
         (".send(b, askOne, color(green), A); .print(A)", "false"),
         (".send(b, askOne, warm(X), A); .print(A)", "warm(red)[source(b)]"),
         (".send(b, askOne, sum(1, 2, X), sum(_, _, Y)); .print(Y)", "3"),
         (".send(b, askOne, never(X), A); .print(A)", "false"),
         (".send(b, askOne, color(X), color(green))", "ask_failed"),
-        (".send(b, askAll, color(X), L); .print(L)", "[color(red)[source(b)],color(blue)[source(b)]]"),
+        (".send(b, askAll, color(X), L); .print(L)", "[color(red)[source(b)],color(blue)[source(b)[source(c)]]]"),
         (".send(b, askAll, size(X), L); .print(L)", "[]"),
         (".send([b, c], askOne, color(_), L); .print(L)", "[color(red)[source(b)],false]"),
         (".send([], askOne, color(_), L); .print(L)", "[]"),
@@ -317,3 +317,15 @@ def test_broadcast_belief_reaches_all_others(messages):
     for name in NAMES:
         told = {f"x({value})" for sender, value in messages if sender != name}
         assert set(mas.beliefs(name)) == told
+
+
+def test_the_sources_of_a_told_belief_become_those_of_its_sender():
+    teller = "!go. +!go <- .send(b, tell, p(1)[source(x), k]); .wait(10); .send(b, untell, p(1)[source(x)])."
+    hearer = "+p(X)[source(S)] <- ?p(X)[source(S)[source(T)]]; .print(S, T). -p(X)[source(S)] <- .print(gone(S))."
+    assert Mas(a=teller, b=hearer).until(1).lines == ["ax", "gone(a)"]
+
+
+def test_removing_a_source_removes_those_below_it():
+    text = "p(1)[source(bob)[source(x)]]. p(1)[source(ann)]. !go."
+    steps = "+!go <- -p(1)[source(bob)]; ?p(1)[source(S)]; .print(S)."
+    assert Mas(a=f"{text} {steps}").until(1).lines == ["ann"]

@@ -146,6 +146,11 @@ def test_a_plan_that_is_added_later():
     assert said(text) == ["told"]
 
 
+def test_a_goal_of_an_intention_of_its_own_is_pending_while_it_is_queued():
+    text = "@[atomic] +!g <- !!h; .fail_goal(h); .wait(10); .print(end). +!h. ^!h[state(S)] <- .print(S)."
+    assert said(f"!g. {text}") == ["end", "pending", "failed", "finished"]
+
+
 def test_goals_from_other_agents():
     mas = Mas(me="+!g. ^!g[state(achieved), source(S)] <- .print(S).", you="!go. +!go <- .send(me, achieve, g).").until(
         1

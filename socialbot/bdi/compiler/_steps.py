@@ -369,7 +369,7 @@ def achieve(f: Function, step: Achieve, *, last: bool) -> None:
     if step.apart:
         if step.limit_s is not None:
             f.line(f"ag.intentions.adopt_within({request(f, step, SUBGOAL)}, {value(f, step.limit_s)})", step)
-        elif isinstance(step.goal, Literal) and settled(f, step.goal):
+        elif isinstance(step.goal, Literal) and settled(f, step.goal) and not f.unit.library.watches_goals:
             if isinstance(step.goal, Goal):
                 f.unit.library.declare(type(step.goal))
             f.line(f"ag.events.append(({', '.join(goal_parts(f, step.goal))}))", step)
