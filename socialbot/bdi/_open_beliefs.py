@@ -41,7 +41,7 @@ def add_belief(ag: Interpreter, sign: str, key: str, args: Args, notes: Annotati
     cause = ag.trace.record("belief", str(head), cause)
     base.notify(relation, args, True, cause)
     trigger = ag.triggers.get(f"+{key}")
-    if trigger is None or not trigger.plans:
+    if trigger is None or not (trigger.plans or trigger.key in ag.intentions.awaited):
         return None
     request = (EVENT | OPEN, trigger, detached(args), notes, cause)
     if sign != "++":
@@ -66,7 +66,7 @@ def _remove(ag: Interpreter, relation: Relation, args: Args, notes: Annotations,
         return None
     _forget(ag, relation, fact, cause)
     trigger = ag.triggers.get(f"-{relation.key}")
-    if trigger is None or not trigger.plans:
+    if trigger is None or not (trigger.plans or trigger.key in ag.intentions.awaited):
         return None
     request = (EVENT | OPEN, trigger, detached(args), notes, cause)
     if here:
@@ -91,7 +91,7 @@ def any_belief(ag: Interpreter, pattern: Any, trail: Trail) -> Iterator[tuple[Re
     mark = len(trail)
     for relation in list(ag.beliefs.relations.values()):
         for args, fact in reversed(list(relation.facts.items())):
-            if args in relation.facts and unify(pattern, relation.literal(args, fact[1]), trail):
+            if args in relation.facts and unify(pattern, relation.literal(args, tuple(fact[1])), trail):
                 yield relation, args
             undo(trail, mark)
 

@@ -96,17 +96,15 @@ class EventIndex(WaitIndex):
     """Waiters for events of one key.
 
     Waiters whose pattern consists of values without parts are in ``exact``, by this pattern: each alone, or several in
-    a dictionary. As long as there are no others and the arguments of the events have no variables, ``only_exact`` is
-    true.
+    a dictionary. ``only_exact`` is true as long as there were no others.
     """
 
-    __slots__ = ("_goals", "exact", "only_exact")
+    __slots__ = ("exact", "only_exact")
 
-    def __init__(self, key: str) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.exact: dict[Args, Any] = {}
-        self._goals = key[1:2] in ("!", "?")
-        self.only_exact = not self._goals
+        self.only_exact = True
 
     def __bool__(self) -> bool:
         return bool(self.exact) or super().__bool__()
@@ -141,7 +139,7 @@ class EventIndex(WaitIndex):
         return found
 
     def matching(self, args: Args) -> list[Any]:
-        if self._goals and not closed(args):
+        if not closed(args):
             return self.waiters()
         try:
             waiters = self.exact.get(args, ())
@@ -196,7 +194,7 @@ class Waits:
     def await_event(self, pause: EventPause) -> None:
         index = self.events.get(pause.key)
         if index is None:
-            index = self.events[pause.key] = EventIndex(pause.key)
+            index = self.events[pause.key] = EventIndex()
             self._interpreter.beliefs.listen(pause.key)
         pause.number = next(self._numbers)
         pause.place = index.add(pause, pause.args)
@@ -214,14 +212,12 @@ class Waits:
         if index is None:
             return
         if index.only_exact:
-            # The most frequent case: nobody waits for this event, or one intention for just these arguments.
+            # The most frequent case: one intention waits for just these arguments.
             try:
                 pause = index.exact.get(args)
             except TypeError:
-                return
-            if pause is None:
-                return
-            if pause.__class__ is not dict and not pause.notes:
+                pause = None
+            if pause is not None and pause.__class__ is not dict and not pause.notes:
                 del index.exact[args]
                 if not index.exact:
                     del self.events[key]

@@ -13,6 +13,7 @@ from socialbot.bdi.literals import Change, Event, Literal, literal, source
 from socialbot.bdi.steps import Await, Update
 from socialbot.bdi.terms import NOTHING, Atom, Disjunction, Negation, conjunction
 from tests.bdi.lab import Lab, X, Y, _, do, go, mood, p, q, sub
+from tests.bdi.mas import Mas
 
 
 class r(Belief):  # noqa: N801
@@ -205,3 +206,8 @@ def test_the_cost_of_an_event_does_not_grow_with_the_waiting_intentions(what):
 
     few, many = (min(cost(number) for _ in range(3)) for number in (100, 2000))
     assert many < 5 * few
+
+
+def test_an_event_without_a_value_continues_who_waits_for_a_value():
+    program = "!w(1). !add. +!w(X) <- .wait({+p(X)}); .print(X). +!add <- .wait(10); +p(_)."
+    assert Mas(me=program).until(1).lines == ["1"]
