@@ -60,21 +60,18 @@ def written(item: Event | Step | Condition, plan: Plan) -> str:
     return agentspeak(item)
 
 
-def failed_step(plan: CompiledPlan | None, problem: Exception) -> str | None:
-    """Text of the step whose code raised an exception, in the notation of its plan."""
+def failed_step(plan: CompiledPlan | None, problem: Exception) -> tuple[str | None, Origin | None]:
+    """Text of the step whose code raised an exception, in the notation of its plan, and its place or that of the plan.
+
+    The text is None if the step is not known.
+    """
     step = None if plan is None or plan is KEPT else plan.step_at(problem)
     if step is None or plan is None:
-        return None
-    text = plan.texts.get(step)
-    if text is None:
-        text = plan.texts[step] = written(step, plan.plan)
-    return text
-
-
-def place_of_failure(plan: CompiledPlan | None, problem: Exception) -> Origin | None:
-    """Place in the text of the step whose code raised an exception, or of its plan."""
-    step = None if plan is None or plan is KEPT else plan.step_at(problem)
-    return _place(plan, step)
+        return None, origin_of(plan)
+    known = plan.texts.get(step)
+    if known is None:
+        known = plan.texts[step] = (written(step, plan.plan), _place(plan, step))
+    return known
 
 
 def place_of_step(intention: Intention) -> Origin | None:

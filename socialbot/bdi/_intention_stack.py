@@ -8,7 +8,7 @@ from itertools import count, repeat
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import NO_MATCH, failed_step, place_of_failure, place_of_step, reasons_against
+from socialbot.bdi._explain import NO_MATCH, failed_step, place_of_step, reasons_against
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
@@ -20,6 +20,7 @@ from socialbot.bdi.intentions import (
     SUBGOAL,
     TAIL,
     Body,
+    EventPause,
     Failed,
     Failure,
     Intention,
@@ -325,6 +326,17 @@ class IntentionStack:
             intention.pause = None
             self._fail_step(intention, problem)
 
+    def go_on(self, pause: EventPause) -> None:
+        """Continue the intention of a pause that its event has ended."""
+        intention = pause.intention
+        if intention is None or pause.timed or self.goal_states is not None or intention.suspended:
+            pause.end()
+        else:
+            pause.intention = None
+            if intention.active:
+                intention.pause = None
+                self.ready.append(intention)
+
     def resume(self, intention: Intention, problem: Exception | None = None) -> None:
         """Continue an intention after a pause, or fail its step."""
         if not intention.active:
@@ -384,7 +396,8 @@ class IntentionStack:
         self, plan: CompiledPlan | None, problem: Exception, goal: Request | None, cause: Any = None
     ) -> Failure:
         """Failure for an exception in a step of a plan, also written to the trace."""
-        what = failed_step(plan, problem) or ("step" if goal is None else str(self.goal(goal)))
+        step, place = failed_step(plan, problem)
+        what = step or ("step" if goal is None else str(self.goal(goal)))
         if isinstance(problem, PlanFailed):
             reason, message, notes = problem.reason, str(problem), problem.annotations
         else:
@@ -394,7 +407,7 @@ class IntentionStack:
             cause = record_behind(problem) or (goal[4] if goal is not None else "")
         log().info("%s: %s: %s", trace.name, what, message)
         record = trace.record("failure", what, cause, reason=reason, message=message)
-        return Failure(reason, message, what, record, notes, place_of_failure(plan, problem))
+        return Failure(reason, message, what, record, notes, place)
 
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
         """Fail the step of a paused intention."""

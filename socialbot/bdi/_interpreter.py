@@ -260,6 +260,7 @@ class Interpreter:
         self.signalled = False
         inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.heap
         number, waits, trace = intentions.number, intentions.waits, self.trace
+        awaited = waits.events
         while budget > 0:
             budget -= 1
             trigger: Trigger | None = None
@@ -300,7 +301,7 @@ class Interpreter:
                     if trace.sink is not None or intentions.goal_states is not None:
                         intentions.adopt((SUBGOAL, trigger, args, notes, cause))
                         trigger = None
-                    elif trigger.key in waits.events:
+                    elif trigger.key in awaited:
                         waits.notify(trigger.key, args, notes)
             if trigger is not None:
                 plan: Any = None
@@ -325,51 +326,38 @@ class Interpreter:
                     intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
                 elif trace.sink is not None:
                     intentions.unhandled(trigger, args, notes, cause)
-                if waits.events and trigger.key in waits.events and not trigger.goal:
+                if awaited and trigger.key in awaited and not trigger.goal:
                     waits.notify(trigger.key, args, notes)
             while ready:
                 item = ready.popleft()
-                single = item.__class__ is tuple
-                if not single and (len(item.frames) > 1 or item.suspended or not item.active):
-                    self._advance(item)
-                else:
-                    # A step of an intention of a single plan. What is not frequent is left to `_advance`.
-                    intentions.running = item
+                intentions.running = item
+                if item.__class__ is tuple:
                     try:
-                        result = next(item[0] if single else item.frames[0][0], END)
+                        result = next(item[0], END)
                     except Exception as problem:  # noqa: BLE001 - actions are user code
                         result = cast("Any", problem)
                         intentions.unwound = False
-                    if intentions.running is not item or intentions.unwound:
-                        self._advance(intentions.register_running() if single else item, result)
-                    elif result is None:
-                        if single or ((ready or events or inbox) and not item.suspended):
-                            ready.append(item)
-                        else:
-                            self._advance(item)
-                    elif result is END and trace.sink is None and (single or not item.atomic):
-                        if single:
-                            intentions.running = None
-                        else:
-                            item.frames.pop()
-                            intentions.end(item, None)
-                    elif result.__class__ is EventPause:
-                        if single:
-                            item = intentions.running = intentions.register(item)
+                    if result is None and intentions.running is item:
+                        ready.append(item)
+                    elif result is END and intentions.running is item and trace.sink is None:
+                        intentions.running = None
+                    elif isinstance(result, EventPause) and intentions.running is item and not intentions.unwound:
+                        item = intentions.running = intentions.register(item)
                         intentions.rest(item, result)
                         if item.pause is None and item.frames:
                             self._advance(item)
                     else:
-                        self._advance(intentions.register_running() if single else item, result)
-                # Without other work, the next turn is only a step of the next intention.
-                budget -= 1
-                if events or inbox or heap or budget <= 0 or intentions.atomic or waits.due:
-                    budget += 1
+                        self._advance(intentions.register_running(), result)
+                elif len(item.frames) == 1 and item.active and not item.suspended and trace.sink is None:
+                    self._finish(item)
+                else:
+                    self._advance(item)
+                if events or inbox or heap or budget <= 1 or intentions.atomic or waits.due:
                     break
+                budget -= 1  # without other work, the next turn is only a step of the next intention
             if waits.due:
                 waits.recheck()
-            busy = events or ready or inbox or intentions.atomic
-            if not busy and (not heap or heap[0][0] > self.now()):
+            if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > self.now()):
                 return False
         return bool(inbox or events or ready)
 
@@ -412,6 +400,20 @@ class Interpreter:
 
     # Steps of intentions
 
+    def _finish(self, intention: Intention) -> None:
+        """Execute a step of an intention of a single plan; this is a shorter form of `_advance` if it is the last."""
+        intentions = self.intentions
+        try:
+            result = next(intention.frames[0][0], END)  # type: ignore[arg-type]
+        except Exception as problem:  # noqa: BLE001 - actions are user code
+            result = cast("Any", problem)
+            intentions.unwound = False
+        if result is END and intentions.running is intention and not (intentions.unwound or intention.atomic):
+            intention.frames.pop()
+            intentions.end(intention, None)
+        else:
+            self._advance(intention, result)
+
     def _advance(self, intention: Intention, result: Any = NEXT) -> None:
         """Execute steps of an intention; ``result`` is that of its current step, if it was executed before."""
         if intention.suspended or not intention.active:
@@ -437,30 +439,20 @@ class Interpreter:
                     intentions.unwound = False
                     if not frames or frames[-1] is not frame:
                         result = None
-                if result is None:
-                    pass
-                elif result is END:
-                    frames.pop()
-                    if goal is not None and trace.sink is not None:
-                        intentions.record_achieved(goal)
-                    if intention.atomic:
-                        intentions.finished_atomic(intention, plan)
-                    # The plan below continues to the end of its step even if its goal has ended.
-                    if frames and frames[-1][0] is not None and not intention.suspended:
-                        result = NEXT
-                        continue
-                    turn_may_end = False
-                elif result.__class__ is tuple:
+                if result.__class__ is tuple:
                     kind, trigger, args, notes, cause = result
-                    mode = kind >> MODE if kind else 0
-                    if kind & TAIL:
-                        frames.pop()
-                        if intention.atomic:
-                            intentions.finished_atomic(intention, plan)
-                        if plan is not None:
-                            intentions.replace_goal(intention, goal, plan)
+                    mode = 0
                     special = trace.sink is not None or intentions.goal_states is not None
-                    if special or (kind & OPEN and not mode) or trigger.key in awaited:
+                    if kind:
+                        mode = kind >> MODE
+                        special = special or (kind & OPEN and not mode)
+                        if kind & TAIL:
+                            frames.pop()
+                            if intention.atomic:
+                                intentions.finished_atomic(intention, plan)
+                            if plan is not None:
+                                intentions.replace_goal(intention, goal, plan)
+                    if special or (awaited and trigger.key in awaited):
                         intentions.turn_may_end = False
                         intentions.pursue(intention, result)
                         turn_may_end = intentions.turn_may_end
@@ -486,7 +478,7 @@ class Interpreter:
                             if found is not None:
                                 break
                         if found.__class__ is GENERATOR:
-                            frames.append((found, None if kind & EVENT else result, chosen))
+                            frames.append((found, None if kind and kind & EVENT else result, chosen))
                             result = NEXT
                             if (ready or events or inbox) and not intention.atomic:
                                 ready.append(intention)
@@ -498,6 +490,19 @@ class Interpreter:
                             intentions.turn_may_end = False
                             intentions.pursue(intention, result, (chosen, found))
                             turn_may_end = intentions.turn_may_end
+                elif result is END:
+                    frames.pop()
+                    if goal is not None and trace.sink is not None:
+                        intentions.record_achieved(goal)
+                    if intention.atomic:
+                        intentions.finished_atomic(intention, plan)
+                    # The plan below continues to the end of its step even if its goal has ended.
+                    if frames and frames[-1][0] is not None and not intention.suspended:
+                        result = NEXT
+                        continue
+                    turn_may_end = False
+                elif result is None:
+                    pass
                 elif isinstance(result, Exception):
                     frames.pop()
                     if intention.atomic:

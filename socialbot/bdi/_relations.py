@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
-from socialbot.bdi.literals import Belief, Literal, literal_from_key
+from socialbot.bdi.literals import Belief, Literal, literal_from_key, source
 from socialbot.bdi.terms import Atom, Cons, Rest
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
@@ -160,6 +160,11 @@ class NoteSet:
     def add(self, notes: Annotations) -> Annotations:
         """Add annotations; return the new ones. Raises TypeError for a value that cannot be hashed."""
         held = self._notes
+        if len(notes) == 1:
+            note, number = notes[0], len(held)
+            named = note.__class__ is source and note.args[0].__class__ is Atom and not note.annotations
+            held.setdefault(note.args[0] if named else _key_of_note(note), note)
+            return notes if len(held) > number else ()
         new: list[Any] = []
         for note in notes:
             number = len(held)

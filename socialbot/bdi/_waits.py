@@ -221,7 +221,7 @@ class Waits:
                 del index.exact[args]
                 if not index.exact:
                     del self.events[key]
-                pause.end()
+                self._interpreter.intentions.go_on(pause)
                 return
         found = index.matching(args)
         if len(found) > 1:

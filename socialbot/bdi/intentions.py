@@ -191,6 +191,8 @@ class Pause:
 
     intention: Intention | None = None
     interpreter: Interpreter
+    timed = False
+    """Whether the duration of the pause is bound to a variable."""
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         """Start the pause and arrange its end."""
@@ -224,6 +226,7 @@ def timed(pause: Pause | None, elapsed: Any) -> Pause | None:
         unify(elapsed, 0, [])
         return None
     begin, end, limit = pause.begin, pause.end, pause.limit
+    pause.timed = True
     since = 0
 
     def begin_timed(interpreter: Interpreter, intention: Any) -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator
-from types import FrameType
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.literals import META, Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
-from socialbot.bdi.plans import Inference, Plan, flat, open_changes, parts_of, unbound_result
+from socialbot.bdi.plans import Inference, Origin, Plan, flat, open_changes, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
 from socialbot.bdi.terms import Variable
@@ -31,7 +30,7 @@ class CompiledPlan:
 
     ``run`` tries the plan for an event, ``run_open`` for a goal with variables, ``modes`` for a goal in which some
     arguments are unbound variables and the others values; ``probe`` counts the conditions that hold. ``lines`` are the
-    steps by line of the code, ``texts`` the texts of those that failed before.
+    steps by line of the code, ``texts`` the texts and places of those that failed before.
     """
 
     __slots__ = ("_shown", "library", "lines", "modes", "plan", "probe", "run", "run_open", "texts")
@@ -54,7 +53,7 @@ class CompiledPlan:
         self.probe: Callable[..., None] = functools.partial(self._compile_and_run, "probe")
         self.modes: dict[int, Run] = {}
         self.lines: dict[int, Step] = {}
-        self.texts: dict[Step, str] = {}
+        self.texts: dict[Step, tuple[str, Origin | None]] = {}
 
     def in_mode(self, mode: int) -> Run:
         """Function for a goal whose arguments are values, except for the unbound variables of a mode."""
@@ -85,26 +84,22 @@ class CompiledPlan:
 
     def step_at(self, error: BaseException) -> Step | None:
         """Step whose code raised an exception."""
-        found = None
-        for _, line in _generated_frames(error):
-            found = self.lines.get(line, found)
+        found, lines, entry = None, self.lines, error.__traceback__
+        while entry is not None:
+            if entry.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
+                found = lines.get(entry.tb_lineno, found)
+            entry = entry.tb_next
         return found
 
 
 def record_behind(error: BaseException) -> Any:
     """Trace record of the plan whose code raised an exception, if any."""
-    found = None
-    for frame, _ in _generated_frames(error):
-        found = frame.f_locals.get("c", found)
-    return found
-
-
-def _generated_frames(error: BaseException) -> Iterator[tuple[FrameType, int]]:
-    entry = error.__traceback__
+    found, entry = None, error.__traceback__
     while entry is not None:
         if entry.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
-            yield entry.tb_frame, entry.tb_lineno
+            found = entry.tb_frame.f_locals.get("c", found)
         entry = entry.tb_next
+    return found
 
 
 class Trigger:

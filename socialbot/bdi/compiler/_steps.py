@@ -292,7 +292,10 @@ def update(f: Function, step: Update) -> None:
             return
         known = settled(f, literal.args) and (anyones or settled(f, literal.annotations))
         args = build(f, literal.args)
-        notes = "None" if known and anyones else notes_of(f, literal)
+        if known and not anyones:
+            remove_held(f, step, literal, relation, args)
+            return
+        notes = "None" if known else notes_of(f, literal)
         method = "remove_known" if known else "remove"
         f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes}, c, {sign == '-'})", step)
         refresh(f, names_in(literal))
@@ -311,6 +314,19 @@ def update(f: Function, step: Update) -> None:
     else:
         method = "add_here" if sign == "+" else "replace"
         f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes_of(f, literal)}, c)", step)
+
+
+def remove_held(f: Function, step: Update, literal: Literal, relation: str, args: str) -> None:
+    """Emit the removal of a belief that is known; the most frequent case, a single source, needs no call."""
+    found, known, notes = (f.unit.name("t") for _ in range(3))
+    f.line(f"{known} = {args}", step)
+    f.line(f"{notes} = {notes_of(f, literal)}", step)
+    f.line(f"{found} = {relation}.facts.get({known})", step)
+    alone = f"{found} is not None and {found}[1] is {notes}"
+    with f.block(f"if {alone} and {relation}.quiet and ag.trace.sink is None"):
+        f.line(f"del {relation}.facts[{known}]")
+        f.line("r = None")
+    f.line(f"else: r = ag.beliefs.remove_known({relation}, {known}, {notes}, c, {step.sign == '-'})", step)
 
 
 def forget(f: Function, step: Forget) -> None:
