@@ -20,7 +20,8 @@ _SPACE_PX = 2  # Boxes this near to the left or right edge are cut off there:
 _INNER = 0.6  # this part of their width, from the edge, shows the person,
 _LEAST_ASPECT = 0.2  # unless they are narrower than this share of their height.
 _NEARER = 0.02  # A box that ends lower by this share of its height is nearer, and covers the other one.
-_LEAST_FREE = 0.4  # Boxes cover the rest; a part shows colours if this share of its weight is free.
+_SLIM = 0.7  # It covers this share of its width: arms and legs reach farther only in places.
+_LEAST_FREE = 0.3  # Boxes cover the rest; a part shows colours if this share of its weight is free.
 
 _BINS = (4, 8, 8)  # Of CIE L*, a* and b*;
 _LOW, _HIGH = (0.0, -32.0, -32.0), (100.0, 32.0, 32.0)  # their range.
@@ -47,7 +48,8 @@ def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
         if columns[1] > columns[0]:
             nearer = boxes[:, 1] + boxes[:, 3] > box[1] + (1 + _NEARER) * box[3]
             nearer &= shared_area(box, boxes) > 0
-            _describe(image_bgr, box, columns, boxes[nearer], _USUAL_GREY / grey, looks[number])
+            inner = boxes[nearer] * (1, 1, _SLIM, 1) + boxes[nearer, 2:3] * ((1 - _SLIM) / 2, 0, 0, 0)
+            _describe(image_bgr, box, columns, inner, _USUAL_GREY / grey, looks[number])
     return looks
 
 

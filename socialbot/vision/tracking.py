@@ -56,14 +56,16 @@ REMEMBER_S = 90.0
 _MOST_REMEMBERED = 32
 _LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
 _LEAST_MORE = 0.2  # and it must fit better by this.
-_LIKE, _UNLIKE = 0.1, 0.3  # Distances of looks that one person usually stays below, and other people above.
-_UNKNOWN = 0.2  # A box whose colours are covered counts as this much unlike.
+_LIKE, _UNLIKE = 0.1, 0.25  # Distances of looks that one person usually stays below, and other people above.
+_UNKNOWN = 0.2  # A box whose colours are covered counts as this much unlike,
+_LEAST_FIT_UNKNOWN = 0.4  # and must fit this well.
 _FOREIGN = 0.4  # A track that looks so different shows somebody else.
 _RETURNED = 0.12  # A lost person is recognised below this distance,
 _CLEARER = 0.7  # if other known people are farther by this factor.
+_DECIDING_S = 0.6  # A new track that may show a lost person waits this long for its id.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
 _LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
-_UNSURE_S = 0.3  # A track lost for so long continues with no other look.
+_SURE_FIT = 0.6  # From this IoU, a track that nobody has touched for a while may change its look: light changes.
 _TOUCHING = 0.1  # Tracks that share this part of a box may be confused.
 _MIXED_S = 3.0  # for this long after it was lost or touched by another one.
 
@@ -239,7 +241,7 @@ class Tracker:
         """Delete tracks, and remember their people."""
         if persons:
             self._persons = [each for each in self._persons if each not in persons]
-            self._remember(each for each in persons if each.id and len(each.appearance) >= _LEAST_LOOKS)
+            self._remember(each for each in persons if each.id and len(each.appearance))
 
     def _remember(self, persons: Iterable[_Person]) -> None:
         self._lost = [*self._lost, *persons][-_MOST_REMEMBERED:]
@@ -275,10 +277,13 @@ class Tracker:
             fit = person.motion.fit(expected[number], boxes[indices])
             absence = _ABSENCE_COSTS * min(person.unseen_s, 1.0)
             far = person.appearance.distances(looks[indices])
-            unknown = _UNKNOWN if len(person.appearance) >= _LEAST_LOOKS else 0.0
+            known = len(person.appearance) >= _LEAST_LOOKS
+            unknown = _UNKNOWN if known else 0.0
             unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown)
-            other = (unlike >= 1) & (person.unseen_s > _UNSURE_S)
-            good = person.motion.is_head(boxes[indices]) & (fit >= least + _LEAST_MORE * unlike)
+            mixed = (self._stamp or 0) - person.mixed <= _MIXED_S * SECOND
+            other = (unlike >= 1) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
+            needed = np.where(np.isfinite(far) | (unknown == 0), least + _LEAST_MORE * unlike, _LEAST_FIT_UNKNOWN)
+            good = person.motion.is_head(boxes[indices]) & (fit >= needed)
             costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
 
@@ -368,6 +373,9 @@ class Tracker:
             person.id, person.new = before.id, False
             before.appearance.learn(person.appearance)
             person.appearance, person.met = before.appearance, person.met | before.met
+        elif not person.id and self._may_return(person):
+            person.due = True
+            return
         elif not person.id:
             self._count += 1
             person.id, person.new = f"t{self._count}", True
@@ -384,6 +392,15 @@ class Tracker:
             return None
         alike = [each for each in known if each is not best and far[best.id] > _CLEARER * far[each.id]]
         return None if any(each.id in best.met for each in alike) else best
+
+    def _may_return(self, person: _Person) -> bool:
+        """Whether the next looks of a new track may show that it is a lost person."""
+        if (person.last - person.begun) / SECOND >= _DECIDING_S or not self._lost:
+            return False
+        if not len(person.appearance):
+            return person.cut.left or person.cut.right or person.mixed >= person.begun
+        lost = [each for each in self._lost if each.id not in person.met]
+        return any(each.appearance.distance_to(person.appearance) < _UNLIKE for each in lost)
 
     def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
         if not person.misses:

@@ -296,3 +296,54 @@ def test_same_images_give_the_same_ids():
         return seen
 
     assert run() == run()
+
+
+def looks_of_one(clothes: Clothes) -> np.ndarray:
+    """The looks of one whole person, shape (1, 2, bins)."""
+    return looks_of(picture((at(300), clothes)), np.array([at(300)]))
+
+
+class Street:
+    """A tracker of one box at a time, with any look."""
+
+    def __init__(self) -> None:
+        self.tracker, self.step = Tracker(0.5, 0.15), 0
+
+    def show(self, x: float, look: np.ndarray, skipped: int = 0) -> list[str]:
+        """The ids of detected tracks in the next image, a tenth of a second later."""
+        self.step += 1 + skipped
+        box, score = np.array([at(x)]), np.array([0.9])
+        tracks = self.tracker.update(self.step * SECOND // 10, box, score, SIZE, look)
+        return [track.id for track in tracks if not track.unseen_s]
+
+
+def test_person_who_steps_in_front_of_another_does_not_take_the_track():
+    street = Street()
+    assert [street.show(300, looks_of_one(ANNA)) for _ in range(10)] == [["t1"]] * 10
+    assert street.show(330, looks_of_one(BEN)) != ["t1"]
+
+
+def test_light_that_changes_all_colours_ends_no_track():
+    street = Street()
+    for _ in range(10):
+        street.show(300, looks_of_one(ANNA))
+    assert [street.show(300, looks_of_one(BEN)) for _ in range(10)] == [["t1"]] * 10
+
+
+def test_person_who_comes_back_at_the_edge_has_no_other_id_before():
+    street, anna = Street(), looks_of_one(ANNA)
+    for _ in range(10):
+        street.show(300, anna)
+    seen = [street.show(-40, np.full_like(anna, np.nan), skipped=40), street.show(-30, np.full_like(anna, np.nan))]
+    seen += [street.show(-20 + 10 * step, anna) for step in range(5)]
+    assert [each for each in seen if each] == [["t1"]] * 5
+
+
+def test_unknown_person_at_the_edge_waits_for_an_id_at_most_a_moment():
+    street, anna = Street(), looks_of_one(ANNA)
+    for _ in range(10):
+        street.show(300, anna)
+    seen = [street.show(-40, np.full_like(anna, np.nan), skipped=40)]
+    seen += [street.show(-40, np.full_like(anna, np.nan)) for _ in range(9)]
+    assert seen[:6] == [[]] * 6
+    assert seen[7:] == [["t2"]] * 3
