@@ -144,11 +144,22 @@ def test_click_on_the_label_of_a_bar(visit):
 
 
 @pytest.mark.slow
+def test_rule_of_a_chain_opens_its_text(visit):
+    visit.page.locator("#timeline .bar.action text.beside", has_text="greeting").first.click()
+    rule = visit.page.locator("#pane-why .chain .rule").first
+    expect(rule.locator("summary")).to_contain_text("socialbot/agents/waldo/waldo.py:")
+    expect(rule.locator("code")).not_to_be_visible()
+    rule.locator("summary").click()
+    expect(rule.locator("code")).to_contain_text("GreetPeople()")
+
+
+@pytest.mark.slow
 def test_click_on_a_plan_shows_its_rejections(visit):
     visit.page.click("#tab-plans")
     plan = visit.page.locator("#pane-plans button", has_text="greeting_several")
     plan.click()
-    expect(visit.page.locator("#pane-why h3.code")).to_contain_text("greeting_several")
+    expect(visit.page.locator("#pane-why h3.code").first).to_contain_text("greeting_several")
+    expect(visit.page.locator("#pane-why .note")).to_contain_text("It leads to GreetPeople()")
     expect(visit.page.locator("#pane-why .because")).to_contain_text("several() does not hold")
     visit.page.locator("#pane-why .rejected .when").click()
     visit.page.wait_for_function("() => document.body.dataset.shown > 0")

@@ -103,12 +103,13 @@ export class Why {
     return figure;
   }
 
-  #plan({ plan, chosen_s: chosen, rejected }) {
+  #plan({ plan, chosen_s: chosen, rejected, leads_to: goal }) {
     const whens = chosen.map(t => element('button', { type: 'button', class: 'when', text: seconds(t), onclick: () => this.seek(t) }));
     return element('section', { class: 'plan' },
       element('h3', { class: 'code', text: plan }),
+      goal ? element('p', { class: 'note', text: `It leads to ${goal}` }) : null,
       chosen.length ? element('p', {}, `Chosen ${times(chosen.length)}: `, ...whens) : element('p', { text: 'Never chosen.' }),
-      rejected.length ? element('p', { text: `Considered and not chosen ${times(rejected.length)}:` }) : null,
+      rejected.length ? element('p', { text: `Not chosen ${times(rejected.length)}:` }) : null,
       element('ul', { class: 'rejected' }, ...rejected.map(each => element('li', {},
         element('button', { type: 'button', class: 'when', text: seconds(each.at_s), onclick: () => this.seek(each.at_s, each.id) }),
         element('span', { class: 'because', text: `for ${each.event}${each.because ? `: ${each.because}` : ''}` })))));
