@@ -422,7 +422,8 @@ class IntentionStack:
         """Replace a failed goal by its failure plan, or fail the goals below it until one recovers."""
         states = self.goal_states
         failing = None if states is None else states.failed(intention, goal, problem, self.failure_plans)
-        left = problem if goal is None else self._recover(intention, goal, problem)
+        began = problem.reason not in ("no_relevant", "no_applicable")  # the goal had a plan
+        left = problem if goal is None else self._recover(intention, goal, problem, began=began)
         frames, where = intention.frames, problem.where
         while left is not None and frames:
             problem = left
@@ -430,7 +431,7 @@ class IntentionStack:
             where = where or origin_of(frame[2])
             self._close(intention, frame)
             if frame[1] is not None and frame[2] is not KEPT:
-                left = self._recover(intention, frame[1], problem)
+                left = self._recover(intention, frame[1], problem, began=True)
         if left is not None:
             what = left.message if left.step in left.message else f"{left.step}: {left.message}"
             place, trace = left.where or where, self._interpreter.trace
@@ -440,8 +441,11 @@ class IntentionStack:
                 states.lost(failing)
             self.end(intention, left)
 
-    def _recover(self, intention: Intention, goal: Request, problem: Failure) -> Failure | None:
-        """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails."""
+    def _recover(self, intention: Intention, goal: Request, problem: Failure, *, began: bool) -> Failure | None:
+        """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails.
+
+        A goal that ``began`` remains below its failure plan for plans that look for it.
+        """
         trigger = self.failure_plans(goal)
         if not trigger.plans and not self.waits.events:
             return problem
@@ -468,6 +472,10 @@ class IntentionStack:
                 self.goal_states.finished(goal, "achieved")
         else:
             assert plan is not None
+            pending = intention.event is not None and intention.event[1] is trigger
+            if began and not pending and self._interpreter.library.keeps_goals:
+                kind, *others = goal
+                frames.append((None, (kind | EVENT, *others), KEPT))  # type: ignore[arg-type]
             self._push(intention, result, None, plan, goal)
         return None
 

@@ -32,7 +32,7 @@ DONE = object()
 """Result of a plan without remaining steps."""
 
 KEPT: Any = object()
-"""Plan of a frame that only keeps a goal with a time limit."""
+"""Plan of a frame that only keeps a goal: one with a time limit or, with the flag `EVENT`, one that failed."""
 
 GENERATED_FILE = "<plan>"
 """Prefix of the file names of generated code; tracebacks omit the lines of files ending with ``>``."""

@@ -31,6 +31,7 @@ from socialbot.bdi.steps import (
     While,
 )
 from socialbot.bdi.terms import (
+    NOTHING,
     Aggregate,
     Comparison,
     Computation,
@@ -45,6 +46,7 @@ from socialbot.bdi.terms import (
     Pattern,
     Rest,
     Term,
+    Truth,
     Variable,
     needed_names,
     show,
@@ -128,7 +130,12 @@ class Plan:
         """Whether another plan is written alike; two plans as terms are equal then."""
         from socialbot.bdi.agentspeak.printer import agentspeak
 
-        return agentspeak(self) == agentspeak(other)
+        return agentspeak(self.without_truth()) == agentspeak(other.without_truth())
+
+    def without_truth(self) -> Plan:
+        """Return the plan without the condition ``true``, which says nothing."""
+        always = all(isinstance(term, Truth) and term.value for term in self.condition.terms)
+        return replace(self, condition=NOTHING) if always else self
 
     def classes(self) -> Iterator[type[Literal]]:
         """Classes of the beliefs and goals in the event, the condition and the body."""

@@ -10,7 +10,7 @@ from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, Leve
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, PlanBody, Step, Update, While
-from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, LiteralVariable, Truth, Variable, conjunction
+from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, LiteralVariable, Variable, conjunction
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
 
@@ -88,8 +88,6 @@ class Parser(TermReader):
         if words[self.at] == ":":
             self.at += 1
             condition = conjunction(self.condition())
-            if all(isinstance(term, Truth) and term.value for term in condition.terms):
-                condition = NOTHING
             expected = "'<-', '.', '&' or '|' after the context"
         if words[self.at] == "<-":
             self.at += 1

@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from socialbot.bdi.agentspeak.lexer import END, LIBRARIES, Source
+from socialbot.bdi.agentspeak._patterns import PATTERNS, expanded, kept
+from socialbot.bdi.agentspeak.lexer import END, LIBRARIES, AgentSpeakError, Source
 from socialbot.bdi.agentspeak.parser import Parser, whole
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.plans import Inference, Plan
@@ -193,19 +194,23 @@ class ProgramParser(Parser):
         name = self.words[at]
         if not begins and self.plans and self.words[start - 1] == "." and name in ("+", "-", "@", "^"):
             raise self.unsupported("a plan within a plan", start, "write the inner plan after the outer one")
-        if name not in DIRECTIVES:
-            near = difflib.get_close_matches(name, DIRECTIVES, 1)
-            known = "include, namespace and register_function are supported"
+        directives = DIRECTIVES | PATTERNS
+        if name not in directives:
+            near = difflib.get_close_matches(name, directives, 1)
+            known = f"{', '.join(directives)} are supported"
             shown = f"the directive '{name}'" if name != END else "a directive"
             raise self.unsupported(shown, start, f"did you mean '{near[0]}'?" if near else known)
         namespace, self.namespace = self.namespace, ""
         self.at += 1
         args = self.arguments(name) if self.words[self.at] == "(" else ()
         self.namespace = namespace
-        least, most = DIRECTIVES[name]
+        least, most = directives[name]
         if not least <= len(args) <= most:
             raise self.source.error(at, f"the directive '{name}' takes {least} to {most} arguments")
         self.skip("}", f"'}}' after the directive '{name}'")
+        if name in PATTERNS:
+            self.pattern(name, args, at, begins)
+            return
         if begins and name != "namespace":
             raise self.source.error(at, f"the directive '{name}' has no content", f"write {{ {name}(...) }}")
         if name == "include":
@@ -233,6 +238,32 @@ class ProgramParser(Parser):
             self.fail("'{ end }' of a namespace")
         self.at += 3
         self.namespace, self.own_namespace = before
+
+    def pattern(self, name: str, args: tuple[object, ...], at: int, begins: bool) -> None:
+        """Apply a goal pattern to the plans up to ``{ end }``."""
+        if not begins and name != "sga":
+            raise self.source.error(
+                at, f"the directive '{name}' has content", f"write {{ begin {name}(...) }} ... {{ end }}"
+            )
+        before = len(self.plans)
+        if begins:
+            self.components()
+            if self.words[self.at] != "{":
+                self.fail(f"'{{ end }}' of {name}")
+            self.at += 3
+        inner = tuple(self.plans[before:])
+        origin = self.origin(at)
+
+        def read(text: str) -> Plan:
+            parser = Parser(Source(text, self.source.file))
+            parser.namespace = parser.own_namespace = self.namespace
+            return replace(parser.one_plan(), origin=origin)
+
+        try:
+            self.plans[before:] = expanded(name, args, inner, read)
+            self.beliefs += kept(name, args)
+        except (RuleError, AgentSpeakError) as problem:
+            raise self.source.error(at, f"the pattern '{name}' is wrong: {problem.what}", problem.remedy) from problem
 
     def register_function(self, args: tuple[object, ...], at: int) -> None:
         """Register a function that a rule computes; one without a rule is a function in Python."""

@@ -284,7 +284,7 @@ def _text(plan: Plan) -> str:
 
 def _bare(plan: Plan) -> str:
     """Text of a plan without its label."""
-    return agentspeak(replace(plan, label=None, annotations=()))
+    return agentspeak(replace(plan.without_truth(), label=None, annotations=()))
 
 
 def _sources(plan: Plan) -> tuple[object, ...]:

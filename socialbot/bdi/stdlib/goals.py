@@ -11,6 +11,7 @@ from typing import Any
 
 from socialbot.bdi._goal_states import pause_term
 from socialbot.bdi.intentions import (
+    EVENT,
     KEPT,
     SUBGOAL,
     Failed,
@@ -40,15 +41,25 @@ def desire(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
         yield from _matches(goal, request, trail)
 
 
-@internal(".intend", 1, many=True, aware=True)
+@internal(".intend", 1, 2, many=True, aware=True)
 def intend(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
-    """``.intend(g(X))``: an intention that is not suspended pursues the goal, and has a plan for it."""
+    """``.intend(g(X), Id)``: an intention that is not suspended, with this number, has a plan for the goal."""
     goal = _wanted(".intend", args[0])
-    choosing = engine.intentions.choosing
     for intention in engine.intentions:
-        for request in () if intention.suspended else _goals(intention):
-            if choosing is None or request[2] is not choosing[2] or request[1] is not choosing[1]:
-                yield from _matches(goal, request, trail)
+        for request in () if intention.suspended else _intended(engine, intention):
+            for _ in _matches(goal, request, trail):
+                if len(args) == 1 or gives(args[1], intention.number, trail):
+                    yield
+
+
+def _intended(engine: Any, intention: Intention) -> Iterator[Request]:
+    """Yield the goals of an intention that have a plan, or a failure plan."""
+    frames = intention.frames
+    if all(plan is None for _, _, plan in frames) and intention is not engine.intentions.running:
+        return  # a plan for its goal is being chosen, or it has not begun
+    _, top, plan = frames[-1] if frames else (None, None, None)
+    chosen_for = top if top is not None and plan is KEPT and not top[0] & EVENT else None
+    yield from (request for request in _goals(intention) if request is not chosen_for)
 
 
 @internal(".suspended", 2, many=True, aware=True)
