@@ -34,7 +34,7 @@ from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Ev
 from socialbot.bdi.sensors import Sensor, changes
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.trace import TraceWriter
-from socialbot.bdi.unification import Trail, closed, free, resolve, undo, unify
+from socialbot.bdi.unification import Trail, annotations_match, closed, free, resolve, undo, unify
 from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import RuleError
 
@@ -581,6 +581,9 @@ class Interpreter:
                     yield
                 undo(trail, mark)
         for rule in self.library.inferences.get(key, ()):
+            if notes and not annotations_match(notes, rule.annotations, trail):
+                undo(trail, mark)
+                continue
             for _ in rule.solve(self, args, trail):
                 if not closed(args) and not self.library.is_open(key):
                     raise RuleError(

@@ -8,7 +8,18 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from socialbot.bdi.intentions import GENERATED_FILE
-from socialbot.bdi.literals import META, Belief, Computed, Goal, Literal, Reactor, SingletonBelief, Structure, ground
+from socialbot.bdi.literals import (
+    META,
+    SELF,
+    Belief,
+    Computed,
+    Goal,
+    Literal,
+    Reactor,
+    SingletonBelief,
+    Structure,
+    ground,
+)
 from socialbot.bdi.plans import Inference, Origin, Plan, flat, open_changes, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
@@ -417,10 +428,19 @@ def _is_constant(term: object) -> bool:
 class CompiledInference:
     """Inference of a library with its code."""
 
-    __slots__ = ("_beliefs", "inference", "library", "solve")
+    __slots__ = ("_beliefs", "annotations", "inference", "library", "solve")
 
     def __init__(self, inference: Inference, library: Library) -> None:
         self.inference = inference
+        notes = inference.head.annotations
+        if not ground(notes):
+            raise RuleError(
+                f"an annotation of {inference.head} has a variable",
+                where=str(inference.origin or inference),
+                remedy="make it an argument of the rule",
+            )
+        sourced = any(isinstance(note, Literal) and note.functor == "source" for note in notes)
+        self.annotations = notes if sourced else notes + SELF
         self.library = library
         self._beliefs: tuple[str, ...] | None = ()
         self.reset()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from socialbot.bdi.agentspeak import AgentSpeakError
 from tests.bdi.mas import said
 
 
@@ -30,3 +31,15 @@ def test_in_rules():
 def test_a_registered_function_takes_terms_with_free_variables():
     text = '{ register_function("my.cost", 2, "cost") } cost(S, G, 7). !go. +!go <- X = my.cost(1, [J]) + 1; .print(X).'
     assert said(text) == ["8"]
+
+
+def test_a_rule_has_the_annotations_of_its_head():
+    text = """p(1). s(X) :- p(X). s(X)[k(7)] :- p(X). !go.
+    +!go <- .findall(K, s(_)[k(K)], L); .print(L); if (not s(1)[j]) { .print(none) }; .count(s(_)[source(self)], N);
+      .print(N)."""
+    assert said(text) == ["[7]", "none", "2"]
+
+
+def test_an_annotation_of_a_rule_has_no_variables():
+    with pytest.raises(AgentSpeakError, match="an annotation of s\\(X\\)\\[k\\(X\\)\\] has a variable"):
+        said("s(X)[k(X)] :- p(X).")
