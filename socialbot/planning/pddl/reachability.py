@@ -5,6 +5,7 @@ Everything that a plan can reach is reachable. A goal that is not reachable prov
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -111,7 +112,7 @@ class _Relaxation:
                 for condition in _conditions(action):
                     for part in _atoms(condition):
                         need = substitute(part, binding)
-                        if str(need) not in seen and not self._matches(need):
+                        if _shape(str(need)) not in map(_shape, seen) and not self._matches(need):
                             return need
         return None
 
@@ -195,6 +196,11 @@ class _Relaxation:
                         yield from self._added(inside, one)
                 case _:
                     pass
+
+
+def _shape(text: str) -> str:
+    """Return a predicate as a text without the names of its variables."""
+    return re.sub(r"\?[^\s)]+", "?", text)
 
 
 def _bind(binding: dict[str, str], term: str, value: str) -> bool:

@@ -52,6 +52,8 @@ class Kairos(ChildPlanner):
     If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
     Kairos gets half of the rest. The remaining time is for the engine m3, which treats start and end of an action as
     two steps: it is slow, but finds plans with required concurrency.
+
+    If its first plan is short enough, a novelty search looks for a shorter one in half of the remaining time.
     """
 
     name = "kairos"
@@ -67,6 +69,9 @@ class Kairos(ChildPlanner):
         if search.good(greedy) or greedy.verdict is PlannerVerdict.CANCELLED:
             return greedy
         return self._thorough(search.after(greedy), *aim)
+
+    def improve(self, search: SearchJob) -> PlannerAnswer:
+        return self._search(search, "--no-anytime", "--search", "novelty")
 
     def _thorough(self, search: SearchJob, *options: str) -> PlannerAnswer:
         answer = self._search(search.half, *options)

@@ -19,6 +19,7 @@ from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, P
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
 from socialbot.planning.pddl.reader import read_problem
+from socialbot.planning.pddl.reduction import with_fewer_options
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 
@@ -101,6 +102,9 @@ log = logging.getLogger(__name__)
 
 CANCELLED = PlannerAnswer(PlannerVerdict.CANCELLED, message="cancelled")
 
+IMPROVED_STEPS = 200
+"""Largest number of steps of a first plan for which a shorter one is looked for."""
+
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "problem.pddl"
 
@@ -154,6 +158,13 @@ class ChildPlanner(ABC):
     def search(self, search: SearchJob) -> PlannerAnswer:
         """Run the planner; its plan is not validated yet, and the seconds are those of the time limit."""
 
+    def improve(self, search: SearchJob) -> PlannerAnswer | None:
+        """Look for a shorter plan than the first one, which is short enough; None if the planner has no other search.
+
+        The result must not depend on the elapsed time, unless the search takes longer than the job has.
+        """
+        return None
+
     @abstractmethod
     def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
         """Interpret the output of the program, which was not cancelled."""
@@ -183,18 +194,45 @@ class ChildPlanner(ABC):
         with tempfile.TemporaryDirectory(prefix="socialbot-plan-") as name:
             folder = Path(name)
             (folder / DOMAIN_FILE).write_text(domain.text, "utf-8")
-            (folder / PROBLEM_FILE).write_text(problem_text(problem, domain.constants), "utf-8")
             search = SearchJob(folder, limits.timeout_s, limits, cancelled)
-            answer = self._validated(self.search(search), domain, problem)
+            answer, search = self._first(search, domain, problem)
             aimed = replace(search.after(answer), target_s=limits.makespan_s)
             if answer.verdict in (PlannerVerdict.IMPOSSIBLE, PlannerVerdict.GAVE_UP):
                 return explained(answer, domain, problem)
-            if answer.plan is None or aimed.good(answer):
+            if answer.plan is None:
                 return answer
+            if aimed.good(answer):
+                return self._improved(answer, aimed, domain, problem)
             # Minimize the makespan rather than the metric of the problem.
             text = problem_text(replace(problem, metric=None), domain.constants)
             (folder / PROBLEM_FILE).write_text(text, "utf-8")
             return _shorter(answer.plan, self._validated(self.search(aimed), domain, problem), aimed)
+
+    def _first(self, search: SearchJob, domain: PddlDomain, problem: PddlProblem) -> tuple[PlannerAnswer, SearchJob]:
+        """Return the first plan, with the job for the time before it. A large problem is reduced first if possible."""
+        reduced = with_fewer_options(domain, problem)
+        if reduced is not None:
+            (search.folder / PROBLEM_FILE).write_text(problem_text(reduced, domain.constants), "utf-8")
+            answer = self._validated(self.search(search.half), domain, problem)
+            if answer.plan is not None or answer.verdict in (PlannerVerdict.CANCELLED, PlannerVerdict.FAILED):
+                return answer, search
+            search = search.after(answer)
+        (search.folder / PROBLEM_FILE).write_text(problem_text(problem, domain.constants), "utf-8")
+        return self._validated(self.search(search), domain, problem), search
+
+    def _improved(
+        self, answer: PlannerAnswer, search: SearchJob, domain: PddlDomain, problem: PddlProblem
+    ) -> PlannerAnswer:
+        """Return the answer, or that of another search if its plan is shorter."""
+        plan = answer.plan
+        if plan is None or search.target_s is None or problem.metric is not None or len(plan.steps) > IMPROVED_STEPS:
+            return answer
+        other = self.improve(search.half)
+        if other is None or other.plan is None:
+            return answer
+        other = self._validated(other, domain, problem)
+        shorter = other.plan is not None and other.plan.makespan_s < plan.makespan_s
+        return other if shorter else answer
 
     def _validated(self, answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
         if answer.plan is None:
