@@ -19,7 +19,7 @@ from socialbot.core.clock import ManualClock, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Timer, outcome
+from socialbot.graph.node import EVERYBODY, Delivery, Graph, Input, Node, NodeConfig, Output, Timer, outcome
 
 log = logging.getLogger("socialbot.graph.inline")
 
@@ -116,6 +116,10 @@ class InlineRunner:
         self._configs = {config.name: config for config in graph.nodes}
         self._contexts: dict[str, _Context] = {}
         self._listeners: dict[str, list[tuple[str, Input[Any]]]] = {}
+        self._addressed: dict[str, str] = {}
+        """Attribute with the receiver, by topic with inputs for addressed messages."""
+        self._receivers: dict[tuple[str, str], list[tuple[str, Input[Any]]]] = {}
+        """Listeners of such a topic by receiver; an empty one stands for other receivers."""
         self._latched: dict[str, Message] = {}
         self._taps: dict[str, list[Tap]] = {}
         self._queue: deque[tuple[str, Message]] = deque()
@@ -129,6 +133,7 @@ class InlineRunner:
             for topic, port in config.subscriptions:
                 self._listeners.setdefault(topic, []).append((config.name, port))
         self.heard.update(self._listeners)
+        self._address()
 
     def start(self) -> None:
         """Start the nodes and deliver their first messages. Raises NodeError, or the error of a node."""
@@ -246,6 +251,25 @@ class InlineRunner:
         node = self.nodes[config.name] = config.type(config.name, context, config.parameters)
         return node
 
+    def _address(self) -> None:
+        for topic, listeners in self._listeners.items():
+            by = {port.addressed_by for _, port in listeners} - {""}
+            if len(by) == 1:
+                self._addressed[topic] = by.pop()
+                for receiver in ("", *self._configs):
+                    pairs = [(name, port) for name, port in listeners if not port.addressed_by or name == receiver]
+                    self._receivers[topic, receiver] = pairs
+
+    def _listeners_of(self, topic: str, message: Message) -> Iterable[tuple[str, Input[Any]]]:
+        """The listeners of a topic that may take a message, in the order of the graph."""
+        attribute = self._addressed.get(topic)
+        if attribute is None:
+            return self._listeners.get(topic, ())
+        receiver = getattr(message, attribute)
+        if receiver == EVERYBODY:
+            return self._listeners[topic]
+        return self._receivers.get((topic, receiver), self._receivers[topic, ""])
+
     def _drain(self) -> None:
         while self._queue or not self.posted.empty():
             while not self.posted.empty():
@@ -254,7 +278,7 @@ class InlineRunner:
                 topic, message = self._queue.popleft()
                 for tap in self._taps.get(topic, ()):
                     tap(topic, message)
-                for name, port in self._listeners.get(topic, ()):
+                for name, port in self._listeners_of(topic, message):
                     context = self._contexts.get(name)
                     if context is not None and context.alive:
                         if context.health_monitor.came(port, message):

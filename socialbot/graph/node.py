@@ -58,6 +58,10 @@ class Delivery(enum.Enum):
     """State: a late subscriber gets the last message."""
 
 
+EVERYBODY = "all"
+"""Receiver of a message for all nodes."""
+
+
 class Input(Generic[M]):
     """Typed input; as a decorator it registers the method that handles its messages.
 
@@ -67,6 +71,8 @@ class Input(Generic[M]):
     An input with a ``deadline_s`` is silent when no message arrives within it (see `socialbot.graph.health`). The
     runner then calls `Node.on_silence`, later `Node.on_return`. Messages on an input that is ``alternative_to`` it
     count too.
+
+    With ``addressed_by``, the handler gets only messages whose attribute of that name is its node, or `EVERYBODY`.
     """
 
     def __init__(
@@ -78,6 +84,7 @@ class Input(Generic[M]):
         optional: bool = False,
         deadline_s: float = 0.0,
         alternative_to: Input[Any] | None = None,
+        addressed_by: str = "",
     ) -> None:
         self.message_type = message_type
         self.topic = topic
@@ -85,6 +92,7 @@ class Input(Generic[M]):
         self.optional = optional
         self.deadline_s = deadline_s
         self.alternative_to = alternative_to
+        self.addressed_by = addressed_by
         self.name = ""
         self._handler = ""
 
@@ -97,7 +105,8 @@ class Input(Generic[M]):
         return handler
 
     def deliver(self, node: Node, message: M) -> None:
-        getattr(node, self._handler)(message)
+        if not self.addressed_by or getattr(message, self.addressed_by) in (node.name, EVERYBODY):
+            getattr(node, self._handler)(message)
 
 
 class Output(Generic[M]):

@@ -74,7 +74,7 @@ def demo(
         Literal["paper", "large"],
         typer.Option(help="paper: four rooms, a nurse, two robots, dirty rooms; large: five kinds of problems."),
     ] = "paper",
-    rooms: Annotated[int, typer.Option(min=1, max=1000, help="Rooms of the large ward.")] = 50,
+    rooms: Annotated[int, typer.Option(min=1, max=10_000, help="Rooms of the large ward.")] = 50,
     robots: Annotated[int, typer.Option(min=1, max=100, help="Robots of each kind in the large ward.")] = 4,
     policy: Annotated[
         Literal["auto", "replan", "repair", "none"],

@@ -21,8 +21,8 @@ _X = Variable("X")
 class HospitalMember(TeamMember):
     """Robot or nurse of a hospital."""
 
-    heard = Input(AclMessage, MESSAGES)
-    results = Input(ActionResult, RESULTS)
+    heard = Input(AclMessage, MESSAGES, addressed_by="receiver")
+    results = Input(ActionResult, RESULTS, addressed_by="robot")
     said = Output(AclMessage, MESSAGES)
     commands = Output(ActionCommand, COMMANDS)
     cancels = Output(ActionCancel, CANCELS)
@@ -34,6 +34,16 @@ class HospitalAgent(HospitalMember, TeamAgent):
     can = ACTIONS
     joint_actions = JOINT_ACTIONS
 
+    def registration(self) -> acl.Register:
+        # All can execute each action; whether they do is a belief of their programs.
+        capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
+        kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
+        return acl.Register(kind, capable)
+
+
+class HospitalRobot(HospitalAgent):
+    """Robot, which senses its place and its battery. The ward state is large, so nurses do not get it."""
+
     state = Input(WardState, STATE, Delivery.LATCHED)
 
     def build(self) -> Engine:
@@ -42,12 +52,6 @@ class HospitalAgent(HospitalMember, TeamAgent):
         engine.add_sensor(self._senses)
         return engine
 
-    def registration(self) -> acl.Register:
-        # All can execute each action; whether they do is a belief of their programs.
-        capable = tuple(str(found["X"]) for found in self.engine.query(literal("can", (_X,))))
-        kind = next(str(found["X"]) for found in self.engine.query(literal("kind", (_X,))))
-        return acl.Register(kind, capable)
-
     @state
     def on_state(self, message: WardState) -> None:
         found = message.agent(self.name)
@@ -55,14 +59,14 @@ class HospitalAgent(HospitalMember, TeamAgent):
             self.engine.perceive(self._senses, found, cause=f"{STATE}-{message.stamp}")
 
 
-class Spot(HospitalAgent):
+class Spot(HospitalRobot):
     """A robot that patrols rooms."""
 
     kind = "spot"
     program: ClassVar = PROGRAMS / "spot.asl"
 
 
-class Uvd(HospitalAgent):
+class Uvd(HospitalRobot):
     """A robot that disinfects rooms."""
 
     kind = "uvd"

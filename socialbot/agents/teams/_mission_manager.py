@@ -40,6 +40,8 @@ ANSWER_NS = 5 * SECOND
 ASIDE_NS = 60 * SECOND
 """Time for which an agent that is stuck or fails is set aside; it doubles with each time in a row."""
 MOST_STRIKES = 6
+LACKS_EVERY_NS = SECOND // 2
+"""Period of the search for roles that nobody can play."""
 SETTLED_NS = SECOND // 10
 """Time for which the world must contradict a plan before a revision; it doubles with each revision."""
 
@@ -72,6 +74,7 @@ class MissionManager:
         self.now = 0
         self._may_form = True
         """Whether an agent or mission became free since the last attempt to form teams."""
+        self._lacks_noted_at = -LACKS_EVERY_NS
         self._ended: deque[MissionView] = deque(maxlen=SHOWN)
         self._views: dict[int, MissionView] = {}
         """Published states of open missions that have not changed since."""
@@ -165,8 +168,10 @@ class MissionManager:
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
         pool = AgentPool(self.domain, self.memory.members, self.world, self.now)
-        for mission in waiting:
-            self._note_lack(mission, pool.lacking(mission))
+        if waiting and self.now - self._lacks_noted_at >= LACKS_EVERY_NS:
+            self._lacks_noted_at = self.now
+            for mission in waiting:
+                self._note_lack(mission, pool.lacking(mission))
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
             is_short = pool.is_short()
             team = None if is_short else pool.team(mission)

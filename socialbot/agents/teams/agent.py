@@ -52,8 +52,8 @@ CANCEL_DELAY_S = 0.2
 class TeamMember(Node):
     """Member of a team: it registers with the coordinator, and commands actions to the world."""
 
-    heard = Input(AclMessage, MESSAGES)
-    results = Input(ActionResult, RESULTS)
+    heard = Input(AclMessage, MESSAGES, addressed_by="receiver")
+    results = Input(ActionResult, RESULTS, addressed_by="robot")
     said = Output(AclMessage, MESSAGES)
     commands = Output(ActionCommand, COMMANDS)
     cancels = Output(ActionCancel, CANCELS)

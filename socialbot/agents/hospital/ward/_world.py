@@ -87,14 +87,19 @@ class WardAgent:
     battery: float = 1.0
     activity: Activity | None = None
     journey: Journey | None = None
+    _shown: AgentState | None = None
+    _shown_for: tuple[Any, ...] = ()
 
     def at(self, time: int) -> Position:
         return self.journey.left(time)[0] if self.journey else self.position
 
     def state(self, time: int) -> AgentState:
         """Value of its sensor."""
+        shown_for = (self.place, self.inside, self.position, self.battery, self.activity)
+        if self._shown is not None and self.journey is None and shown_for == self._shown_for:
+            return self._shown
         position = self.at(time)
-        return AgentState(
+        state = AgentState(
             name=self.member.name,
             kind=self.member.kind,
             home=self.member.home,
@@ -105,6 +110,8 @@ class WardAgent:
             battery=round(self.battery, 4),
             busy=str(self.activity or ""),
         )
+        self._shown, self._shown_for = (None if self.journey else state), shown_for
+        return state
 
 
 class WardWorld(SimulatedWorld):
@@ -206,6 +213,11 @@ class WardWorld(SimulatedWorld):
     def is_faulty(self, fault: Literal["silent", "slow"], sensor: str) -> bool:
         """Whether the sensor of a room, robot or nurse, or `STATE_SENSOR`, has this fault."""
         return self.now < self._faulty.get((fault, sensor), self.now)
+
+    @property
+    def has_faulty_sensors(self) -> bool:
+        """Whether a sensor is silent or slow now."""
+        return any(self.now < until for until in self._faulty.values())
 
     def state(self) -> WardState:
         """True state of the ward, independent of its sensors."""

@@ -35,11 +35,11 @@ class HospitalWorld(Node):
     ward = Parameter(
         "paper", "ward: the four rooms of the paper, or a large one", choices=("paper", "large"), fixed=True
     )
-    rooms = Parameter(50, "number of rooms of the large ward", minimum=1, maximum=1000, fixed=True)
+    rooms = Parameter(50, "number of rooms of the large ward", minimum=1, maximum=10_000, fixed=True)
     spots = Parameter(4, "number of patrol robots in the large ward", minimum=0, maximum=100, fixed=True)
     uvds = Parameter(4, "number of disinfection robots in the large ward", minimum=0, maximum=100, fixed=True)
     nurses = Parameter(
-        0, "number of nurses in the large ward; 0: one in each room", minimum=0, maximum=1000, fixed=True
+        0, "number of nurses in the large ward; 0: one in each room", minimum=0, maximum=10_000, fixed=True
     )
     every_s = Parameter(3.0, "period of infections in the large ward (s)", minimum=0.0, maximum=3600.0, fixed=True)
     pace = Parameter("paper", "durations of actions", choices=tuple(DURATIONS), fixed=True)
@@ -129,8 +129,12 @@ class HospitalWorld(Node):
             return
         self._published, self._published_at = world.changes, world.now
         true = world.state()
-        rooms, agents = tuple(self._sensed(true.rooms)), tuple(self._sensed(true.agents))
-        self.state.publish(WardState(stamp=world.now, rooms=rooms, agents=agents))
+        if world.has_faulty_sensors:
+            rooms, agents = tuple(self._sensed(true.rooms)), tuple(self._sensed(true.agents))
+            true = WardState(stamp=world.now, rooms=rooms, agents=agents)
+        else:
+            self._seen.clear()
+        self.state.publish(true)
 
     def _sensed(self, values: Iterable[RoomState | AgentState]) -> Iterator[Any]:
         """Values of the sensors that are not silent; old ones for slow sensors."""
