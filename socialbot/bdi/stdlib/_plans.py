@@ -209,17 +209,18 @@ def _labelled(engine: Any, term: Any) -> Plan | None:
 
 
 def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
-    """Return the relevant plans of an event in the order of selection."""
+    """Return the relevant plans of an event, which may be of any source, in the order of selection."""
     event = event_of(".relevant_plans", term)
     found, triggers = [], engine.library.triggers
     if not isinstance(event.literal, Literal):
         return tuple(plan for plan in engine.library if plan.event.change is event.change)
+    notes = event.literal.annotations
+    if not any(map(is_source, notes)):
+        notes += (literal("source", (Var(),)),)
     for ready in triggers[event.key].plans if event.key in triggers else ():
         trail: Trail = []
         head = opened(ready.plan.event.literal)
-        if unify(head.args, event.literal.args, trail) and annotations_match(
-            head.annotations, event.literal.annotations, trail
-        ):
+        if unify(head.args, event.literal.args, trail) and annotations_match(head.annotations, notes, trail):
             found.append(ready.plan)
         undo(trail, 0)
     return tuple(found)
