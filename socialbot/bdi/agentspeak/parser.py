@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -11,6 +12,11 @@ from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, PlanBody, Step, Update, While
 from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, LiteralVariable, Variable, conjunction
+
+GOAL_NOTES = ("within", "hard_deadline", "source")
+LABEL_NOTES = ("atomic", "priority", "stage", "breakpoint", "all_unifs", "source")
+BELIEF_NOTES = ("held_for", "changed", "source")
+"""Annotations with a meaning, of goals and actions, of labels of plans, and of added beliefs as triggers."""
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
 
@@ -129,8 +135,16 @@ class Parser(TermReader):
             case Literal(functor="stage", args=(_,)):
                 raise self.source.error(start, "expected a name, as in stage(night)")
             case _:
+                self.refuse_typo(note, LABEL_NOTES, start)
                 return False
         return True
+
+    def refuse_typo(self, note: object, known: tuple[str, ...], start: int) -> None:
+        """Reject an annotation whose name is almost that of one with a meaning; all others are for the program."""
+        name = note.name if isinstance(note, Atom) else note.functor if isinstance(note, Literal) else ""
+        near = [] if name in known else difflib.get_close_matches(name, known, 1, cutoff=0.85)
+        if near:
+            raise self.source.error(start, f"the annotation '{name}' has no meaning", f"did you mean '{near[0]}'?")
 
     def event(self) -> Event:
         words = self.words
@@ -151,6 +165,7 @@ class Parser(TermReader):
     def marked(self, trigger: Literal, start: int) -> Event:
         """Read an event with the annotation ``held_for(5)`` or ``changed(Before)``; the default is an addition."""
         for note in trigger.annotations:
+            self.refuse_typo(note, BELIEF_NOTES, start)
             match note:
                 case Literal(functor="changed", args=before) if len(before) == len(trigger.args):
                     return Event(Change.CHANGED, _without(trigger, note).with_(args=trigger.args + before))
@@ -300,6 +315,7 @@ class Parser(TermReader):
         The annotation ``hard_deadline(5000)`` is a limit, too, but remains, since it changes the reason of the failure.
         """
         for note in what.annotations:
+            self.refuse_typo(note, GOAL_NOTES, start)
             if isinstance(note, Literal) and note.functor in ("within", "hard_deadline"):
                 if len(note.args) != 1:
                     unit = "seconds: within(5)" if note.functor == "within" else "milliseconds: hard_deadline(5000)"
