@@ -17,6 +17,8 @@ from socialbot.agents.teams.missions import (
     CoordinatorOptions,
     Mission,
     PlanProgress,
+    RegisteredAgent,
+    capable_agents,
     view,
 )
 from socialbot.agents.teams.translation import initial_triggers, translate
@@ -75,6 +77,8 @@ class MissionManager:
         self._may_form = True
         """Whether an agent or mission became free since the last attempt to form teams."""
         self._lacks_noted_at = -LACKS_EVERY_NS
+        self._capable: dict[str, list[RegisteredAgent]] | None = None
+        """Capable agents by role; None after a registration."""
         self._ended: deque[MissionView] = deque(maxlen=SHOWN)
         self._views: dict[int, MissionView] = {}
         """Published states of open missions that have not changed since."""
@@ -167,7 +171,7 @@ class MissionManager:
         self._may_form = False
         missions = self.memory.missions.values()
         waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
-        pool = AgentPool(self.domain, self.memory.members, self.world, self.now)
+        pool = self._pool()
         if waiting and self.now - self._lacks_noted_at >= LACKS_EVERY_NS:
             self._lacks_noted_at = self.now
             for mission in waiting:
@@ -183,6 +187,17 @@ class MissionManager:
                 self._go(mission, self._plan(mission))
             elif is_short:
                 break
+
+    def on_registered(self) -> None:
+        """Process a new agent, or new capabilities of one."""
+        self._capable = None
+        self.changed = True
+        self.await_team()
+
+    def _pool(self) -> AgentPool:
+        if self._capable is None:
+            self._capable = capable_agents(self.domain.roles, self.memory.members)
+        return AgentPool(self.domain, self.memory.members, self.world, self.now, self._capable)
 
     def _note_lack(self, mission: Mission, lacks: str) -> None:
         if mission.lacks != lacks:
@@ -304,7 +319,7 @@ class MissionManager:
         """Set aside those agents that somebody else can replace."""
         if self.world is None:
             return
-        pool = AgentPool(self.domain, self.memory.members, self.world, self.now)
+        pool = self._pool()
         roles = {name: role for role, name in mission.team.items()}
         for name in names:
             role = self.domain.role(roles.get(name, ""))

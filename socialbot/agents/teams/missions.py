@@ -108,16 +108,31 @@ class CoordinatorMemory(msgspec.Struct):
     last: int = 0
 
 
+def capable_agents(roles: Iterable[Role], members: Mapping[str, RegisteredAgent]) -> dict[str, list[RegisteredAgent]]:
+    """The agents that have all actions of a role, by its variable."""
+    return {
+        role.variable: [member for member in members.values() if role.needs <= member.capabilities] for role in roles
+    }
+
+
 class AgentPool:
-    """Registered agents that are present in a state of the world, and not set aside at a time (ns)."""
+    """Registered agents that are present in a state of the world, and not set aside at a time (ns).
+
+    ``capable`` are the agents that have all actions of a role, by its variable; without it they are searched.
+    """
 
     def __init__(
-        self, domain: TeamDomain[Any], members: Mapping[str, RegisteredAgent], world: Any, now: int = 0
+        self,
+        domain: TeamDomain[Any],
+        members: Mapping[str, RegisteredAgent],
+        world: Any,
+        now: int = 0,
+        capable: Mapping[str, Sequence[RegisteredAgent]] | None = None,
     ) -> None:
         self._domain = domain
-        self._members = members
         self._world = world
         self._now = now
+        self._capable = capable_agents(domain.roles, members) if capable is None else capable
         self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
 
     def able(self, role: Role, target: str) -> list[RegisteredAgent]:
@@ -129,11 +144,8 @@ class AgentPool:
     def _by_home(self, role: Role) -> dict[str, list[RegisteredAgent]]:
         able = [
             ((state.rank, by_number(member.name)), state.home, member)
-            for member in self._members.values()
-            if role.needs <= member.capabilities
-            and member.aside_until <= self._now
-            and (state := self._state(member)) is not None
-            and state.is_present
+            for member in self._capable[role.variable]
+            if member.aside_until <= self._now and (state := self._state(member)) is not None and state.is_present
         ]
         found: defaultdict[str, list[RegisteredAgent]] = defaultdict(list)
         for _, home, member in sorted(able, key=itemgetter(0)):
@@ -163,7 +175,7 @@ class AgentPool:
         for role in self._domain.roles:
             if self.able(role, mission.target):
                 continue
-            capable = [each for each in self._members.values() if role.needs <= each.capabilities]
+            capable = list(self._capable[role.variable])
             if role.is_local:
                 states = {each.name: self._state(each) for each in capable}
                 capable = [
