@@ -17,12 +17,13 @@ from rich.text import Text
 from socialbot.core.errors import ParameterError, SocialbotError
 
 AgentKind = Literal["python", "asl"]
+Template = Literal["greeter", "planning"]
 
 PLACEHOLDER = "my_robot"
 SUFFIX = ".template"
 
 TEMPLATES = Path(__file__).with_name("templates")
-"""Templates: ``common`` for all projects, ``python`` and ``asl`` for the language of the agent."""
+"""Templates: ``common`` for greeters, ``python`` and ``asl`` for their language, ``planning`` for planning robots."""
 
 HIDDEN = {"gitignore": ".gitignore"}  # target names of templates that would take effect in this repository
 
@@ -37,25 +38,41 @@ NEXT: Mapping[str, str] = {
     "python -m pytest": "run its tests; pip install pytest, if missing",
     "socialbot up camera.yaml --camera 0": "run with a camera, until Ctrl-C",
 }
+NEXT_PLANNING: Mapping[str, str] = {
+    "cd {project}": "",
+    "socialbot run graph.yaml --limit 60": "run in simulated time",
+    "socialbot why": "explain its last action",
+    "socialbot inspect": "show the run in the browser",
+    "python -m pytest": "run its tests; pip install pytest, if missing",
+}
 
 
 def new(
     name: Annotated[str, typer.Argument(help="Project and Python package: lower-case letters, digits and _.")],
     agent: Annotated[AgentKind, typer.Option(help="Language of the agent; asl: AgentSpeak.")] = "python",
     folder: Annotated[Path, typer.Option(help="Folder for the new project.")] = Path("."),
+    template: Annotated[
+        Template, typer.Option(help="greeter: greets people; planning: plans its actions with a PDDL domain.")
+    ] = "greeter",
 ) -> None:
     """Create a small project with a robot: an agent, its graph and tests. It runs without changes."""
-    project = write_project(name, agent, folder)
+    if template == "planning" and agent == "asl":
+        raise ParameterError("is written in Python", where="--template planning", remedy="omit --agent asl")
+    project = write_project(name, agent, folder, template)
     console = Console(highlight=False)
     rules = f"{name}/agent.{'asl' if agent == 'asl' else 'py'}"
-    console.print(f"{project}: a robot that greets people who come near. Its rules are in {rules}.\n", soft_wrap=True)
-    commands = {command.format(project=project): meaning for command, meaning in NEXT.items()}
+    what = f"a robot that greets people who come near. Its rules are in {rules}."
+    if template == "planning":
+        what = f"a robot that plans. Its actions are in {name}/domain.pddl and {rules}."
+    console.print(f"{project}: {what}\n", soft_wrap=True)
+    following = NEXT_PLANNING if template == "planning" else NEXT
+    commands = {command.format(project=project): meaning for command, meaning in following.items()}
     width = max(map(len, commands))
     for command, meaning in commands.items():
         console.print(Text.assemble(f"  {command:<{width}}   ", (meaning, "dim")), soft_wrap=True)
 
 
-def write_project(name: str, agent: AgentKind, folder: Path) -> Path:
+def write_project(name: str, agent: AgentKind, folder: Path, template: Template = "greeter") -> Path:
     """Create the project ``name`` in a new subfolder of ``folder``, and return that subfolder.
 
     Raises:
@@ -68,7 +85,7 @@ def write_project(name: str, agent: AgentKind, folder: Path) -> Path:
         raise ParameterError("exists already", where=str(project), remedy=remedy)
     check_name(name)
     try:
-        for path, text in project_files(name, agent).items():
+        for path, text in project_files(name, agent, template).items():
             (project / path).parent.mkdir(parents=True, exist_ok=True)
             (project / path).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -87,11 +104,16 @@ def check_name(name: str) -> None:
         raise ParameterError(what, where="NAME", remedy=f"give another name: {name}_robot")
 
 
-def project_files(name: str, agent: AgentKind) -> dict[str, str]:
+def project_files(name: str, agent: AgentKind, template: Template = "greeter") -> dict[str, str]:
     """Return the files of a project by their relative paths."""
+    if template == "planning":
+        return {".gitignore": _files_of("common", name)[".gitignore"], **_files_of("planning", name)}
+    return _files_of("common", name) | _files_of(agent, name)
+
+
+def _files_of(part: str, name: str) -> dict[str, str]:
     files = {}
-    for part in (TEMPLATES / "common", TEMPLATES / agent):
-        for template in sorted(part.rglob(f"*{SUFFIX}")):
-            path = template.relative_to(part).as_posix().removesuffix(SUFFIX).replace(PLACEHOLDER, name)
-            files[HIDDEN.get(path, path)] = template.read_text("utf-8").replace(PLACEHOLDER, name)
+    for template in sorted((TEMPLATES / part).rglob(f"*{SUFFIX}")):
+        path = template.relative_to(TEMPLATES / part).as_posix().removesuffix(SUFFIX).replace(PLACEHOLDER, name)
+        files[HIDDEN.get(path, path)] = template.read_text("utf-8").replace(PLACEHOLDER, name)
     return files

@@ -35,7 +35,35 @@ def test_graphs_and_deployment_are_valid(project: Path) -> None:
     assert [one.name for one in deployment.half("workstation")] == ["mind"]
 
 
+@pytest.fixture
+def planning_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project of a planning robot."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return write_project(f"planner{next(NUMBERS)}", "python", tmp_path, "planning")
+
+
 def test_tests_of_the_project_pass(project: Path) -> None:
+    check_tests_pass(project)
+
+
+def test_a_planning_robot_runs_and_its_tests_pass(planning_project: Path) -> None:
+    assert [one.name for one in load_graph(str(planning_project / "graph.yaml")).nodes] == [planning_project.name]
+    check_tests_pass(planning_project)
+    name = planning_project.name
+    files = {path.relative_to(planning_project).as_posix() for path in planning_project.rglob("*") if path.is_file()}
+    assert {".gitignore", "README.md", "graph.yaml", f"{name}/domain.pddl", f"{name}/agent.py"} <= files
+    assert not [path for path in files if "my_robot" in (planning_project / path).read_text("utf-8", "ignore")]
+
+
+def test_a_planning_robot_in_agentspeak_is_refused(tmp_path: Path) -> None:
+    done = socialbot("new", "courier", "--template", "planning", "--agent", "asl", "--folder", tmp_path)
+    assert done.returncode != 0
+    assert "omit --agent asl" in done.stderr
+    assert not (tmp_path / "courier").exists()
+
+
+def check_tests_pass(project: Path) -> None:
+    """Run the tests of a project in this process."""
     spec = importlib.util.spec_from_file_location(f"tests_of_{project.name}", project / "tests" / "test_agent.py")
     assert spec is not None
     assert spec.loader is not None
