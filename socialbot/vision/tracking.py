@@ -57,7 +57,8 @@ _MOST_REMEMBERED = 32
 _LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
 _LEAST_MORE = 0.2  # and it must fit better by this.
 _LIKE, _UNLIKE = 0.1, 0.25  # Distances of looks that one person usually stays below, and other people above.
-_UNKNOWN = 0.2  # A box whose colours are covered counts as this much unlike,
+_OTHER = 0.33  # From this distance, a box shows somebody else.
+_UNKNOWN = 0.2  # A box whose colours are not known counts as this much unlike,
 _LEAST_FIT_UNKNOWN = 0.4  # and must fit this well.
 _FOREIGN = 0.4  # A track that looks so different shows somebody else.
 _RETURNED = 0.12  # A lost person is recognised below this distance,
@@ -281,8 +282,8 @@ class Tracker:
             unknown = _UNKNOWN if known else 0.0
             unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown)
             mixed = (self._stamp or 0) - person.mixed <= _MIXED_S * SECOND
-            other = (unlike >= 1) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
-            needed = np.where(np.isfinite(far) | (unknown == 0), least + _LEAST_MORE * unlike, _LEAST_FIT_UNKNOWN)
+            other = (far >= _OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
+            needed = np.where(np.isfinite(far) | (not known), least + _LEAST_MORE * unlike, _LEAST_FIT_UNKNOWN)
             good = person.motion.is_head(boxes[indices]) & (fit >= needed)
             costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
@@ -395,10 +396,11 @@ class Tracker:
 
     def _may_return(self, person: _Person) -> bool:
         """Whether the next looks of a new track may show that it is a lost person."""
-        if (person.last - person.begun) / SECOND >= _DECIDING_S or not self._lost:
+        partly_seen = person.cut.left or person.cut.right or person.mixed >= person.begun
+        if not (self._lost and partly_seen) or (person.last - person.begun) / SECOND >= _DECIDING_S:
             return False
         if not len(person.appearance):
-            return person.cut.left or person.cut.right or person.mixed >= person.begun
+            return True
         lost = [each for each in self._lost if each.id not in person.met]
         return any(each.appearance.distance_to(person.appearance) < _UNLIKE for each in lost)
 
