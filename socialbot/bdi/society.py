@@ -17,7 +17,7 @@ from socialbot.bdi._messaging import deliver, told_beliefs
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import Change, Event, literal_from_key, source_notes
+from socialbot.bdi.literals import SOURCES, Change, Event, literal_from_key, source_notes
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SLEEPING, AWAKING = (Event(Change.ADDED, literal_from_key(f"{name}/0", ())) for name in ("jag_sleeping", "jag_awaking"))
 """Events of an agent that becomes idle, and of one that a message or an event wakes."""
 
-SLEEP_KEYS = frozenset({SLEEPING.key, AWAKING.key})
+SLEEPING_KEY, AWAKING_KEY = SLEEPING.key, AWAKING.key
 
 START_TURNS = 8
 """Turns of each agent, one at a time, with which `Society.run` begins, so that no agent is far ahead of the others."""
@@ -140,7 +140,8 @@ class Society:
             deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
         relation = ag.relations.get(key) or ag.beliefs.relation(key)
-        ag.inbox.append((relation, args, source_notes(sender.name), cause, None))
+        said_by = SOURCES.get(sender.name) or source_notes(sender.name)
+        ag.inbox.append((relation, args, said_by, cause, None))
         if not ag.signalled:
             ag.signalled = True
             self._ready.append(agent)
@@ -175,11 +176,12 @@ class Society:
             agent = ready.popleft()
             if agent.messaging.society is not self:
                 continue
-            if agent in asleep:
+            if asleep and agent in asleep:
                 busy = self._awaken(agent, turns)
             else:
                 busy = agent.run_until_idle(turns)
-            if not busy and not SLEEP_KEYS.isdisjoint(agent.interpreter.triggers) and agent not in asleep:
+            triggers = agent.interpreter.triggers
+            if not busy and (SLEEPING_KEY in triggers or AWAKING_KEY in triggers) and agent not in asleep:
                 asleep.add(agent)
                 agent.interpreter.raise_event(SLEEPING, "")
                 busy = agent.run_until_idle(turns)
