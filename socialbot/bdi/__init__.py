@@ -16,6 +16,7 @@ I go inside.
 False
 """
 
+from socialbot.bdi.aggregates import compute, count, findall, max_of, min_of, my_name, sum_of
 from socialbot.bdi.durative_actions import LongAction, Pool, ThreadAction
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.environment import Environment
@@ -61,18 +62,7 @@ from socialbot.bdi.steps import (
     wait_for,
     when,
 )  # fmt: skip
-from socialbot.bdi.terms import (
-    Atom,
-    Variable,
-    compute,
-    count,
-    findall,
-    max_of,
-    min_of,
-    my_name,
-    sum_of,
-    variables,
-)  # fmt: skip
+from socialbot.bdi.terms import Atom, Variable, variables
 from socialbot.bdi.trace import JsonLines, Record, Trace, as_text, read_trace, tee
 
 __all__ = [

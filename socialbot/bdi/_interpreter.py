@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import heapq
-import os
-import select
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator
-from itertools import count, repeat
+from collections.abc import Collection, Iterable, Iterator
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, cast
 
 from socialbot.bdi._intention_stack import IntentionStack
@@ -30,12 +27,9 @@ from socialbot.bdi.intentions import (
     subgoal,
 )
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
-from socialbot.bdi.literals import ANYTHING, PERCEPT, SELF, Change, Computed, Event, Literal, Reactor, Structure
-from socialbot.bdi.sensors import Sensor, changes
+from socialbot.bdi.literals import ANYTHING, SELF, Change, Computed, Event, Literal, Reactor, Structure
 from socialbot.bdi.stdlib.registry import opened
-from socialbot.bdi.trace import TraceWriter
 from socialbot.bdi.unification import Trail, annotations_match, closed, free, resolve, undo, unify
-from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -43,98 +37,6 @@ if TYPE_CHECKING:
 
     from socialbot.bdi.durative_actions import Pool
     from socialbot.bdi.engine import Engine
-
-
-FEW_TIMERS = 64
-"""Heap size below which expired timers are not removed."""
-
-
-class Timers:
-    """Callbacks by due time, for the engine's thread. A callback has no effect once its function ``over`` returns True.
-
-    Actions driven by these timers behave the same in every simulated run.
-    """
-
-    __slots__ = ("_most", "_sequence", "_trace", "heap", "now")
-
-    def __init__(self, clock: Clock, trace: TraceWriter) -> None:
-        self.now = clock.now
-        self.heap: list[tuple[int, int, Callable[[], object], Callable[[], bool] | None]] = []
-        self._trace = trace
-        self._most = FEW_TIMERS
-        self._sequence = count()
-
-    def number(self) -> int:
-        """Number of the next timer; of several due at the same time, that with the lowest number is first."""
-        return next(self._sequence)
-
-    def at(
-        self,
-        time: int,
-        callback: Callable[[], object],
-        over: Callable[[], bool] | None = None,
-        *,
-        number: int | None = None,
-    ) -> None:
-        """Call ``callback`` at ``time`` (ns); ``number`` is that of the timer, by default a new one."""
-        heapq.heappush(self.heap, (time, next(self._sequence) if number is None else number, callback, over))
-        if len(self.heap) > self._most:
-            self.remove(lambda _: False)
-            self._most = max(FEW_TIMERS, 2 * len(self.heap))
-
-    def after(self, seconds: float, callback: Callable[[], object], over: Callable[[], bool] | None = None) -> None:
-        self.at(self.now() + nanoseconds(seconds), callback, over)
-
-    def remove(self, unwanted: Callable[[Callable[[], object]], bool]) -> None:
-        """Remove the timers of the unwanted callbacks, and those that have no effect."""
-        # The interpreter keeps a reference to this list.
-        self.heap[:] = [timer for timer in self.heap if not (unwanted(timer[2]) or (timer[3] and timer[3]()))]
-        heapq.heapify(self.heap)
-
-    def run_due(self) -> None:
-        """Call the due callbacks; their exceptions are written to the trace."""
-        heap, now = self.heap, self.now()
-        while heap and heap[0][0] <= now:
-            _, _, callback, over = heapq.heappop(heap)
-            try:
-                if over is None or not over():
-                    callback()
-            except Exception as problem:  # noqa: BLE001 - a sensor or a step behind a timer is user code
-                self._trace.record_failure("timer", "", problem)
-
-
-class Wakeup:
-    """Event that wakes one waiting thread, twice as fast as a lock.
-
-    Repeated calls of `ring` without a waiting thread count as one.
-    """
-
-    def __init__(self) -> None:
-        if hasattr(os, "eventfd"):
-            self._reader = self._writer = os.eventfd(0)
-        else:
-            self._reader, self._writer = os.pipe()
-            os.set_blocking(self._writer, False)
-        self._poll = select.poll()
-        self._poll.register(self._reader, select.POLLIN)
-
-    def ring(self) -> None:
-        """Wake the current or next waiting thread; callable from any thread."""
-        # Only the system call: the caller still holds the interpreter lock that the woken thread needs.
-        try:  # noqa: SIM105
-            os.write(self._writer, b"\1\0\0\0\0\0\0\0")
-        except BlockingIOError:
-            pass  # The pipe is full, so a wake-up is pending already.
-
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait for `ring`, at most ``seconds``."""
-        if seconds is None or self._poll.poll(max(0.0, seconds * 1000)):
-            os.read(self._reader, 65536)
-
-    def __del__(self) -> None:
-        # Not earlier: while another thread may still ring, the descriptor must not be reused for another file.
-        for number in {self._reader, self._writer}:
-            os.close(number)
 
 
 STEPS, STEPS_WITH_TIMERS = 32, 8
@@ -163,13 +65,9 @@ class Interpreter:
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
-        self.engine = engine
-        self.trace = engine.trace
-        self.timers = engine.timers
-        self.heap = engine.timers.heap
-        self.now = engine.clock.now
-        self.library = library
-        self.triggers = library.triggers
+        self.engine, self.trace = engine, engine.trace
+        self.timers, self.heap, self.now = engine.timers, engine.timers.heap, engine.clock.now
+        self.library, self.triggers = library, library.triggers
         self.inbox: deque[Any] = deque()
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
         self.others: Collection[Any] = ()
@@ -224,43 +122,13 @@ class Interpreter:
         method = self.beliefs.forget_sources if any(map(is_source, notes)) else self.beliefs.forget_all
         method(self.beliefs.relation(belief.key), args, notes, cause)
 
-    def sense(self, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
-        """Update the beliefs from a percept of a sensor."""
-        if sensor.engine is self.engine and not sensor.running:
-            return
-        try:
-            sensed = changes(sensor.sense(percept))
-            reasons: dict[str, str] = {}
-            for event in sensed:
-                if event.change is Change.ADDED:
-                    relation, args, *_ = self.admit(event.literal)
-                    why = self._percept(event, cause, reasons, news=args not in relation.facts)
-                    self.beliefs.add(relation, args, event.literal.annotations + PERCEPT, why, since)
-                else:
-                    self.forget(event.literal, self._percept(event, cause, reasons, news=True))
-        except Exception as problem:  # noqa: BLE001 - sensors are user code
-            self.trace.record_failure(type(sensor).__name__, cause, problem)
-            return
-        if sensor.once and sensed:
-            sensor.stop()
-
-    def _percept(self, event: Event, cause: str, reasons: dict[str, str], *, news: bool) -> str:
-        """Record a reason that a sensor gave for changes once; return the cause of the change."""
-        reason = event.reason
-        if not reason or not news or self.trace.sink is None:
-            return cause
-        if reason not in reasons:
-            reasons[reason] = self.trace.record("percept", reason, cause)
-        return reasons[reason]
-
     # The cycle
 
     def run_until_idle(self, budget: int = 10_000) -> bool:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
         inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.heap
-        number, waits, trace = intentions.number, intentions.waits, self.trace
-        awaited = waits.events
+        number, waits, trace, awaited = intentions.number, intentions.waits, self.trace, intentions.waits.events
         while budget > 0:
             budget -= 1
             trigger: Trigger | None = None

@@ -18,7 +18,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
-    from socialbot.bdi._interpreter import Timers
+    from socialbot.bdi._timers import Timers
 
 _NONE: dict[Any, Any] = {}
 """Shared empty dictionary of belief bases without known classes; it saves memory."""

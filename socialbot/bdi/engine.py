@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import why_not
-from socialbot.bdi._interpreter import Interpreter, Timers, Wakeup
+from socialbot.bdi._interpreter import Interpreter
 from socialbot.bdi._rule_checks import check_belief, check_goal, check_running
+from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import SELF, SOURCES, Belief, Change, Goal, Literal, source_notes
 from socialbot.bdi.plans import Inference, Plan, flat
-from socialbot.bdi.sensors import Sensor
+from socialbot.bdi.sensors import Sensor, take_percept
 from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, conjunction
 from socialbot.bdi.trace import Sink, TraceWriter
@@ -228,7 +229,7 @@ class Engine:
 
     def perceive(self, sensor: Sensor, percept: Any, *, cause: str = "", since: int | None = None) -> None:
         """Pass a percept from the time ``since`` (ns, by default now) to a sensor."""
-        self.interpreter.post(MindChange(self.interpreter.sense, sensor, percept, cause, since))
+        self.interpreter.post(MindChange(take_percept, self.interpreter, sensor, percept, cause, since))
 
     def call(self, function: Callable[[], object]) -> None:
         """Call a function in the engine's thread.

@@ -13,6 +13,7 @@ from pathlib import PurePath
 from types import FrameType
 
 from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
+from socialbot.bdi.aggregates import needed_names
 from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, Symbolic
 from socialbot.bdi.steps import (
     Achieve,
@@ -48,7 +49,6 @@ from socialbot.bdi.terms import (
     Term,
     Truth,
     Variable,
-    needed_names,
     show,
     written_condition,
 )

@@ -7,10 +7,11 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.literals import Belief, Change, Event
+from socialbot.bdi.literals import PERCEPT, Belief, Change, Event
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
+    from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.engine import Engine
 
 Sensed = Belief | Event | Iterable[Belief | Event] | None
@@ -91,7 +92,7 @@ class Sensor:
         assert self.engine is not None
         assert self.period_s is not None
         self._ticking = None
-        self.engine.interpreter.sense(self, None, "", None)
+        take_percept(self.engine.interpreter, self, None, "", None)
         if self.running and self._ticking is None:
             self._ticking = self._tick
             self.engine.timers.after(self.period_s, self._ticking)
@@ -152,3 +153,34 @@ def changes(sensed: Sensed) -> list[Event]:
         if not isinstance(item, (Belief, Event)) or change not in (Change.ADDED, Change.REMOVED):
             raise RuleError(f"a sensor returned {item!r}", remedy="return beliefs, +belief, -belief or None")
     return [+item if isinstance(item, Belief) else item for item in items]
+
+
+def take_percept(interpreter: Interpreter, sensor: Sensor, percept: Any, cause: str, since: int | None) -> None:
+    """Update the beliefs of an agent from a percept of a sensor."""
+    if sensor.engine is interpreter.engine and not sensor.running:
+        return
+    try:
+        sensed = changes(sensor.sense(percept))
+        reasons: dict[str, str] = {}
+        for event in sensed:
+            if event.change is Change.ADDED:
+                relation, args, *_ = interpreter.admit(event.literal)
+                why = _percept(interpreter, event, cause, reasons, news=args not in relation.facts)
+                interpreter.beliefs.add(relation, args, event.literal.annotations + PERCEPT, why, since)
+            else:
+                interpreter.forget(event.literal, _percept(interpreter, event, cause, reasons, news=True))
+    except Exception as problem:  # noqa: BLE001 - sensors are user code
+        interpreter.trace.record_failure(type(sensor).__name__, cause, problem)
+        return
+    if sensor.once and sensed:
+        sensor.stop()
+
+
+def _percept(interpreter: Interpreter, event: Event, cause: str, reasons: dict[str, str], *, news: bool) -> str:
+    """Record a reason that a sensor gave for changes once; return the cause of the change."""
+    reason = event.reason
+    if not reason or not news or interpreter.trace.sink is None:
+        return cause
+    if reason not in reasons:
+        reasons[reason] = interpreter.trace.record("percept", reason, cause)
+    return reasons[reason]

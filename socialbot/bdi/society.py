@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._interpreter import Wakeup
 from socialbot.bdi._messaging import deliver, told_beliefs
 from socialbot.bdi._rule_checks import check_running
+from socialbot.bdi._timers import Wakeup
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import SOURCES, Change, Event, literal_from_key, source_notes

@@ -2,7 +2,7 @@ import queue
 
 import pytest
 
-from socialbot.bdi._interpreter import Wakeup
+from socialbot.bdi._timers import Wakeup
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.compiler._beliefs import loop, match_annotations, needs_unification
+from socialbot.bdi.compiler._bodies import Body, straight
 from socialbot.bdi.compiler._conditions import Reached, query, write
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
-from socialbot.bdi.compiler._steps import Body, straight
 from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.intentions import SUBGOAL
 from socialbot.bdi.literals import META, Change, Literal

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from socialbot.bdi.aggregates import needed_names
 from socialbot.bdi.compiler._dynamic import embeds, is_embedded, is_template, variables_of
 from socialbot.bdi.compiler._runtime import FUNCTIONS
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, tuple_of
@@ -24,7 +25,6 @@ from socialbot.bdi.terms import (
     Rest,
     Variable,
     names_in,
-    needed_names,
     show,
 )
 from socialbot.core.errors import RuleError
