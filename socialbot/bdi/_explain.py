@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of, origin_of
-from socialbot.bdi.literals import Event, Goal, Literal, ground
+from socialbot.bdi.literals import Event, Goal, Literal, ground, literal
 from socialbot.bdi.plans import Origin, Plan
-from socialbot.bdi.steps import Step
-from socialbot.bdi.terms import Comparison, Condition, Variable
+from socialbot.bdi.steps import Await, PlanFailed, Step
+from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable
 from socialbot.bdi.unification import closed
 from socialbot.core.errors import RuleError
 
@@ -92,6 +93,48 @@ def _place(plan: CompiledPlan | None, step: Step | None) -> Origin | None:
     if origin is None or step is None or not step.line:
         return origin
     return Origin(origin.file, step.line)
+
+
+def failed_term(plan: CompiledPlan | None, problem: BaseException) -> Any:
+    """Step of a plan in AgentSpeak whose code raised an exception, as a term; None if it is none."""
+    from socialbot.bdi.library import locals_at
+
+    if plan is None or plan is KEPT:
+        return None
+    return _term_of(plan, plan.step_at(problem), locals_at(problem))
+
+
+def waiting_term(body: Any, plan: CompiledPlan) -> Any:
+    """Step of a plan in AgentSpeak that waits, as a term; None if it is none."""
+    frame = body.gi_frame
+    return None if frame is None else _term_of(plan, step_of(body, plan, passed=False), frame.f_locals)
+
+
+_PARTS = ("action", "goal", "query", "condition", "literal")
+
+
+def _term_of(plan: CompiledPlan, step: Step | None, values: Mapping[str, Any]) -> Any:
+    """Content of a step with the values of its variables: the action, goal, query, condition or belief."""
+    from socialbot.bdi.compiler._dynamic import substituted
+    from socialbot.bdi.stdlib.registry import opened
+
+    part: Any = next((getattr(step, name) for name in _PARTS if hasattr(step, name)), None)
+    if isinstance(step, Await):
+        limit = step.limit_s.left if isinstance(step.limit_s, Expression) else step.limit_s
+        part = literal(".wait", (step.what,) if limit is None else (step.what, limit))
+    if plan.plan.text is None or part is None:
+        return None
+    term = substituted(part, {name[2:]: value for name, value in values.items() if name[:2] == "v_"})
+    if isinstance(term, Conjunction) and len(term.terms) == 1:
+        term = term.terms[0]
+    if isinstance(term, Literal):
+        with contextlib.suppress(PlanFailed):  # An expression cannot be computed.
+            term = opened(term)
+    return Atom(term.functor) if isinstance(term, Literal) and _is_name(term) else term
+
+
+def _is_name(term: Literal) -> bool:
+    return not (term.args or term.annotations or term.negated)
 
 
 def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count, repeat
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import NO_MATCH, failed_step, place_of_step, reasons_against
+from socialbot.bdi._explain import NO_MATCH, failed_step, failed_term, place_of_step, reasons_against, waiting_term
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
@@ -35,6 +36,7 @@ from socialbot.bdi.intentions import (
     origin_of,
 )
 from socialbot.bdi.library import CompiledPlan, Trigger, record_behind
+from socialbot.bdi.literals import literal_from_key
 from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.trace import log
@@ -383,7 +385,8 @@ class IntentionStack:
         what = str(self.goal(goal))
         message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
         record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
-        return Failure(reason, message, what, record, where=place_of_step(intention))
+        wanted = literal_from_key(trigger.key[2:], args, notes)
+        return Failure(reason, message, what, record, (), place_of_step(intention), lambda: resolve(wanted))
 
     def unhandled(self, trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> None:
         """Record why no plan applies to the change of a belief, if some plan is for this belief."""
@@ -407,7 +410,7 @@ class IntentionStack:
             cause = record_behind(problem) or (goal[4] if goal is not None else "")
         log().info("%s: %s: %s", trace.name, what, message)
         record = trace.record("failure", what, cause, reason=reason, message=message)
-        return Failure(reason, message, what, record, notes, place)
+        return Failure(reason, message, what, record, notes, place, partial(failed_term, plan, problem))
 
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
         """Fail the step of a paused intention."""
@@ -415,6 +418,9 @@ class IntentionStack:
         body, goal, plan = frame
         cause = body.gi_frame.f_locals.get("c") if body is not None and body.gi_frame is not None else None
         found = self.failure_of(plan, problem, goal, cause)
+        term = None if body is None or plan is None or plan is KEPT else waiting_term(body, plan)
+        if term is not None:
+            found.term = lambda: term
         self._close(intention, frame)
         self.fail_goal(intention, goal, found)
 

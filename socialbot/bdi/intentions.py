@@ -63,7 +63,7 @@ REASONS = {
 
 
 class code(Annotation):  # noqa: N801 - written as AgentSpeak writes it
-    """Step that failed."""
+    """Step that failed: a term in AgentSpeak, otherwise its text."""
 
 
 class code_src(Annotation):  # noqa: N801
@@ -93,10 +93,14 @@ class Failure:
     cause: Any
     more: tuple[Any, ...] = ()
     where: Origin | None = None
+    term: Callable[[], Any] | None = None
+    """Returns the failed step of a plan in AgentSpeak as a term, or None if it is none."""
 
     @property
     def annotations(self) -> tuple[Any, ...]:
-        given: tuple[Any, ...] = (error(Atom(self.reason)), error_msg(self.message), code(self.step))
+        term = None if self.term is None else self.term()
+        step = self.step if term is None else term
+        given: tuple[Any, ...] = (error(Atom(self.reason)), error_msg(self.message), code(step))
         if self.where is not None:
             given += (code_src(f"file:{self.where.file}"), code_line(self.where.line))
         if self.more:

@@ -105,10 +105,16 @@ class CompiledPlan:
 
 def record_behind(error: BaseException) -> Any:
     """Trace record of the plan whose code raised an exception, if any."""
-    found, entry = None, error.__traceback__
+    return locals_at(error).get("c")
+
+
+def locals_at(error: BaseException) -> dict[str, Any]:
+    """Local variables of the plan whose code raised an exception."""
+    found: dict[str, Any] = {}
+    entry = error.__traceback__
     while entry is not None:
         if entry.tb_frame.f_code.co_filename.startswith(GENERATED_FILE):
-            found = entry.tb_frame.f_locals.get("c", found)
+            found |= entry.tb_frame.f_locals
         entry = entry.tb_next
     return found
 

@@ -12,15 +12,26 @@ def test_of_a_failed_step():
 
 
 def test_of_a_goal_without_plans():
-    assert said(f"!go.\n+!go\n  <- true;\n  !none(1).\n{HANDLER}") == ["no_relevant none(1) file:me.asl 4"]
+    assert said(f"!go.\n+!go\n  <- true;\n  !none(1).\n{HANDLER}") == [
+        "no_relevant none(1)[source(self)] file:me.asl 4"
+    ]
 
 
 def test_of_a_step_far_below():
     assert said(f"!go.\n+!go <- !a.\n+!a <- !b;\n  .print(no).\n+!b <- true;\n  ?c(1).\n{HANDLER}") == [
-        "test_goal_failed ?c(1) file:me.asl 6"
+        "test_goal_failed c(1) file:me.asl 6"
     ]
 
 
 def test_a_failure_without_a_message_has_an_empty_one():
     assert said('!go. +!go <- .fail. -!go[error_msg(M)] <- .print("<", M, ">").') == ["<>"]
     assert said('!go. +!go <- .fail(error_msg(no)). -!go[error_msg(M)] <- .print("<", M, ">").') == ["<no>"]
+
+
+def test_the_failed_step_is_a_term_with_its_values():
+    handler = "-!go[code(C)] <- if (C = p(X)) { .print(X) } else { .print(C) }."
+    assert said(f"!go. +!go <- X = 3; ?p(X). {handler}") == ["3"]
+    assert said(f"!go. +!go <- X = 3; X > 4. {handler}") == ["(3 > 4)"]
+    assert said(f"!go. +!go <- X = 3; act(X, f(X)). {handler}") == ["act(3,f(3))"]
+    assert said(f"!go. +!go <- X = 3; .wait({{+b(X)}}, 10). {handler}") == [".wait({ +b(3) },10)"]
+    assert said(f"!go. +!go <- if (true) {{ !p(7) }}. +!p(X) : no. {handler}") == ["7"]
