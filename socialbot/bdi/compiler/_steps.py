@@ -381,7 +381,7 @@ def ask(f: Function, step: Ask) -> None:
             trigger = f"ag.triggers[{'+?' + query_.key!r}]"
             f.line(f"yield question(ag, {trigger}, {args}, {notes_of(f, query_)}, c)", step)
             for variable in sorted(names_in(query_) - {"_"}):
-                if f.scope[variable] == CELL:
+                if f.scope.get(variable) == CELL:
                     f.line(f"{f.local(variable)} = known({f.local(variable)})", step)
             f.scope = scope
         else:
