@@ -40,7 +40,7 @@ from socialbot.bdi.literals import literal_from_key
 from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.terms import Atom, show
 from socialbot.bdi.trace import log
-from socialbot.bdi.unification import closed, resolve
+from socialbot.bdi.unification import closed, free, resolve
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
@@ -455,7 +455,9 @@ class IntentionStack:
         trigger = self.failure_plans(goal)
         if not trigger.plans and not self.waits.events:
             return problem
-        _, _, args, notes, _ = goal
+        kind, _, args, notes, _ = goal
+        if kind & OPEN:
+            free(args)  # a failed plan gives no values
         args = resolve(args)
         if trigger.annotated or self.waits.events or self._interpreter.trace.sink is not None:
             notes = problem.annotations + notes

@@ -35,3 +35,9 @@ def test_the_failed_step_is_a_term_with_its_values():
     assert said(f"!go. +!go <- X = 3; act(X, f(X)). {handler}") == ["act(3,f(3))"]
     assert said(f"!go. +!go <- X = 3; .wait({{+b(X)}}, 10). {handler}") == [".wait({ +b(3) },10)"]
     assert said(f"!go. +!go <- if (true) {{ !p(7) }}. +!p(X) : no. {handler}") == ["7"]
+
+
+def test_a_failed_plan_gives_no_values():
+    plans = "+!h(X, f(Y)) <- X = 5; !m(Y); .fail. +!m(4)."
+    handler = "-!h(X, f(Y)) <- if (.ground(X)) { .print(known) } else { X = 6; Y = 7 }."
+    assert said(f"!go. +!go <- !h(X, f(Y)); .print(X, Y). {plans} {handler}") == ["67"]
