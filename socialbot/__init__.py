@@ -50,10 +50,12 @@ if TYPE_CHECKING:
         Message,
         PersonDetection,
         PersonDetections,
+        RosMessage,
         SpeechStatus,
         Structured,
         TraceRecord,
         Utterance,
+        ros_message,
     )  # fmt: skip
     from socialbot.core.registry import AgentPackage
     from socialbot.deliberation.actions import PlanAction
@@ -76,10 +78,11 @@ __all__ = [
     "FactSensor", "Goal", "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input",
     "Library", "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output",
     "Parameter", "ParameterError", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
-    "RecordedRun", "RunResult", "Sensor", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus",
-    "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance",
-    "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
-    "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "variables",
+    "RecordedRun", "RosMessage", "RunResult", "Sensor", "SingletonBelief", "SocialbotError", "Society",
+    "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord",
+    "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
+    "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "ros_message",
+    "variables",
 ]  # fmt: skip
 
 __getattr__ = _lazy_exports(__name__)

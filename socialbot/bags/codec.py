@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 import functools
 import math
 import struct
@@ -27,10 +28,13 @@ from socialbot.core.messages import (
     Message,
     PointCloud,
     PointField,
+    RosMessage,
     Structured,
     Transform,
     Transforms,
     Utterance,
+    is_ros_message,
+    ros_message,
 )
 from socialbot.core.registry import message_types
 from socialbot.graph.node import WireForm
@@ -81,6 +85,10 @@ class TypeFactory(Protocol):
         """Make a message of ``type_name`` with all its ``fields``; sequences of numbers are numpy arrays."""
         ...
 
+    def owns(self, ros_message: Any) -> bool:
+        """Whether a message could have been made by this factory."""
+        ...
+
 
 def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
     """ROS type for ``message_type``. Messages of other packages are JSON in both forms.
@@ -91,9 +99,16 @@ def ros_type(message_type: type[Message], form: WireForm = "json") -> str:
     if issubclass(message_type, Structured):
         name = type_name(message_type)
         return name if form == "typed" and typed_messages().get(name) is message_type else STRING
+    if issubclass(message_type, RosMessage):
+        return message_type.ros_type
     if message_type not in ROS_TYPES:
         raise MessageError(f"{message_type.__name__} has no ROS type", remedy="derive it from Structured")
     return ROS_TYPES[message_type]
+
+
+def message_type_of(ros_name: str) -> type[Message]:
+    """Message class that `decode` makes of messages of a ROS type: one of socialbot, or else a `RosMessage`."""
+    return decodable_types().get(ros_name) or ros_message(ros_name)
 
 
 def carries(ros_name: str, message_type: type[Message]) -> bool:
@@ -128,6 +143,8 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
     if issubclass(message_type, Structured):
         decode_form = _decode_typed if hasattr(ros_message, "header") else _decode_json
         return cast(M, decode_form(message_type, ros_message, stamp))
+    if issubclass(message_type, RosMessage):
+        return cast(M, message_type.of(ros_message, stamp))
     name = ros_type(message_type)
     try:
         return cast(M, _DECODERS[message_type](message_type, ros_message, header_stamp(ros_message) or stamp))
@@ -141,8 +158,29 @@ def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any
         if ros_type(type(message), form) == STRING:
             return types.make(STRING, data=_json(message, f"{type(message).__name__} "))
         return to_typed(message, types)
+    if isinstance(message, RosMessage):
+        return _remade(message.ros, message.ros_type, types)
     name = ros_type(type(message))
     return _ENCODERS[type(message)](message, name, types)
+
+
+def _remade(ros: Any, name: str, types: TypeFactory) -> Any:
+    """Make a message of rclpy or rosbags with ``types``, field by field, unless it is one of them already."""
+    if types.owns(ros):
+        return ros
+
+    def part(value: Any) -> Any:
+        if isinstance(value, (list, tuple)):
+            return [part(each) for each in value]
+        if is_ros_message(value):
+            return _remade(value, ros_message(type(value)).ros_type, types)
+        return np.asarray(value) if isinstance(value, array.array) else value
+
+    names = ros.get_fields_and_field_types() if hasattr(ros, "get_fields_and_field_types") else vars(ros)
+    try:
+        return types.make(name, **{field: part(getattr(ros, field)) for field in names})
+    except (AttributeError, TypeError, ValueError, AssertionError) as error:
+        raise MessageError(f"not a valid {name}: {error}") from error
 
 
 def _json(value: Any, what: str = "") -> str:

@@ -26,7 +26,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from socialbot.bags import codec
 from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets, salvage
-from socialbot.bags.types import PACKAGE, RosbagsTypes, deserialize, is_known, to_cdr
+from socialbot.bags.types import RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, suggestion
@@ -341,8 +341,8 @@ class Bag(AbstractContextManager["Bag"]):
             BagError: A topic is missing, its type is unknown, or the file is truncated.
         """
         for name in topics:
-            if self.topic(name).type not in codec.decodable_types():
-                remedy = f"known types: {', '.join(sorted(codec.ROS_TYPES.values()))}, those of {PACKAGE}"
+            if self.topic(name).type not in codec.decodable_types() and not self._is_readable(name):
+                remedy = "record the bag with the definitions of its types (mcap does), or install them"
                 raise self._refused(f"the type of {name}, {self.topic(name).type}, is unknown", remedy)
         decoded = self._decoded(topics, kinds or {})
         depth = {topic for topic in topics.values() if (kinds or {}).get(topic) in MEASURED}
@@ -350,6 +350,11 @@ class Bag(AbstractContextManager["Bag"]):
             return decoded
         pictures = {topic for name, topic in topics.items() if self.topic(name).type in IMAGE_TYPES} - depth
         return depth_first(decoded, lambda each: (each[0], each[1].stamp), depth, pictures)
+
+    def _is_readable(self, name: str) -> bool:
+        """Whether the type of a topic is defined in the bag or by ROS."""
+        found = [one for reader in self._readers for one in reader.connections if one.topic == name]
+        return bool(found) and all(map(is_known, found))
 
     def locations(self, name: str) -> Iterator[MessageLocation]:
         """Yield the locations of intact messages of a topic with headers, with the stamps of `messages`.
@@ -403,7 +408,7 @@ class Bag(AbstractContextManager["Bag"]):
         if found is None:
             return None
         connection, _, data = found
-        kind = codec.decodable_types()[connection.msgtype]
+        kind = codec.message_type_of(connection.msgtype)
         return self._attempt(connection, lambda: codec.decode(kind, deserialize(connection, data), stamp=place.stamp))
 
     def raw_messages(self, topics: Mapping[str, str]) -> Iterator[tuple[str, int, str, bytes]]:
@@ -434,7 +439,7 @@ class Bag(AbstractContextManager["Bag"]):
 
         def decode(connection: Connection, time: int, data: bytes) -> Message:
             ros_message = deserialize(connection, data)
-            kind = kinds.get(topics[connection.topic]) or codec.decodable_types()[connection.msgtype]
+            kind = kinds.get(topics[connection.topic]) or codec.message_type_of(connection.msgtype)
             message = codec.decode(kind, ros_message, stamp=time)
             header = codec.header_stamp(ros_message)
             if header is None or isinstance(message, Structured):

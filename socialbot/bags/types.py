@@ -239,6 +239,9 @@ class RosbagsTypes:
             raise MessageError(f"ROS 2 Jazzy has no type {type_name}")
         return types[type_name](**fields)
 
+    def owns(self, ros_message: Any) -> bool:
+        return hasattr(type(ros_message), "__msgtype__")
+
     def serialize(self, ros_message: Any) -> bytes:
         """Serialize ``ros_message`` to CDR. Raises MessageError when a field does not fit its type."""
         name = ros_message.__msgtype__

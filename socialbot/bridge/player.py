@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from socialbot.bags.cameras import depth_first
-from socialbot.bags.codec import ROS_TYPES, STRING, decodable_types, decode, raw_stamp, with_stamp
+from socialbot.bags.codec import ROS_TYPES, STRING, decode, message_type_of, raw_stamp, with_stamp
 from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
 from socialbot.bags.reader import IMAGE_TYPES, MEASURED, SENSOR_TYPES, Bag, RosbagsTypes
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
@@ -180,7 +180,7 @@ class BagPlayer:
             self._senders[topic].forward(deserialize_message(cdr, message_class(STRING)))
         else:
             try:
-                message = decode(decodable_types()[name], self._types.deserialize(cdr, name), stamp=at)
+                message = decode(message_type_of(name), self._types.deserialize(cdr, name), stamp=at)
             except MessageError as error:
                 log.warning("%s: message skipped: %s", topic, error)
                 return

@@ -10,13 +10,14 @@ import os
 import threading
 from collections.abc import Callable, Collection, MutableMapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from logging import getLogger
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from socialbot.bags.codec import STRING, TypeFactory, decode, encode, ros_type, typed_messages
+from socialbot.bags.codec import ROS_TYPES, STRING, TypeFactory, decode, encode, ros_type, typed_messages
 from socialbot.bags.types import PACKAGE
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
@@ -34,6 +35,9 @@ _REMEDY = (
     "install the ROS wheels (pip install ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp) "
     "or source a ROS 2 Jazzy installation"
 )
+STANDARD_PACKAGES = frozenset(name.partition("/")[0] for name in ROS_TYPES.values())
+"""Packages of the message types that socialbot itself uses."""
+
 _REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write wire: json in the graph"
 
 
@@ -48,7 +52,10 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
-        remedy = _REMEDY_TYPED if type_name.startswith(f"{PACKAGE}/") else _REMEDY
+        package = type_name.partition("/")[0]
+        known = find_spec("rclpy") is not None and package not in STANDARD_PACKAGES
+        own = f"source the ROS workspace that has the package {package}, or install it with pip"
+        remedy = _REMEDY_TYPED if package == PACKAGE else own if known else _REMEDY
         raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
 
 
@@ -68,6 +75,9 @@ class RclpyTypes:
             else:
                 setattr(message, name, numbers)
         return message
+
+    def owns(self, ros_message: Any) -> bool:
+        return hasattr(ros_message, "get_fields_and_field_types")
 
 
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"

@@ -7,12 +7,15 @@ with its schema name and version (``docs/schemas``).
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import functools
+import re
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import msgspec
 import numpy as np
 
-from socialbot.core.errors import MessageError
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, MessageError
 
 VERSION = 1
 
@@ -153,6 +156,63 @@ class BoxMarkers(Message, frozen=True, kw_only=True):
 
 
 Share = Annotated[float, msgspec.Meta(ge=0.0)]
+
+
+class RosMessage(Message, frozen=True, kw_only=True):
+    """Message of any ROS type; its fields are attributes, as in ROS. `ros_message` makes a subclass for each type.
+
+    ``stamp`` (ns) is that of the header, or else the time of the receipt or publication. ``ros`` is the message itself:
+    of rclpy in a ROS process, of rosbags in an inline run, with the same fields.
+    """
+
+    ros_type: ClassVar[str] = ""
+    ros: Any
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "ros" or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.ros, name)
+
+    @classmethod
+    def of(cls, ros: Any, now: int) -> RosMessage:
+        """Wrap a message of rclpy or rosbags; ``now`` (ns) is the stamp of one without a stamp in its header."""
+        header = getattr(ros, "header", None)
+        stamp = 0 if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
+        return cls(stamp=stamp or now, ros=ros)
+
+
+def ros_message(kind: str | type) -> type[RosMessage]:
+    """Return the message class for a ROS type: a name such as ``std_msgs/msg/Float32``, or a class of rclpy or rosbags.
+
+    Raises:
+        GraphError: ``kind`` is no ROS type.
+    """
+    if isinstance(kind, type):
+        package, *_ = kind.__module__.split(".")
+        name = getattr(kind, "__msgtype__", "") or f"{package}/msg/{kind.__name__}"
+        if not is_ros_message(kind):
+            raise GraphError(
+                f"{kind.__name__} is no message", remedy="give a Message of socialbot, a class of ROS, or its name"
+            )
+    else:
+        parts = kind.split("/")
+        name = "/".join((parts[0], "msg", parts[-1]))
+        if not re.fullmatch(r"[a-z]\w*(/msg)?/[A-Z]\w*", kind):
+            raise GraphError(f"{kind!r} is no ROS type", remedy="write it as in std_msgs/msg/Float32")
+    return _ros_message(name)
+
+
+def is_ros_message(value: Any) -> bool:
+    """Whether a value is a message of rclpy or rosbags, or the class of one."""
+    return hasattr(value, "__msgtype__") or hasattr(value, "get_fields_and_field_types")
+
+
+@functools.cache
+def _ros_message(name: str) -> type[RosMessage]:
+    short = name.rpartition("/")[2]
+    bases = (RosMessage,)
+    made = msgspec.defstruct(short, [], bases=bases, frozen=True, kw_only=True, namespace={"ros_type": name})
+    return cast("type[RosMessage]", made)
 
 
 class Structured(

@@ -27,9 +27,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.errors import GraphError, MessageError, ParameterError, suggestion
 from socialbot.core.lazy import RenamedAttribute
-from socialbot.core.messages import Message, State
+from socialbot.core.messages import Message, RosMessage, State, is_ros_message, ros_message
 
 if TYPE_CHECKING:
     from socialbot.graph.health import HealthMonitor
@@ -62,8 +62,15 @@ EVERYBODY = "all"
 """Receiver of a message for all nodes."""
 
 
+def _message_type(kind: Any) -> Any:
+    return kind if isinstance(kind, type) and issubclass(kind, Message) else ros_message(kind)
+
+
 class Input(Generic[M]):
     """Typed input; as a decorator it registers the method that handles its messages.
+
+    ``message_type`` is a `Message`, or any ROS type: its class of rclpy, or its name as in ``std_msgs/msg/Float32``.
+    The handler of a ROS type gets a `RosMessage`, which has the fields of the ROS message and a ``stamp``.
 
     An input that replaces one of a base class keeps its handler. An ``optional`` one may stay unconnected; it is meant
     for users and programs outside the graph.
@@ -77,7 +84,7 @@ class Input(Generic[M]):
 
     def __init__(
         self,
-        message_type: type[M],
+        message_type: type[M] | type | str,
         topic: str,
         delivery: Delivery = Delivery.EVERY,
         *,
@@ -86,7 +93,7 @@ class Input(Generic[M]):
         alternative_to: Input[Any] | None = None,
         addressed_by: str = "",
     ) -> None:
-        self.message_type = message_type
+        self.message_type: type[M] = _message_type(message_type)
         self.topic = topic
         self.delivery = delivery
         self.optional = optional
@@ -110,10 +117,10 @@ class Input(Generic[M]):
 
 
 class Output(Generic[M]):
-    """Typed output; accessed on a node, it is a `Publisher`."""
+    """Typed output; accessed on a node, it is a `Publisher`. ``message_type`` is that of `Input`."""
 
-    def __init__(self, message_type: type[M], topic: str, delivery: Delivery = Delivery.EVERY) -> None:
-        self.message_type = message_type
+    def __init__(self, message_type: type[M] | type | str, topic: str, delivery: Delivery = Delivery.EVERY) -> None:
+        self.message_type: type[M] = _message_type(message_type)
         self.topic = topic
         self.delivery = delivery
         self.name = ""
@@ -142,7 +149,13 @@ class Publisher(Generic[M]):
         self._node = node
         self._port = port
 
-    def publish(self, message: M) -> None:
+    def publish(self, message: M | Any) -> None:
+        """Publish a message. A message of rclpy or rosbags gets the time of the node if its header has no stamp."""
+        kind = self._port.message_type
+        if issubclass(kind, RosMessage) and not isinstance(message, RosMessage):
+            if not is_ros_message(message) or ros_message(type(message)) is not kind:
+                raise MessageError(f"not a {kind.ros_type}: {type(message).__name__}", where=self._port.topic)
+            message = kind.of(message, self._node.clock.now())
         self._node.context.publish(self._port, message)
 
 
@@ -460,9 +473,12 @@ class Graph:
             for topic, port in (*config.publications, *config.subscriptions):
                 message_type, first = types.setdefault(topic, (port.message_type, config.name))
                 if message_type is not port.message_type:
+                    one, other = (
+                        kind.ros_type if issubclass(kind, RosMessage) else kind.__name__
+                        for kind in (message_type, port.message_type)
+                    )
                     raise GraphError(
-                        f"{topic} is {message_type.__name__} for {first} but {port.message_type.__name__} for "
-                        f"{config.name}",
+                        f"{topic} is {one} for {first} but {other} for {config.name}",
                         where=config.place(self.name),
                         remedy="remap one of the two to another topic",
                     )

@@ -27,6 +27,9 @@ class Types:
     def make(self, type_name: str, /, **fields: Any) -> Any:
         return SimpleNamespace(**fields)
 
+    def owns(self, ros_message: Any) -> bool:
+        return isinstance(ros_message, SimpleNamespace)
+
 
 class Publisher:
     """Keeps what is published."""

@@ -23,7 +23,15 @@ VIDEO_S = (12.0, 14.0)
 
 
 def test_all_howto_pages_exist() -> None:
-    assert [Path(page).stem for page in HOWTO] == ["agentspeak", "cameras", "detectors", "planners", "voices"]
+    assert [Path(page).stem for page in HOWTO] == [
+        "agentspeak",
+        "cameras",
+        "detectors",
+        "planners",
+        "teams",
+        "topics",
+        "voices",
+    ]
 
 
 @pytest.mark.parametrize("page", [*TUTORIALS, *HOWTO])
