@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from evaluation.warehouse_planning import first_question
+from socialbot.planning.pddl import reachability
 from socialbot.planning.pddl.domain import PddlProblem
 from socialbot.planning.pddl.formulas import And, Predicate
 from socialbot.planning.pddl.reachability import unreachable_goals
@@ -75,3 +76,9 @@ def test_the_reason_for_24_boxes_costs_little():
     (goal,) = unreachable_goals(question.domain, problem)
     assert str(goal.goal) == "(clear nothing)"
     assert time.process_time() - begun < 2.0
+
+
+def test_a_problem_that_is_too_large_has_no_reason(monkeypatch):
+    monkeypatch.setattr(reachability, "MAX_BINDINGS", 100)
+    question = first_question(6)
+    assert unreachable_goals(question.domain, without_box(question.problem, "box_a2")) == ()

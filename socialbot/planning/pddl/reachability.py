@@ -5,6 +5,8 @@ Everything that a plan can reach is reachable. A goal that is not reachable prov
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -28,6 +30,8 @@ from socialbot.planning.pddl.formulas import (
 from socialbot.planning.pddl.semantics import Binding, fluents, holds, substitute
 from socialbot.planning.pddl.state import PddlState
 
+MAX_BINDINGS = 300_000
+"""Number of bindings of conditions and parameters after which the search ends without a result."""
 MAX_REASONS = 5
 """Number of conditions that a reason lists."""
 
@@ -44,11 +48,18 @@ class UnreachableGoal:
 
 
 def unreachable_goals(domain: PddlDomain, problem: PddlProblem) -> tuple[UnreachableGoal, ...]:
-    """Return the parts of the goal that nothing can make true."""
+    """Return the parts of the goal that nothing can make true; none for a problem of more than `MAX_BINDINGS`."""
     goals = [] if problem.goal is None else list(_conjuncts(problem.goal))
-    relaxed = _Relaxation(domain, problem)
+    try:
+        relaxed = _Relaxation(domain, problem)
+    except _TooLargeError:
+        return ()
     missing = [goal for goal in goals if not relaxed.may_hold(goal)]
     return tuple(UnreachableGoal(goal, relaxed.reason(goal)) for goal in missing)
+
+
+class _TooLargeError(Exception):
+    """The problem has too many ground actions."""
 
 
 class _Relaxation:
@@ -57,6 +68,8 @@ class _Relaxation:
     def __init__(self, domain: PddlDomain, problem: PddlProblem) -> None:
         self.state = PddlState.of(problem, domain)
         self.domain = domain
+        self._bindings = 0
+        self._most: float = MAX_BINDINGS
         self.reached: dict[str, set[tuple[str, ...]]] = {}
         self._index: dict[tuple[str, int, str], set[tuple[str, ...]]] = {}
         effects = [effect.effect for action in domain.actions.values() for effect in action.effects]
@@ -70,6 +83,7 @@ class _Relaxation:
                 self._reach(timed.effect.predicate)
         while sum(self._apply(action) for action in domain.actions.values()):
             pass
+        self._most = math.inf  # reasons look at few
 
     def may_hold(self, formula: Formula, binding: Binding | None = None) -> bool:
         """Return False only for a ground formula that never holds."""
@@ -156,6 +170,7 @@ class _Relaxation:
     def _matching(self, atom: Predicate, binding: dict[str, str]) -> Iterator[dict[str, str]]:
         for terms in self._candidates(atom, binding):
             found = dict(binding)
+            self._count()
             if all(_bind(found, term, value) for term, value in zip(atom.terms, terms, strict=True)):
                 yield found
 
@@ -169,16 +184,19 @@ class _Relaxation:
 
     def _completed(self, action: PddlAction, binding: dict[str, str]) -> Iterator[dict[str, str]]:
         """Yield the binding with objects of the right types for all parameters."""
-        waiting = [binding]
-        for parameter in action.parameters:
-            possible = self.state.objects(parameter.types)
-            waiting = [
-                {**one, parameter.name: name}
-                for one in waiting
-                for name in ((one[parameter.name],) if parameter.name in one else possible)
-                if name in possible
-            ]
-        yield from waiting
+        possible = [self.state.objects(parameter.types) for parameter in action.parameters]
+        names = [
+            tuple(name for name in objects if binding.get(parameter.name, name) == name)
+            for parameter, objects in zip(action.parameters, possible, strict=True)
+        ]
+        for objects in itertools.product(*names):
+            self._count()
+            yield {parameter.name: name for parameter, name in zip(action.parameters, objects, strict=True)}
+
+    def _count(self) -> None:
+        self._bindings += 1
+        if self._bindings > self._most:
+            raise _TooLargeError
 
     def _added(self, effects: Iterable[Effect], binding: Binding) -> Iterator[Predicate]:
         for effect in effects:
