@@ -104,7 +104,7 @@ def test_printing_spells_terms_as_jason_does():
 
 
 def test_printing_a_plan_and_an_event():
-    assert does(".print({+!g(X)}, {+b : c <- d})") == ["{ +!g(X) }+b : c <- d."]
+    assert does(".print({+!g(X)}, {+b : c <- d})") == ["{ +!g(X) }{ +b : c <- d }"]
 
 
 @pytest.mark.parametrize(
