@@ -56,7 +56,7 @@ def blocks(page: str) -> list[Block]:
     shown = [after.text if after.language == "text" else None for after in found[1:]]
     return [
         Block(block.language, block.text, block.before, shows if block.language == "sh" else None)
-        for block, shows in zip(found, [*shown, None], strict=True)
+        for block, shows in zip(found, [*shown, None][: len(found)], strict=True)
     ]
 
 
