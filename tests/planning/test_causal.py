@@ -1,19 +1,21 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.errors import PlanningError
-from socialbot.planning.pddl.causal_order import CausalOrder, causal_order
+from socialbot.planning.pddl.causal_order import CausalOrder, causal_order, contributing
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep, parse_plan
+from socialbot.planning.pddl.formulas import Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import changes, ground
 from socialbot.planning.pddl.state import PddlState
 from socialbot.planning.pddl.validation import validate_plan
-from tests.planning import brute_force
+from tests.planning import brute_force, texts
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
 from tests.planning.texts import CRANE_PLAN, cellar, crane
 
@@ -279,3 +281,25 @@ def test_the_plan_keeps_to_its_own_order_and_nothing_in_it_is_said_twice(seed, s
         for one in order.before_start[index]:
             if one.edge == "end":
                 assert (one.step, "start") not in order.before_start[index]
+
+
+def test_steps_that_contribute_nothing_are_left_out():
+    text = texts.CRANE_PROBLEM.replace("carrier_a - carrier", "carrier_a carrier_b - carrier")
+    domain = crane()[0]
+    problem = read_problem(text.replace("(away carrier_a)", "(away carrier_a) (away carrier_b)"), domain)
+    whole = parse_plan(CRANE_PLAN)
+    assert contributing(domain, problem, whole) == whole
+    assert contributing(domain, problem, parse_plan(CRANE_PLAN + "0.000: (come carrier_b stack) [6.000]")) == whole
+    one_box = replace(problem, goal=Predicate("holding", ("crane_a", "box_2")))
+    short = contributing(domain, one_box, parse_plan("\n".join(CRANE_PLAN.split("\n")[:4])))
+    assert [step.action for step in short.steps] == ["move", "pick"]
+    assert contributing(domain, replace(problem, goal=None), whole).steps == ()
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=100, deadline=None)
+def test_contributing_steps_are_steps_of_the_plan_in_order(seed):
+    domain, problem, chance = random_pair(seed)
+    plan = random_plan(domain, problem, chance, lambda *_: True, 6)
+    rest = iter(plan.steps)
+    assert all(step in rest for step in contributing(domain, problem, plan).steps)

@@ -56,6 +56,37 @@ def causal_order(
     return _reduced(history, len(plan.steps))
 
 
+def contributing(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan) -> PddlPlan:
+    """Return a valid plan without the steps that contribute nothing to its goal, not even through other steps.
+
+    A search for a short makespan adds such steps wherever they cost no time. The result may be invalid if a step
+    contributed in a way that its read and write sets do not show; validate it.
+    """
+    state = PddlState.of(problem, domain)
+    history = _recorded(domain, state, plan, ())
+    goals = () if problem.goal is None else (problem.goal,)
+    needs = [ReadWriteAnalysis(domain).reading(goals, state)]  # _recorded has brought the state to the end of the plan
+    reads: dict[int, list[ReadWriteSets]] = defaultdict(list)
+    for event, sets in zip(history.order, history.sets, strict=True):
+        reads[event.step].append(sets)
+    for sets, reader in history.spans:
+        reads[history.order[reader.last].step].append(sets)
+    kept: set[int] = set()
+    while needs:
+        literals = {literal for sets in needs for literal in sets.literals.items()}
+        keys = frozenset().union(*(group for sets in needs for group in sets.groups))
+        serving = {
+            event.step
+            for event, sets in zip(history.order, history.sets, strict=True)
+            if any((one, True) in literals for one in sets.added)
+            or any((one, False) in literals for one in sets.deleted)
+            or not keys.isdisjoint(sets.writes)
+        }
+        needs = [sets for step in serving - kept for sets in reads[step]]
+        kept |= serving
+    return PddlPlan(tuple(step for number, step in enumerate(plan.steps) if number in kept))
+
+
 @dataclass(frozen=True, slots=True)
 class _Reader:
     """Span of positions at which something is read; -1 for a start before the plan.

@@ -15,6 +15,7 @@ from typing import Protocol
 
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
+from socialbot.planning.pddl.causal_order import contributing
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
@@ -231,8 +232,10 @@ class ChildPlanner(ABC):
         if other is None or other.plan is None:
             return answer
         other = self._validated(other, domain, problem)
-        shorter = other.plan is not None and other.plan.makespan_s < plan.makespan_s
-        return other if shorter else answer
+        if other.plan is None or other.plan.makespan_s >= plan.makespan_s:
+            return answer
+        fewer = contributing(domain, problem, other.plan)
+        return other if validate_plan(domain, problem, fewer) else replace(other, plan=fewer)
 
     def _validated(self, answer: PlannerAnswer, domain: PddlDomain, problem: PddlProblem) -> PlannerAnswer:
         if answer.plan is None:

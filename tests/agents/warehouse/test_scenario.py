@@ -76,7 +76,7 @@ def test_carriers_return_for_more_boxes(boxes, carriers, trips):
     (desire,) = gripper_desires(found)
     plan = plan_for(believing(cast.GRIPPER_DOMAIN, gripper_beliefs(found)), desire)
     counts = Counter(step.action for step in plan.steps)
-    assert counts["carrier_unloading"] == trips
+    assert counts["carrier_unloading"] >= trips
     assert counts["gripper_put_on_carrier"] == boxes
     assert plan.makespan_s <= desire.deadline
 
