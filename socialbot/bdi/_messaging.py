@@ -9,8 +9,9 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._open_beliefs import add_belief, remove_belief
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.intentions import Failed, Failure, Intention, Pause, subgoal
+from socialbot.bdi.intentions import EVENT, OPEN, Failed, Failure, Intention, Pause, subgoal
 from socialbot.bdi.literals import SELF, Event, Literal, literal_from_key, source_notes
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
@@ -62,7 +63,7 @@ class Messaging:
         Args:
             receiver: A name, an atom, or a tuple of them.
             performative: One of `PERFORMATIVES`.
-            content: A term, without variables if the performative requires it.
+            content: A term; a question must be a literal.
             cause: The trace record of the cause.
             answer: The term that has to match the answer to a question.
             limit_s: The time after which a missing answer is ``timeout``.
@@ -94,7 +95,8 @@ class Messaging:
             cause = trace.record("message", f"{act} to all: {show(content)}", cause)
         if self.society is not None:
             others = [agent for agent in self.society.agents.values() if agent is not self._engine]
-            if act == "tell" and detached(content) is content:
+            literals = all(isinstance(each, (Literal, Atom)) for each in each_of(content))
+            if act == "tell" and literals and detached(content) is content:
                 self.society.tell_all(self._engine, others, content, cause)
                 return
             for agent in others:
@@ -138,13 +140,18 @@ class Messaging:
         if performative.startswith("ask"):
             _ask(agent, sender, performative, content, said_by, cause, reply)
         else:
-            _apply(agent, performative, content, said_by, cause)
+            try:
+                _apply(agent, performative, content, said_by, cause)
+            except Failed as problem:  # the sender does not wait for the effect
+                agent.trace.record_failure(f"{performative} from {name}", cause, problem)
 
     def _find(self, receiver: Any) -> Engine:
         if receiver.__class__ is Atom:
             receiver = receiver.name
         if receiver in ("self", self._engine.name):
             return self._engine
+        if receiver.__class__ is Var:
+            raise wrong(".send", receiver, "the name of an agent, or a list of names")
         if self.society is None:
             raise Failed("action_failed", f"there is no agent {receiver}: {self._engine.name} is in no society")
         return self.society.find(receiver)
@@ -176,18 +183,29 @@ def _apply(agent: Engine, act: str, content: Any, said_by: Any, cause: Any) -> N
         literal = literal_of(act, each)
         key, args, notes = literal.key, literal.args, _notes(literal, said_by)
         match act:
+            case "tell" if content.__class__ is tuple and not closed(literal):
+                problem = Failed("no_value", f"{literal}: in a list, beliefs need values")
+                agent.trace.record_failure("tell", cause, problem)
             case "tell":
-                agent.beliefs.add(agent.beliefs.relation(key), args, notes, cause)
+                add_belief(agent.interpreter, "++", key, args, notes, cause)
             case "untell":
-                agent.beliefs.remove(agent.beliefs.relation(key), args, notes, cause, here=False)
+                remove_belief(agent.interpreter, key, args, notes, cause, here=False)
             case "signal":
-                added = agent.beliefs.relation(key).added
-                if added is not None:
-                    agent.interpreter.events.append((added, args, (*notes, Atom("signal")), cause))
+                _signal(agent, key, args, (*notes, Atom("signal")), cause)
             case "achieve":
                 agent.intentions.adopt(subgoal(agent.library.triggers[f"+!{key}"], args, notes, cause))
             case "unachieve":
                 goals.drop_goal(agent, literal)
+
+
+def _signal(agent: Engine, key: str, args: Any, notes: Any, cause: Any) -> None:
+    added = agent.beliefs.relation(key).added
+    if added is None:
+        return
+    if closed(args):
+        agent.interpreter.events.append((added, args, notes, cause))
+    else:
+        agent.intentions.adopt((EVENT | OPEN, added, args, notes, cause))
 
 
 def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
@@ -296,10 +314,8 @@ def _content(act: str, content: Any) -> Any:
             if not isinstance(each, (Plan, str, Atom)):
                 raise wrong(act, each, "a plan")
         return content
-    for each in (content,) if act in ("askOne", "askAll") else each_of(content):
-        what = literal_of(act, each)
-        if act in ("tell", "signal") and not closed(what):
-            raise Failed("no_value", f"{act} {what}: a variable has no value")
+    if act.startswith("ask"):
+        literal_of(act, content)  # a question without a meaning would have no answer
     return content
 
 

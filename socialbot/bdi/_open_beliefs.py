@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import EVENT, OPEN, Failed
-from socialbot.bdi.literals import Literal, literal_from_key
+from socialbot.bdi.literals import SELF, Literal, literal_from_key
 from socialbot.bdi.plans import Inference
 from socialbot.bdi.stdlib.registry import detached, opened
 from socialbot.bdi.terms import NOTHING, Atom, Variable
-from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
+from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
@@ -20,34 +21,28 @@ if TYPE_CHECKING:
 def add_belief(ag: Interpreter, sign: str, key: str, args: Args, notes: Annotations, cause: Any) -> Any:
     """Add a belief of a plan, as ``+``, ``-+`` or ``++``; an argument without a value stands for any value.
 
-    A belief with such arguments has no annotations.
-
     Returns:
         The request for a plan for the event, or None.
     """
     base = ag.beliefs
     relation, args = base.relation(key), resolve(args)
+    if sign == "-+":
+        for fact in _facts(ag, key):
+            if _said_by(fact, notes):
+                _forget(ag, relation, fact, cause)
+                break
     if closed(args):
         if sign == "++":
             return base.add(relation, args, notes, cause)
         return (base.add_here if sign == "+" else base.replace)(relation, args, notes, cause)
     if sign == "-+":
         _remove(ag, relation, tuple(Var() for _ in args), notes, cause, here=False)
-    head = literal_from_key(key, _general(args, {}))
-    rule = Inference(head, NOTHING, text=f"{head}")
-    if any(str(known) == rule.text for known in _facts(ag, key)):
-        return None
-    ag.engine.add_rules(rule)
+    names: dict[Var, Variable] = {}
+    head = literal_from_key(key, _general(args, names)).with_(annotations=_general(resolve(tuple(notes)), names))
+    ag.engine.add_rules(Inference(head, NOTHING, text=f"{head}"))
     cause = ag.trace.record("belief", str(head), cause)
     base.notify(relation, args, True, cause)
-    trigger = ag.triggers.get(f"+{key}")
-    if trigger is None or not (trigger.plans or trigger.key in ag.intentions.awaited):
-        return None
-    request = (EVENT | OPEN, trigger, detached(args), notes, cause)
-    if sign != "++":
-        return request
-    ag.intentions.adopt(request)
-    return None
+    return _event(ag, f"+{key}", args, notes, cause, here=sign != "++")
 
 
 def remove_belief(ag: Interpreter, key: str, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
@@ -61,11 +56,18 @@ def _remove(ag: Interpreter, relation: Relation, args: Args, notes: Annotations,
     undo(trail, 0)
     if found is not None:
         return ag.beliefs.remove(relation, args, notes, cause, here)
-    fact = next((fact for fact in _facts(ag, relation.key) if _matches(fact, args, trail)), None)
+    if closed(args) and args:  # it is no instance that is removed
+        return None
+    fact = next((fact for fact in _facts(ag, relation.key) if _matches(fact, args, notes, trail)), None)
     if fact is None:
         return None
     _forget(ag, relation, fact, cause)
-    trigger = ag.triggers.get(f"-{relation.key}")
+    return _event(ag, f"-{relation.key}", args, notes, cause, here=here)
+
+
+def _event(ag: Interpreter, key: str, args: Args, notes: Annotations, cause: Any, *, here: bool) -> Any:
+    """Return the request for a plan for an event with variables, or adopt it."""
+    trigger = ag.triggers.get(key)
     if trigger is None or not (trigger.plans or trigger.key in ag.intentions.awaited):
         return None
     request = (EVENT | OPEN, trigger, detached(args), notes, cause)
@@ -81,7 +83,7 @@ def forget_all(ag: Interpreter, pattern: Literal, cause: Any) -> None:
     ag.beliefs.forget_all(relation, pattern.args, pattern.annotations, cause)
     trail: Trail = []
     for fact in _facts(ag, pattern.key):
-        if not pattern.annotations and _matches(fact, pattern.args, trail):
+        if _matches(fact, pattern.args, pattern.annotations, trail):
             _forget(ag, relation, fact, cause)
         undo(trail, 0)
 
@@ -102,9 +104,14 @@ def _facts(ag: Interpreter, key: str) -> list[Inference]:
     return [rule for rule in reversed(rules) if not rule.condition.terms]
 
 
-def _matches(fact: Inference, args: Args, trail: Trail) -> bool:
+def _said_by(fact: Inference, notes: Annotations) -> bool:
+    held = fact.head.annotations
+    return annotations_match(notes, held if any(map(is_source, held)) else held + SELF, [])
+
+
+def _matches(fact: Inference, args: Args, notes: Annotations, trail: Trail) -> bool:
     mark = len(trail)
-    if unify(args, opened(fact.head.args), trail):
+    if unify(args, opened(fact.head.args), trail) and _said_by(fact, notes):
         return True
     undo(trail, mark)
     return False

@@ -243,11 +243,14 @@ def unbound_in(item: Plan | Inference) -> list[tuple[str, object]]:
 
 
 def open_changes(plan: Plan) -> list[Literal]:
-    """Return the beliefs that a plan in AgentSpeak adds with variables that have no value."""
+    """Return the beliefs that a plan in AgentSpeak adds or tells with variables that have no value."""
     if plan.text is None:
         return []
-    steps = [where for _, where in unbound_in(plan) if isinstance(where, Update)]
-    return [step.literal for step in steps if step.sign in ("+", "-+", "++") and isinstance(step.literal, Literal)]
+    checker = _Checker(plan, strict=False)
+    checker.check()
+    steps = [where for _, where in checker.found if isinstance(where, Update)]
+    added = [step.literal for step in steps if step.sign in ("+", "-+", "++") and isinstance(step.literal, Literal)]
+    return added + checker.told
 
 
 def unbound_result(rule: Inference, open_keys: Collection[str]) -> bool:
@@ -275,6 +278,7 @@ class _Checker:
         self.strict = strict
         self.open_keys = open_keys
         self.found: list[tuple[str, object]] = []
+        self.told: list[Literal] = []  # contents of messages with variables that have no value
 
     def check(self) -> None:
         rule = self.rule
@@ -373,6 +377,9 @@ class _Checker:
             case Do(action=Structure() as action) if "." not in action.functor:
                 return self.pattern((*action.args, *action.annotations), bound, step)  # unbound ones are results
             case Do(action=Literal() as action) if "." in action.functor:
+                if action.functor in (".send", ".broadcast"):
+                    contents = [each for arg in action.args for each in (arg if isinstance(arg, tuple) else (arg,))]
+                    self.told += [each for each in contents if isinstance(each, Literal) and each.names() - bound]
                 return bound | action.names()
             case Achieve(goal=Pattern() as part) | Update(literal=Pattern() as part) | Do(action=part):
                 self.value(part, bound, step)

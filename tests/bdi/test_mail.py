@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Engine, Goal, message, send
 from socialbot.bdi.literals import literal
+from socialbot.bdi.trace import Record
 from socialbot.core.clock import ManualClock
 from tests.bdi.lab import Lab, X, Y, Z, do, go, p
 from tests.bdi.mas import Mas
@@ -194,21 +195,37 @@ class deed(Goal):  # noqa: N801
         (".send(bo, tell, x(1))", "did you mean bob"),
         (".send([bob, nobody], tell, x)", "there is no agent nobody"),
         (".send(bob, tel, x)", "expects one of tell, untell"),
-        (".send(bob, tell, 7)", "tell expects a literal, not 7"),
-        (".send(bob, tell, x(Y))", "a variable has no value"),
-        (".send(bob, achieve, [1])", "achieve expects a literal"),
         (".send(bob, askOne, [x])", "askOne expects a literal"),
         (".send(bob, tellHow, 7)", "tellHow expects a plan"),
         (".send(bob, askHow, x)", "askHow expects an event"),
         (".send(7, tell, x)", "there is no agent 7"),
-        (".send(R, tell, x)", "there is no agent"),
-        (".broadcast(tell, 7)", "tell expects a literal"),
+        (".send(R, tell, x)", "the name of an agent"),
     ],
 )
 def test_invalid_message_fails_the_step(step, message):
     mas = Mas(a=f"!g. +!g <- {step}; .print(sent). -!g[error_msg(M)] <- .print(M).", bob="").until(1)
     (line,) = mas.lines
     assert message in line
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (".send(bob, tell, 7)", "tell expects a literal, not 7"),
+        (".send(bob, tell, X)", "tell expects a literal, but X has no value"),
+        (".send(bob, tell, [x(Y)])", "in a list, beliefs need values"),
+        (".send(bob, achieve, [1])", "achieve expects a literal"),
+        (".broadcast(tell, 7)", "tell expects a literal"),
+    ],
+)
+def test_a_content_without_meaning_is_a_failure_of_the_receiver(step, message):
+    mas = Mas(a=f"!g. +!g <- {step}; .print(sent). -!g[error_msg(M)] <- .print(M).", bob="")
+    records: list[Record] = []
+    mas.bob.trace.sink = records.append
+    mas.until(1)
+    assert mas.lines == ["sent"]
+    (failure,) = [record for record in records if record.kind == "failure"]
+    assert message in str(failure.detail["message"])
 
 
 def test_message_to_a_list_with_an_unknown_agent_is_not_sent():

@@ -263,7 +263,8 @@ def update(f: Function, step: Update) -> None:
         f.line(f"r = ag.beliefs.{method}({relation}, {args}, {notes}, c, {sign == '-'})", step)
         refresh(f, names_in(literal))
         return
-    if f.unit.lenient and not settled(f, literal.args):
+    replaces = sign == "-+" and f.unit.library.derives(literal.key)  # perhaps a belief with variables
+    if f.unit.lenient and (replaces or not settled(f, literal.args)):
         args, notes = build(f, literal.args), notes_of(f, literal)
         f.line(f"r = add_belief(ag, {sign!r}, {literal.key!r}, {args}, {notes}, c)", step)
         refresh(f, names_in(literal))
