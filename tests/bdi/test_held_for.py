@@ -1,6 +1,7 @@
 import pytest
 
 from socialbot.bdi import Sensor
+from socialbot.bdi._hold_timers import HoldTimer
 from socialbot.core.clock import SECOND
 from tests.bdi.lab import Lab, X, _, do, go, mood, p, q
 
@@ -112,6 +113,7 @@ def test_a_timer_forgets_beliefs_that_end_before_it():
         lab.tell(-p(second - 1))
         lab.until(second + 1)
     ((_, _, timer, _),) = lab.engine.timers.heap
+    assert isinstance(timer, HoldTimer)
     assert sum(1 for _ in timer.waiting()) == 1
     assert len(timer._args) < 200
     lab.until(2000)
