@@ -23,6 +23,8 @@ _NEARER = 0.02  # A box that ends lower by this share of its height is nearer, a
 _SLIM = 0.7  # It covers this share of its width: arms and legs reach farther only in places.
 _LEAST_FREE = 0.3  # Boxes cover the rest; a part shows colours if this share of its weight is free.
 
+_NOISE_PX = 50.0  # Noise, the edges of a box and its background: distance of looks, times the area of the box.
+
 _BINS = (4, 8, 8)  # Of CIE L*, a* and b*;
 _LOW, _HIGH = (0.0, -32.0, -32.0), (100.0, 32.0, 32.0)  # their range.
 _USUAL_GREY, _LEAST_GREY = 110.0, 20.0  # Images are scaled to this mean; darker ones show no colours.
@@ -51,6 +53,11 @@ def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
             inner = boxes[nearer] * (1, 1, _SLIM, 1) + boxes[nearer, 2:3] * ((1 - _SLIM) / 2, 0, 0, 0)
             _describe(image_bgr, box, columns, inner, _USUAL_GREY / grey, looks[number])
     return looks
+
+
+def noise_of(boxes: np.ndarray) -> np.ndarray:
+    """Distance between looks of one person that few pixels cause, for ``boxes`` (n, 4) as x, y, w, h: shape (n,)."""
+    return _NOISE_PX / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
 
 
 def _columns(box: np.ndarray, width: int) -> tuple[int, int]:

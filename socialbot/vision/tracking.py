@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.appearance import Appearance
+from socialbot.vision.appearance import Appearance, noise_of
 from socialbot.vision.detector import clip, iou, same_head, shared_area
 from socialbot.vision.motion import BoxFilter, Cut, cut_off
 
@@ -63,7 +63,7 @@ _LEAST_FIT_UNKNOWN = 0.4  # and must fit this well.
 _FOREIGN = 0.4  # A track that looks so different shows somebody else.
 _RETURNED = 0.12  # A lost person is recognised below this distance,
 _CLEARER = 0.7  # if other known people are farther by this factor.
-_DECIDING_S = 0.6  # A new track that may show a lost person waits this long for its id.
+_DECIDING_S = 0.6  # A near new track that may show a lost person waits this long for its id.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
 _LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
 _SURE_FIT = 0.6  # From this IoU, a track that nobody has touched for a while may change its look: light changes.
@@ -273,6 +273,9 @@ class Tracker:
         least: float,
     ) -> dict[int, int]:
         costs = np.ones((len(numbers), len(indices)))
+        # Colours of few pixels tell little, and so do those that few pixels would show.
+        noise, clarity = noise_of(boxes[indices]), _clarity(boxes[indices])
+        hidden = least + clarity * max(_LEAST_FIT_UNKNOWN - least, 0.0)
         for row, number in enumerate(numbers):
             person = self._persons[number]
             fit = person.motion.fit(expected[number], boxes[indices])
@@ -280,10 +283,12 @@ class Tracker:
             far = person.appearance.distances(looks[indices])
             known = len(person.appearance) >= _LEAST_LOOKS
             unknown = _UNKNOWN if known else 0.0
-            unlike = np.where(np.isfinite(far), np.clip((far - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown)
+            unlike = np.where(
+                np.isfinite(far), np.clip((far - noise - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown * clarity
+            )
             mixed = (self._stamp or 0) - person.mixed <= _MIXED_S * SECOND
-            other = (far >= _OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
-            needed = np.where(np.isfinite(far) | (not known), least + _LEAST_MORE * unlike, _LEAST_FIT_UNKNOWN)
+            other = (far - noise >= _OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
+            needed = np.where(np.isfinite(far) | (not known), least + _LEAST_MORE * unlike, hidden)
             good = person.motion.is_head(boxes[indices]) & (fit >= needed)
             costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
@@ -397,7 +402,8 @@ class Tracker:
     def _may_return(self, person: _Person) -> bool:
         """Whether the next looks of a new track may show that it is a lost person."""
         partly_seen = person.cut.left or person.cut.right or person.mixed >= person.begun
-        if not (self._lost and partly_seen) or (person.last - person.begun) / SECOND >= _DECIDING_S:
+        patience = _DECIDING_S * float(_clarity(person.box[None])[0])
+        if not (self._lost and partly_seen) or (person.last - person.begun) / SECOND >= patience:
             return False
         if not len(person.appearance):
             return True
@@ -446,6 +452,11 @@ class Tracker:
         cut = cut_off(motion.box, *size) if size else Cut()
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _clarity(boxes: np.ndarray) -> np.ndarray:
+    """How much the colours in ``boxes`` (n, 4) can tell, from 0 for a few pixels to 1: shape (n,)."""
+    return np.maximum(0.0, 1 - noise_of(boxes) / (_UNLIKE - _LIKE))
 
 
 def _track(person: _Person) -> Track:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.appearance import Appearance, looks_of
+from socialbot.vision.appearance import Appearance, looks_of, noise_of
 from socialbot.vision.detector import clip
 from socialbot.vision.tracking import Track, Tracker
 from tests.vision.scenes import SIZE, ids
@@ -347,3 +347,50 @@ def test_unknown_person_at_the_edge_waits_for_an_id_at_most_a_moment():
     seen += [street.show(-40, np.full_like(anna, np.nan)) for _ in range(9)]
     assert seen[:6] == [[]] * 6
     assert seen[7:] == [["t2"]] * 3
+
+
+def continues(height: float, look: np.ndarray, last: np.ndarray, shift: float) -> bool:
+    """Whether a track of boxes of a ``height`` goes on with the look ``last``, moved by this share of the width."""
+    tracker, box = Tracker(0.5, 0.15), at(300, h=height)
+    for step in range(10):
+        tracker.update(step * SECOND // 10, np.array([box]), np.array([0.7]), SIZE, look[None])
+    moved = np.array([at(300 + 0.4 * height * shift, h=height)])
+    tracks = tracker.update(SECOND, moved, np.array([0.7]), SIZE, last[None])
+    return any(track.id == "t1" and track.unseen_s == 0 for track in tracks)
+
+
+def unlike(look: np.ndarray, far: float) -> np.ndarray:
+    """A look at the distance ``far`` of another one, (2, bins)."""
+    rest = np.zeros_like(look)
+    rest[np.arange(len(look)), np.argmin(look, axis=1)] = 1.0
+    return ((1 - far) * look + np.sqrt(1 - (1 - far) ** 2) * rest).astype(np.float32)
+
+
+def test_colours_of_fewer_pixels_count_less():
+    (look,) = looks_of_one(ANNA)
+    limits = []
+    for height in (240.0, 80.0, 40.0, 32.0):
+        goes_on = [continues(height, look, unlike(look, far), shift=0.4) for far in np.arange(0.2, 0.6, 0.02)]
+        assert goes_on == sorted(goes_on, reverse=True), "the more unlike, the less it continues"
+        limits.append(sum(goes_on))
+    assert 0 < limits[0] < limits[1] < limits[2] < limits[3]
+
+
+def test_colours_that_a_few_pixels_would_not_show_are_no_evidence():
+    (look,) = looks_of_one(ANNA)
+    unknown, shifts = np.full_like(look, np.nan), np.arange(0, 2, 0.05)
+
+    def lost(height: float) -> int:
+        """For how many shifts a track goes on with its own colours only."""
+        own, hidden = (sum(continues(height, look, last, shift) for shift in shifts) for last in (look, unknown))
+        return own - hidden
+
+    assert lost(240.0) > lost(36.0) > lost(28.0) == 0
+
+
+@pytest.mark.parametrize("height", [50.0, 80.0, 240.0])
+def test_few_pixels_explain_the_distance_between_looks_of_one_person(height):
+    box = np.array([at(300, h=height)])
+    looks = [looks_of(picture((at(300, h=height), ANNA), seed=seed), box)[0] for seed in range(30)]
+    far = Appearance(looks[:1]).distances(np.array(looks[1:]))
+    assert np.quantile(far, 0.9) <= noise_of(box)[0]
