@@ -56,6 +56,9 @@ def up(
         else:
             options.expect_no_machine(machine)
             whole, source = with_changes(load_graph(graph), changes), LiveSource(state_folder=minds)
+        for config in whole.nodes:
+            if source.nodes is None or config.name in source.nodes:
+                config.type.expect_available(config.parameters)
         console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", markup=False)
         record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep)))
         if show_page:

@@ -307,6 +307,10 @@ class Node:
         """The parameters by name."""
         return cls._parameters
 
+    @classmethod
+    def expect_available(cls, parameters: Mapping[str, object]) -> None:
+        """Raise DeviceError if a node with these parameters could not start on this machine: a file is missing."""
+
     @property
     def clock(self) -> Clock:
         return self.context.clock

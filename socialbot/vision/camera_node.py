@@ -162,6 +162,13 @@ class Camera(Node):
     hfov_rad = Parameter(1.09, "horizontal field of view, rad", minimum=0.1, maximum=3.0)
     frame_id = Parameter("camera_color_optical_frame", "name of the camera's frame", fixed=True)
 
+    @classmethod
+    def expect_available(cls, parameters: Mapping[str, object]) -> None:
+        """Raise DeviceError for a file or folder without images; a camera may be plugged in later."""
+        source = str(parameters.get("source", cls.source.default))
+        if not is_device(source):
+            open_frames(source).close()
+
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         self._frames: Frames | None = None

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from socialbot.cli.main import app
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import DeviceError, SocialbotError
 from socialbot.graph.node import Graph
 from socialbot.runtime import run as running
 from socialbot.runtime.deployment import is_deployment
@@ -43,13 +43,25 @@ def _environment_of_its_own() -> Iterator[None]:
 def test_up_runs_the_nodes_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ran: list[tuple[Graph, LiveSource]] = []
     monkeypatch.setattr(running, "run", lambda graph, source, *_, **__: ran.append((graph, source)))
-    done = run("up", file, "--machine", "robot", "--camera", "film.avi", "--out", tmp_path / "run", "--minds", "kept")
+    done = run("up", file, "--machine", "robot", "--camera", "0", "--out", tmp_path / "run", "--minds", "kept")
     assert done.exit_code == 0, done.output
     assert "waldo on robot: camera, speech, head, camera_image_raw_to_workstation" in done.output
     [(graph, source)] = ran
     assert source.nodes == ["camera", "speech", "head", "camera_image_raw_to_workstation"]
-    assert graph.node("camera").parameters["source"] == "film.avi"
+    assert graph.node("camera").parameters["source"] == "0"
     assert source.state_folder == Path("kept")
+
+
+def test_up_refuses_a_missing_video_before_it_starts(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ran: list[Graph] = []
+    monkeypatch.setattr(running, "run", lambda graph, *_, **__: ran.append(graph))
+    film, folder = tmp_path / "film.avi", tmp_path / "run"
+    refused = run("up", "waldo", "--camera", film, "--out", folder).exception
+    assert isinstance(refused, DeviceError)
+    assert "no such camera, video file or folder" in str(refused)
+    assert (ran, folder.exists()) == ([], False)
+    done = run("up", file, "--machine", "workstation", "--camera", film, "--out", folder)
+    assert (done.exit_code, len(ran)) == (0, 1), "the camera is on the other machine"
 
 
 @pytest.mark.parametrize(
