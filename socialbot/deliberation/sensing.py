@@ -28,6 +28,13 @@ from socialbot.planning.pddl.formulas import Key
 if TYPE_CHECKING:
     from socialbot.deliberation.deliberator import Deliberator
 
+SECOND_CHECK_S = 0.05
+"""Time from the deadline of a sensor to its second check.
+
+Timers precede messages, so a percept that waits or is in transit when the deadline passes is handled in between. In
+simulated time the second check is in a later step.
+"""
+
 
 def predicate(name: str, *params: str) -> Fact:
     """Return the fact that a predicate is true."""
@@ -53,6 +60,7 @@ class FactSensor(Sensor):
     Attributes:
         prototypes: Facts that it may report; ``*`` stands for any object, or for any name of an instance.
         deadline_s: Longest time between percepts; after it, and before the first one, the agent starts nothing new.
+            It is silent if a second check, `SECOND_CHECK_S` later, finds no percept either.
             After ``give_up_silent_s`` more it goes on without what needs the sensor.
     """
 
@@ -61,6 +69,8 @@ class FactSensor(Sensor):
 
     deliberator: Deliberator
     _percept_at = 0
+    _overdue = False
+    """Whether the last check was the first one past the deadline."""
     _last_facts: tuple[Fact, ...] | None = None
     _version = -1
     _problems: tuple[str, ...] = ()
@@ -124,10 +134,13 @@ class FactSensor(Sensor):
     def _check_deadline(self) -> None:
         assert self.deadline_s is not None
         engine = self.deliberator.engine
-        due = self._percept_at + nanoseconds(self.deadline_s)
-        if engine.clock.now() >= due:
+        now, due = engine.clock.now(), self._percept_at + nanoseconds(self.deadline_s)
+        is_second, self._overdue = self._overdue, now >= due and not self._overdue
+        if self._overdue:
+            due = now + nanoseconds(SECOND_CHECK_S)
+        elif is_second and now >= due:
             self.deliberator.sensor_timeouts.begin(self.name)
-            due = engine.clock.now() + nanoseconds(self.deadline_s)
+            due = now + nanoseconds(self.deadline_s)
         engine.timers.at(due, self._check_deadline)
 
 
