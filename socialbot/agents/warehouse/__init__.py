@@ -7,6 +7,8 @@ AGENT = AgentPackage(
     module="socialbot.agents.warehouse",
     nodes={
         "carrier": "socialbot.agents.warehouse.carrier:Carrier",
+        "layout_gripper": "socialbot.agents.warehouse.gripper:LayoutGripper",
+        "layout_world": "socialbot.agents.warehouse.world_node:LayoutWorld",
         "gripper": "socialbot.agents.warehouse.gripper:Gripper",
         "warehouse_world": "socialbot.agents.warehouse.world_node:World",
     },

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from socialbot.agents.warehouse.carrier import Carrier
-from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24
+from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24, LayoutGripper
+from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Scenario
-from socialbot.agents.warehouse.world_node import World, World12, World24
+from socialbot.agents.warehouse.world_node import LayoutWorld, World, World12, World24
+from socialbot.core import paths
 from socialbot.graph.node import Graph, NodeConfig
 
 KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)}
@@ -31,16 +35,41 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
         faults: Faults of the world; see its parameter.
     """
     world, gripper = KINDS[boxes]
-    carriers = gripper.scenario.carriers
-    hasty = {carriers[-1]: {"init_reactive_rules_set": HASTY_CARRIER_RULES.name}} if run == 2 else {}
     files = {"init_bset": "gripper_beliefs.yaml", "init_dset": "gripper_desires.yaml"} if boxes == 6 else {}
+    return _graph(
+        gripper.scenario.carriers,
+        NodeConfig("world", world, {"seed": seed, "faults": faults}),
+        NodeConfig(GRIPPER, gripper, files),
+        run,
+    )
+
+
+def warehouse_of(layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "") -> Graph:
+    """The graph of a warehouse from a layout file, which its nodes may read.
+
+    Args:
+        layout: Layout file.
+        run: In run 2 the last carrier leaves as soon as it has one box.
+        seed: Seed of the world.
+        faults: Faults of the world; see its parameter.
+
+    Raises:
+        GraphError: The file cannot be read, or is no layout.
+    """
+    paths.allow(layout)
+    file = {"layout": str(layout.resolve())}
+    return _graph(
+        load_layout(layout).carriers,
+        NodeConfig("world", LayoutWorld, {"seed": seed, "faults": faults, **file}),
+        NodeConfig(GRIPPER, LayoutGripper, file),
+        run,
+    )
+
+
+def _graph(carriers: Sequence[str], world: NodeConfig, gripper: NodeConfig, run: Literal[1, 2]) -> Graph:
+    hasty = {carriers[-1]: {"init_reactive_rules_set": HASTY_CARRIER_RULES.name}} if run == 2 else {}
     return Graph(
-        "warehouse",
-        (
-            NodeConfig("world", world, {"seed": seed, "faults": faults}),
-            *(NodeConfig(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers),
-            NodeConfig(GRIPPER, gripper, files),
-        ),
+        "warehouse", (world, *(NodeConfig(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers), gripper)
     )
 
 
@@ -51,10 +80,14 @@ def demo(
     faults: Annotated[
         str, typer.Option(metavar="TEXT", help="Faults: '30 leaves carrier_c; 40 slips; 50 silent carrier_a 10'.")
     ] = "",
+    layout: Annotated[Path | None, typer.Option(metavar="FILE", help="Layout file (YAML) instead of --boxes.")] = None,
 ) -> tuple[str, Graph]:
     """A gripper sorts boxes onto carriers, which take them away.
 
     Exit codes beside the usual ones: 10 not all goals were reached.
     """
+    if layout is not None:
+        graph = warehouse_of(layout, run=2 if run == 2 else 1, seed=seed, faults=faults)
+        return f"The warehouse of {layout.name}, run {run}", graph
     graph = warehouse(int(boxes), run=2 if run == 2 else 1, seed=seed, faults=faults)
     return f"The warehouse, run {run}" + ("" if boxes == "6" else f", {boxes} boxes"), graph

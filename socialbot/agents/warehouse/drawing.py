@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from socialbot.agents.base import _svg as svg
-from socialbot.agents.warehouse.gripper import GripperAgent
+from socialbot.agents.warehouse.gripper import GripperAgent, LayoutGripper
+from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
@@ -246,5 +247,9 @@ class FloorView:
 
 def world_view(graph: Graph) -> FloorView | None:
     """The view of the warehouse that ``graph`` runs; None for a graph without a gripper."""
-    grippers = (node.type for node in graph.nodes if issubclass(node.type, GripperAgent))
-    return next((FloorView(gripper.scenario) for gripper in grippers), None)
+    for node in graph.nodes:
+        if issubclass(node.type, LayoutGripper):
+            return FloorView(load_layout(str(node.parameters.get("layout", "")), where=f"{node.name}.layout"))
+        if issubclass(node.type, GripperAgent):
+            return FloorView(node.type.scenario)
+    return None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.carrier import MoveAction
+from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.messages import (
     BoxPosition,
     BoxPositions,
@@ -18,6 +19,7 @@ from socialbot.agents.warehouse.messages import (
     MoveStatus,
 )
 from socialbot.agents.warehouse.scenario import (
+    CARRIER_NAMES,
     FOLDER,
     GRIPPER,
     GRIPPER_DOMAIN,
@@ -297,7 +299,7 @@ class GripperAgent(Deliberating):
         gripper_move, gripper_pickup, gripper_putdown, gripper_put_on_carrier, req_carrier_to_come, carrier_unloading,
     )  # fmt: skip
     phrases = PHRASES
-    scenario: ClassVar[Scenario] = SIX
+    scenario: Scenario = SIX
 
     motors_move_status = Input(MoveStatus, f"/{GRIPPER}/motors_move_status")
     gripper_status = Input(GripperStatus, f"/{GRIPPER}/gripper_status")
@@ -431,9 +433,13 @@ def gripper_of(boxes: int, carriers: int, name: str) -> type[GripperAgent]:
     scenario = scenario_of(boxes, carriers)
     members: dict[str, Any] = {"scenario": scenario, "__doc__": GripperAgent.__doc__}
     for carrier in scenario.carriers:
-        status = Input(MoveStatus, f"/{carrier}/move_status")
-        members |= {f"{carrier}_status": status, f"on_{carrier}": status(_status_callback(carrier))}
+        members |= _status_input(carrier)
     return type(name, (GripperAgent,), members)
+
+
+def _status_input(carrier: str, *, optional: bool = False) -> dict[str, Any]:
+    status = Input(MoveStatus, f"/{carrier}/move_status", optional=optional)
+    return {f"{carrier}_status": status, f"on_{carrier}": status(_status_callback(carrier))}
 
 
 def _status_callback(carrier: str) -> Callable[[GripperAgent, MoveStatus], None]:
@@ -447,3 +453,15 @@ def _status_callback(carrier: str) -> Callable[[GripperAgent, MoveStatus], None]
 Gripper = gripper_of(6, 3, "Gripper")
 Gripper12 = gripper_of(12, 3, "Gripper12")
 Gripper24 = gripper_of(24, 6, "Gripper24")
+
+
+class LayoutGripper(GripperAgent):
+    """The gripper of a layout file. It has the inputs of all `CARRIER_NAMES`."""
+
+    layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
+
+    vars().update(pair for carrier in CARRIER_NAMES for pair in _status_input(carrier, optional=True).items())
+
+    def build(self) -> Engine:
+        self.scenario = load_layout(self.layout, where=f"{self.name}.layout")
+        return super().build()

@@ -46,7 +46,7 @@ class FloorLayout:
             self.bays[bay] = self.places[bay] = Point(x, BASE_Y, 0.0)
             self.places[f"{bay}1"] = Point(x, BASE_Y - SLOT_M, 0.0)
             self.places[f"{bay}2"] = Point(x, BASE_Y + SLOT_M, 0.0)
-            self.deposits[deposit] = Point(x, DEPOSIT_Y, 0.0)
+            self.deposits[deposit] = Point(x, scenario.deposit_y, 0.0)
 
     def _x(self, column: int) -> float:
         return (column - (self.columns - 1) / 2) * COLUMN_M
@@ -93,8 +93,19 @@ START = "start"
 STACK_HEIGHT = 3  # largest number of boxes in a stack
 LOAD = 2  # largest number of boxes on a carrier
 
+CARRIER_NAMES = tuple(f"carrier_{letter}" for letter in ascii_lowercase)  # of the largest warehouse
+MAX_CARRIERS = len(CARRIER_NAMES)
+
 SIX_SORTED_S = 116.0  # deadline of the six boxes, whose plan takes 107 s
 BOX_SORTED_S = 30.0  # deadline of each box of another scenario
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Speeds of the crane and the carriers, relative to the standard speeds."""
+
+    crane: float = 1.0
+    carriers: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +113,13 @@ class Scenario:
     """Initial stacks of boxes, and the load of each carrier.
 
     ``stacks`` are the boxes of base_1, base_2, ... from bottom to top; ``loads`` those for carrier_a, ...
+    ``deposit_y`` is the position of the deposits, m.
     """
 
     stacks: tuple[tuple[str, ...], ...]
     loads: tuple[tuple[str, ...], ...]
+    deposit_y: float = DEPOSIT_Y
+    speeds: Speeds = Speeds()
 
     @property
     def letters(self) -> str:
@@ -115,7 +129,7 @@ class Scenario:
     @property
     def carriers(self) -> tuple[str, ...]:
         """carrier_a, carrier_b, ..."""
-        return tuple(f"carrier_{letter}" for letter in self.letters)
+        return CARRIER_NAMES[: len(self.loads)]
 
     @property
     def bases(self) -> tuple[str, ...]:
@@ -150,15 +164,15 @@ SIX = Scenario(
 """Scenario of the demo: six boxes and three carriers."""
 
 
-def scenario_of(boxes: int = 6, carriers: int = 3) -> Scenario:
+def scenario_of(boxes: int = 6, carriers: int = 3, *, seed: int = 0) -> Scenario:
     """The scenario with so many boxes and carriers: equal loads, stacked in a mixed order.
 
-    The same numbers give the same scenario. Raises ParameterError for fewer boxes than carriers, or more than 26
-    carriers.
+    The same numbers give the same scenario; a ``seed`` other than 0 gives another order. Raises ParameterError for
+    fewer boxes than carriers, or more than 26 carriers.
     """
-    if (boxes, carriers) == (6, 3):
+    if (boxes, carriers, seed) == (6, 3, 0):
         return SIX
-    if not 1 <= carriers <= len(ascii_lowercase) or boxes < carriers:
+    if not 1 <= carriers <= MAX_CARRIERS or boxes < carriers:
         raise ParameterError(
             f"no warehouse with {boxes} boxes and {carriers} carriers",
             remedy="give 1 to 26 carriers, and at least one box for each",
@@ -168,7 +182,7 @@ def scenario_of(boxes: int = 6, carriers: int = 3) -> Scenario:
         share = loads[number % carriers]
         share.append(f"box_{ascii_lowercase[number % carriers]}{len(share) + 1}")
     mixed = [box for share in loads for box in share]
-    random.Random(f"{boxes} boxes").shuffle(mixed)
+    random.Random(f"{boxes} boxes {seed}" if seed else f"{boxes} boxes").shuffle(mixed)
     stacks = [tuple(mixed[first : first + STACK_HEIGHT]) for first in range(0, boxes, STACK_HEIGHT)]
     return Scenario((*stacks, ()), tuple(map(tuple, loads)))
 

@@ -71,7 +71,7 @@ class Warehouse(SimulatedWorld):
         super().__init__(start)
         self.scenario = scenario
         self.layout = FloorLayout(scenario)
-        speed = _speed_for(self.layout.longest_m, CRANE_LONGEST_S, CRANE_ACCELERATION)
+        speed = scenario.speeds.crane * _speed_for(self.layout.longest_m, CRANE_LONGEST_S, CRANE_ACCELERATION)
         self.crane = WarehouseRobot(
             GRIPPER, self.layout.places, START, speed=speed, acceleration=CRANE_ACCELERATION, noise=noise, seed=seed
         )
@@ -80,7 +80,7 @@ class Warehouse(SimulatedWorld):
                 carrier,
                 {"base": self.layout.bays[bay], "deposit": self.layout.deposits[deposit]},
                 "deposit",
-                speed=CARRIER_SPEED,
+                speed=CARRIER_SPEED * scenario.speeds.carriers,
                 acceleration=CARRIER_ACCELERATION,
                 noise=noise,
                 seed=seed,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.messages import (
     BoxPositions,
     GripperPose,
@@ -13,7 +14,7 @@ from socialbot.agents.warehouse.messages import (
     MoveStatus,
     UnloadCommand,
 )
-from socialbot.agents.warehouse.scenario import BOXES, GRIPPER, parse_faults, scenario_of
+from socialbot.agents.warehouse.scenario import BOXES, CARRIER_NAMES, GRIPPER, Scenario, parse_faults, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
 from socialbot.graph.node import Context, Input, Node, Output, Parameter
@@ -43,11 +44,15 @@ class WarehouseWorld(Node):
     period_s = Parameter(0.1, "period of the sensors (s)", minimum=0.01, maximum=10.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for unknown faults."""
+        """Raises ParameterError for unknown faults, and errors of a layout file."""
         super().__init__(name, context, parameters)
-        scenario = scenario_of(self.boxes, self.carriers)
+        scenario = self.initial_scenario()
         faults = parse_faults(self.faults, scenario)
         self.world = Warehouse(scenario, seed=self.seed, noise=self.noise, faults=faults, start=self.clock.now())
+
+    def initial_scenario(self) -> Scenario:
+        """The scenario at the start."""
+        return scenario_of(self.boxes, self.carriers)
 
     def start(self) -> None:
         self.context.call_at(self.clock.now(), self._report)
@@ -92,10 +97,10 @@ def world_of(boxes: int, carriers: int, name: str) -> type[WarehouseWorld]:
     return type(name, (WarehouseWorld,), members)
 
 
-def _ports_of(carrier: str) -> dict[str, Any]:
+def _ports_of(carrier: str, *, optional: bool = False) -> dict[str, Any]:
     """The ports of one carrier, and their callbacks."""
-    target = Input(MoveCommand, f"/{carrier}/cmd_target")
-    unload = Input(UnloadCommand, f"/{carrier}/cmd_unload")
+    target = Input(MoveCommand, f"/{carrier}/cmd_target", optional=optional)
+    unload = Input(UnloadCommand, f"/{carrier}/cmd_unload", optional=optional)
 
     def on_target(node: WarehouseWorld, command: MoveCommand) -> None:
         node.execute(lambda: node.world.move_carrier(carrier, command.target))
@@ -117,3 +122,14 @@ def _ports_of(carrier: str) -> dict[str, Any]:
 World = world_of(6, 3, "World")
 World12 = world_of(12, 3, "World12")
 World24 = world_of(24, 6, "World24")
+
+
+class LayoutWorld(WarehouseWorld):
+    """Simulator of the warehouse of a layout file. It has the ports of all `CARRIER_NAMES`."""
+
+    layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
+
+    vars().update(port for carrier in CARRIER_NAMES for port in _ports_of(carrier, optional=True).items())
+
+    def initial_scenario(self) -> Scenario:
+        return load_layout(self.layout, where=f"{self.name}.layout")
