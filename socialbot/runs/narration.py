@@ -401,7 +401,7 @@ def _person(person: dict[str, Any]) -> str:
     return f"{name}{away}{f' (not seen for {unseen:.1f} s)' if unseen else ''}"
 
 
-_NOT_LOGGED = {"detection", "motion", "plan", "planning", "mail", "progress"}
+_NOT_LOGGED = {"detection", "motion", "percept", "plan", "planning", "mail", "progress"}
 
 
 class LogLine(msgspec.Struct, frozen=True):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from bisect import bisect_right, insort
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
@@ -296,14 +296,28 @@ class NodeHistory:
     def at(self, now: float, results: Mapping[str, Any]) -> tuple[NodeStatus, ...]:
         """Return the status of the nodes at ``now``. ``results`` holds the totals of an inline run."""
         if not self.reports:
-            return tuple(self._inline(now, name, results.get(name, {})) for name in results or self._names)
+            inline = [self._inline(now, name, results.get(name, {})) for name in results or self._names]
+            return self._excused(inline, now)
         roll = NodeStatuses(dict.fromkeys(self._names, ""))
         for name in self._names:
             if report := _latest(self.reports.get(name, []), now):
                 roll.note(name, report[1].values, report[0])
             if health := _latest(self._health.get(name, []), now):
                 roll.note_health(health[1], now)  # repeated reports are stored once
-        return tuple(roll.statuses(now))
+        return self._excused(roll.statuses(now), now)
+
+    def _excused(self, statuses: Iterable[NodeStatus], now: float) -> tuple[NodeStatus, ...]:
+        """Call no node silent whose inputs come from a recording that is over, directly or through other nodes."""
+        found = {each.name: each for each in statuses}
+        reported = {name: latest[1] for name, track in self._health.items() if (latest := _latest(track, now))}
+        over = {topic for health in reported.values() if health.state == "ended" for topic in health.outputs}
+        waiting = [each for each in found.values() if each.silent] if over else []
+        while excused := [each for each in waiting if over.issuperset(each.silent)]:
+            for each in excused:
+                waiting.remove(each)
+                found[each.name] = replace(each, health="ended", reason="the recording is over", silent=())
+                over.update(reported[each.name].outputs if each.name in reported else ())
+        return tuple(found.values())
 
     def _inline(self, now: float, name: str, result: Mapping[str, Any]) -> NodeStatus:
         latest = _latest(self._health.get(name, []), now)

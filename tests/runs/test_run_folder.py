@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from socialbot.core.errors import RunError
-from socialbot.core.messages import Health
+from socialbot.core.messages import Health, State
 from socialbot.graph.files import load_graph
 from socialbot.runs.folder import newest_run, open_run
 from socialbot.runs.record import RunRecord, RunTrace
@@ -109,6 +109,28 @@ def test_node_status_at_a_time(tmp_path):
     assert speech(0) == ("no messages", "", None)
     assert speech(1) == ("active", "", 30.0)
     assert speech(3) == ("input silent", "no sound", 30.0)
+
+
+def test_no_node_is_silent_because_its_recording_is_over(tmp_path):
+    def told(second: int, node: str, state: State, silent: tuple[str, ...], outputs: tuple[str, ...] = ()) -> Health:
+        stamp = START + second * 10**9
+        return Health(stamp=stamp, node=node, state=state, reason=node, silent=silent, outputs=outputs)
+
+    with RunTrace(tmp_path) as kept:
+        kept.describe(load_graph("waldo"))
+        kept.observe("/waldo/trace", msgspec.structs.replace(BELIEF, stamp=START))
+        for name in ("image_converter", "person_detector", "bdi_engine", "head"):
+            kept.note_node(START + 4 * 10**9, name, {"state": "active"})
+        kept.observe("/health", told(2, "head", "degraded", ("/head/command",)))
+        kept.observe("/health", told(4, "bag", "ended", (), ("/pictures",)))
+        kept.observe("/health", told(5, "image_converter", "degraded", ("/pictures",), ("/converted",)))
+        kept.observe("/health", told(5, "person_detector", "degraded", ("/converted",)))
+        kept.observe("/health", told(5, "bdi_engine", "degraded", ("/converted", "/other")))
+    run = open_run(tmp_path)
+    found = {node.name: (node.condition, node.reason) for node in run.nodes(START + 5 * 10**9)}
+    assert found["image_converter"] == found["person_detector"] == ("active", "the recording is over")
+    assert found["head"] == ("input silent", "head")
+    assert found["bdi_engine"] == ("input silent", "bdi_engine")
 
 
 def test_newest_part_of_a_long_run_is_kept(tmp_path):

@@ -162,8 +162,7 @@ class Page {
     const said = speech.at(-1);
     const fresh = said && (['started', 'waiting'].includes(said.state) || at - said.since_s < 3);
     find('speech').hidden = !this.#talks;
-    find('speech').classList.toggle('past', !fresh);
-    say(find('speech'), said ? `“${said.text}”` : '');
+    say(find('speech'), fresh ? `“${said.text}”` : '');
     this.#talks ||= Boolean(said);
   }
 
