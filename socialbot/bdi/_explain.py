@@ -101,7 +101,10 @@ def failed_term(plan: CompiledPlan | None, problem: BaseException) -> Any:
 
     if plan is None or plan is KEPT:
         return None
-    return _term_of(plan, plan.step_at(problem), locals_at(problem))
+    try:
+        return _term_of(plan, plan.step_at(problem), locals_at(problem))
+    except RecursionError:  # a term that contains itself
+        return None
 
 
 def waiting_term(body: Any, plan: CompiledPlan) -> Any:

@@ -37,8 +37,10 @@ def add_belief(ag: Interpreter, sign: str, key: str, args: Args, notes: Annotati
         return (base.add_here if sign == "+" else base.replace)(relation, args, notes, cause)
     if sign == "-+":
         _remove(ag, relation, tuple(Var() for _ in args), notes, cause, here=False)
-    names: dict[Var, Variable] = {}
-    head = literal_from_key(key, _general(args, names)).with_(annotations=_general(resolve(tuple(notes)), names))
+    notes = resolve(tuple(notes))
+    if not closed(notes):
+        raise Failed("no_value", f"an annotation of {literal_from_key(key, args)} has no value")
+    head = literal_from_key(key, _general(args, {})).with_(annotations=notes)
     ag.engine.add_rules(Inference(head, NOTHING, text=f"{head}"))
     cause = ag.trace.record("belief", str(head), cause)
     base.notify(relation, args, True, cause)
