@@ -11,6 +11,7 @@ from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_o
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
 from socialbot.bdi.literals import Literal, ground, literal
 from socialbot.bdi.stdlib import called
+from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import (
     Aggregate,
     Atom,
@@ -270,9 +271,20 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
     if condition.symbol == "=..":
         test = f"univ({build(f, left)}, {build(f, right)}, trail)"
     else:
-        test = test_of(f, condition)
+        test = outcome(f, condition)
     with f.block(f"if {test}"):
         rest()
+
+
+def outcome(f: Function, condition: Comparison, step: Step | None = None) -> str:
+    """Emit a comparison that may be one of different types; return its expression."""
+    symbol = condition.symbol
+    if not f.unit.lenient or symbol not in ("<", "<=", ">", ">="):
+        return test_of(f, condition)
+    left, right, found = value(f, condition.left), value(f, condition.right), f.unit.name("t")
+    f.line(f"try: {found} = {left} {symbol} {right}", step)
+    f.line(f"except TypeError: {found} = ordered({left}, {symbol!r}, {right})", step)
+    return found
 
 
 def test_of(f: Function, condition: Comparison) -> str:

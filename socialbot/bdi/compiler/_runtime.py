@@ -201,19 +201,31 @@ def mod(left: Any, right: Any) -> Any:
 
 
 def univ(term: Any, parts: Any, trail: Trail) -> bool:
-    """Unify ``term =.. [name, [args], [annotations]]``."""
-    term = resolve(term)
+    """Unify ``term =.. [namespace, name, [args], [annotations]]``; the namespace may be left out."""
+    term, parts = resolve(term), resolve(parts)
+    size = len(parts) if parts.__class__ is tuple else 0
     if term.__class__ is Atom:
         term = literal(term.name)
     if isinstance(term, Literal):
-        name = Atom(f"{'~' if term.negated else ''}{term.functor}")
-        return unify(parts, (name, term.args, term.annotations), trail)
-    parts = resolve(parts)
-    if parts.__class__ is not tuple or len(parts) != 3 or parts[0].__class__ is not Atom:
+        sign = "~" if term.negated else ""
+        if size == 3:
+            return unify(parts, (Atom(sign + term.functor), term.args, term.annotations), trail)
+        namespace, _, name = term.functor.rpartition("::")
+        return unify(parts, (Atom(namespace or "default"), Atom(sign + name), term.args, term.annotations), trail)
+    if term.__class__ is not Var:
+        return False
+    if size not in (3, 4) or any(part.__class__ is not Atom for part in parts[:-2]):
         raise Failed("no_value", f"{term} =.. {parts} has unbound variables on both sides")
-    name = parts[0].name
-    made = literal(name.removeprefix("~"), parts[1], parts[2], negated=name.startswith("~"))
-    return unify(term, made if made.args or made.annotations or made.negated else Atom(name), trail)
+    name = parts[-3].name
+    prefix = f"{parts[0].name}::" if size == 4 and parts[0].name != "default" else ""
+    made = literal(prefix + name.removeprefix("~"), *parts[-2:], negated=name.startswith("~"))
+    return unify(term, made if made.args or made.annotations or made.negated else Atom(prefix + name), trail)
+
+
+def ordered(left: Any, symbol: str, right: Any) -> bool:
+    """Compare terms of different types, by the order of terms."""
+    one, two = order(left), order(right)
+    return {"<": one < two, "<=": one <= two, ">": one > two, ">=": one >= two}[symbol]
 
 
 # Actions
@@ -414,7 +426,8 @@ NAMES: dict[str, Any] = {
     "timed": timed, "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
     "update_of": update_of,
     "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,
-    "literal_with": literal_with, "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
+    "literal_with": literal_with, "ordered": ordered,
+    "pause_until": pause_until, "run_value": run_value, "solutions_of": solutions_of,
     "add_belief": add_belief, "remove_belief": remove_belief,
     "spread": spread, "substituted": substituted, "template": template,
 }  # fmt: skip
