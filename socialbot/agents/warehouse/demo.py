@@ -39,7 +39,7 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
     return _graph(
         gripper.scenario.carriers,
         NodeConfig("world", world, {"seed": seed, "faults": faults}),
-        NodeConfig(GRIPPER, gripper, files),
+        [NodeConfig(GRIPPER, gripper, files)],
         run,
     )
 
@@ -58,18 +58,19 @@ def warehouse_of(layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults:
     """
     paths.allow(layout)
     file = {"layout": str(layout.resolve())}
+    aisles = load_layout(layout)
     return _graph(
-        load_layout(layout).carriers,
+        [carrier for aisle in aisles for carrier in aisle.carriers],
         NodeConfig("world", LayoutWorld, {"seed": seed, "faults": faults, **file}),
-        NodeConfig(GRIPPER, LayoutGripper, file),
+        [NodeConfig(aisle.gripper, LayoutGripper, file) for aisle in aisles],
         run,
     )
 
 
-def _graph(carriers: Sequence[str], world: NodeConfig, gripper: NodeConfig, run: Literal[1, 2]) -> Graph:
+def _graph(carriers: Sequence[str], world: NodeConfig, grippers: Sequence[NodeConfig], run: Literal[1, 2]) -> Graph:
     hasty = {carriers[-1]: {"init_reactive_rules_set": HASTY_CARRIER_RULES.name}} if run == 2 else {}
     return Graph(
-        "warehouse", (world, *(NodeConfig(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers), gripper)
+        "warehouse", (world, *(NodeConfig(carrier, Carrier, hasty.get(carrier, {})) for carrier in carriers), *grippers)
     )
 
 

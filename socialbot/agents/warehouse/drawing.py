@@ -246,10 +246,11 @@ class FloorView:
 
 
 def world_view(graph: Graph) -> FloorView | None:
-    """The view of the warehouse that ``graph`` runs; None for a graph without a gripper."""
+    """The view of the warehouse that ``graph`` runs; None for a graph without a gripper, or with several."""
     for node in graph.nodes:
         if issubclass(node.type, LayoutGripper):
-            return FloorView(load_layout(str(node.parameters.get("layout", "")), where=f"{node.name}.layout"))
+            aisles = load_layout(str(node.parameters.get("layout", "")), where=f"{node.name}.layout")
+            return FloorView(aisles[0]) if len(aisles) == 1 else None
         if issubclass(node.type, GripperAgent):
             return FloorView(node.type.scenario)
     return None

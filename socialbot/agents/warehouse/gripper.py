@@ -21,7 +21,6 @@ from socialbot.agents.warehouse.messages import (
 from socialbot.agents.warehouse.scenario import (
     CARRIER_NAMES,
     FOLDER,
-    GRIPPER,
     GRIPPER_DOMAIN,
     HIGH_M,
     LOAD,
@@ -33,6 +32,7 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.bdi import Engine
 from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import ParameterError
 from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire, Fact, Operation
 from socialbot.deliberation.requests import SentRequest
@@ -237,15 +237,16 @@ class Whereabouts(FactSensor):
     prototypes = (predicate("upon", "*", "*"),)
     deadline_s = SILENT_S
 
-    def __init__(self, bays: Sequence[str]) -> None:
+    def __init__(self, gripper: str, bays: Sequence[str]) -> None:
+        self.gripper = gripper
         self.place = {f"{bay}{slot}": bay for bay in bays for slot in (1, 2)}
 
     def tell(self, percept: MoveStatus) -> Iterator[Fact]:
         start, target = (self.place.get(name, name) for name in (percept.start_name, percept.target_name))
         if percept.current_name != "moving":
-            yield predicate("upon", GRIPPER, self.place.get(percept.current_name, percept.current_name))
+            yield predicate("upon", self.gripper, self.place.get(percept.current_name, percept.current_name))
         elif start == target:
-            yield predicate("upon", GRIPPER, start)
+            yield predicate("upon", self.gripper, start)
 
 
 class Boxes(FactSensor):
@@ -271,8 +272,10 @@ class Boxes(FactSensor):
         held: dict[str, list[BoxPosition]] = {}
         for box in percept.boxes:
             held.setdefault(box.holder, []).append(box)
-        yield from (predicate("holding", GRIPPER, box.name) for box in held.get(GRIPPER, ()))
-        yield fluent("holding_boxes", GRIPPER, value=len(held.get(GRIPPER, ())))
+        gripper = self.scenario.gripper
+        in_fingers = held.get(gripper, ())
+        yield from (predicate("holding", gripper, box.name) for box in in_fingers)
+        yield fluent("holding_boxes", gripper, value=len(in_fingers))
         for base in (*self.scenario.bases, *self.scenario.bays):
             yield from self._stack(base, sorted(held.get(base, ()), key=lambda box: box.position.z))
         for carrier, _, deposit in self.scenario.routes:
@@ -301,12 +304,12 @@ class GripperAgent(Deliberating):
     phrases = PHRASES
     scenario: Scenario = SIX
 
-    motors_move_status = Input(MoveStatus, f"/{GRIPPER}/motors_move_status")
-    gripper_status = Input(GripperStatus, f"/{GRIPPER}/gripper_status")
+    motors_move_status = Input(MoveStatus, "~/motors_move_status")
+    gripper_status = Input(GripperStatus, "~/gripper_status")
     box_positions = Input(BoxPositions, "/warehouse/boxes")
-    cmd_motors_pose = Output(MoveCommand, f"/{GRIPPER}/cmd_motors_pose")
-    cmd_gripper_pose = Output(GripperPose, f"/{GRIPPER}/cmd_gripper_pose")
-    cmd_gripper_status = Output(GripperStatus, f"/{GRIPPER}/cmd_gripper_status")
+    cmd_motors_pose = Output(MoveCommand, "~/cmd_motors_pose")
+    cmd_gripper_pose = Output(GripperPose, "~/cmd_gripper_pose")
+    cmd_gripper_status = Output(GripperStatus, "~/cmd_gripper_status")
 
     pddl_file = Parameter(GRIPPER_DOMAIN.name, "the domain, PDDL 2.1", fixed=True)
     init_reactive_rules_set = Parameter("gripper_rules.yaml", "its rules (YAML)", fixed=True)
@@ -327,7 +330,7 @@ class GripperAgent(Deliberating):
     def sensors(self) -> Sequence[FactSensor]:
         scenario = self.scenario
         self.boxes_sensor = Boxes(scenario)
-        self.whereabouts = Whereabouts(scenario.bays)
+        self.whereabouts = Whereabouts(scenario.gripper, scenario.bays)
         self.carriers = {route[0]: CarrierStatus(*route) for route in scenario.routes}
         return (self.whereabouts, self.boxes_sensor, *self.carriers.values())
 
@@ -444,7 +447,8 @@ def _status_input(carrier: str, *, optional: bool = False) -> dict[str, Any]:
 
 def _status_callback(carrier: str) -> Callable[[GripperAgent, MoveStatus], None]:
     def on_status(node: GripperAgent, message: MoveStatus) -> None:
-        node.carriers[carrier].push(message)
+        if carrier in node.carriers:  # otherwise it is in the aisle of another gripper
+            node.carriers[carrier].push(message)
 
     on_status.__name__ = f"on_{carrier}"
     return on_status
@@ -456,12 +460,19 @@ Gripper24 = gripper_of(24, 6, "Gripper24")
 
 
 class LayoutGripper(GripperAgent):
-    """The gripper of a layout file. It has the inputs of all `CARRIER_NAMES`."""
+    """A gripper of a layout file, with the name of its node. It has the inputs of all `CARRIER_NAMES`."""
 
     layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
 
     vars().update(pair for carrier in CARRIER_NAMES for pair in _status_input(carrier, optional=True).items())
 
     def build(self) -> Engine:
-        self.scenario = load_layout(self.layout, where=f"{self.name}.layout")
+        scenarios = {scenario.gripper: scenario for scenario in load_layout(self.layout, where=f"{self.name}.layout")}
+        if self.name not in scenarios:
+            raise ParameterError(
+                f"{self.layout} has no gripper {self.name!r}",
+                where=f"{self.name}.layout",
+                remedy=f"name the node {' or '.join(scenarios)}",
+            )
+        self.scenario = scenarios[self.name]
         return super().build()

@@ -1,4 +1,4 @@
-"""Layout files of warehouses in YAML: carriers, stacks, deposits and speeds.
+"""Layout files of warehouses in YAML: grippers, carriers, stacks, deposits and speeds.
 
 ::
 
@@ -12,7 +12,8 @@
     deposit_distance_m: 3.2        # from a bay to its deposit
     speeds: {crane: 1.0, carriers: 1.2}    # relative to the standard speeds
 
-Instead of ``stacks`` and ``deposits``, ``boxes: 40`` and ``seed: 3`` give equal loads in stacks of random order.
+Instead of ``stacks`` and ``deposits``, ``boxes: 40`` and ``seed: 3`` give equal loads in stacks of random order. Only
+then ``grippers: 3`` is possible: gripper_a, gripper_b and gripper_c, each in an aisle with its share of the carriers.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from socialbot.agents.warehouse.scenario import (
     BASE_Y,
     DEPOSIT_Y,
     MAX_CARRIERS,
+    MAX_GRIPPERS,
     STACK_HEIGHT,
     Scenario,
     Speeds,
-    scenario_of,
+    aisles_of,
 )
 from socialbot.agents.warehouse.world import CARRIER_ACCELERATION, CARRIER_SPEED
 from socialbot.core import paths
@@ -44,8 +46,8 @@ LONGEST_TRIP_S = 6.5  # without noise; the gripper waits for 8 s
 _BOX_NAME = re.compile(r"box_[a-z0-9_]+")
 
 
-def load_layout(file: str | Path, *, where: str = "layout") -> Scenario:
-    """Read a layout file of the workspace.
+def load_layout(file: str | Path, *, where: str = "layout") -> tuple[Scenario, ...]:
+    """Read a layout file of the workspace, as a scenario for each gripper.
 
     Args:
         file: Path, relative to the working directory.
@@ -59,14 +61,14 @@ def load_layout(file: str | Path, *, where: str = "layout") -> Scenario:
     return parse_layout(paths.read_text(path, GraphError), where=str(path))
 
 
-def parse_layout(text: str, *, where: str) -> Scenario:
-    """Parse a layout from YAML; errors name ``where``. Raises GraphError."""
+def parse_layout(text: str, *, where: str) -> tuple[Scenario, ...]:
+    """Parse a layout from YAML, as a scenario for each gripper; errors name ``where``. Raises GraphError."""
     root = read_page(text, where=where)
-    root.only("carriers", "boxes", "seed", "stacks", "deposits", "deposit_distance_m", "speeds")
+    root.only("grippers", "carriers", "boxes", "seed", "stacks", "deposits", "deposit_distance_m", "speeds")
     if "carriers" not in root.page:
         raise GraphError("'carriers' is missing", where=root.where, remedy="give the number of carriers")
     carriers = root.whole("carriers", 1, minimum=1, maximum=MAX_CARRIERS)
-    scenario = _random(root, carriers) if "boxes" in root.page else _explicit(root, carriers)
+    scenarios = _random(root, carriers) if "boxes" in root.page else (_explicit(root, carriers),)
     distance = root.number("deposit_distance_m", DEPOSIT_DISTANCE_M, minimum=2.0, maximum=5.0)
     speeds = root.section("speeds", {})
     speeds.only("crane", "carriers")
@@ -80,20 +82,28 @@ def parse_layout(text: str, *, where: str) -> Scenario:
             where=root.line(*key),
             remedy="give a shorter 'deposit_distance_m', or higher 'speeds: {carriers}'",
         )
-    return replace(scenario, deposit_y=BASE_Y + distance, speeds=Speeds(crane, carrier))
+    deposit_y, relative = BASE_Y + distance, Speeds(crane, carrier)
+    return tuple(replace(scenario, deposit_y=deposit_y, speeds=relative) for scenario in scenarios)
 
 
-def _random(root: YamlSection, carriers: int) -> Scenario:
+def _random(root: YamlSection, carriers: int) -> tuple[Scenario, ...]:
     for key in ("stacks", "deposits"):
         if key in root.page:
             raise GraphError(
                 f"both 'boxes' and {key!r}", where=root.line(key), remedy=f"remove {key!r}, or 'boxes' and 'seed'"
             )
     boxes = root.whole("boxes", carriers, minimum=carriers, maximum=MAX_BOXES)
-    return scenario_of(boxes, carriers, seed=root.whole("seed", 0, minimum=0, maximum=2**31 - 1))
+    grippers = root.whole("grippers", 1, minimum=1, maximum=min(MAX_GRIPPERS, carriers))
+    return aisles_of(boxes, carriers, grippers, seed=root.whole("seed", 0, minimum=0, maximum=2**31 - 1))
 
 
 def _explicit(root: YamlSection, carriers: int) -> Scenario:
+    if root.page.get("grippers", 1) != 1:
+        raise GraphError(
+            "several grippers have random stacks only",
+            where=root.line("grippers"),
+            remedy="give 'boxes' and 'seed' instead of 'stacks' and 'deposits'",
+        )
     if "seed" in root.page:
         raise GraphError("'seed' without 'boxes'", where=root.line("seed"), remedy="give 'boxes' for random stacks")
     stacks, deposits = _boxes(root, "stacks"), _boxes(root, "deposits")

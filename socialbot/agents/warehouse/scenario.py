@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import pairwise
@@ -35,6 +36,7 @@ class FloorLayout:
 
     def __init__(self, scenario: Scenario) -> None:
         self.columns = max(len(scenario.carriers), 3)
+        self._middle_x = scenario.middle_x
         self.places: dict[str, Point] = {START: Point(self._x(0) - COLUMN_M, 0.24, 0.0)}
         for number, base in enumerate(scenario.bases):
             row, column = divmod(number, self.columns)
@@ -49,7 +51,7 @@ class FloorLayout:
             self.deposits[deposit] = Point(x, scenario.deposit_y, 0.0)
 
     def _x(self, column: int) -> float:
-        return (column - (self.columns - 1) / 2) * COLUMN_M
+        return self._middle_x + (column - (self.columns - 1) / 2) * COLUMN_M
 
     @property
     def longest_m(self) -> float:
@@ -89,6 +91,8 @@ CARRIER_RULES = FOLDER / "carrier_rules.yaml"
 HASTY_CARRIER_RULES = FOLDER / "hasty_carrier_rules.yaml"  # rules of a carrier that leaves with one box instead of two
 
 GRIPPER = "gripper_a"
+MAX_GRIPPERS = 4
+GRIPPER_NAMES = tuple(f"gripper_{letter}" for letter in ascii_lowercase[:MAX_GRIPPERS])
 START = "start"
 STACK_HEIGHT = 3  # largest number of boxes in a stack
 LOAD = 2  # largest number of boxes on a carrier
@@ -113,28 +117,33 @@ class Scenario:
     """Initial stacks of boxes, and the load of each carrier.
 
     ``stacks`` are the boxes of base_1, base_2, ... from bottom to top; ``loads`` those for carrier_a, ...
-    ``deposit_y`` is the position of the deposits, m.
+    ``deposit_y`` is the position of the deposits, and ``middle_x`` that of the aisle, m. A warehouse with several
+    grippers has an aisle for each, with carriers from ``first_carrier`` and bases from ``first_base`` on.
     """
 
     stacks: tuple[tuple[str, ...], ...]
     loads: tuple[tuple[str, ...], ...]
     deposit_y: float = DEPOSIT_Y
     speeds: Speeds = Speeds()
+    gripper: str = GRIPPER
+    first_carrier: int = 0
+    first_base: int = 0
+    middle_x: float = 0.0
 
     @property
     def letters(self) -> str:
         """A letter for each carrier, its bay and its deposit."""
-        return ascii_lowercase[: len(self.loads)]
+        return ascii_lowercase[self.first_carrier : self.first_carrier + len(self.loads)]
 
     @property
     def carriers(self) -> tuple[str, ...]:
         """carrier_a, carrier_b, ..."""
-        return CARRIER_NAMES[: len(self.loads)]
+        return tuple(f"carrier_{letter}" for letter in self.letters)
 
     @property
     def bases(self) -> tuple[str, ...]:
         """base_1, base_2, ...: bases of stacks."""
-        return tuple(f"base_{number + 1}" for number in range(len(self.stacks)))
+        return tuple(f"base_{self.first_base + number + 1}" for number in range(len(self.stacks)))
 
     @property
     def bays(self) -> tuple[str, ...]:
@@ -170,8 +179,21 @@ def scenario_of(boxes: int = 6, carriers: int = 3, *, seed: int = 0) -> Scenario
     The same numbers give the same scenario; a ``seed`` other than 0 gives another order. Raises ParameterError for
     fewer boxes than carriers, or more than 26 carriers.
     """
-    if (boxes, carriers, seed) == (6, 3, 0):
-        return SIX
+    return aisles_of(boxes, carriers, 1, seed=seed)[0]
+
+
+def aisles_of(boxes: int, carriers: int, grippers: int, *, seed: int = 0) -> tuple[Scenario, ...]:
+    """The scenarios of the aisles of several grippers, which share the boxes and carriers; see `scenario_of`.
+
+    Raises ParameterError, also for fewer carriers than grippers, or more than `MAX_GRIPPERS`.
+    """
+    if (boxes, carriers, grippers, seed) == (6, 3, 1, 0):
+        return (SIX,)
+    if not 1 <= grippers <= min(MAX_GRIPPERS, max(carriers, 1)):
+        raise ParameterError(
+            f"no warehouse with {grippers} grippers and {carriers} carriers",
+            remedy=f"give 1 to {MAX_GRIPPERS} grippers, and at least one carrier for each",
+        )
     if not 1 <= carriers <= MAX_CARRIERS or boxes < carriers:
         raise ParameterError(
             f"no warehouse with {boxes} boxes and {carriers} carriers",
@@ -181,10 +203,29 @@ def scenario_of(boxes: int = 6, carriers: int = 3, *, seed: int = 0) -> Scenario
     for number in range(boxes):
         share = loads[number % carriers]
         share.append(f"box_{ascii_lowercase[number % carriers]}{len(share) + 1}")
-    mixed = [box for share in loads for box in share]
-    random.Random(f"{boxes} boxes {seed}" if seed else f"{boxes} boxes").shuffle(mixed)
-    stacks = [tuple(mixed[first : first + STACK_HEIGHT]) for first in range(0, boxes, STACK_HEIGHT)]
-    return Scenario((*stacks, ()), tuple(map(tuple, loads)))
+    chance = random.Random(f"{boxes} boxes {seed}" if seed else f"{boxes} boxes")
+    found: list[Scenario] = []
+    first_base = 0
+    right_x = 0.0
+    for number in range(grippers):
+        first, end = (carriers * edge // grippers for edge in (number, number + 1))
+        mixed = [box for share in loads[first:end] for box in share]
+        chance.shuffle(mixed)
+        stacks = [tuple(mixed[low : low + STACK_HEIGHT]) for low in range(0, len(mixed), STACK_HEIGHT)]
+        half_m = max(end - first, 3) / 2 * COLUMN_M
+        found.append(
+            Scenario(
+                (*stacks, ()),
+                tuple(map(tuple, loads[first:end])),
+                gripper=GRIPPER_NAMES[number],
+                first_carrier=first,
+                first_base=first_base,
+                middle_x=right_x + COLUMN_M + half_m if number else 0.0,
+            )
+        )
+        first_base += len(stacks) + 1
+        right_x = found[-1].middle_x + half_m
+    return tuple(found)
 
 
 def gripper_beliefs(scenario: Scenario) -> tuple[Fact, ...]:
@@ -194,10 +235,10 @@ def gripper_beliefs(scenario: Scenario) -> tuple[Fact, ...]:
     planner time.
     """
     stackbases = (START, *scenario.bases, *scenario.bays)
-    objects = {"gripper": (GRIPPER,), "box": scenario.boxes, "stackbase": stackbases}
+    objects = {"gripper": (scenario.gripper,), "box": scenario.boxes, "stackbase": stackbases}
     objects |= {"carrier": scenario.carriers, "deposit": scenario.deposits}
     found = [instance(name, kind) for kind, names in objects.items() for name in names]
-    found += [predicate("upon", GRIPPER, START), fluent("holding_boxes", GRIPPER)]
+    found += [predicate("upon", scenario.gripper, START), fluent("holding_boxes", scenario.gripper)]
     found += [predicate("in", base, base) for base in stackbases]
     for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
         found += [predicate("on", box, below, base) for below, box in pairwise((base, *stack))]
@@ -213,7 +254,7 @@ def gripper_beliefs(scenario: Scenario) -> tuple[Fact, ...]:
 
 def gripper_desires(scenario: Scenario) -> tuple[Desire, ...]:
     """Initial desire of the gripper: each box with its carrier, and the gripper at its start."""
-    wanted = [predicate("upon", GRIPPER, START)]
+    wanted = [predicate("upon", scenario.gripper, START)]
     for carrier, load in zip(scenario.carriers, scenario.loads, strict=True):
         wanted += [predicate("carrier_moving", carrier, box) for box in load]
     deadline = SIX_SORTED_S if scenario == SIX else BOX_SORTED_S * len(scenario.boxes)
@@ -235,19 +276,34 @@ def carrier_beliefs(carrier: str) -> tuple[Fact, ...]:
 BOXES = "boxes"  # name of the sensor for box positions
 
 
-def parse_faults(text: str, scenario: Scenario) -> tuple[WorldFault, ...]:
-    """Parse the faults of a warehouse. Raises ParameterError.
+def parse_faults(text: str, *scenarios: Scenario) -> tuple[WorldFault, ...]:
+    """Parse the faults of a warehouse with an aisle for each scenario. Raises ParameterError.
 
     Kinds: a carrier ``leaves`` for its deposit; the box ``slips`` at the next grasp; a box ``vanishes``. The sensor of
     a robot, or `BOXES`, is ``silent``, or a robot ``stalls``, for a duration.
     """
     examples = "30 leaves carrier_c; 40 slips; 50 silent carrier_a 10; 60 stalls gripper_a 3"
-    targets = {**_fault_targets(scenario), "vanishes": scenario.boxes}
+    each = [{**_fault_targets(scenario), "vanishes": scenario.boxes} for scenario in scenarios]
+    targets = {kind: _union(aisle[kind] for aisle in each) for kind in each[0]}
     return parse_world_faults(text, targets, ("silent", "stalls"), examples)
 
 
+def faults_in(scenario: Scenario, faults: Iterable[WorldFault]) -> tuple[WorldFault, ...]:
+    """The faults of one aisle. The next grasp, which slips, is that of the first gripper."""
+    names = {scenario.gripper, *scenario.carriers, *scenario.boxes, BOXES}
+    if scenario.gripper == GRIPPER:
+        names.add("")
+    return tuple(fault for fault in faults if fault.target in names)
+
+
+def _union(targets: Iterable[tuple[str, ...] | None]) -> tuple[str, ...] | None:
+    """The targets of a kind of fault in all aisles; None for a kind without targets."""
+    names = [name for known in targets if known is not None for name in known]
+    return tuple(dict.fromkeys(names)) or None
+
+
 def _fault_targets(scenario: Scenario) -> dict[str, tuple[str, ...] | None]:
-    robots = (GRIPPER, *scenario.carriers)
+    robots = (scenario.gripper, *scenario.carriers)
     return {"leaves": scenario.carriers, "slips": None, "silent": (*robots, BOXES), "stalls": robots}
 
 

@@ -18,7 +18,6 @@ from socialbot.agents.warehouse.scenario import (
     BOX_M,
     BOX_WIDTH_M,
     DECK_M,
-    GRIPPER,
     HIGH_M,
     SIX,
     START,
@@ -73,7 +72,13 @@ class Warehouse(SimulatedWorld):
         self.layout = FloorLayout(scenario)
         speed = scenario.speeds.crane * _speed_for(self.layout.longest_m, CRANE_LONGEST_S, CRANE_ACCELERATION)
         self.crane = WarehouseRobot(
-            GRIPPER, self.layout.places, START, speed=speed, acceleration=CRANE_ACCELERATION, noise=noise, seed=seed
+            scenario.gripper,
+            self.layout.places,
+            START,
+            speed=speed,
+            acceleration=CRANE_ACCELERATION,
+            noise=noise,
+            seed=seed,
         )
         self.carriers = {
             carrier: WarehouseRobot(
@@ -88,7 +93,8 @@ class Warehouse(SimulatedWorld):
             for carrier, bay, deposit in scenario.routes
         }
         places = (START, *scenario.bases, *scenario.bays, *scenario.deposits)
-        self.load: dict[str, list[str]] = {holder: [] for holder in (*places, GRIPPER, *scenario.carriers, FLOOR)}
+        holders = (*places, scenario.gripper, *scenario.carriers, FLOOR)
+        self.load: dict[str, list[str]] = {holder: [] for holder in holders}
         """Boxes by holder, from bottom to top or in the order of their arrival."""
         for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
             self.load[base] += stack
@@ -157,7 +163,7 @@ class Warehouse(SimulatedWorld):
 
     def status(self, robot: str) -> MoveStatus:
         """Place and movement of the crane or a carrier. Raises KeyError for an unknown name."""
-        if robot != GRIPPER:
+        if robot != self.scenario.gripper:
             return self.carriers[robot].status(self.now)
         status = self.crane.status(self.now)
         return replace(status, current_pos=Point(status.current_pos.x, status.current_pos.y, self.finger_z))
@@ -174,7 +180,7 @@ class Warehouse(SimulatedWorld):
     @property
     def held(self) -> str:
         """The box in the gripper, or an empty string."""
-        return next(iter(self.load[GRIPPER]), "")
+        return next(iter(self.load[self.scenario.gripper]), "")
 
     def boxes(self) -> tuple[BoxPosition, ...]:
         """Positions of all boxes, sorted by name."""
@@ -186,7 +192,7 @@ class Warehouse(SimulatedWorld):
         return tuple(sorted(found, key=lambda box: box.name))
 
     def _position(self, box: str, holder: str, number: int) -> Point:
-        if holder == GRIPPER:
+        if holder == self.scenario.gripper:
             at = self.crane.drive.position(self.now)
             return Point(at.x, at.y, self.finger_z - BOX_M / 2)
         if holder in self.carriers:
@@ -233,14 +239,14 @@ class Warehouse(SimulatedWorld):
             return
         self.load[holder].remove(box)
         self._spots.pop(box, None)
-        self.load[GRIPPER].append(box)
+        self.load[self.scenario.gripper].append(box)
         self._update_carrier(holder)
 
     def _release_box(self) -> None:
         self.is_closed = False
         if not self.held:
             return
-        box = self.load[GRIPPER].pop()
+        box = self.load[self.scenario.gripper].pop()
         at = self.crane.drive.position(self.now)
         carrier, stack = self._carrier_at(at), self._stack_at(at)
         holder = carrier or stack or FLOOR
@@ -326,7 +332,7 @@ class Warehouse(SimulatedWorld):
             case "silent":
                 until = self.now + nanoseconds(seconds)
                 self._silence[fault.target] = max(until, self._silence.get(fault.target, 0))
-            case "stalls" if fault.target == GRIPPER:
+            case "stalls" if fault.target == self.scenario.gripper:
                 self.crane.drive.pause(self.now, seconds)
                 self._fingers.pause(self.now, seconds)
             case _:

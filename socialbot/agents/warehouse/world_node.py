@@ -14,7 +14,16 @@ from socialbot.agents.warehouse.messages import (
     MoveStatus,
     UnloadCommand,
 )
-from socialbot.agents.warehouse.scenario import BOXES, CARRIER_NAMES, GRIPPER, Scenario, parse_faults, scenario_of
+from socialbot.agents.warehouse.scenario import (
+    BOXES,
+    CARRIER_NAMES,
+    GRIPPER,
+    GRIPPER_NAMES,
+    Scenario,
+    faults_in,
+    parse_faults,
+    scenario_of,
+)
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
 from socialbot.graph.node import Context, Input, Node, Output, Parameter
@@ -46,46 +55,68 @@ class WarehouseWorld(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for unknown faults, and errors of a layout file."""
         super().__init__(name, context, parameters)
-        scenario = self.initial_scenario()
-        faults = parse_faults(self.faults, scenario)
-        self.world = Warehouse(scenario, seed=self.seed, noise=self.noise, faults=faults, start=self.clock.now())
+        scenarios = self.initial_scenarios()
+        faults = parse_faults(self.faults, *scenarios)
+        self.worlds = {
+            scenario.gripper: Warehouse(
+                scenario,
+                seed=self.seed,
+                noise=self.noise,
+                faults=faults_in(scenario, faults),
+                start=self.clock.now(),
+            )
+            for scenario in scenarios
+        }
+        """The aisle of each gripper."""
+        self.world = next(iter(self.worlds.values()))
 
-    def initial_scenario(self) -> Scenario:
-        """The scenario at the start."""
-        return scenario_of(self.boxes, self.carriers)
+    def initial_scenarios(self) -> tuple[Scenario, ...]:
+        """The scenario of each gripper at the start."""
+        return (scenario_of(self.boxes, self.carriers),)
 
     def start(self) -> None:
         self.context.call_at(self.clock.now(), self._report)
 
     @cmd_motors_pose
     def on_motors_pose(self, command: MoveCommand) -> None:
-        self.execute(lambda: self.world.move_crane(command.target))
+        self.execute(GRIPPER, lambda world: world.move_crane(command.target))
 
     @cmd_gripper_pose
     def on_gripper_pose(self, command: GripperPose) -> None:
-        self.execute(lambda: self.world.set_fingers(command.pose))
+        self.execute(GRIPPER, lambda world: world.set_fingers(command.pose))
 
     @cmd_gripper_status
     def on_gripper_status(self, command: GripperStatus) -> None:
-        self.execute(lambda: self.world.set_grip(command.status))
+        self.execute(GRIPPER, lambda world: world.set_grip(command.status))
 
-    def execute(self, command: Callable[[], str]) -> None:
-        """Execute a command at the present time, and log its refusal."""
-        self.world.advance(self.clock.now())
-        if refusal := command():
+    def execute(self, robot: str, command: Callable[[Warehouse], str]) -> None:
+        """Execute a command to a robot in its aisle at the present time, and log its refusal."""
+        world = self._aisle_of(robot)
+        if world is None:
+            self.log.warning("refused: the layout has no %s", robot)
+            return
+        world.advance(self.clock.now())
+        if refusal := command(world):
             self.log.warning("refused: %s", refusal)
+
+    def _aisle_of(self, robot: str) -> Warehouse | None:
+        return next((one for name, one in self.worlds.items() if robot == name or robot in one.carriers), None)
 
     def _report(self) -> None:
         now = self.clock.now()
-        self.world.advance(now)
-        if not self.world.is_silent(GRIPPER):
-            self.motors_move_status.publish(self.world.status(GRIPPER))
-            self.gripper_status.publish(GripperStatus(stamp=now, status="close" if self.world.is_closed else "open"))
-        for carrier in self.world.scenario.carriers:
-            if not self.world.is_silent(carrier):
-                getattr(self, f"{carrier}_move_status").publish(self.world.status(carrier))
+        for gripper, world in self.worlds.items():
+            world.advance(now)
+            prefix = "" if gripper == GRIPPER else f"{gripper}_"
+            if not world.is_silent(gripper):
+                getattr(self, f"{prefix}motors_move_status").publish(world.status(gripper))
+                fingers = GripperStatus(stamp=now, status="close" if world.is_closed else "open")
+                getattr(self, f"{prefix}gripper_status").publish(fingers)
+            for carrier in world.scenario.carriers:
+                if not world.is_silent(carrier):
+                    getattr(self, f"{carrier}_move_status").publish(world.status(carrier))
         if not self.world.is_silent(BOXES):
-            self.box_positions.publish(BoxPositions(stamp=now, boxes=self.world.boxes()))
+            boxes = (box for world in self.worlds.values() for box in world.boxes())
+            self.box_positions.publish(BoxPositions(stamp=now, boxes=tuple(sorted(boxes, key=lambda box: box.name))))
         self.context.call_at(now + nanoseconds(self.period_s), self._report)
 
 
@@ -103,10 +134,10 @@ def _ports_of(carrier: str, *, optional: bool = False) -> dict[str, Any]:
     unload = Input(UnloadCommand, f"/{carrier}/cmd_unload", optional=optional)
 
     def on_target(node: WarehouseWorld, command: MoveCommand) -> None:
-        node.execute(lambda: node.world.move_carrier(carrier, command.target))
+        node.execute(carrier, lambda world: world.move_carrier(carrier, command.target))
 
     def on_unload(node: WarehouseWorld, command: UnloadCommand) -> None:
-        node.execute(lambda: node.world.unload(carrier))
+        node.execute(carrier, lambda world: world.unload(carrier))
 
     on_target.__name__ = f"on_{carrier}_target"
     on_unload.__name__ = f"on_{carrier}_unload"
@@ -119,17 +150,48 @@ def _ports_of(carrier: str, *, optional: bool = False) -> dict[str, Any]:
     }
 
 
+def _gripper_ports(gripper: str) -> dict[str, Any]:
+    """The ports of a further gripper, and their callbacks."""
+    motors = Input(MoveCommand, f"/{gripper}/cmd_motors_pose", optional=True)
+    fingers = Input(GripperPose, f"/{gripper}/cmd_gripper_pose", optional=True)
+    grip = Input(GripperStatus, f"/{gripper}/cmd_gripper_status", optional=True)
+
+    def on_motors(node: WarehouseWorld, command: MoveCommand) -> None:
+        node.execute(gripper, lambda world: world.move_crane(command.target))
+
+    def on_fingers(node: WarehouseWorld, command: GripperPose) -> None:
+        node.execute(gripper, lambda world: world.set_fingers(command.pose))
+
+    def on_grip(node: WarehouseWorld, command: GripperStatus) -> None:
+        node.execute(gripper, lambda world: world.set_grip(command.status))
+
+    ports: dict[str, Any] = {
+        f"{gripper}_motors_move_status": Output(MoveStatus, f"/{gripper}/motors_move_status"),
+        f"{gripper}_gripper_status": Output(GripperStatus, f"/{gripper}/gripper_status"),
+    }
+    for name, port, callback in (
+        ("cmd_motors_pose", motors, on_motors),
+        ("cmd_gripper_pose", fingers, on_fingers),
+        ("cmd_gripper_status", grip, on_grip),
+    ):
+        callback.__name__ = f"on_{gripper}_{name}"
+        ports |= {f"{gripper}_{name}": port, callback.__name__: port(callback)}
+    return ports
+
+
 World = world_of(6, 3, "World")
 World12 = world_of(12, 3, "World12")
 World24 = world_of(24, 6, "World24")
 
 
 class LayoutWorld(WarehouseWorld):
-    """Simulator of the warehouse of a layout file. It has the ports of all `CARRIER_NAMES`."""
+    """Simulator of the warehouse of a layout file. It has the ports of all `GRIPPER_NAMES` and `CARRIER_NAMES`."""
 
     layout = Parameter("", "layout file (YAML), relative to the working directory", fixed=True)
 
     vars().update(port for carrier in CARRIER_NAMES for port in _ports_of(carrier, optional=True).items())
 
-    def initial_scenario(self) -> Scenario:
+    vars().update(port for gripper in GRIPPER_NAMES[1:] for port in _gripper_ports(gripper).items())
+
+    def initial_scenarios(self) -> tuple[Scenario, ...]:
         return load_layout(self.layout, where=f"{self.name}.layout")

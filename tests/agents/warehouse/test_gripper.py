@@ -42,7 +42,7 @@ class TestSensorsOfTheGripper:
         ],
     )
     def test_slots_of_a_bay_count_as_the_bay(self, percept: MoveStatus, place: str | None) -> None:
-        assert told(Whereabouts(SIX.bays).tell(percept)) == ({f"(upon gripper_a {place})"} if place else set())
+        assert told(Whereabouts(GRIPPER, SIX.bays).tell(percept)) == ({f"(upon gripper_a {place})"} if place else set())
 
     def test_top_box_of_a_stack_is_clear(self) -> None:
         facts = told(Boxes(SIX).tell(boxes(box_a1="base_1", box_c2="base_1")))
