@@ -120,7 +120,7 @@ def test_no_node_is_silent_because_its_recording_is_over(tmp_path):
         kept.describe(load_graph("waldo"))
         kept.observe("/waldo/trace", msgspec.structs.replace(BELIEF, stamp=START))
         for name in ("image_converter", "person_detector", "bdi_engine", "head"):
-            kept.note_node(START + 4 * 10**9, name, {"state": "active"})
+            kept.note_node(START + 4 * 10**9, name, {"machine": "desk", "state": "active", "call_hz": "30.0"})
         kept.observe("/health", told(2, "head", "degraded", ("/head/command",)))
         kept.observe("/health", told(4, "bag", "ended", (), ("/pictures",)))
         kept.observe("/health", told(5, "image_converter", "degraded", ("/pictures",), ("/converted",)))
