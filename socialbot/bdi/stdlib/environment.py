@@ -62,7 +62,7 @@ def printf(engine: Any, args: Args, trail: Trail) -> None:
     print_(engine, (line.removesuffix("\n"),), trail)
 
 
-_HOLE = re.compile(r"#\{([^}]*)\}")
+_HOLE = re.compile(r"#\{([A-Za-z0-9_]+)\}")
 
 
 def interpolated(action: Literal) -> Literal:
