@@ -43,14 +43,14 @@ _TURNING = 0.15  # Width of one person while turning, share.
 _JITTER = 0.03  # Distance from frame to frame, share.
 
 _TOES_M, _TOES_STD_M = 0.12, 0.08  # From the body to the nearer foot.
-_KNEES_M, _KNEES_STD_M = 0.35, 0.15  # The same of seated people.
+_KNEES_M, _KNEES_STD_M = 0.46, 0.26  # The same of seated people: 0.1 m from the side, 0.7 m from the front.
 _LIKE_S = 0.5  # Correlation time of the error of a cue.
 _POSE_S = 5.0  # Duration of a pose, which causes such an error.
 _PACE, _WALK_S = 1.0, 2.0  # Usual speed along the line of sight (m/s), and how long it lasts.
 _NEAREST_M = 0.1
 
 # Postures: height of the head and width relative to standing.
-_SEATED, _SEATED_STD, _SEATED_WIDTH, _SEATED_WIDTHS = 0.74, 0.07, 1.45, 0.35
+_SEATED, _SEATED_STD, _SEATED_WIDTH, _SEATED_WIDTHS = 0.77, 0.07, 1.20, 0.35
 _CHILD, _CHILD_STD = 0.70, 0.15
 _KNOWN_STD = 0.07  # The height of a person with a smaller error was learnt: no child.
 _FREE_RAD = 0.3  # Error of the pitch where the floor says nothing.

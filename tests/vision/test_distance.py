@@ -388,6 +388,18 @@ def test_feet_of_seated_people_are_before_them():
     assert seen.distance.value == pytest.approx(distance, rel=0.06)
 
 
+@pytest.mark.parametrize("feet", [0.1, 0.3, 0.5, 0.7])
+@pytest.mark.parametrize("distance", [3.0, 4.15, 5.0])
+def test_error_with_a_known_pose_covers_how_far_seated_people_stretch_their_legs(feet, distance):
+    """Somebody of 1.4 m sits, no wider than standing."""
+    model = camera()
+    top = model.cy - model.fy * math.tan(math.atan((1.4 - model.pose.height_m) / distance) + model.pose.pitch_rad)
+    x, _, w, _ = box_of(model, distance, 0.0, tall=1.4)
+    _, y, _, h = box_of(model, distance - feet + 0.12, 0.0, tall=1.4)
+    seen = measured(model, (x, top, w, y + h - top))
+    assert abs(seen.value - distance) < 2 * seen.std
+
+
 def test_only_a_box_that_clearly_ends_at_the_feet_is_whole():
     model = camera()
     x, y, w, h = box_of(model, 5.0, 0.0)
