@@ -272,6 +272,8 @@ class Tracker:
         looks: np.ndarray,
         least: float,
     ) -> dict[int, int]:
+        if not numbers or not len(indices):
+            return {}
         costs = np.ones((len(numbers), len(indices)))
         # Colours of few pixels tell little, and so do those that few pixels would show.
         noise, clarity = noise_of(boxes[indices]), _clarity(boxes[indices])
@@ -284,7 +286,9 @@ class Tracker:
             known = len(person.appearance) >= _LEAST_LOOKS
             unknown = _UNKNOWN if known else 0.0
             unlike = np.where(
-                np.isfinite(far), np.clip((far - noise - _LIKE) / (_UNLIKE - _LIKE), 0, 1), unknown * clarity
+                np.isfinite(far),
+                np.minimum(np.maximum((far - noise - _LIKE) / (_UNLIKE - _LIKE), 0), 1),
+                unknown * clarity,
             )
             mixed = (self._stamp or 0) - person.mixed <= _MIXED_S * SECOND
             other = (far - noise >= _OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
