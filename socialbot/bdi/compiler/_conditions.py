@@ -37,6 +37,8 @@ MOST_LOOPS = 10
 MOST_BLOCKS = 50
 """Depth at which a new function starts. Python allows 20 nested loops and 100 nested blocks."""
 
+ORDERS = ("<", "<=", ">", ">=")
+
 _IMPURE = {"math.random", "system.time"}
 """Functions whose value changes without a change of beliefs."""
 
@@ -270,21 +272,23 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
         return
     if condition.symbol == "=..":
         test = f"univ({build(f, left)}, {build(f, right)}, trail)"
+    elif f.unit.lenient and condition.symbol in ORDERS:
+        order_test(f, condition, fail)
+        rest()
+        return
     else:
-        test = outcome(f, condition)
+        test = test_of(f, condition)
     with f.block(f"if {test}"):
         rest()
 
 
-def outcome(f: Function, condition: Comparison, step: Step | None = None) -> str:
-    """Emit a comparison that may be one of different types; return its expression."""
-    symbol = condition.symbol
-    if not f.unit.lenient or symbol not in ("<", "<=", ">", ">="):
-        return test_of(f, condition)
-    left, right, found = value(f, condition.left), value(f, condition.right), f.unit.name("t")
-    f.line(f"try: {found} = {left} {symbol} {right}", step)
-    f.line(f"except TypeError: {found} = ordered({left}, {symbol!r}, {right})", step)
-    return found
+def order_test(f: Function, condition: Comparison, fail: str, step: Step | None = None) -> None:
+    """Emit a comparison that may be one of different types."""
+    left, right, symbol = value(f, condition.left), value(f, condition.right), condition.symbol
+    f.line("try:")
+    f.line(f"    if not ({left} {symbol} {right}): {fail}", step)
+    f.line("except TypeError:")
+    f.line(f"    if not ordered({left}, {symbol!r}, {right}): {fail}", step)
 
 
 def test_of(f: Function, condition: Comparison) -> str:

@@ -6,7 +6,16 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.compiler._conditions import COLLECTORS, assign, dependencies, outcome, query, unpack
+from socialbot.bdi.compiler._conditions import (
+    COLLECTORS,
+    ORDERS,
+    assign,
+    dependencies,
+    order_test,
+    query,
+    test_of,
+    unpack,
+)
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
@@ -177,7 +186,10 @@ def constrain(f: Function, step: Constrain) -> None:
     elif isinstance(condition, Comparison) and condition.symbol != "=..":
         if condition.symbol not in ("==", "!="):
             know(f, (condition.left, condition.right), step)
-        f.line(f"if not ({outcome(f, condition, step)}): {fail}", step)
+        if f.unit.lenient and condition.symbol in ORDERS:
+            order_test(f, condition, fail, step)
+        else:
+            f.line(f"if not ({test_of(f, condition)}): {fail}", step)
         return
     found, fresh = first(f, condition, step)
     f.line(f"if {found} is None: {fail}", step)
