@@ -171,7 +171,7 @@ class Account:
         return Share(reasoning_s, planning_s, communication_s, acting_s)
 
     def _waiting(self) -> Iterator[Span]:
-        """Yield the time until the first room needs disinfection and a nurse notices it."""
+        """Yield the time until a nurse notices the first room that needs disinfection."""
         begun = self._notes[WORLD].begun
         yield begun, begun + nanoseconds(min(time_s for time_s, _ in paper_ward().infections))
 

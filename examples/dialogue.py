@@ -26,7 +26,7 @@ class answer(Belief):
 
 
 class tell(Goal):
-    """The story is told from this sentence on."""
+    """Tell the story from this sentence on."""
 
 
 @action

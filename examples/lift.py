@@ -23,7 +23,7 @@ class busy(Belief):
 
 
 class serve(Goal):
-    """No call is left."""
+    """Idle: no call is left."""
 
 
 class move(LongAction):

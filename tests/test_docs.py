@@ -1,4 +1,4 @@
-"""What the docs name is there: files, places in them, commands with their options."""
+"""Names in the docs exist: files, anchors, commands and their options."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def anchors(page: Path) -> frozenset[str]:
 
 
 def slug(heading: str) -> str:
-    """How a heading is called in links."""
+    """Return the anchor of a heading."""
     plain = (
         unicodedata.normalize("NFKD", re.sub(r"[`*]|\]\([^)]*\)|\[", "", heading)).encode("ascii", "ignore").decode()
     )
@@ -79,7 +79,7 @@ def test_every_page_is_in_the_nav_and_the_nav_names_no_other():
 
 
 def commands_in(page: Path) -> Iterator[str]:
-    """What follows ``socialbot`` in lines of code."""
+    """Return the arguments of ``socialbot`` in lines of code."""
     text = text_of(page)
     indented = re.findall(r"^(?: {4}|\t)(.*)$", FENCE.sub("", text), re.MULTILINE)
     fenced = "\n".join(FENCE.findall(text)).splitlines()

@@ -58,7 +58,7 @@ DANGEROUS = re.compile(r"(?<!re\.)\b(eval|exec|compile|YAML)\(|allow_pickle")
 
 
 def dangers(path: Path) -> Iterator[str]:
-    """What in ``path`` could turn data into code: Python run from text, YAML that makes objects, pickles in arrays."""
+    """Return the constructs in ``path`` that turn data into code: `eval`, unsafe YAML, pickles in arrays."""
     text = path.read_text("utf-8")
     for node in ast.walk(ast.parse(text)) if DANGEROUS.search(text) else ():
         if not isinstance(node, ast.Call):
@@ -150,7 +150,7 @@ def test_clock_and_errors_need_nothing_but_the_standard_library():
 
 
 def python(code: str, *, folder: Path | None = None) -> str:
-    """What a fresh interpreter prints when it runs ``code``."""
+    """Return the output of ``code`` in a new interpreter."""
     done = subprocess.run(
         [sys.executable, "-I", "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=60, cwd=folder
     )

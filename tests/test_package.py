@@ -1,4 +1,4 @@
-"""What is built for others to install holds all that a checkout has."""
+"""Wheel and source archive contain all that a checkout has."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def work(begun: float, ended: float, taken: str = "", plans: int = 0) -> Work:
 
 
 def account() -> Account:
-    """A patrol fails, its robot says so, the coordinator plans anew, the nurse tidies the room."""
+    """A patrol fails and is reported, the coordinator replans, the nurse tidies the room."""
     notes = {
         "world": Notes(
             works=[work(2000, 2000.5), work(2013, 2013.5, name_of(COMMAND)), work(2114, 2115)],

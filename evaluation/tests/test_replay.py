@@ -14,7 +14,7 @@ PERIOD = SECOND // 5
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """Nobody in three seconds of small pictures: Waldo has nothing to do, and says so."""
+    """Three seconds of small images without people: Waldo is idle and reports it."""
     path = tmp_path_factory.mktemp("bags") / "empty"
     with BagWriter(path) as writer:
         for index in range(16):

@@ -85,7 +85,7 @@ def moved() -> Diary:
 
 
 def served() -> Diary:
-    """As it should be: the number is replaced twice, once by the new value coming first."""
+    """Valid trace: the number is replaced twice, once with the new value first."""
     diary = Diary().begin(SERVE).add("load(r2, 1)", SERVE).remove("load(r2, 0)", SERVE).wait(2)
     return diary.add("served(shop)", SERVE).remove("stock(7)", SERVE).add("stock(6)", SERVE).end(SERVE)
 

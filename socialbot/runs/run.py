@@ -78,7 +78,7 @@ class RunView:
 
     @property
     def problems(self) -> Sequence[str]:
-        """What a person must know before they trust this run; empty for a whole one."""
+        """Warnings about this run, such as missing records; empty for a complete run."""
         return ()
 
     @property

@@ -125,7 +125,7 @@ class Story:
 
     @property
     def unfinished(self) -> list[str]:
-        """What the world lacks of the goal at the end."""
+        """Parts of the goal that do not hold at the end."""
         return list(self.world.get("unfinished", ()))
 
     @property

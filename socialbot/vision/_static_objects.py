@@ -167,7 +167,7 @@ class _Motion:
 
 @dataclass(eq=False)
 class _History:
-    """What is known of one track: ``still_s`` without motion, and the mean ``score`` in that time.
+    """Record of one track: ``still_s`` without motion, and the mean ``score`` in that time.
 
     ``look`` is the local contrast in ``box`` when it was last seen, in pixels of a `_Snapshot`, by the track ``key``.
     ``begin`` is the first box. A track that ``moved`` ``lives`` if nobody else was the cause.

@@ -1,4 +1,4 @@
-"""What an agent of these beliefs plans and concludes, without the agent."""
+"""Plan and infer from given beliefs as an agent does, without the agent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Agents whose processes are ended, in whatever way, and that go on where they were."""
+"""Agents continue with their saved state after their process ended."""
 
 from __future__ import annotations
 
@@ -80,11 +80,11 @@ def test_damaged_mind_file_is_renamed_and_ignored(text: str, tmp_path: Path, cap
 
 
 class thing(Belief):  # noqa: N801 - written as agents write it
-    """Something that the agent knows of."""
+    """An object known to the agent."""
 
 
 class Thinker(AgentNode):
-    """Believes what it is told."""
+    """Agent that believes each received message."""
 
     def build(self) -> Engine:
         return Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)

@@ -1,4 +1,4 @@
-"""What people ask of agents, of each kind."""
+"""Commands of users to agents of each kind."""
 
 from __future__ import annotations
 

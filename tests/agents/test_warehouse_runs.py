@@ -24,7 +24,7 @@ from socialbot.graph.node import Graph, NodeConfig
 
 @pytest.fixture(autouse=True)
 def _quiet():
-    """What goes wrong on purpose is no news."""
+    """Silence the log of injected faults."""
     logging.disable(logging.WARNING)
     yield
     logging.disable(logging.NOTSET)

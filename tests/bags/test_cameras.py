@@ -1,4 +1,4 @@
-"""Which topics of a bag have pictures, which have depth, and which camera they belong to."""
+"""Image and depth topics of a bag, and their cameras."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def test_wrong_length_allocates_no_memory(tmp_path: Path) -> None:
 
 
 def stamps_of(path: Path, stamps: list[int]) -> list[int]:
-    """What becomes of ``stamps``, as they are in the headers."""
+    """Return the repaired header stamps."""
     bag = make_with_rosbags(
         path, [(RAW, time, picture(stamp)) for time, stamp in zip(times(len(stamps)), stamps, strict=True)]
     )
@@ -108,7 +108,7 @@ def test_stamps_in_the_future_are_replaced(tmp_path: Path, caplog: pytest.LogCap
 def test_leaps_of_the_recording_clock_are_removed(
     tmp_path: Path, senders_too: bool, tenths: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """As when a robot without a clock of its own begins in 1970 and then hears of NTP."""
+    """As for a robot without a battery-backed clock that starts in 1970 and then synchronises by NTP."""
     tenth, leaps = SECOND // 10, [index // 3 * YEAR for index in range(9)]
     pictures = [
         (RAW, time + leap, picture(time + leap if senders_too else time))

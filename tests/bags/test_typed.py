@@ -105,7 +105,7 @@ def test_types_of_bags_are_those_of_ros() -> None:
 
 
 class Mouth(Node):
-    """Says again what it hears."""
+    """Republish each message."""
 
     heard = Input(Utterance, "/speech/heard")
     say = Output(Utterance, "/speech/say")

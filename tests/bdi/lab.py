@@ -121,5 +121,5 @@ class Lab:
 
 
 def ends(lab: Lab) -> list[tuple[str, object]]:
-    """How actions have ended."""
+    """Return the outcomes of actions."""
     return [(record.what, record.detail["outcome"]) for record in lab.trace if record.kind == "action_end"]

@@ -49,15 +49,15 @@ class Mas:
         return self
 
     def beliefs(self, name: str) -> dict[str, tuple[str, ...]]:
-        """What an agent believes, and who says so."""
+        """Return the beliefs of an agent with their sources."""
         return {agentspeak(held.belief): held.sources for held in self.society.agents[name].beliefs}
 
 
 def said(text: str, seconds: float = 60) -> list[str]:
-    """What a single agent ``me`` prints."""
+    """Return the output of a single agent ``me``."""
     return Mas(me=text).until(seconds).lines
 
 
 def does(body: str) -> list[str]:
-    """What a plan with this body prints; ``failed E`` at the end when it fails."""
+    """Return the output of a plan with this body; it ends with ``failed E`` after a failure."""
     return said(f'!go. +!go <- {body}. -!go[error(E), error_msg(M)] <- .print(failed, " ", E).')

@@ -20,7 +20,7 @@ def again(lab: Lab, *rules: Any, later: float = 0.0) -> Lab:
 
 
 def mind(engine: Engine) -> tuple[object, ...]:
-    """All that makes two minds the same."""
+    """Return the state of an engine in a form that can be compared."""
     facts = {
         key: [(args, since, set(map(str, notes))) for args, (since, notes, _) in relation.facts.items()]
         for key, relation in sorted(engine.beliefs.relations.items())

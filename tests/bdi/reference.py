@@ -1,4 +1,4 @@
-"""What the engine has to do, said as plainly as can be.
+"""Plain reference implementation of the engine.
 
 Plans are looked at as they were written, never compiled. Beliefs are a list, intentions are generators, a failing
 goal is an exception. In one turn the agent looks at one event, then makes one step of one intention; intentions
@@ -47,7 +47,7 @@ class Failed(Exception):  # noqa: N818 - what it says
 
 
 class Wait:
-    """What an intention waits for: an event or a condition with its variables, and since when at most how long."""
+    """Wait of an intention: an event or a condition with its variables, its start and its timeout."""
 
     def __init__(self, what: Event | Condition, env: Env, limit: int | None) -> None:
         self.what, self.env, self.limit = what, env, limit
@@ -66,7 +66,7 @@ class Intention:
 
 
 def look(term: Any) -> Any:
-    """What is known of a value or cell."""
+    """Return the value of a term or cell as far as it is bound."""
     while isinstance(term, Cell) and term.value is not None:
         term = term.value
     return term

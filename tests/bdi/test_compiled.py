@@ -1,4 +1,4 @@
-"""What only compiled plans can get wrong."""
+"""Faults that only compiled plans can have."""
 # ruff: noqa: N801, N803 - literals, and the variables that functions look at, are written as agents write them
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tests.bdi.lab import Lab, X, Y, Z, _, crash, do, go, p, ping, q, sub
 
 
 def tell(lab, *items):
-    """Tells the agent one thing after the other."""
+    """Send the agent a sequence of events."""
     for item in items:
         lab.tell(item)
 

@@ -17,7 +17,7 @@ TELL = '^!G[state(S)[reason(R)]] <- .print(G, " ", S, " ", R).'
 
 
 def states(text: str, goal: str = "", seconds: float = 60) -> list[str]:
-    """States of a goal, or of all, as they are told."""
+    """Return the states of a goal, or of all goals, in order of their events."""
     lines = [line.strip() for line in said(f"{text} {TELL}", seconds) if line.startswith(goal)]
     return [line.removeprefix(goal).strip() for line in lines]
 

@@ -14,7 +14,7 @@ from tests.bdi.lab import Lab, X, do, p
 
 
 class Clockwork(Sensor):
-    """Says how often it was asked."""
+    """Sensor that returns its number of calls."""
 
     period_s = 1.0
     asked = 0
@@ -176,7 +176,7 @@ class TestPushing:
 
 
 class Line(ThreadSensor):
-    """Reads what is put into a queue; None there is the end."""
+    """Sensor that reads a queue; None ends it."""
 
     retry_s = 0.0
 

@@ -1,4 +1,4 @@
-"""How long a thread was blocked."""
+"""Detection of blocked threads."""
 
 import os
 import threading

@@ -327,7 +327,7 @@ class TestCallWhenIdle:
 
 
 class Watcher(Node):
-    """Notes what it is told of its input."""
+    """Record the notifications about its input."""
 
     eye = Input(Utterance, "/eye", deadline_s=0.3)
 

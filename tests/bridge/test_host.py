@@ -21,7 +21,7 @@ pytestmark = pytest.mark.ros
 
 
 class Greeter(Node):
-    """Says something as soon as it starts."""
+    """Publish a message at start."""
 
     said = Output(Utterance, "/said")
 
@@ -30,7 +30,7 @@ class Greeter(Node):
 
 
 class Listener(Node):
-    """Notes what it hears."""
+    """Record the received messages."""
 
     said = Input(Utterance, "/said")
     heard: str = ""
@@ -104,7 +104,7 @@ class Talker(Node):
 
 
 def test_nodes_are_unaffected_by_changes_of_the_system_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No input times out, no timer is late or fires repeatedly, and no message is refused."""
+    """Inputs do not time out, timers fire once and in time, and messages are accepted."""
     real, ahead = time.time_ns, [0]
     monkeypatch.setattr(time, "time_ns", lambda: real() + ahead[0])
     for kind in (Freshness, Stream):

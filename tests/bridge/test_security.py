@@ -276,7 +276,7 @@ def test_memory_is_limited(clocks):
 
 @pytest.mark.parametrize("seconds", [-3600, -1, 1, 3600])
 def test_sender_and_receiver_survive_a_change_of_their_clock(clocks, seconds):
-    """Sender and receiver are on it; what is latched is sealed anew all the while."""
+    """Both run on the changed clock; latched messages are resealed meanwhile."""
     receiver = clocks.receiver()
     clocks.go_on(5)
     assert receiver.judge("a", "s", 1, clocks.wall) == NEW

@@ -30,7 +30,7 @@ BATCH = 50
 
 
 class Mouth(Node):
-    """Keeps what it is told to say."""
+    """Record the received utterances."""
 
     say = Input(Utterance, TOPIC)
 
@@ -56,7 +56,7 @@ class Teller(Node):
 
 
 class Follower(Node):
-    """Keeps the states that it hears."""
+    """Record the received states."""
 
     state = Input(HeadCommand, "/state", Delivery.LATCHED)
 
@@ -90,7 +90,7 @@ def utterance(text: str) -> str:
 
 
 class Stranger:
-    """Says on the topic what it likes, and hears what others say."""
+    """Publish forged messages on the topic and record those of others."""
 
     def __init__(self, ros: Any, topic: str = TOPIC, delivery: Delivery = Delivery.EVERY) -> None:
         from std_msgs.msg import String
@@ -107,7 +107,7 @@ class Stranger:
 
 
 def attacks(genuine: list[str], keys: Keys) -> dict[str, Callable[[int], str]]:
-    """What the stranger can make, by the reason for which it should be refused."""
+    """Return forged messages by the expected reason of their refusal."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
     realm = f"ROS domain {int(wires.os.environ['ROS_DOMAIN_ID'])}"

@@ -32,7 +32,7 @@ class Types:
 
 
 class Publisher:
-    """Keeps what is published."""
+    """Record the published messages."""
 
     def __init__(self, topic_name: str = TOPIC) -> None:
         self.topic_name = topic_name

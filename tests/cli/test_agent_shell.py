@@ -17,7 +17,7 @@ from tests.bdi.lab import X, do, go, p
 
 
 class Session:
-    """A shell, what is typed into it, and what it says."""
+    """A shell with its input and output."""
 
     def __init__(self, *lines: str) -> None:
         self.said: list[str] = []

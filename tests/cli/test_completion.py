@@ -1,4 +1,4 @@
-"""What the shell offers after ``socialbot``."""
+"""Shell completion of ``socialbot``."""
 
 from __future__ import annotations
 

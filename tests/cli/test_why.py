@@ -19,7 +19,7 @@ app.command()(report)
 
 
 def ask(*arguments: object) -> tuple[int, str]:
-    """The exit code, and what is printed. Raises what the command raises."""
+    """Return the exit code and the output. Exceptions of the command pass through."""
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     if isinstance(done.exception, SocialbotError):
         raise done.exception

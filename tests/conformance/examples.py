@@ -130,7 +130,7 @@ class Stage:
             self.pass_to(MINUTE)
 
     def said(self, line: str) -> str:
-        """What was printed, by whom only if there are several."""
+        """Return the output, with the agent's name if there are several agents."""
         return line if len(self.agents) > 1 else line.removeprefix("[me] ")
 
     def happens(self, line: str) -> None:

@@ -38,7 +38,7 @@ FOLDER = Path(__file__).with_name("jason")
 
 @dataclass
 class Case:
-    """Program of one goal: what Jason prints, what is printed here, and why they differ."""
+    """Program of one goal with the output of Jason, the output of socialbot, and the reason of a difference."""
 
     body: str
     program: list[str] = field(default_factory=list)

@@ -30,7 +30,7 @@ def section(title: str) -> str:
 
 
 def rows(text: str) -> dict[str, str]:
-    """What stands in backticks in the first column of tables, with the rest of the row."""
+    """Return the code in the first column of the tables, with the rest of its row."""
     found = {}
     for line in text.splitlines():
         cells = [cell.strip() for cell in line.split("|")]

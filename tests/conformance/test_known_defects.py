@@ -125,7 +125,7 @@ def test_agents_in_threads_keep_their_variables_apart():
 
 
 def test_a_ring_of_agents_loses_no_message():
-    """Mailboxes that keep one message per name, or beliefs told twice that are one belief, lose tokens."""
+    """A mailbox with one message per name, or a merge of equal beliefs, would lose tokens."""
     agents, tokens, laps = 1000, 1000, 3
     society = Society(ManualClock())
     for number in range(agents):
@@ -274,7 +274,7 @@ def test_cancelled_timers_are_removed():
 
 
 def test_waking_a_stopped_engine_is_harmless():
-    """The pipe or socket that wakes the agent is closed; whoever is about to ring writes to another file by now."""
+    """The wake-up pipe is closed; its descriptor may belong to another file by now."""
     engine = Engine("me", WallClock())
     woken: list[object] = []
     engine.call(lambda: woken.append(engine.wake))

@@ -1,4 +1,4 @@
-"""What the notation of Python says and means, where AgentSpeak has none, and how the two say the same."""
+"""Meaning of the Python notation, and its agreement with AgentSpeak."""
 # ruff: noqa: N801 - beliefs, goals and actions are written as agents write them, functions name variables
 
 from __future__ import annotations

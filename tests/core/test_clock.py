@@ -1,4 +1,4 @@
-"""Time that is given: it goes on evenly, whatever is done to the clocks that it is taken from."""
+"""Clocks advance evenly despite changes of the system clock."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_clock_that_is_set_changes_nothing_for_who_asked_before(computer, seco
 
 @pytest.mark.parametrize("seconds", [-3600, 3600])
 def test_what_an_agent_waits_for_comes_when_it_should_though_the_clock_is_set(computer, seconds):
-    """What is held for 0.3 s, and who rests for 0.6 s; the clock is set after 0.1 s."""
+    """A belief held for 0.3 s and a wait of 0.6 s; the system clock is set after 0.1 s."""
     happened: list[tuple[str, float]] = []
 
     class note(Action):  # noqa: N801 - reads as a step of a plan

@@ -1,4 +1,4 @@
-"""How processes end on signals."""
+"""Processes end on signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An office with jobs to do: a deliberator in simulated time, a small domain, and a planner that does as it is told."""
+"""An office with jobs: a deliberator in simulated time, a small domain, and a scripted planner."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Reply = PlannerAnswer | Exception | str | None
 
 
 class Clerk:
-    """Plans one step after the other for what is missing. ``script`` may say something else for a problem."""
+    """Plan one step per missing goal, in order. ``script`` overrides the answer to a problem."""
 
     name = "clerk"
 
@@ -80,7 +80,7 @@ class Clerk:
 
 
 class Office(Scene):
-    """Where a deliberator is watched. With ``slow`` planning, answers come when `answer` is called."""
+    """Test bench of a deliberator. With ``slow`` planning, plans arrive when `answer` is called."""
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class Office(Scene):
         return None if state is None else state.name
 
     def begun(self) -> list[tuple[float, str]]:
-        """What was begun, and when."""
+        """Return the started actions with their times."""
         return [(time, call) for time, what, call in self.timeline if what == "begins"]
 
     def found(self, kind: str, what: str | None = None) -> list[Any]:
@@ -163,12 +163,12 @@ class Office(Scene):
         return self.trace.find(kind, what)
 
     def plans(self) -> list[tuple[str, str]]:
-        """How plans have ended: for which desire, and how."""
+        """Return the desire and the outcome of each ended plan."""
         return [(record.what, str(record.detail["outcome"])) for record in self.found("plan_end")]
 
 
 class Watcher:
-    """An observer that notes what it is told."""
+    """Observer that records its notifications."""
 
     def __init__(self) -> None:
         self.statuses: list[tuple[str, str]] = []

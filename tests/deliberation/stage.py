@@ -1,4 +1,4 @@
-"""A stage for directors: an engine in simulated time, a small domain, and actions that do as they are told."""
+"""Test bench of the plan executor: an engine in simulated time, a small domain, and scripted actions."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def facts(text: str) -> list[Fact]:
 
 @dataclass
 class Behaviour:
-    """How an action goes on: it lasts so long, then fails if there is a reason; it stops so long after it is asked to.
+    """Script of an action: duration, reason of a failure at its end, and time to stop.
 
     With ``stop_s`` None it never stops, and never ends when it was asked to.
     """
@@ -216,11 +216,11 @@ class Stage(Scene):
         return self.facts.current(wanted) == wanted
 
     def begun(self) -> dict[str, float]:
-        """When each action began."""
+        """Return the start time of each action."""
         return {call: time for time, what, call in self.timeline if what == "begins"}
 
     def status(self) -> dict[str, str]:
-        """How the steps fare, as it was told last while there was a plan."""
+        """Return the last reported status of the steps."""
         info = [info for info in self.infos if info.target is not None][-1]
         return {f"({' '.join((step.name, *step.args))})": step.status for step in info.actions_exec_info}
 

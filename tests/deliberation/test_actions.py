@@ -15,7 +15,7 @@ from socialbot.deliberation.actions import PlanAction, progress_of, register
 
 
 class Carrier:
-    """What the actions below act upon."""
+    """Robot of the actions below."""
 
     def __init__(self):
         self.log = []

@@ -188,7 +188,7 @@ def test_whatever_comes_and_goes_the_best_is_pursued_and_nothing_is_aborted_with
 
 
 def check_best(office: Office) -> None:
-    """Who is pursued is not outranked by anybody who may be."""
+    """Check that no desire that may be pursued outranks the pursued one."""
     ready = any(fact.name == "ready" for fact in office.facts.facts())
     able = [state for state in office.deliberator.desires if ready or not state.desire.precondition.clauses]
     pursued = office.deliberator.pursuit.current

@@ -1,4 +1,4 @@
-"""Whatever happens, every desire ends as it should or with a reason, and the agent never hangs."""
+"""Random events: every desire ends as expected or with a reason, and the agent never hangs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plan_executor carries out plans against what is believed."""
+"""The plan executor runs plans against the current beliefs."""
 # ruff: noqa: N801 - actions are written as plans write them
 
 from __future__ import annotations

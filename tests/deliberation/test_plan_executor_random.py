@@ -1,4 +1,4 @@
-"""Whatever happens: no step begins against a false condition, everything ends, effects take place once."""
+"""Random events: no step starts with a false condition, every step ends, effects apply once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the plan_executor tells of the plans that it carries out."""
+"""Reports of the plan executor."""
 
 from __future__ import annotations
 

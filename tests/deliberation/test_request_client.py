@@ -13,7 +13,7 @@ from tests.deliberation.office import job
 
 
 class Post:
-    """What one agent sends, and when."""
+    """Requests of one agent with their times."""
 
     def __init__(self) -> None:
         self.clock = ManualClock(5 * SECOND)

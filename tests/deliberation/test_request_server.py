@@ -21,7 +21,7 @@ ALL = Policies(
 
 
 class Desk:
-    """Where requests come in, and answers go out."""
+    """Test bench of a request server."""
 
     def __init__(self, **more) -> None:
         self.office = Office(**more)

@@ -1,4 +1,4 @@
-"""What a step has changed is taken back, unless somebody else has changed it since."""
+"""Changes of a failed step are undone unless another source changed the same fact later."""
 
 from __future__ import annotations
 

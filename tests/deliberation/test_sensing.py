@@ -13,7 +13,7 @@ from tests.deliberation.stage import Behaviour
 
 
 class Levels(FactSensor):
-    """Tells of levels and lights; a percept is a list of facts, or None."""
+    """Sensor of levels and lights; a percept is a list of facts, or None."""
 
     prototypes = (fluent("level", "*"), predicate("lit"), instance("j*", "job"))
 

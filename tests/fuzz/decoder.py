@@ -1,4 +1,4 @@
-"""What every decoder is: a function of bytes that refuses bad input by a SocialbotError."""
+"""Decoder: a function of bytes that refuses bad input with a SocialbotError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STAMP = 1_700_000_000 * SECOND
 
 @dataclass(frozen=True)
 class Decoder:
-    """What reads ``decode``'s bytes; ``seeds`` are good inputs."""
+    """Decoder with its valid inputs as ``seeds``."""
 
     name: str
     decode: Callable[[bytes], object]

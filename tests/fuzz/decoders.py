@@ -463,7 +463,7 @@ def _defaults() -> Iterator[bytes]:
 
 
 def _check_parameters(data: bytes) -> None:
-    """As the parameter service gets them: values of any type."""
+    """Values of any type, as the parameter service receives them."""
     name, _, text = text_of(data).partition("\n")
     try:
         given = json.loads(text)

@@ -69,7 +69,7 @@ def _splice(chance: random.Random, data: bytearray, seeds: Sequence[bytes]) -> N
 
 
 def _word(chance: random.Random, data: bytearray, seeds: Sequence[bytes]) -> None:
-    """Something unusual between, or instead of, what is there."""
+    """Insert an unusual token, or replace one."""
     begin, end = _span(chance, data)
     data[begin : chance.choice((begin, end))] = chance.choice(TOKENS)
 

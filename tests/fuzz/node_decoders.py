@@ -61,7 +61,7 @@ def _lines(messages: Iterable[Message]) -> bytes:
 
 
 def _fed(configs: tuple[NodeConfig, ...]) -> Callable[[bytes], object]:
-    """Feeds a message a line, each to the topics of its type; time goes on whatever the stamps say."""
+    """Send one message per line to the topics of its type; the clock ignores the stamps."""
     topics: Mapping[type[Message], str] = {
         port.message_type: topic for config in configs for topic, port in config.subscriptions
     }

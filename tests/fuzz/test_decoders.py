@@ -26,7 +26,7 @@ def decoder(request: pytest.FixtureRequest) -> Decoder:
 
 
 def survives(decoder: Decoder, data: bytes) -> None:
-    """It takes or refuses ``data``, and soon."""
+    """Check that ``data`` is accepted or refused, within the time limit."""
     begun = time.process_time()
     decoder.takes(data)
     assert time.process_time() - begun < WORST_CPU_S

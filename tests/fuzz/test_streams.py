@@ -102,7 +102,7 @@ def test_a_picture_never_shows_more_than_its_data(encoding: str, width: int, hei
 
 
 def life(stamps: list[int], *, times: int = 1) -> InlineRunner:
-    """Waldo and his head, who see somebody ten times a second, whatever the ``stamps`` say (ns)."""
+    """Waldo and his head with ten detections/s whose ``stamps`` (ns) may be wrong."""
     configs = (NodeConfig("waldo", WaldoNode), NodeConfig("head", Head, remap={"command": "/head"}))
     runner = InlineRunner(Graph("test", configs, inputs=frozenset({DETECTIONS, "/head"})), start=START)
     runner.tap("/waldo/actions", lambda _, message: actions.append(message))

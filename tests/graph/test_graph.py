@@ -12,13 +12,13 @@ from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Outpu
 
 
 class Source(Node):
-    """Says something by itself."""
+    """Source without inputs."""
 
     said = Output(Utterance, "/said")
 
 
 class Echo(Node):
-    """Says again what it hears."""
+    """Republish each message."""
 
     heard = Input(Utterance, "/said", Delivery.NEWEST)
     say = Output(Utterance, "/echo")

@@ -12,7 +12,7 @@ from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output, Paramet
 
 
 class Eye(Node):
-    """Looks at what it is told, and passes it on."""
+    """Republish each message."""
 
     seen = Input(Utterance, "/seen", deadline_s=SILENT_S)
     heard = Input(Utterance, "/heard", deadline_s=SILENT_S, alternative_to=seen)

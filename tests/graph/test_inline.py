@@ -21,7 +21,7 @@ def text_of(message: Message) -> str:
 
 
 class Relay(Node):
-    """Passes on what it hears, with its name at the end."""
+    """Republish each text with its own name appended."""
 
     heard = Input(Utterance, "/in")
     said = Output(Utterance, "/out")
@@ -34,7 +34,7 @@ class Relay(Node):
 
 
 class Herald(Node):
-    """Says what its state is as soon as it starts, and when it stops."""
+    """Publish its state at start and at stop."""
 
     state = Output(Utterance, "/in", Delivery.LATCHED)
 
@@ -46,7 +46,7 @@ class Herald(Node):
 
 
 class Ticker(Node):
-    """Says something ``after`` what it hears."""
+    """Publish a message some time ``after`` each input."""
 
     heard = Input(Utterance, "/in")
     said = Output(Utterance, "/out")
@@ -332,7 +332,7 @@ def test_a_topic_of_the_node_s_own_namespace_bears_its_name():
 
 
 class Counter(Node):
-    """Says every second how often it has done so, and once what the state was when it came."""
+    """Publish a counter every second, and once the received state."""
 
     state = Input(Utterance, "/state", Delivery.LATCHED)
     heard = Input(Utterance, "/in")
@@ -387,7 +387,7 @@ def test_what_was_posted_for_a_node_that_is_killed_is_not_done_and_it_can_say_no
 
 
 class Clockwork(Node):
-    """Says its name every second, twice."""
+    """Publish its name every second, from two timers."""
 
     said = Output(Utterance, "/ticks")
 

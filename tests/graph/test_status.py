@@ -1,4 +1,4 @@
-"""How nodes fare, as they tell it."""
+"""Status of nodes from their own reports."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def children() -> set[int]:
 
 
 def children_worked() -> float:
-    """How long those that have ended were at work, s."""
+    """Return the processor time (s) of ended children."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

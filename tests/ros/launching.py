@@ -1,4 +1,4 @@
-"""What a launch file starts: by as much of the packages `launch` and `launch_ros` as ours use.
+"""Processes of a launch file, by the part of `launch` and `launch_ros` that socialbot uses.
 
 Neither is on PyPI. The names, their arguments and the order of what happens are those of ROS 2 Jazzy.
 """
@@ -124,7 +124,7 @@ def description_of(path: Path) -> LaunchDescription:
 
 
 def launched(path: Path, log_folder: Path, monkeypatch: pytest.MonkeyPatch, **arguments: str) -> list[Node]:
-    """What ``ros2 launch path name:=value ...`` starts."""
+    """Return the processes that ``ros2 launch path name:=value ...`` starts."""
     for name, contents in {
         "launch": [LaunchDescription],
         "launch.actions": [DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction],

@@ -64,7 +64,7 @@ def colcon(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*command: object, cwd: Path) -> str:
-    """What ``command`` prints; it has to succeed."""
+    """Return the output of a command that must succeed."""
     done = subprocess.run(
         [str(part) for part in command], cwd=cwd, env=plain_environment(), capture_output=True, text=True, check=False
     )

@@ -112,15 +112,15 @@ class Visit:
         self.page.wait_for_function("t => Math.abs(document.body.dataset.shown - t) < 1e-4", arg=seconds)
 
     def texts(self, selector: str) -> list[str]:
-        """What the elements say that a selector finds."""
+        """Return the texts of the elements of a selector."""
         return [text.strip() for text in self.page.locator(selector).all_text_contents()]
 
     def number(self, script: str) -> float:
-        """What a script gives."""
+        """Return the number that a script evaluates to."""
         return float(self.page.evaluate(script))
 
     def place(self, selector: str) -> FloatRect:
-        """Where an element is (pixels)."""
+        """Return the position of an element (pixels)."""
         place = self.page.locator(selector).bounding_box()
         assert place is not None, f"{selector} is not to be seen"
         return place

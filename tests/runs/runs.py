@@ -28,7 +28,7 @@ nodes:
 
 
 def frame(tenth: int, *distances_m: float) -> PersonDetections:
-    """What is seen ``tenth`` tenths of a second after the start."""
+    """Return the detections ``tenth`` tenths of a second after the start."""
     persons = tuple(
         PersonDetection(x=100.0 * n, y=50, w=80, h=200, score=0.9, track_id=f"t{n}", distance_m=distance_m)
         for n, distance_m in enumerate(distances_m, start=1)
@@ -73,7 +73,7 @@ def long_run(folder: Path, *, visits: int, max_bytes: int) -> Path:
 
 
 def waldo_heard_by(*lives: LiveRun) -> InlineRunner:
-    """Waldo, at work as soon as he is fed; what happens is told to ``lives``."""
+    """Run Waldo inline on given detections; ``lives`` receive the records."""
     parameters = {"speech": {"playback": "off"}, "bdi_engine": {"forget_after_s": 30.0}}
     graph = load_graph("waldo").without_sources().with_parameters(parameters)
     runner = InlineRunner(graph, start=START)
@@ -85,7 +85,7 @@ def waldo_heard_by(*lives: LiveRun) -> InlineRunner:
 
 
 def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunner | None = None) -> InlineRunner:
-    """Shows Waldo somebody; what happens is told to ``live`` as the record of a run tells it."""
+    """Show Waldo a person; ``live`` receives the records of the run."""
     if runner is None:
         graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
         runner = InlineRunner(graph, start=START)

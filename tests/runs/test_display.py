@@ -57,7 +57,7 @@ def head(seconds: float, pan: float, tilt: float) -> JointTrajectory:
 
 
 def shown(*messages: Message, terminal: bool = False) -> list[str]:
-    """What the display prints, line by line."""
+    """Return the lines of the display."""
     out = io.StringIO()
     console = Console(file=out, width=100, force_terminal=terminal, color_system=None)
     with Display(console, start=START, until=at(20.0)) as display:

@@ -1,4 +1,4 @@
-"""Where the joints of a head are, by what they were told."""
+"""Joint positions of a head from its commands."""
 
 from __future__ import annotations
 

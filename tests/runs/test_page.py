@@ -47,7 +47,7 @@ def visit(browser: Browser, waldo: str) -> Iterator[Visit]:
 
 
 def faults(visit: Visit) -> list[str]:
-    """What axe finds that keeps people from using the page."""
+    """Return the accessibility violations that axe finds."""
     found = Axe().run(visit.page).response["violations"]
     return [f"{each['id']}: {each['nodes'][0]['html']}" for each in found if each["impact"] in ("serious", "critical")]
 

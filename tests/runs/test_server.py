@@ -44,7 +44,7 @@ DONE = AgentAnswer(stamp=0, id="1", agent="bdi_engine", accepted=True)
 
 @dataclass
 class Desk:
-    """Takes what is asked of agents, and answers."""
+    """Receive requests for agents, and answer them."""
 
     answer: AgentAnswer | None = DONE
     shut: str = ""

@@ -1,4 +1,4 @@
-"""What is seen and done, in messages that other packages of ROS know."""
+"""Detections and actions as standard ROS messages."""
 
 import math
 
@@ -32,7 +32,7 @@ FOUND = PersonDetections(stamp=3 * SECOND + 5, frame_id="camera", width=640, hei
 
 
 def there_and_back(message):
-    """What is read of a message by whoever knows its type."""
+    """Encode a message and decode it by its type."""
     return TYPES.deserialize(TYPES.serialize(message), message.__msgtype__)
 
 

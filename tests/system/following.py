@@ -48,7 +48,7 @@ class Block:
 
 
 def blocks(page: str) -> list[Block]:
-    """The blocks of a page in docs/; what a command prints is told by its `Block.shows`, too."""
+    """Return the code blocks of a docs page; `Block.shows` is the expected output of a command."""
     text, found, end = (DOCS / page).read_text("utf-8"), [], 0
     for match in BLOCK.finditer(text):
         found.append(Block(match[1], match[2], text[end : match.start()]))

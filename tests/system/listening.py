@@ -1,4 +1,4 @@
-"""Hears each topic once as viewers and libhri do, and prints what it has heard: ``python -m tests.system.listening``.
+"""Subscribe to each topic as viewers and libhri do, and print one message: ``python -m tests.system.listening``.
 
 A process of its own, for types whose libraries have to be found before Python starts. The arguments are a limit (s) and
 TOPIC=TYPE; ``<id>`` in a topic stands for every body that is told of on /humans/bodies/tracked.
@@ -35,7 +35,7 @@ def tells(told: dict[str, Any]) -> bool:
 
 
 def listen(types: dict[str, str], limit_s: float) -> dict[str, Any]:
-    """The first message of each topic that tells of something, as far as there is one within the limit."""
+    """Return the first message of each topic that is not empty, within the time limit."""
     heard: dict[str, Any] = {}
     followed: set[str] = set()
     with spinning_node("listener") as ros:

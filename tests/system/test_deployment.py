@@ -127,7 +127,7 @@ def test_the_workstation_may_start_later(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("missing", ["cable", "address"])
 def test_the_network_of_the_robot_may_start_later(folder: Path, missing: str) -> None:
-    """What has started without knows no network but the loopback."""
+    """Processes that started without the network know only the loopback."""
     with two_hosts() as hosts:
         address = ("address", "{}", f"{ROBOT}/24", "dev", hosts.robot.device)
         if missing == "cable":
@@ -177,7 +177,7 @@ def servers(up: subprocess.Popen[str]) -> list[int]:
 
 @pytest.mark.slow
 def test_the_machine_of_the_discovery_server_runs_it(folder: Path) -> None:
-    """It is killed once, before the other half has come; it ends with its own half."""
+    """The server is killed once, before the other machine starts; it ends with its own machine."""
     with (folder / "waldo.yaml").open("a") as page:
         page.write("discovery: {server: robot}\n")
     with two_hosts() as hosts:

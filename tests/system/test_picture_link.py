@@ -38,7 +38,7 @@ nodes:
 
 @dataclass(frozen=True)
 class Film:
-    """What the camera shows, and what reaches the other host."""
+    """Images of the camera, and the images that reach the other host."""
 
     hosts: TwoHosts
     sent: Path
@@ -145,7 +145,7 @@ def test_images_resume_soon_after_an_outage(film: Film, down_s: float, back_s: f
 
 
 def test_discovery_uses_little_of_the_link(film: Film) -> None:
-    """What the workstation sends are answers and announcements only."""
+    """The workstation sends only acknowledgements and announcements."""
     before = film.hosts.sent_bytes()[1]
     time.sleep(3.0)
     assert (film.hosts.sent_bytes()[1] - before) * 8 / 3.0 < 600e3

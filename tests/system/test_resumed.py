@@ -53,7 +53,7 @@ def file(corridor: Path, tmp_path: Path) -> Path:
 
 
 def told(run: Path, kind: str) -> list[str]:
-    """What a run has recorded of a kind, up to the last whole line."""
+    """Return the records of a kind, up to the last complete line."""
     trace = run / "trace.jsonl"
     lines = trace.read_bytes().rpartition(b"\n")[0].splitlines() if trace.exists() else []
     records = (msgspec.json.decode(line, type=TraceRecord) for line in lines)

@@ -61,7 +61,7 @@ def script(host: Host, text: str, log: Path, variables: dict[str, str], *argumen
 
 @pytest.mark.slow
 def test_a_closed_graph_receives_nothing_from_outside(tmp_path: Path) -> None:
-    """A neighbour that is open hears the stranger, so there is one to be heard."""
+    """An open graph next to it receives the messages, which proves that they were sent."""
     closed, opened = tmp_path / "closed.log", tmp_path / "open.log"
     with two_hosts() as hosts, ExitStack() as scripts:
         scripts.enter_context(script(hosts.robot, HEAR, closed, CLOSED))

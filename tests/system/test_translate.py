@@ -1,4 +1,4 @@
-"""`socialbot translate` beside a running graph: what other packages of ROS hear of it."""
+"""`socialbot translate` beside a running graph: the standard messages that it publishes."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def standard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def heard(types: dict[str, str]) -> dict[str, Any]:
-    """What somebody hears on each topic who knows their types."""
+    """Return the messages on each topic, decoded by their types."""
     command = [
         sys.executable,
         "-m",

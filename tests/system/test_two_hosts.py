@@ -46,7 +46,7 @@ def hosts() -> Iterator[TwoHosts]:
 
 
 def arrived(hosts: TwoHosts) -> int:
-    """How many of 1000 packets arrive that are sent at once."""
+    """Return how many of 1000 packets in one burst arrive."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     receiver = hosts.workstation.start(sys.executable, "-c", RECEIVE, **pipes)
     assert receiver.stdout is not None

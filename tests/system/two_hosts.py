@@ -15,7 +15,7 @@ __all__ = ["ROBOT", "WORKSTATION", "Host", "TwoHosts", "two_hosts"]
 
 @contextmanager
 def two_hosts() -> Iterator[TwoHosts]:
-    """Two hosts for as long as the block lasts. Skips the test, with the reason, where they cannot be made."""
+    """Context manager of two hosts. Skips the test, with the reason, where they cannot be made."""
     if reason := hosts.obstacle():
         pytest.skip(f"no two hosts: {reason}")
     with hosts.two_hosts() as both:

@@ -1,4 +1,4 @@
-"""Ray-cast depth of a room with people, with the errors of real sensors, and bags of it."""
+"""Ray-cast depth images of a room with people, with sensor errors, and bags of them."""
 
 from __future__ import annotations
 

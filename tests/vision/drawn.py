@@ -7,7 +7,7 @@ import numpy as np
 
 
 def corridor(width: int = 640, height: int = 480, *, seed: int = 0) -> np.ndarray:
-    """An empty room: a wall, a floor, a little noise."""
+    """Image of an empty corridor: a wall, a floor, a little noise."""
     picture = np.full((height, width, 3), (150, 160, 165), np.uint8)
     picture[height * 3 // 5 :] = (105, 110, 120)
     noise = np.random.default_rng(seed).normal(0, 2, picture.shape)

@@ -63,7 +63,7 @@ class Trial:
         return sum(begin_s <= arrived < end_s for _, arrived, _ in self.arrived) / (end_s - begin_s)
 
     def age_s(self, begin_s: float, end_s: float, percent: float = 99) -> float:
-        """How old pictures are when they arrive that are taken between two times: a percentile."""
+        """Return a percentile of the age at arrival of the images taken between two times."""
         ages = [arrived - taken for taken, arrived, _ in self.arrived if begin_s <= taken < end_s]
         return float(np.percentile(ages, percent))
 
@@ -99,7 +99,7 @@ class Trial:
         self._at(up + phase.delay_s, lambda: self.link.answered(stamp, round(self._now * SECOND)))
 
     def _carry(self, size: int, then: Callable[[], None]) -> None:
-        """Everything comes, in order: what is lost is sent again, and what is behind it waits."""
+        """Deliver all packets in order: lost packets are resent, and later ones wait."""
         up, phase = self._next()
         repairs = max(self._repairs(phase.loss) for _ in range(-(-size // PACKET)))
         self._free = max(up, self._free) + 8e-6 * size / phase.mbit_s
@@ -110,7 +110,7 @@ class Trial:
         return next(count for count in itertools.count() if self._random.random() >= loss)
 
     def _next(self) -> tuple[float, Phase]:
-        """When the link carries something next, and what it is like then."""
+        """Return the time of the next transmission, and the link state then."""
         up = [phase for phase in self.phases if phase.mbit_s]
         now = [phase for phase in self.phases if phase.begin_s <= self._now][-1]
         if now in up:

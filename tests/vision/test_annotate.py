@@ -23,7 +23,7 @@ def person(
 
 
 def touched(picture: np.ndarray) -> np.ndarray:
-    """Where ``picture`` is no longer grey: (height, width), bool."""
+    """Return the pixels that are no longer grey: (height, width), bool."""
     return (picture != 128).any(axis=2)
 
 

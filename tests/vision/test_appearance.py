@@ -1,4 +1,4 @@
-"""People are told apart by their colours, and recognised when they come back."""
+"""People are distinguished by their colours, and recognised when they return."""
 
 from __future__ import annotations
 

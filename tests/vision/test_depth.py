@@ -277,7 +277,7 @@ def test_a_person_in_front_hides_most_of_the_box_behind() -> None:
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("grow", [0.6, 1.0, 1.25])
 def test_the_wall_does_not_become_a_second_person(first: int, grow: float) -> None:
-    """Of two boxes of one seated person, the second one has the wall left, which fits the image better."""
+    """The second box of a seated person contains mainly the wall, whose distance fits the image better."""
     room = Room([Blob(4.5, 0.3, seated=True)], wall=6.0)
     x, y, w, h = box_of(room, 0)
     boxes = [(x, y, w, h), (x + w / 10 - w * (grow - 1) / 2, y, w * grow, h * grow)]

@@ -244,7 +244,7 @@ def test_bad_compressed_images_are_named(data, form, words):
 
 
 def oversized(data: bytes, width: int, height: int) -> bytes:
-    """A picture whose header speaks of another size."""
+    """Image whose header states another size."""
     if data.startswith(b"\x89PNG"):
         head = b"IHDR" + struct.pack(">II", width, height) + data[24:29]
         return data[:12] + head + struct.pack(">I", zlib.crc32(head)) + data[33:]

@@ -1,4 +1,4 @@
-"""What a link carries is found out and kept to: by quality, then by rate; nothing piles up, and it settles."""
+"""The rate of a link is estimated and kept: by quality, then by image rate, without a growing queue."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_slow_link_gets_its_capacity(mbit_s: float, rate_hz: float, quality: int
 
 @pytest.mark.parametrize("mbit_s", [0.3, 1.0, 2.0, 5.0])
 def test_it_settles(mbit_s: float) -> None:
-    """Trials grow rare: what is seen changes in a minute at the end no more than a few times."""
+    """Trials become rare: in the last minute the settings change only a few times."""
     trial = Trial([Phase(0, mbit_s)], 400)
     late = trial.qualities(300, 400)
     assert sum(abs(one - other) >= 5 for one, other in itertools.pairwise(late)) <= 6

@@ -29,7 +29,7 @@ COAT, PERSON = patterned(2, 80, 240), patterned(3, 80, 240)
 
 
 def with_a_coat() -> np.ndarray:
-    """The room with a coat in it that need not be found."""
+    """Image of the corridor with a coat that may be missed."""
     room = ROOM.copy()
     x, y, w, h = (round(each) for each in STAND)
     room[y : y + h, x : x + w] = COAT
@@ -57,7 +57,7 @@ class Camera:
         self.room = ROOM
 
     def look(self, reported: Box | None = None, skipped: int = 0, **things: tuple[np.ndarray, Box]) -> set[str]:
-        """Who is a person, of the ``things``: how each looks, and its box. The last one stands before the others.
+        """Return which of ``things`` (appearance, box) count as people. The last one occludes the others.
 
         The detector's box is another one if ``reported``. So many pictures have been ``skipped`` before this one.
         """

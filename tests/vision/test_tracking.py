@@ -277,7 +277,7 @@ def walkers(*people: tuple[float, float, float, float], seconds: float = 4.0, pe
 
 
 def followed(frames, seen, *, noise: float, seed: int) -> list[dict[int, str]]:
-    """Which track is nearest to each true person, frame by frame; boxes are noisy, and shown where ``seen`` says."""
+    """Return the nearest track of each true person per frame; boxes are noisy, and exist where ``seen`` is true."""
     scene, random, result = Scene(), np.random.default_rng(seed), []
     for number, boxes in enumerate(frames):
         visible = [index for index in range(len(boxes)) if seen(number, index, boxes)]

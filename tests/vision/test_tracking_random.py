@@ -1,4 +1,4 @@
-"""Whatever a tracker is shown, its tracks are in order."""
+"""Random detections: the tracks keep their invariants."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def parts(draw):
 
 
 def to_canvas(view: View, boxes: np.ndarray) -> np.ndarray:
-    """Where boxes of the picture lie on the canvas."""
+    """Return boxes of the image in canvas coordinates."""
     across, down = view.across / view.w, view.down / view.h
     moved = boxes - (view.x, view.y, 0, 0)
     return moved * (across, down, across, down) + (view.left, view.top, 0, 0)

@@ -1,4 +1,4 @@
-"""What a coordinator must know of a world and its missions: `TeamDomain` with its roles."""
+"""`TeamDomain`: the world, roles and missions of a coordinator."""
 
 from __future__ import annotations
 

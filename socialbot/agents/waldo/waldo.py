@@ -116,7 +116,7 @@ class WaldoConfig:
 
 # 3. Define actions (and the sensor of people)
 class speak(Action):
-    """Say the sentence for a situation."""
+    """Speak the sentence for a situation."""
 
     def execute(self, situation: str) -> None:
         robot = self.engine.robot

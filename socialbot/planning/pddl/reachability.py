@@ -1,4 +1,4 @@
-"""Which goals nothing can make true: relaxed reachability, without delete effects and with any number.
+"""Find goals that no plan can reach: relaxed reachability, without delete effects and with any number.
 
 Everything that a plan can reach is reachable. A goal that is not reachable proves that there is no plan.
 """

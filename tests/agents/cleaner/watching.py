@@ -35,11 +35,11 @@ class Watched:
         return node
 
     def facts(self, name: str) -> list[str]:
-        """What an agent believes, as text."""
+        """Return the beliefs of an agent as text."""
         return [str(fact) for fact in self.agent(name).deliberator.facts.facts()]
 
     def told(self, kind: str, source: str = "cleaner") -> list[tuple[float, str]]:
-        """When (s) there was a record of that kind, and what of."""
+        """Return the time (s) and the subject of each record of a kind."""
         return [
             (record.stamp / 1e9, record.what)
             for record in self.records
@@ -47,5 +47,5 @@ class Watched:
         ]
 
     def names(self, kind: str, source: str = "cleaner") -> list[str]:
-        """What the records of that kind are of."""
+        """Return the subjects of the records of a kind."""
         return [what for _, what in self.told(kind, source)]

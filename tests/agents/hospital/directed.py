@@ -106,7 +106,7 @@ class Ward:
         self.look()
 
     def plan(self, mission: int = 1) -> list[tuple[str, ...]]:
-        """What is left of the plan of a mission."""
+        """Return the remaining plan of a mission."""
         progress = self.coordinator.manager.progress_of[mission]
         return [node.item for node in progress.agenda[progress.position :]]
 

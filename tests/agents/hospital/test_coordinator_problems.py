@@ -1,4 +1,4 @@
-"""What the coordinator does after a problem, and before one."""
+"""Actions of the coordinator before and after a problem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What strangers say: whatever it is, no node raises because of it, and the mission is done."""
+"""Forged messages: no node raises, and the mission completes."""
 
 from __future__ import annotations
 

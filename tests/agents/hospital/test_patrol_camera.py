@@ -1,4 +1,4 @@
-"""The example of a patrol that sees: a room camera, the person detector, and a robot that believes what it sees."""
+"""The example `hospital_patrol`: a room camera, the person detector, and a robot that uses the detections."""
 
 from __future__ import annotations
 
@@ -75,13 +75,13 @@ def whole() -> Shift:
 
 @functools.cache
 def truth_of(clip: str) -> dict[int, int]:
-    """How many people there are in each picture of a clip, by its stamp."""
+    """Return the number of people in each image of a clip, by stamp."""
     truth = load_truth(room_camera.CLIPS / f"{clip}.truth.json")
     return {frame.stamp: len(frame.persons) for frame in truth.frames}
 
 
 def people(run: Shift, time: int) -> int:
-    """How many there really are in the room, by the truth of the clip that is shown."""
+    """Return the true number of people in the room, from the ground truth of the current clip."""
     camera = run.runner.nodes["room_camera"]
     return truth_of(camera.scene_at(time).clip)[camera.picture_at(time).stamp]  # type: ignore[attr-defined]
 
@@ -191,7 +191,7 @@ class Patrol(Alone):
         return self
 
     def end(self, after_s: float = 0.0) -> Patrol:
-        """The time of the patrol is over, and the world knows of nothing that was wrong."""
+        """End the patrol with success, as the world reports it."""
         self.runner.advance(self.runner.clock.now() + nanoseconds(after_s))
         self.answer("success")
         assert not self.runner.faults[SPOT].failures, self.runner.faults[SPOT].first

@@ -147,7 +147,7 @@ def without_label(text: str) -> str:
 def carried_out(
     plan: Sequence[PlannedAction], context: Mapping[str, str], arguments: Sequence[str]
 ) -> list[PlannedAction]:
-    """What agents in one society do, and how they end, when every action succeeds as soon as all have begun it."""
+    """Run the agents of one society; each action succeeds as soon as all its agents have started it."""
     society = Society(ManualClock())
     done: list[PlannedAction] = []
     present: dict[tuple[str, tuple[str, ...]], set[str]] = {}

@@ -1,4 +1,4 @@
-"""Whatever Waldo sees, he keeps his manners."""
+"""Random detections: Waldo keeps his rules of behaviour."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def beliefs(corridor: Corridor) -> list[str]:
 
 
 def gap(corridor: Corridor, seconds: float) -> None:
-    """Nothing is seen for so long, people or not."""
+    """Advance the time without detections."""
     corridor.frame += round(10 * seconds)
     corridor.runner.advance((corridor.frame - 1) * nanoseconds(0.1))
 
@@ -162,7 +162,7 @@ class Seer(Node):
 
 
 class Eye(Node):
-    """A camera that takes ten pictures a second, as long as it is told to."""
+    """A camera with 10 images/s that can be switched off."""
 
     image_raw = Output(Image, CAMERA, Delivery.NEWEST)
     awake = True

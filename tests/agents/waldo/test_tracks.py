@@ -92,7 +92,7 @@ def test_short_tracks_are_ignored():
 
 
 def walks(seconds: float, begin: tuple[float, float], speed: tuple[float, float]) -> list[tuple[float, str]]:
-    """What Waldo does as somebody walks: from m ahead and m to the left, with m/s."""
+    """Return the actions of Waldo while a person walks: start ahead and left (m), velocity (m/s)."""
     corridor = Corridor()
     corridor.until(2)
     for tenth in range(round(10 * seconds)):

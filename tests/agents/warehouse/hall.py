@@ -62,7 +62,7 @@ class Try:
 
 
 class Hall:
-    """The world with some agents, and what came on the topics; the test plays everybody who is not there."""
+    """The world with some agents and the published messages; the test plays the missing agents."""
 
     def __init__(self, *agents: NodeConfig, **world: Any) -> None:
         configs = (NodeConfig("world", World, {"noise": 0.0, **world}), *agents)

@@ -123,7 +123,7 @@ def places(picture: str) -> dict[str, str]:
 
 
 def at(track: list[tuple[float, ...]], second: float) -> list[float]:
-    """What a page shows of a track at a time."""
+    """Return the value of a drawing track at a time."""
     before = max((n for n, moment in enumerate(track) if moment[0] <= second), default=0)
     if before + 1 == len(track):
         return list(track[-1][1:])

@@ -21,7 +21,7 @@ from socialbot.core.clock import SECOND
 
 
 class Story:
-    """A world that is told one thing after the other."""
+    """A world with a sequence of commands."""
 
     def __init__(self, *faults: WorldFault, noise: float = 0.0, seed: int = 0) -> None:
         self.world = Warehouse(faults=faults, noise=noise, seed=seed)

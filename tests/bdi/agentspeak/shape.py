@@ -7,7 +7,7 @@ from socialbot.bdi.terms import Atom
 
 
 def shape(item: object) -> object:
-    """All that an item says, but not where and how it was written, nor of which class a literal is."""
+    """Return the content of an item without its position, its spelling and the classes of literals."""
     if isinstance(item, Literal):
         return "Literal", item.functor, item.negated, shape(item.args), shape(item.annotations)
     if isinstance(item, (tuple, list)):

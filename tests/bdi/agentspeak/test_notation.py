@@ -48,7 +48,7 @@ X, Y, _ = variables("X Y _")
 
 
 def walk(item, roles, found, role=None):
-    """Which names are literals, with what roles, and which are variables."""
+    """Collect the literals with their roles, and the variables."""
     if isinstance(item, Variable):
         found.add(item.name)
     elif isinstance(item, Literal):
@@ -71,7 +71,7 @@ def walk(item, roles, found, role=None):
 
 
 def evaluated(text, item):
-    """What the text makes of classes and variables such as a program would have them."""
+    """Evaluate the text with the classes and variables of a program."""
     roles, found = {}, set()
     walk(item, roles, found)
     classes = {name: type(name, (*(used or {Belief}),), {}) for name, used in roles.items() if len(used) < 2}

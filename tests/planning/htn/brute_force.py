@@ -40,7 +40,7 @@ def ways_of(
 
 
 def way(tree: TaskTree, node: int) -> Way:
-    """How a node of a tree is done."""
+    """Decomposition of a node in the task tree."""
     here = tree.nodes[node]
     return here.item, here.method, tuple(way(tree, child) for child in here.children)
 

@@ -51,7 +51,7 @@ def found(*persons: PersonDetection, number=0, raw: Sequence[PersonDetection] = 
 
 
 def walking(count: int = 12, seed: int = 0) -> list[tuple[np.ndarray, tuple[float, float, float, float]]]:
-    """Pictures of somebody who crosses the room, and the box of each."""
+    """Images of a person who crosses the view, with the box in each."""
     shown = []
     for number in range(count):
         picture = corridor(seed=seed + number)
@@ -69,7 +69,7 @@ def drawn_bag(
     inside: bool = False,
     **about,
 ) -> Path:
-    """A bag of somebody who crosses the room, with its truth beside or inside it."""
+    """Bag of a person who crosses the view, with the ground truth beside or inside it."""
     entries, types = [], RosbagsTypes()
     with BagWriter(folder / name) as bag:
         info = CameraInfo(stamp=START, frame_id="c", width=640, height=480, k=(525, 0, 320, 0, 525, 240, 0, 0, 1))

@@ -23,7 +23,7 @@ def story(seconds: float, *people):
 
 
 def sight(seconds: float, *people):
-    """What a detector says; as `story`."""
+    """Return detections in the form of `story`."""
     return [
         found(
             *(seen(100 * n, distance=m, track=who) for n, (who, a, b, m) in enumerate(people) if a <= number / 10 < b),

@@ -140,7 +140,7 @@ def test_drawing_supports_dark_mode_and_escapes_title():
 
 @pytest.fixture(scope="module")
 def film() -> WardAnimation:
-    """The first five seconds of a ward: a nurse is away from 3 s on, a robot goes to another room."""
+    """Record the first five seconds of a ward: a nurse leaves at 3 s, a robot moves to another room."""
     world = WardWorld(paper_ward(), faults=(WorldFault(3.0, "leaves", NURSE, 9.0),))
     world.command("a", SPOT, "a_navigate_to", (SPOT, "room2"))
     film = WardAnimation(world.ward)

@@ -67,7 +67,7 @@ def test_any_text_is_parsed_or_rejected_and_formats_back(text):
 
 
 def binomial_interval(runs: int, rate: float, outside: float = 0.01) -> range:
-    """How many of ``runs`` meet a problem, but for a share of ``outside``, half on each side."""
+    """Return the interval of problem counts in ``runs`` that excludes a share ``outside``, half on each side."""
     share, found, below = rate / 100.0, [], 0.0
     for number in range(runs + 1):
         chance = comb(runs, number) * share**number * (1 - share) ** (runs - number)

@@ -20,7 +20,7 @@ from tests.agents.hospital.listings import LISTING_3, LISTING_4, NURSE, ROOM, SP
 
 
 class Story:
-    """A world that is told one thing after the other."""
+    """A world with a sequence of commands."""
 
     def __init__(
         self,
@@ -355,7 +355,7 @@ def test_noise_stays_within_its_bound():
 
 
 def overcome(story: Story, spot: str, uvd: str, nurse: str) -> int:
-    """Has the room of a nurse disinfected, whatever comes in between; how often something did."""
+    """Disinfect the room of a nurse despite problems; returns the number of problems."""
     room = story.world.ward.member_by_name[nurse].home
     mission = [
         tuple({SPOT: spot, UVD: uvd, NURSE: nurse, ROOM: room}.get(word, word) for word in step) for step in LISTING_3

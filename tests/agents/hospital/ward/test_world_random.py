@@ -1,4 +1,4 @@
-"""Whatever the ward is told, it stays in order, and the same for the same seed."""
+"""Random commands: the ward keeps its invariants, and equal seeds give equal states."""
 
 from __future__ import annotations
 
