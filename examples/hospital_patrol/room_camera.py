@@ -1,4 +1,4 @@
-"""The camera of a room: while somebody patrols the room, it shows recorded clips of what happens there."""
+"""Camera of a room: plays recorded clips while a robot patrols the room."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from socialbot.agents.hospital import STATE, WardState
 from socialbot.vision.images import bgr_from_compressed
 
 CLIPS = Path(__file__).resolve().parents[2] / "data" / "synthetic"
-"""The bags with the clips."""
+"""Folder of the bags with the clips."""
 PATROL = "a_patrol_room"
 
 _REMEDY = "write scenes as: 0 scene2_tune 9-23; 120 scene2_tune 0-3.4 (s of the run, clip, s of the clip)"
 
 
 def frame_of(room: str) -> str:
-    """The name of the frame of pictures of a room."""
+    """Return the frame id of the images of a room."""
     return f"{room}_camera"
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """From ``start_s`` of the run on a room looks as the ``clip`` does from ``begin_s`` to ``end_s``, to and fro."""
+    """From ``start_s`` of the run on, play a ``clip`` from ``begin_s`` to ``end_s``, forwards and backwards."""
 
     start_s: float
     clip: str
@@ -50,7 +50,7 @@ class Scene:
     end_s: float
 
     def moment_s(self, seconds: float) -> float:
-        """The moment of the clip that is shown at ``seconds`` of the run."""
+        """Return the time in the clip (s) for a time of the run (s)."""
         length = self.end_s - self.begin_s
         if not length:
             return self.begin_s
@@ -59,10 +59,10 @@ class Scene:
 
 
 def parse_scenes(text: str) -> tuple[Scene, ...]:
-    """The scenes that ``text`` lists, by their beginning. Raises ParameterError."""
+    """Parse a list of scenes; returns them by start time. Raises ParameterError."""
     scenes = tuple(sorted(map(_scene, filter(str.strip, text.split(";"))), key=lambda scene: scene.start_s))
     if not scenes or scenes[0].start_s:
-        raise ParameterError("nothing says how the room looks at first", where="scenes", remedy=_REMEDY)
+        raise ParameterError("no scene starts at 0 s", where="scenes", remedy=_REMEDY)
     return scenes
 
 
@@ -72,27 +72,27 @@ def _scene(text: str) -> Scene:
         begin, end = span.split("-")
         scene = Scene(float(start), clip, float(begin), float(end))
     except ValueError as error:
-        raise ParameterError(f"no scene: {text.strip()!r}", where="scenes", remedy=_REMEDY) from error
+        raise ParameterError(f"not a scene: {text.strip()!r}", where="scenes", remedy=_REMEDY) from error
     if not (scene.start_s >= 0.0 and 0.0 <= scene.begin_s <= scene.end_s):
-        raise ParameterError(f"ends before it begins: {text.strip()!r}", where="scenes", remedy=_REMEDY)
+        raise ParameterError(f"scene ends before it begins: {text.strip()!r}", where="scenes", remedy=_REMEDY)
     return scene
 
 
 @dataclass(frozen=True)
 class Clip:
-    """The pictures of a bag, in order, and the camera that took them."""
+    """Images of a bag in order, with their camera."""
 
     pictures: tuple[CompressedImage, ...]
     camera: CameraInfo
 
     def at(self, seconds: float) -> CompressedImage:
-        """The picture that was the latest at ``seconds`` of the clip."""
+        """Return the latest image at ``seconds`` of the clip."""
         stamp = self.pictures[0].stamp + nanoseconds(seconds)
         return self.pictures[max(bisect_right(self.pictures, stamp, key=lambda picture: picture.stamp), 1) - 1]
 
 
 def load_clip(path: Path) -> Clip:
-    """The clip in the bag at ``path``. Raises BagError, or ParameterError for a bag without pictures of a camera."""
+    """Read the clip in the bag at ``path``. Raises BagError, or ParameterError for a bag without camera images."""
     with open_bag(path) as bag:
         images = bag.choose_image_topic().name
         cameras = bag.camera_info_topic_for(images)
@@ -101,27 +101,27 @@ def load_clip(path: Path) -> Clip:
     pictures = tuple(message for message in messages if isinstance(message, CompressedImage))
     camera = next((message for message in messages if isinstance(message, CameraInfo)), None)
     if not pictures or camera is None:
-        raise ParameterError("no compressed pictures of a known camera", where=str(path), remedy="name another clip")
+        raise ParameterError("the bag has no compressed images with camera_info", where=str(path), remedy="name another clip")
     return Clip(pictures, camera)
 
 
 class RoomCamera(Node):
-    """Hangs in one room. It is on for ``learn_s`` at first, and while a robot patrols there."""
+    """Camera in one room. It is on for ``learn_s`` at the start, and during each patrol of the room."""
 
     state = Input(WardState, STATE, Delivery.LATCHED)
     image_color = Output(Image, "/camera/image_color", Delivery.NEWEST)
     camera_info = Output(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
 
-    room = Parameter("room1", "the room that it shows", fixed=True)
-    scenes = Parameter("0 scene1_tune 0-2.5", "what goes on there: s of the run, clip, s of the clip; ...", fixed=True)
-    folder = Parameter(str(CLIPS), "where the clips are", fixed=True)
-    rate_hz = Parameter(2.0, "pictures a second", minimum=0.1, maximum=30.0)
+    room = Parameter("room1", "room in view", fixed=True)
+    scenes = Parameter("0 scene1_tune 0-2.5", "scenes: start (s of the run), clip, range (s of the clip); ...", fixed=True)
+    folder = Parameter(str(CLIPS), "folder of the clips", fixed=True)
+    rate_hz = Parameter(2.0, "image rate", minimum=0.1, maximum=30.0)
     learn_s = Parameter(
-        0.0, "s from the start to show the room, so that its objects are known", minimum=0.0, fixed=True
+        0.0, "seconds at the start in which the detector learns the static objects", minimum=0.0, fixed=True
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for scenes that cannot be, BagError for clips that cannot be read."""
+        """Raises ParameterError for invalid scenes, BagError for unreadable clips."""
         super().__init__(name, context, parameters)
         self._scenes = parse_scenes(self.scenes)
         self._clips = {clip: load_clip(Path(self.folder) / clip) for clip in {scene.clip for scene in self._scenes}}
@@ -130,7 +130,7 @@ class RoomCamera(Node):
 
     @state
     def on_state(self, message: WardState) -> None:
-        """Goes on when the run or a patrol of the room begins, and off when the patrol ends."""
+        """Switch on at the start of the run or of a patrol, and off at its end."""
         if self._begin is None:
             self._begin = message.stamp
         patrolled = any(agent.busy == f"{PATROL}({agent.name}, {self.room})" for agent in message.agents)
@@ -145,15 +145,15 @@ class RoomCamera(Node):
 
     @property
     def frame_id(self) -> str:
-        """By this who gets a picture knows the room."""
+        """Frame id of the images; it names the room."""
         return frame_of(self.room)
 
     def scene_at(self, time: int) -> Scene:
-        """What goes on in the room at ``time`` (ns)."""
+        """Return the scene at ``time`` (ns)."""
         return next(scene for scene in reversed(self._scenes) if scene.start_s <= self._seconds(time))
 
     def picture_at(self, time: int) -> CompressedImage:
-        """What the room looks like at ``time`` (ns): a picture as it was recorded, with its own stamp."""
+        """Return the recorded image at ``time`` (ns), with its own stamp."""
         scene = self.scene_at(time)
         return self._clips[scene.clip].at(scene.moment_s(self._seconds(time)))
 

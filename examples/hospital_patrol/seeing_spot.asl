@@ -1,5 +1,5 @@
-// What Spot makes of what it sees on patrol; the rest of its program is that of any Spot.
+// Reaction of Spot to people during its patrol. The rest of its program is that of any Spot.
 
-// Somebody in the room: it is not fit to be disinfected. That needs no further look.
+// A room with a person in it must not be disinfected: stop the patrol.
 @breaks_off
 +somebody(Room) : .my_name(Me) <- break_off(a_patrol_room(Me, Room), "person in the room").

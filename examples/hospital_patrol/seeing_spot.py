@@ -1,4 +1,4 @@
-"""A Spot that looks: a room in which the person detector sees somebody does not pass its patrol."""
+"""Patrol robot with a person detector: a patrol fails if a person is detected in the room."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from socialbot.bdi.literals import literal
 
 PROGRAM = Path(__file__).with_name("seeing_spot.asl")
 NOT_SEEN = "room not seen"
-"""Why a patrol fails that had too few pictures: not to see anybody is not to see that nobody is there."""
+"""Reason of a patrol that fails for lack of images: no image is no evidence of an empty room."""
 
 
 class Sight(Sensor):
-    """Whether somebody is in a room: ``somebody(room1)``. It is shown the room, and whether there is."""
+    """Sensor of ``somebody(room1)``; a percept is the room, and whether a person is there."""
 
     def sense(self, percept: tuple[str, bool]) -> Any:
         room, anybody = percept
@@ -30,7 +30,7 @@ class Sight(Sensor):
 
 
 class break_off(Action):
-    """Stops an action under way, which has failed: ``break_off(Action, Reason)``."""
+    """Stop a running action as failed: ``break_off(Action, Reason)``."""
 
     def execute(self, action: Literal, reason: str) -> None:
         self.engine.robot.break_off(action.functor, names_of(action.args), reason)
@@ -38,9 +38,9 @@ class break_off(Action):
 
 @dataclass
 class Look:
-    """What was seen of a room since a patrol began; times in ns.
+    """Detections in a room since a patrol began; times in ns.
 
-    Who is seen for less than ``sure`` may be a coat on a stand: that it never moves no single picture tells.
+    A detection shorter than ``sure`` may be a coat on a stand: no single image shows that it never moves.
     """
 
     room: str
@@ -50,17 +50,17 @@ class Look:
     longest_gap: int = 0
     pictures: int = 0
     seen_since: int | None = None
-    """Since when there was somebody in every picture."""
+    """Start of the time in which every image shows a person."""
     met_somebody: bool = False
-    """Whether somebody was in the room at any time."""
+    """Whether a person was in the room at any time."""
 
     @property
     def somebody(self) -> bool:
-        """Whether somebody is in the room now."""
+        """Whether a person is in the room now."""
         return self.seen_since is not None and self.last - self.seen_since >= self.sure
 
     def take(self, time: int, *, persons: bool) -> None:
-        """Takes a picture, with or without persons."""
+        """Add an image with or without persons."""
         self.longest_gap = max(self.longest_gap, time - self.last)
         self.last = time
         self.pictures += 1
@@ -71,7 +71,7 @@ class Look:
         self.met_somebody = self.met_somebody or self.somebody
 
     def objection(self, now: int, blind: int) -> str:
-        """Why the room does not pass when the patrol ends at ``now``, which may have seen nothing for ``blind``."""
+        """Return the reason why a patrol that ends at ``now`` fails, or an empty string; gaps up to ``blind`` are allowed."""
         if self.met_somebody or self.seen_since is not None:
             return PERSON_IN_ROOM
         gap = max(self.longest_gap, now - self.last)
@@ -79,13 +79,13 @@ class Look:
 
 
 class SeeingSpot(Spot):
-    """A robot that patrols, and sees what the camera of the room shows."""
+    """Patrol robot that uses the detections of the room camera."""
 
     seen = Input(PersonDetections, "/humans/bodies/detections")
 
-    sure_s = Parameter(0.5, "s that somebody is seen before it is believed", minimum=0.0, maximum=10.0)
+    sure_s = Parameter(0.5, "seconds of detections before the robot believes them", minimum=0.0, maximum=10.0)
     blind_s = Parameter(
-        2.0, "s without a picture after which a patrol has not seen the room", minimum=0.1, maximum=60.0
+        2.0, "seconds without an image after which a patrol fails", minimum=0.1, maximum=60.0
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -108,7 +108,7 @@ class SeeingSpot(Spot):
 
     @seen
     def on_seen(self, message: PersonDetections) -> None:
-        """Takes what the detector finds in a picture of the room that is patrolled."""
+        """Use the detections in an image of the patrolled room."""
         look = self._look
         if look is None or message.frame_id != frame_of(look.room) or message.stamp < look.since:
             return
@@ -118,14 +118,14 @@ class SeeingSpot(Spot):
             self._believe(look, message)
 
     def _believe(self, look: Look, message: PersonDetections) -> None:
-        """Believes what it sees now, and puts it on record."""
+        """Update the belief and the trace."""
         best = max(message.persons, key=lambda person: person.score, default=None)
         found = {} if best is None else {"score": round(best.score, 2), "distance_m": _rounded(best.distance_m)}
         cause = self._record_sight(look, message.id, persons=len(message.persons), **found)
         self.engine.perceive(self._sight, (look.room, look.somebody), cause=cause)
 
     def break_off(self, action: str, args: tuple[str, ...], reason: str) -> None:
-        """Stops an action that is under way, which has failed for that reason."""
+        """Stop a running action, which fails with the reason."""
         now = self.clock.now()
         for id, world_action in list(self._in_progress.items()):
             if world_action.key == (action, args):
@@ -136,7 +136,7 @@ class SeeingSpot(Spot):
                 self.on_result(failure)
 
     def on_result(self, message: ActionResult) -> None:
-        """Takes what became of an action; a patrol is done only if the room was seen, and seen to be empty."""
+        """Handle the result of an action; a patrol succeeds only if images show an empty room."""
         look = self._look
         if look is not None and message.action == PATROL and message.id in self._in_progress:
             self._look = None
@@ -152,7 +152,7 @@ class SeeingSpot(Spot):
         super().on_result(message)
 
     def _record_sight(self, look: Look, cause: str, **detail: object) -> str:
-        """Puts what it sees on record; returns the id of the record."""
+        """Add the sighting to the trace; returns the id of the record."""
         now = self.clock.now()
         record = TraceRecord(
             stamp=now,
