@@ -101,7 +101,7 @@ def load_clip(path: Path) -> Clip:
     pictures = tuple(message for message in messages if isinstance(message, CompressedImage))
     camera = next((message for message in messages if isinstance(message, CameraInfo)), None)
     if not pictures or camera is None:
-        raise ParameterError("the bag has no compressed images with camera_info", where=str(path), remedy="name another clip")
+        raise ParameterError("no compressed images with camera_info", where=str(path), remedy="name another clip")
     return Clip(pictures, camera)
 
 
@@ -113,7 +113,7 @@ class RoomCamera(Node):
     camera_info = Output(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
 
     room = Parameter("room1", "room in view", fixed=True)
-    scenes = Parameter("0 scene1_tune 0-2.5", "scenes: start (s of the run), clip, range (s of the clip); ...", fixed=True)
+    scenes = Parameter("0 scene1_tune 0-2.5", "start (s of the run), clip, range (s of the clip); ...", fixed=True)
     folder = Parameter(str(CLIPS), "folder of the clips", fixed=True)
     rate_hz = Parameter(2.0, "image rate", minimum=0.1, maximum=30.0)
     learn_s = Parameter(

@@ -71,7 +71,7 @@ class Look:
         self.met_somebody = self.met_somebody or self.somebody
 
     def objection(self, now: int, blind: int) -> str:
-        """Return the reason why a patrol that ends at ``now`` fails, or an empty string; gaps up to ``blind`` are allowed."""
+        """Return why a patrol that ends at ``now`` fails, or an empty string; gaps up to ``blind`` are allowed."""
         if self.met_somebody or self.seen_since is not None:
             return PERSON_IN_ROOM
         gap = max(self.longest_gap, now - self.last)
@@ -84,9 +84,7 @@ class SeeingSpot(Spot):
     seen = Input(PersonDetections, "/humans/bodies/detections")
 
     sure_s = Parameter(0.5, "seconds of detections before the robot believes them", minimum=0.0, maximum=10.0)
-    blind_s = Parameter(
-        2.0, "seconds without an image after which a patrol fails", minimum=0.1, maximum=60.0
-    )
+    blind_s = Parameter(2.0, "seconds without an image after which a patrol fails", minimum=0.1, maximum=60.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         self._look: Look | None = None
