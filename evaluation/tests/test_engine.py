@@ -54,7 +54,7 @@ def test_passes_go_on_as_long_as_they_get_better():
     assert timing.least == {"engine": 70}
 
 
-def test_the_hand_written_loop_does_what_the_plans_say():
+def test_the_hand_written_loop_gives_the_results_of_the_plans():
     facts = [("ev", "a"), ("ev", "b"), ("ev", "a")]
     reacting = hand.reacting(facts[:2])
     hand.react(reacting, [*facts, ("ev", "strange")])
@@ -205,7 +205,7 @@ def findings():
     return found
 
 
-def test_the_json_goes_by_workload(findings, tmp_path):
+def test_the_json_has_one_entry_per_workload(findings, tmp_path):
     write(findings.content(), findings.page(), tmp_path / "engine.json")
     content = json.loads((tmp_path / "engine.json").read_text())
     assert content["W1"]["ratio"] == 0.5
@@ -227,7 +227,7 @@ def test_the_page_beside_the_json_has_the_table_of_the_terminal(findings, tmp_pa
     assert html.count('class="bad"') == 2
 
 
-def test_the_table_tells_what_is_not_met_and_how_far_the_best_other_one_is(findings):
+def test_the_table_shows_unmet_requirements_and_the_best_peer(findings):
     page = io.StringIO()
     findings.show(Console(width=150, file=page))
     rows = {words[0]: words for line in page.getvalue().splitlines() if (words := line.split())}

@@ -16,7 +16,7 @@ ASK = "import datetime as d, sys, time as t\nfor line in sys.stdin: print(t.time
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-def test_the_clock_is_set_for_who_loads_the_library_and_that_which_nobody_can_set_is_not(tmp_path: Path) -> None:
+def test_the_library_changes_only_clocks_that_can_be_set(tmp_path: Path) -> None:
     clock = tmp_path / "clock"
     set_clock(clock, 0)
     variables = {**os.environ, "LD_PRELOAD": str(build_library(tmp_path)), CLOCK_VARIABLE: str(clock)}

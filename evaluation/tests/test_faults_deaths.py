@@ -26,7 +26,7 @@ def test_a_camera_that_starts_again_breaks_a_pass_off():
     ]  # fmt: skip
 
 
-def test_deeds_are_what_was_done_in_a_pass_in_their_order():
+def test_actions_of_a_pass_are_listed_in_order():
     assert deeds(witness((1, "greeting"), (4, "offer"), (9, "stayIdle"), (20, "greeting")).actions, 0, LENGTH) == USUAL
 
 
@@ -34,7 +34,7 @@ def judged(did: list[tuple[float, str]], *kills: Kill, whole: bool = True) -> Ju
     return replace(judge([Pass(0, LENGTH, whole)], witness(*did), kills, USUAL), odd=())
 
 
-def test_what_is_not_as_ever_is_told():
+def test_differences_between_passes_are_reported():
     found = judge([Pass(0, LENGTH, True)], witness((1.0, "greeting"), (2.0, "attend")), [KILL], ["stayIdle"])
     assert found.odd == ()
     found = judge([Pass(0, LENGTH, True)], witness((1.0, "attend")), [KILL], USUAL)
@@ -44,20 +44,20 @@ def test_what_is_not_as_ever_is_told():
 KILL = Kill("person_detector", 2 * SECOND, 3 * SECOND)
 
 
-def test_without_a_gap_nothing_may_differ():
+def test_passes_without_a_gap_must_be_equal():
     usual = [(1.0, "greeting"), (4.0, "offer"), (9.0, "stayIdle")]
     assert judged(usual) == Judged(passes=1, clear=1)
     assert judged([*usual, (10.0, "attend")]) == Judged(passes=1, clear=1, changed=1)
     assert judged(usual[1:]) == Judged(passes=1, clear=1, changed=1, not_greeted=1)
 
 
-def test_what_waldo_does_not_see_by_makes_no_gap():
+def test_missing_messages_without_detections_are_no_gap():
     usual = [(1.0, "greeting"), (4.0, "offer"), (9.0, "stayIdle")]
     for node in ("speech", "head", "listener"):
         assert judged(usual[:2], Kill(node, 2 * SECOND, 3 * SECOND)) == Judged(passes=1, clear=1, changed=1)
 
 
-def test_a_gap_may_bring_rest_and_take_an_offer_but_nothing_twice():
+def test_a_gap_may_add_idling_or_remove_an_offer_but_not_repeat_actions():
     rests = [(1.0, "greeting"), (2.4, "stayIdle"), (3.2, "attend"), (9.0, "stayIdle")]
     assert judged(rests, KILL) == Judged(passes=1)
     assert judged([*rests, (5.0, "greeting")], KILL) == Judged(passes=1, changed=1, greeted_twice=1)
@@ -65,7 +65,7 @@ def test_a_gap_may_bring_rest_and_take_an_offer_but_nothing_twice():
     assert judged(rests[1:], KILL) == Judged(passes=1, changed=1, not_greeted=1)
 
 
-def test_a_pass_that_was_broken_off_counts_only_for_what_happens_twice():
+def test_an_interrupted_pass_counts_only_for_repeated_actions():
     assert judged([], KILL, whole=False) == Judged()
     assert judged([(1.0, "greeting"), (2.0, "greeting")], KILL, whole=False) == Judged(greeted_twice=1)
 
@@ -91,7 +91,7 @@ def test_a_node_is_back_when_it_is_well_and_does_its_work():
     assert seen.is_back("head", 7)
 
 
-def test_a_kill_touches_what_is_shown_until_waldo_is_sure_again():
+def test_a_kill_affects_frames_until_the_belief_is_restored():
     assert KILL.took_s == 1.0
     assert KILL.touches(4 * SECOND, 5 * SECOND)
     assert not KILL.touches(5 * SECOND, 6 * SECOND)

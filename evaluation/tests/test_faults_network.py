@@ -14,7 +14,7 @@ def at(time, stamp=0, **said):
     return Heard(time, "/topic", stamp, said)
 
 
-def test_frames_are_paired_by_stamp_and_what_was_taken_outside_of_the_time_does_not_count():
+def test_frames_are_paired_by_stamp_within_the_time_of_the_test():
     taken = [at(0, stamp) for stamp in (5, 10, 20, 30, 40)]
     came = [at(stamp + 3 * MS, stamp) for stamp in (5, 10, 30, 40)] + [at(99 * MS, 30)]
     found = frames(taken, came, 10, 40)
@@ -25,7 +25,7 @@ def test_frames_are_paired_by_stamp_and_what_was_taken_outside_of_the_time_does_
     assert found.ages_ms() == [3.0, 3.0]
 
 
-def test_where_nothing_was_taken_all_is_lost():
+def test_a_time_without_frames_counts_as_lost():
     assert frames([], [], 0, 1).lost_share == 1.0
 
 
@@ -34,7 +34,7 @@ def test_the_time_at_the_detector_is_none_of_the_overhead():
     assert overheads_ms(acted, there, seen) == [25.0], "of a frame that nobody looked at nothing is known"
 
 
-def test_what_counts_is_the_most_of_the_time_in_question():
+def test_the_maximum_over_the_time_counts():
     told = [
         Heard(time, DIAGNOSTICS, 0, {"node": "camera", "publish_max_ms": most})
         for time, most in ((1, "90.0"), (5, "2.5"), (6, "3.5"), (9, "80.0"))

@@ -16,7 +16,7 @@ def seen(stamp: int) -> PersonDetections:
     return PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=())
 
 
-def test_what_came_a_second_before_the_cut_has_to_be_there():
+def test_messages_up_to_a_second_before_the_cut_must_exist():
     heard = [(1 * SECOND, 10), (2 * SECOND, 20), (3 * SECOND, 30)]
     assert missing(heard, frozenset({10, 20}), 3 * SECOND) == 0
     assert missing(heard, frozenset({10}), 3 * SECOND) == 1

@@ -49,7 +49,7 @@ def test_deeds_go_by_laps_and_are_the_same_within_two_pictures():
     assert not same([(10.0, "speak", ("offer",))], second)
 
 
-def test_laps_are_held_against_the_second_and_what_they_lack_is_lost():
+def test_laps_are_compared_with_the_second_lap():
     lap = [(9.0, "speak", ("greeting",)), (17.0, "speak", ("offer",))]
     report = Report("r", quick=True)
     judge_deeds(report, [[(1.0, "stayIdle", ()), *lap], lap, lap[:1], lap], frames=199, pictures=200)
@@ -64,7 +64,7 @@ def course(rss: list[int], threads: list[int], segments: list[int]) -> Course:
     return found
 
 
-def test_what_stays_as_it_is_does_not_grow():
+def test_constant_usage_does_not_grow():
     report = Report("r", quick=True)
     judge_course(report, course([50_000, 100_000, *[100_100] * 7], [17] * 9, [32] * 9), 0.01)
     assert report.unmet == []
@@ -78,13 +78,13 @@ def test_what_stays_as_it_is_does_not_grow():
         ([100_000] * 9, [17] * 9, [*[32] * 7, 64, 64], "soak_shared_more_mib"),
     ],
 )
-def test_what_grows_is_found(rss, threads, segments, unmet):
+def test_growing_usage_is_found(rss, threads, segments, unmet):
     report = Report("r", quick=True)
     judge_course(report, course(list(rss), threads, segments), 0.01)
     assert report.unmet == [unmet]
 
 
-def test_more_is_what_the_last_third_has_at_most_beyond_the_one_before():
+def test_growth_compares_the_last_two_thirds():
     assert more([9, 9, 1, 2, 3, 1]) == 1
     assert more([1]) == 0
 
@@ -110,6 +110,6 @@ def test_pictures_of_the_corridor_make_a_scene(tmp_path: Path):
     assert names == ["0000.jpg", "0001.jpg", "0002.jpg"]
 
 
-def test_a_file_that_is_read_between_two_looks_is_none_that_stays_open():
+def test_a_briefly_open_file_is_no_leak():
     assert more(steady([3, 4, 3, 3, 3, 4, 3, 3, 3])) == 0
     assert more(steady([3, 3, 3, 3, 3, 3, 3, 4, 4])) == 1

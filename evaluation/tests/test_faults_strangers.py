@@ -15,7 +15,7 @@ REALM, TOPIC = "ROS domain 7", "/speech/say"
 
 
 @pytest.mark.parametrize("reason", REASONS)
-def test_each_attack_is_what_it_says_to_a_real_receiver(tmp_path: Path, reason: str):
+def test_a_real_receiver_refuses_each_attack_for_its_stated_reason(tmp_path: Path, reason: str):
     new_key("robot", tmp_path)
     keys = load_keys(tmp_path)
     seal = Seal(keys, realm=REALM, window_s=5.0)
@@ -38,7 +38,7 @@ def test_there_is_something_to_say_on_each_topic():
     assert all(say("friend")[topic] != message for topic, message in say("strange").items())
 
 
-def test_effects_are_counted_by_what_they_say():
+def test_effects_are_counted_by_their_text():
     effects = Effects()
     for _ in range(2):
         effects.note("/speech/status", SpeechStatus(stamp=1, utterance_id="u", state="started", text="friend"))

@@ -126,7 +126,7 @@ def test_problems_that_cost_nothing_are_named():
         ({"completed": False}, "ros_missed"),
     ],
 )
-def test_over_ros_what_is_not_as_required_is_named(changes, missed):
+def test_unmet_requirements_over_ros_are_named(changes, missed):
     assert report_of([*GOOD, *(replace(one, **changes) if one.met else one for one in ROS)]).unmet == [missed]
 
 
@@ -139,7 +139,7 @@ def test_full_run_must_show_that_the_growth_is_within_the_limit():
     assert report.unmet == ["growth_high"]
 
 
-def test_missions_that_went_wrong_are_told_with_all_that_is_needed_to_see_them_again():
+def test_failed_missions_are_reported_with_the_command_to_repeat_them():
     console = Console(record=True, width=200)
     wrong = replace(record(WITH, 50, 3), completed=False, mission_s=60.0)
     tell_what_went_wrong([*GOOD, wrong], console)
@@ -153,7 +153,7 @@ def test_rates_are_read_from_a_list():
 
 
 @pytest.mark.parametrize("text", ["", "0,x", "-1", "101", "nan"])
-def test_what_is_no_list_of_rates_is_an_error(text: str):
+def test_an_invalid_list_of_rates_is_an_error(text: str):
     with pytest.raises(ParameterError, match=r"--rates"):
         parse_rates(text)
 
@@ -226,14 +226,14 @@ def test_the_line_through_the_papers_table_is_the_known_one():
     assert line.slope / 30 == pytest.approx(0.0402, abs=0.0001)
 
 
-def test_what_a_problem_costs_is_the_slope():
+def test_the_cost_of_a_problem_is_the_slope():
     line = problem_line(one for one in GOOD if one.configuration == WITH)
     assert line is not None
     assert line.slope == pytest.approx(0.25, abs=0.001)
     assert figure_11(Experiments(GOOD))["inline"]["a problem costs s"] == pytest.approx(0.25, abs=0.001)
 
 
-def test_acting_is_no_part_of_what_a_recovery_takes():
+def test_recovery_time_excludes_actions():
     assert recovered_ms([replace(GOOD[-1], recovered=(Share(0.001, 0.002, 0.003, 9.0),))]) == pytest.approx([6.0])
 
 
@@ -268,7 +268,7 @@ def test_each_figure_is_drawn_with_the_papers_marks():
                 assert 34 <= y <= 284, (chart.title, series.name, point)
 
 
-def test_without_missions_there_is_nothing_to_draw_or_tell():
+def test_without_missions_there_is_no_plot_and_no_text():
     assert charts(Experiments([])) == {}
     assert list(all_tables(Experiments([]))) == ["figure 11: what a problem costs"]
 
@@ -316,7 +316,7 @@ def test_the_command_ends_with_an_exit_code_when_something_is_missed(tmp_path: P
     assert ended.value.code == 1
 
 
-def test_what_is_required_of_the_wall_time_is_so_of_all_missions_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_requirement_of_wall_time_is_checked_for_all_missions_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     run_main(tmp_path, monkeypatch, GOOD, seeds=5, runner="inline", rates="0,10,25,50,75,100")
     content = json.loads((tmp_path / "figures.json").read_text())
     assert "inline_wall_s" in content

@@ -73,11 +73,11 @@ def test_a_run_of_the_real_agents_breaks_no_rule(recorded: Record):
         (without("a_authorize_disinfect", 2), "it was not let in"),
     ],
 )
-def test_what_breaks_a_rule_is_named(recorded: Record, change, what: str):
+def test_violated_rules_are_named(recorded: Record, change, what: str):
     assert any(what in violation for violation in found(recorded, change))
 
 
-def test_what_begins_when_the_other_ends_is_not_at_once():
+def test_an_action_that_starts_at_the_end_of_another_is_not_parallel():
     commands = [ActionCommand(stamp=0, id=id, robot="r", action="a_charge", args=("r",)) for id in "ab"]
     results = [
         ActionResult(stamp=stamp, id=id, robot="r", action="a_charge", args=("r",), outcome="success", duration_s=0.1)

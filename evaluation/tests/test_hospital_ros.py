@@ -77,12 +77,12 @@ def test_results_of_another_hospital_in_the_domain_are_an_error():
         list(Account(notes, Seen(results=[FAILED])).recoveries())
 
 
-def test_a_moment_in_which_something_is_done_counts_as_acting_whoever_else_is_busy():
+def test_time_with_an_action_counts_as_acting():
     assert ms(account().share(0, 1105 * MS)) == (0, 5, 0, 1000)
     assert ms(account().share(1939 * MS, 1999 * MS)) == (0, 0, 0, 60)
 
 
-def test_what_is_neither_is_nobodys():
+def test_remaining_time_belongs_to_no_category():
     late = account().share(2113 * MS, 2117 * MS)
     assert ms(late) == (1, 0, 2, 0), "the ward ends the action 1 ms late"
 

@@ -78,7 +78,7 @@ def test_durations_differ_from_seed_to_seed_but_little():
     assert 0.001 < statistics.stdev(times) / statistics.fmean(times) < NOISE
 
 
-def test_durations_are_those_of_the_seed_whoever_does_the_mission():
+def test_durations_depend_on_the_seed_not_on_the_team():
     assert len({play(configuration, 0.0, 4).mission_s for configuration in CONFIGURATIONS}) == 1
 
 
@@ -106,7 +106,7 @@ def test_a_node_that_raises_leaves_nothing_to_record():
         run.play()
 
 
-def test_what_no_node_has_used_of_the_time_between_two_moments_is_communication():
+def test_time_that_no_node_used_counts_as_communication():
     share = Moment(1.0, 0.1, 0.2, 0.3).until(Moment(2.0, 0.2, 0.4, 0.5), acting_s=3.0)
     assert (share.reasoning_s, share.planning_s, share.communication_s) == pytest.approx((0.1, 0.2, 0.5))
     assert share.acting_s == 3.0

@@ -103,7 +103,7 @@ def test_wards_that_grow_are_judged_too(changes, missed):
     assert report.tables["growth"]["50 rooms, 8 robots"]["agents"] == 58
 
 
-def test_a_run_that_went_wrong_is_told_with_its_seed(capsys: pytest.CaptureFixture[str]):
+def test_a_failed_run_is_reported_with_its_seed(capsys: pytest.CaptureFixture[str]):
     tell_what_went_wrong([GOOD, replace(GOOD, lost=("room7",))], Console(width=300))
     assert capsys.readouterr().out == "50 rooms, 4 and 4 robots, 50 %, auto, looks ahead, seed 3: lost: room7\n"
 
@@ -134,7 +134,7 @@ def test_a_coordinator_that_is_killed_completes_its_missions_when_it_is_back(tim
     assert result.interrupted == 1
 
 
-def test_a_ward_in_which_nobody_can_do_anything_stands_still():
+def test_a_ward_without_possible_actions_stands_still():
     result = play(replace(SMALL, spots=0))
     assert result.stood_still
     assert not result.fine

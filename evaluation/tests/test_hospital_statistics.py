@@ -36,7 +36,7 @@ def test_wilsons_interval_holds_the_share_and_is_the_same_from_the_other_side(pa
 
 
 @pytest.mark.parametrize(("count", "of"), [(0, 0), (-1, 5), (6, 5)])
-def test_what_is_no_share_is_an_error(count, of):
+def test_an_invalid_share_is_an_error(count, of):
     with pytest.raises(ValueError, match="no share"):
         wilson(count, of)
 
@@ -106,5 +106,5 @@ def test_the_interval_of_growth_holds_it_and_is_the_same_each_time():
     assert growth_interval(without[:3], with_, 0.1, 1.0) is None
 
 
-def test_what_is_no_number_is_in_no_interval():
+def test_nan_is_in_no_interval():
     assert "a" not in Interval(0.0, 1.0)

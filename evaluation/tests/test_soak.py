@@ -27,7 +27,7 @@ def test_one_bad_minute_is_no_drift():
 
 
 @pytest.mark.slow
-def test_a_short_life_has_everything_in_it_and_loses_nothing(caplog):
+def test_a_short_run_has_all_events_and_loses_none(caplog):
     caplog.set_level(logging.ERROR, "socialbot.bdi")
     life, told = NodeThread(rate=4_000), []
     minutes, memory = soak(life, seconds=1.5, period_s=0.5, tell=told.append)

@@ -25,7 +25,7 @@ def test_everything_that_can_be_done_is_done(number: int):
 
 
 @pytest.mark.parametrize("name", TEAM_SCENES)
-def test_what_a_dead_team_cannot_do_is_not_possible_and_has_a_reason(name: str):
+def test_missions_of_a_dead_team_are_impossible_with_a_reason(name: str):
     scene = SCENES[name]()
     troubles = tuple(Trouble(0.5, "dies", member) for member in scene.members)
     outcome = play(Schedule(name, 0, troubles))
@@ -34,7 +34,7 @@ def test_what_a_dead_team_cannot_do_is_not_possible_and_has_a_reason(name: str):
     assert outcome.unexplained == frozenset()
 
 
-def test_world_not_the_missions_says_what_is_done():
+def test_completion_is_read_from_the_world():
     scene = SCENES["hospital"]()
     runner = InlineRunner(scene.graph(""))
     assert scene.done(runner) == set(), "rooms that will be infected are not done"

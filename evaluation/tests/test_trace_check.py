@@ -121,7 +121,7 @@ def test_a_step_that_begins_twice_at_once_is_found():
     assert "(move r home shop) begins while it runs" in Diary().begin(MOVE).begin(MOVE).found
 
 
-def test_what_a_step_has_begun_to_change_counts_before_sensors_see_it():
+def test_start_effects_count_before_sensors_see_them():
     (found,) = Diary().begin(MOVE).begin("(move r home yard)").found
     assert (
         found == "(move r home yard) begins though (move r home shop) has begun, after which (at r home) does not hold"
@@ -133,12 +133,12 @@ def test_once_it_was_seen_others_may_change_it_back():
     assert diary.found == []
 
 
-def test_a_step_may_not_end_what_another_one_needs():
+def test_a_step_must_not_delete_a_condition_of_another_one():
     (found,) = Diary().begin(SERVE).begin("(shut shop)").found
     assert found == "(shut shop) begins and ends (and (at r2 shop) (open shop)), which (serve r2 shop) needs"
 
 
-def test_nothing_begins_while_sensors_are_silent():
+def test_no_step_starts_while_sensors_are_silent():
     silent = Diary().note("silent", "eye").wait(1)
     assert silent.begin(MOVE).found == ["(move r home shop) begins while sensor eye is silent"]
     assert Diary().note("silent", "eye").begin(MOVE).found == []  # at the very same moment
@@ -170,12 +170,12 @@ def test_effects_take_place_once():
     assert Diary().begin(SERVE).remove("stock(7)", SERVE).add("stock(5)", SERVE).found != []
 
 
-def test_a_step_changes_nothing_else():
+def test_a_step_changes_only_its_effects():
     assert len(Diary().begin(MOVE).remove("open(shop)", MOVE).found) == 1
     assert len(Diary().begin(MOVE).add("at(r2, home)", MOVE).found) == 1
 
 
-def test_what_failed_is_taken_back_once_and_nothing_else_is():
+def test_only_failed_steps_are_rolled_back_once():
     diary = Diary().begin(SERVE).remove("load(r2, 0)", SERVE).add("load(r2, 1)", SERVE).end(SERVE, "failed")
     undo = f"step_end {SERVE}"
     diary.note("unbelief", "load(r2, 1)", undo).note("belief", "load(r2, 0)", undo)
@@ -217,7 +217,7 @@ def test_a_whole_trace_can_be_followed_at_once():
 
 
 @pytest.mark.parametrize("effect", ["(forall (?x) (lit))", "(when (lit) (lit))"])
-def test_what_is_beyond_the_check_is_an_error(effect):
+def test_unsupported_traces_are_an_error(effect):
     domain = f"(define (domain d) (:action a :parameters () :precondition () :effect {effect}))"
     with pytest.raises(ValueError, match="knows no"):
         TraceCheck(domain).take(Line(0, "x", "step", "(a)"))

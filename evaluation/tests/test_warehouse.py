@@ -82,7 +82,7 @@ def test_a_desire_that_is_dropped_for_a_reason_is_as_good_when_things_go_wrong()
     assert unmet(faults=replace(GOOD, end="dropped: no plan after 16 tries", boxes_right=False)) == []
 
 
-def test_runs_that_went_wrong_are_told_with_all_that_is_needed_to_see_them_again():
+def test_failed_runs_are_reported_with_the_command_to_repeat_them():
     story = Story(7, faults="30 leaves carrier_a", kills=(Kill(4.5, GRIPPER, 2.0),))
     console = Console(record=True, width=200)
     wrong = replace(GOOD, story=story, end="", over=False, violations=("v1", "v2"))
@@ -104,7 +104,7 @@ def test_every_story_is_different_and_most_have_kills_in_them():
     assert [len(some) for some in stories(QUICK).values()] == [3, 3, 4, 1]
 
 
-def test_nobody_is_killed_while_somebody_is_down():
+def test_no_process_is_killed_while_another_is_down():
     for seed in range(300):
         kills = troubled(seed).kills
         for one, other in itertools.pairwise(kills):

@@ -24,7 +24,7 @@ def failures(lab):
     ],
     ids=["exception", "fail", "no plan", "argument", "belief"],
 )
-def test_whatever_fails_the_failure_plan_goes_in_its_place(step, what, reason):
+def test_the_failure_plan_replaces_any_failed_step(step, what, reason):
     lab = Lab(
         go(X) >> [do("try"), step, do("never")],
         -go(X) >> [do("sorry", X), do("bye")],

@@ -178,11 +178,11 @@ def test_a_term_is_a_member_as_often_as_it_is_in_the_list(term, items):
 
 
 @given(TERMS)
-def test_what_is_spelled_is_read_as_the_same(term):
+def test_printed_terms_are_parsed_to_equal_terms(term):
     assert opened(parse_term(spelled(term))) == term
 
 
-def test_a_detached_term_shares_its_variables_with_nobody():
+def test_a_detached_term_shares_no_variables():
     x = Var("X")
     twin = detached(literal("f", (x, (x, 1), Cons((x,), Var("T")))))
     assert twin.args[0] is not x

@@ -47,7 +47,7 @@ def test_a_failure_that_is_handled():
     ]
 
 
-def test_a_failure_that_nobody_handles_ends_all_goals():
+def test_an_unhandled_failure_ends_all_goals():
     text = "!g. +!g <- !b. +!b <- !nope."
     assert states(text)[4:] == [
         "nope pending",

@@ -215,7 +215,7 @@ NEVER = {
 
 
 @pytest.mark.parametrize("name", NEVER)
-def test_what_never_happens_is_refused(name: str):
+def test_waits_for_impossible_events_are_refused(name: str):
     refused(NEVER[name])
 
 
@@ -373,7 +373,7 @@ def test_a_query_is_false_without_solutions():
     ],
     ids=str,
 )  # fmt: skip
-def test_a_rule_is_printed_as_it_is_written(rule: object, text: str):
+def test_a_rule_is_printed_in_its_own_notation(rule: object, text: str):
     assert str(rule) == text
 
 

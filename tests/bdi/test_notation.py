@@ -35,7 +35,7 @@ def raises(*words):
     ],
     ids=str,
 )  # fmt: skip
-def test_a_rule_reads_as_it_was_written(rule, text):
+def test_a_printed_rule_can_be_parsed_again(rule, text):
     assert str(rule) == text
 
 

@@ -58,7 +58,7 @@ class plain(LongAction):
 
 
 class TestLongActions:
-    def test_the_plan_goes_on_when_it_is_done_and_others_meanwhile(self):
+    def test_the_plan_continues_after_the_action_and_others_run_meanwhile(self):
         lab = Workshop(go() >> [drive(2), do("there")], sub() >> [wait(1), do("other")])
         lab.tell(go(), sub())
         lab.until(5)
@@ -117,7 +117,7 @@ class TestLongActions:
         assert lab.done == [Atom(reason)]
         assert ends(lab) == [("kept()", "failed")]
 
-    def test_an_exception_as_it_begins_is_a_failure(self):
+    def test_an_exception_at_its_start_is_a_failure(self):
         class broken(LongAction):
             def start(self):
                 raise ValueError("broken")

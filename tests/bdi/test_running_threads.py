@@ -59,7 +59,7 @@ class block(ThreadAction):
 
 
 class TestThreads:
-    def test_the_plan_goes_on_in_the_thread_of_the_engine_when_the_action_has_returned(self):
+    def test_the_plan_continues_in_the_thread_of_the_engine_after_the_action(self):
         lab = Threads(go() >> [block(), do("done")], +p(X) >> [do("meanwhile")])
         lab.tell(go())
         assert lab.begun.acquire(timeout=60)
@@ -198,7 +198,7 @@ async def ask_web(engine: Engine, what: str) -> None:
 
 
 class TestCoroutines:
-    def test_the_plan_goes_on_when_a_coroutine_has_ended(self):
+    def test_the_plan_continues_after_a_coroutine(self):
         lab = Threads(go() >> [fetch("x"), ask_web("y"), do("done")])
         lab.tell(go())
         lab.settle(lambda: lab.done)

@@ -243,7 +243,7 @@ def test_a_goal_after_a_long_chain_is_not_lost():
     assert begun != "go(0)"
 
 
-def test_a_suspended_intention_stays_suspended():
+def test_a_suspended_intention_remains_suspended():
     rules = [go() >> [do("a"), wait(1), do("b")]]
     lab = Lab(*rules)
     lab.tell(go())

@@ -86,7 +86,7 @@ class TestPeriods:
         lab.until(5)
         assert (sensor.asked, sensor.running, timers(lab)) == (1, False, 0)
 
-    def test_once_ends_it_with_the_first_percept_that_tells_something(self):
+    def test_once_ends_with_the_first_percept_that_has_a_result(self):
         class Patient(Clockwork):
             once = True
 
@@ -114,7 +114,7 @@ class TestPeriods:
 
 
 class TestPushing:
-    def test_once_takes_the_first_percept_that_tells_something(self):
+    def test_once_uses_the_first_percept_that_has_a_result(self):
         lab = Lab()
         ears = Ears()
         ears.once = True

@@ -16,7 +16,7 @@ from tests.bdi.mas import Mas
 RING = "+token(N) : N > 0 & next(A) <- -token(N)[source(_)]; .send(A, tell, token(N - 1)). "
 
 
-def test_a_token_goes_round():
+def test_a_token_circulates():
     names = [f"a{i}" for i in range(5)]
     mas = Mas(**{name: RING + f"next({names[(i + 1) % 5]})." for i, name in enumerate(names)})
     mas.a0.believe(literal("token", (12,)))

@@ -194,7 +194,7 @@ def test_comparisons_of_variables_are_those_of_python(name, left, right):
     assert bool(solved(values & compare(left, Y))) == compare(left, right)
 
 
-def test_a_comparison_is_written_as_it_is_read():
+def test_a_comparison_keeps_its_text():
     assert str(X + 1 >= Y) == "X + 1 >= Y"
     assert str(X == "yes") == 'X == "yes"'
 

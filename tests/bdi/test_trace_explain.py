@@ -181,7 +181,7 @@ class TestMind:
 
 
 class TestJsonLines:
-    def test_each_record_is_a_line_as_soon_as_it_is_there(self, tmp_path):
+    def test_each_record_is_written_as_a_line_at_once(self, tmp_path):
         path = tmp_path / "trace.jsonl"
         with JsonLines(path) as sink:
             sink(record(1, cause="frame-ä", source="percept", odd=p(1)))
@@ -193,7 +193,7 @@ class TestJsonLines:
             sink(record(2))
         assert [each.id for each in read_trace(path)] == ["a-1", "a-2"]
 
-    def test_an_open_file_stays_open(self):
+    def test_an_open_file_is_not_closed(self):
         file = io.StringIO()
         with JsonLines(file) as sink:
             sink(record(1))

@@ -98,7 +98,7 @@ def stimulus(random: Random, lab: Lab) -> str:
     return f"{what} {belief}"
 
 
-def test_indexed_waits_do_what_waits_without_indexes_do():
+def test_indexed_waits_equal_waits_without_indexes():
     bodies = [(Update("+", p(1)),), (Update("-", q(0, _)),), ()]
     plans = [
         Plan(Event(Change.WANTED, sub(i, X)), NOTHING, (Await(what, 3 if i % 3 else None), *bodies[i % 3])).check()
@@ -208,6 +208,6 @@ def test_the_cost_of_an_event_does_not_grow_with_the_waiting_intentions(what):
     assert many < 5 * few
 
 
-def test_an_event_without_a_value_continues_who_waits_for_a_value():
+def test_an_event_without_a_value_continues_waits_for_a_value():
     program = "!w(1). !add. +!w(X) <- .wait({+p(X)}); .print(X). +!add <- .wait(10); +p(_)."
     assert Mas(me=program).until(1).lines == ["1"]

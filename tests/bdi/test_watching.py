@@ -56,7 +56,7 @@ def let_pass(engine, seconds):
     engine.clock.set(end)
 
 
-def test_a_watcher_hears_of_the_begin_and_the_end_of_a_belief(engine, seen):
+def test_a_watcher_is_notified_of_addition_and_deletion(engine, seen):
     engine.believe(at("home"))
     engine.believe(at("home"))
     engine.forget(at(X))
@@ -64,21 +64,21 @@ def test_a_watcher_hears_of_the_begin_and_the_end_of_a_belief(engine, seen):
     assert seen == [(("home",), True), (("home",), False)]
 
 
-def test_a_watcher_hears_of_beliefs_that_plans_change(engine, seen):
+def test_a_watcher_is_notified_of_changes_by_plans(engine, seen):
     engine.add_rules(+at("home") >> [-at("home"), +at("garden")])
     engine.believe(at("home"))
     engine.run_until_idle()
     assert seen == [(("home",), True), (("home",), False), (("garden",), True)]
 
 
-def test_a_watcher_hears_of_beliefs_that_take_the_place_of_others(engine, seen):
+def test_a_watcher_is_notified_of_replaced_beliefs(engine, seen):
     engine.add_text("at(gate). !go. +!go <- -+at(street).")
     engine.run_until_idle()
     gate, street = (Atom("gate"),), (Atom("street"),)
     assert seen == [(gate, True), (gate, False), (street, True)]
 
 
-def test_a_watcher_hears_that_one_belief_takes_the_place_of_another(engine, seen):
+def test_a_watcher_is_notified_of_a_replacement_as_one_change(engine, seen):
     engine.believe(mood("good"))
     engine.believe(mood("bad"))
     engine.run_until_idle()

@@ -92,7 +92,7 @@ def test_a_belief_of_python_is_an_event_of_its_own():
     assert lab.done == ["on", 1]
 
 
-def test_minus_of_python_forgets_all_that_match_whoever_said_it():
+def test_minus_of_python_removes_all_matches_of_any_source():
     lab = Lab(go() >> [-p(_)])
     lab.engine.believe(p(1), source="bob")
     lab.tell(+p(2), +q(3), go())
@@ -163,7 +163,7 @@ def test_a_goal_from_outside_waits_for_the_events_before_it():
     assert lab.done == ["knows"]
 
 
-def test_plan_failed_tells_why():
+def test_plan_failed_has_the_reason():
     @action
     def refuse(engine: object) -> None:
         raise PlanFailed("the door is shut")

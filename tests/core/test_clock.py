@@ -24,7 +24,7 @@ def computer(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize("seconds", [-3600, -2, 2, 3600])
-def test_a_clock_that_is_set_changes_nothing_for_who_asked_before(computer, seconds):
+def test_a_change_of_the_clock_does_not_affect_earlier_waits(computer, seconds):
     clock = WallClock()
     before = clock.now()
     assert abs(before - time.time_ns()) < SECOND
@@ -34,7 +34,7 @@ def test_a_clock_that_is_set_changes_nothing_for_who_asked_before(computer, seco
 
 
 @pytest.mark.parametrize("seconds", [-3600, 3600])
-def test_what_an_agent_waits_for_comes_when_it_should_though_the_clock_is_set(computer, seconds):
+def test_waits_of_an_agent_end_in_time_despite_clock_changes(computer, seconds):
     """A belief held for 0.3 s and a wait of 0.6 s; the system clock is set after 0.1 s."""
     happened: list[tuple[str, float]] = []
 
@@ -70,7 +70,7 @@ def test_processes_of_one_run_tell_the_same_time_though_the_clock_was_set_in_bet
     assert ours.now() - 60 * SECOND < theirs <= ours.now()
 
 
-def test_simulated_time_that_goes_back_goes_on_from_where_it_was():
+def test_simulated_time_continues_after_a_jump_back():
     told = iter([10, 12, 2, 3, 1, 5])
     clock = ForwardClock(lambda: next(told))
     assert [clock.now() for _ in range(6)] == [10, 12, 12, 13, 13, 17]

@@ -33,7 +33,7 @@ def test_the_newest_lines_are_kept_in_order_and_in_the_room_there_is(tmp_path):
     assert not is_whole(path)
 
 
-def test_it_is_whole_as_long_as_nothing_was_given_up(tmp_path):
+def test_it_is_complete_until_a_part_was_dropped(tmp_path):
     journal = BoundedLog(tmp_path / "j", 400)
     for number in range(20):
         journal.write(b"line %06d" % number)
@@ -42,7 +42,7 @@ def test_it_is_whole_as_long_as_nothing_was_given_up(tmp_path):
     assert len(lines(tmp_path / "j")) == 20
 
 
-def test_each_part_begins_with_what_is_told_only_once(tmp_path):
+def test_each_part_starts_with_the_one_time_records(tmp_path):
     journal = BoundedLog(tmp_path / "j", 400, lambda: [b"opening"])
     for number in range(20):
         journal.write(b"line %06d" % number)
@@ -59,7 +59,7 @@ def test_files_beside_it_that_are_none_of_its_parts_are_left_alone(tmp_path):
     assert all((tmp_path / name).read_text() == "mine\n" for name in ("j.old", "j.٣", "j.0", "other.1"))
 
 
-def test_what_is_there_already_is_not_overwritten(tmp_path):
+def test_existing_files_are_not_overwritten(tmp_path):
     (tmp_path / "j").write_text("mine")
     with pytest.raises(FileExistsError):
         BoundedLog(tmp_path / "j")

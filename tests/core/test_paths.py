@@ -57,7 +57,7 @@ def test_users_allow_folders_for_this_process_and_those_it_starts(tmp_path):
     assert workspace(environment) == (Path.cwd(), tmp_path / "out", tmp_path / "more")
 
 
-def test_a_folder_that_cannot_be_told_to_others_is_not_allowed(tmp_path):
+def test_a_folder_with_an_unusable_name_is_refused(tmp_path):
     environment: dict[str, str] = {}
     allow(Path("/a:/"), environment)
     assert environment == {}
@@ -94,7 +94,7 @@ def test_every_parameter_that_is_a_path_is_among_them():
     assert {name for name in names if PATHLIKE.search(name)} == {parameter for _, parameter, _ in NODES}
 
 
-def test_what_the_user_names_on_the_command_line_may_be_anywhere(tmp_path, monkeypatch):
+def test_files_of_the_command_line_may_be_anywhere(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDERS_VARIABLE, "")
     with_changes(
         load_graph("waldo"), [f"camera.source={tmp_path}/film.avi", "bdi_engine.greeting=Hi", "camera.rate_hz=5"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from socialbot.core.bounded_log import Rotation
 
 
-def test_a_log_that_is_too_long_is_moved_away_while_its_writer_goes_on(tmp_path: Path) -> None:
+def test_a_long_log_is_rotated_while_its_writer_continues(tmp_path: Path) -> None:
     log = tmp_path / "head.log"
     rotation = Rotation(longest=10, kept=2)
     with log.open("ab", buffering=0) as writer:

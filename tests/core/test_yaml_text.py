@@ -15,7 +15,7 @@ def loaders() -> list[YAML]:
 
 
 @pytest.mark.parametrize("loader", loaders())
-def test_what_is_right_is_loaded(loader: YAML) -> None:
+def test_valid_files_are_loaded(loader: YAML) -> None:
     assert load_yaml(loader, "a: {b: [1, 2.5]}\nc:\n  - d") == {"a": {"b": [1, 2.5]}, "c": ["d"]}
 
 
@@ -28,7 +28,7 @@ def test_whatever_is_wrong_is_an_error_of_yaml(loader: YAML, text: str) -> None:
 
 @pytest.mark.parametrize("loader", loaders())
 @pytest.mark.parametrize("unit", ["{", "[", "- ", "? ", "{a: ", "[1, "])
-def test_what_is_nested_too_deeply_is_refused_soon_with_the_line(loader: YAML, unit: str) -> None:
+def test_deeply_nested_files_are_refused_with_the_line(loader: YAML, unit: str) -> None:
     begun = time.process_time()
     with pytest.raises(MarkedYAMLError, match="nested more than") as caught:
         load_yaml(loader, "a: 1\nb:\n  " + unit * 3000)
@@ -45,7 +45,7 @@ def test_some_depth_is_allowed(loader: YAML) -> None:
     assert nested == []
 
 
-def test_the_depth_of_what_others_load_can_be_checked_before() -> None:
+def test_the_depth_can_be_checked_before_loading() -> None:
     check_depth("a: {b: [c]}\n" * 1000)
     with pytest.raises(YAMLError, match="nested more than"):
         check_depth("[{" * DEPTH)

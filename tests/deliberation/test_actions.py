@@ -90,7 +90,7 @@ def test_a_plan_in_agentspeak_may_use_it_like_any_action():
     assert lab.ends == [None]
 
 
-def test_its_progress_is_known_while_it_goes_on():
+def test_its_progress_is_reported_while_it_runs():
     lab = Lab(carry)
     lab.attempt("carry", "a", "b")
     lab.until(0.5)
@@ -130,7 +130,7 @@ def failing(action):
     return end
 
 
-def test_one_that_says_why_it_fails_advances_no_more():
+def test_an_action_that_failed_with_a_reason_stops_advancing():
     class slip(PlanAction):
         times = 0
 
@@ -144,7 +144,7 @@ def test_one_that_says_why_it_fails_advances_no_more():
     assert slip.times == 1
 
 
-def test_one_that_fails_as_it_begins_never_advances():
+def test_an_action_that_fails_at_its_start_never_advances():
     class refuse(PlanAction):
         def begin(self, *args):
             self.fail("not today")
@@ -177,7 +177,7 @@ def test_invalid_progress_fails_the_action(made):
     assert failing(babble).reason == "exception"
 
 
-def test_one_that_was_never_written_says_how_to_mend_it():
+def test_an_unimplemented_action_fails_with_the_remedy():
     class idle(PlanAction): ...
 
     assert "override advance()" in failing(idle).message
@@ -190,7 +190,7 @@ def test_a_rate_has_to_be_above_zero():
     assert "must be > 0" in failing(frozen).message
 
 
-def test_one_that_says_itself_that_it_is_done_advances_no_more():
+def test_an_action_that_reports_its_end_stops_advancing():
     class know(PlanAction):
         times = 0
 
@@ -242,7 +242,7 @@ def test_an_exception_in_stop_does_not_block_the_plan():
     assert "never" in str([record.detail for record in lab.trace.find("failure")])
 
 
-def test_after_a_pause_of_the_agent_it_catches_up_on_nothing():
+def test_missed_steps_are_not_repeated_after_a_pause():
     lab = Lab(carry)
     lab.attempt("carry", "a", "b")
     lab.clock.set(10 * SECOND)

@@ -147,7 +147,7 @@ def test_an_object_that_is_not_known_counts_as_a_failed_try_until_it_is():
     assert office.until(10) == [("z", "fulfilled", "")]
 
 
-def test_a_desire_about_an_object_that_stays_unknown_is_dropped_with_the_reason():
+def test_a_desire_about_an_unknown_object_is_dropped_with_the_reason():
     office = office_for(job("z"), until=5, comp_plan_tries=3)
     ((name, how, reason),) = office.ends
     assert (name, how) == ("z", "dropped")

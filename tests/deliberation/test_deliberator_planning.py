@@ -47,7 +47,7 @@ class Mute:
         """Returns nothing at all."""
 
 
-def test_a_planner_that_returns_nothing_is_said_to():
+def test_a_planner_without_an_answer_is_reported():
     mute: Any = Mute()
     office = office_for(job("a"), comp_plan_tries=1, planner=mute)
     assert last_reason(office) == "no plan after 1 try: the planner returned no answer"
@@ -110,7 +110,7 @@ def test_between_two_tries_some_time_passes():
     assert [record.time / 1e9 for record in office.found("planning", "a")] == [0.0, 2.0, 4.0]
 
 
-def test_tries_are_counted_anew_when_a_plan_was_carried_out():
+def test_the_count_of_tries_restarts_after_an_executed_plan():
     office = Office(comp_plan_tries=3)
     office.behaviour["(do a)"] = Behaviour(lasts_s=1.0, fails="slipped")
     impossible = iter([True, True, False, True, True, False])
@@ -205,7 +205,7 @@ def test_a_desire_that_ends_meanwhile_cancels_the_planner():
     assert office.clerk.cancelled[0].is_set()
 
 
-def test_a_precondition_that_ends_meanwhile_makes_the_plan_useless_but_counts_for_nothing():
+def test_a_plan_whose_precondition_ends_during_planning_is_not_counted():
     office = Office(slow=True)
     office.believe("ready")
     office.want(job("a", precondition=dnf([("T", p("ready"))])))
@@ -297,7 +297,7 @@ def both(**options) -> Office:
     return office
 
 
-def test_an_impossible_desire_names_the_condition_that_nothing_makes_true():
+def test_an_impossible_desire_names_the_unreachable_condition():
     office = both()
     office.until(60)
     assert office.begun() == []

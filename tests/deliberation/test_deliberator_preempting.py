@@ -20,7 +20,7 @@ def test_without_preemption_the_plan_is_carried_out_to_its_end():
     assert office.plans() == [("a", "succeeded"), ("b", "succeeded")]
 
 
-def test_a_higher_priority_interrupts_and_the_other_is_planned_anew_afterwards():
+def test_a_higher_priority_interrupts_and_the_other_is_replanned_afterwards():
     office = office_for(job("a", 0.1), until=1, reschedule_policy="PREEMPT")
     office.want(job("b", 0.9))
     office.until(20)
@@ -161,7 +161,7 @@ STEPS = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(STEPS)
-def test_whatever_comes_and_goes_the_best_is_pursued_and_nothing_is_aborted_without_a_reason(steps):
+def test_the_best_desire_is_pursued_and_aborts_have_a_reason(steps):
     office = Office(reschedule_policy="PREEMPT")
     needs, changes, now = dnf([("T", p("ready"))]), 0, 0.0
     for name, what, priority, deadline, needy, pause in steps:

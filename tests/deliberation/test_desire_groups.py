@@ -18,7 +18,7 @@ def refuse(*names: str):
     return script
 
 
-def test_nothing_is_desired_by_itself_without_autosub():
+def test_without_autosub_no_desire_is_added():
     office = office_for(job("a", precondition=READY_OR_QUIET))
     assert office.wants == ["a"]
 

@@ -105,7 +105,7 @@ def test_the_preparations_of_a_desire_are_its_children(desires):
 
 
 @given(st.lists(st.tuples(st.sampled_from("abcdef"), st.sampled_from([0.1, 0.5]), st.sampled_from([5.0, 9.0]))))
-def test_whatever_comes_and_goes_the_order_stays(moves):
+def test_random_changes_keep_the_order(moves):
     desires, model = DesireBase(), {}
     for number, (name, priority, deadline) in enumerate(moves):
         if name in model:

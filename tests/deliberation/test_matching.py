@@ -26,7 +26,7 @@ def bindings(found: list[FactMatch]) -> list[str]:
     return [" ".join(value for _, value in match.bindings) for match in found]
 
 
-def test_nothing_to_hold_holds_in_one_way():
+def test_an_empty_condition_holds_once():
     assert matches(Dnf(), index()) == matches(dnf([]), index()) == [FactMatch()]
 
 
@@ -52,7 +52,7 @@ def test_a_variable_only_in_negations_is_each_object_of_its_type():
     assert bindings(matches(empty, facts)) == ["base_2", "start"]
 
 
-def test_a_negation_with_wildcards_means_that_nothing_matches():
+def test_a_negation_with_wildcards_holds_without_matches():
     facts = index(p("in", "box_a", "base_1"))
     assert matches(dnf([("F", p("in", "box_?", "*"))]), facts) == []
     assert matches(dnf([("F", p("in", "carrier_*", "*"))]), facts) == [FactMatch()]

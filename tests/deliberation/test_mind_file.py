@@ -40,7 +40,7 @@ def test_beliefs_and_desires_outlive_the_agent(path):
     assert later.wants == ["x"]
 
 
-def test_without_a_file_nothing_is_recalled(path):
+def test_without_a_file_no_state_is_restored(path):
     office = Office(beliefs="")
     assert not restore_mind(office.deliberator, path)
     assert office.facts.facts() == ()

@@ -34,7 +34,7 @@ def test_steps_run_in_parallel_and_start_after_their_predecessors():
     assert stage.plan_executor.info.target is None
 
 
-def test_effects_are_believed_as_a_step_begins_and_as_it_ends():
+def test_effects_are_believed_at_the_start_and_the_end_of_a_step():
     stage = stage_with("0: (pick r1 b1 home) [3]", until=1)
     assert stage.holds("load r1 = 1")
     assert stage.holds("in b1 home")
@@ -44,7 +44,7 @@ def test_effects_are_believed_as_a_step_begins_and_as_it_ends():
     assert not stage.holds("in b1 home")
 
 
-def test_a_step_inside_another_one_stays_inside():
+def test_a_nested_step_runs_within_its_envelope():
     stage = Stage()
     stage.execute("0: (shine) [10]\n0.001: (spray b1) [4]\n4.002: (spray b2) [4]", wanted="painted b1; painted b2")
     assert stage.until(30) == [("succeeded", "")]
@@ -244,7 +244,7 @@ def test_external_changes_are_not_rolled_back():
     assert stage.holds("load r1 = 4")
 
 
-def test_after_a_failure_nothing_new_begins_and_the_rest_goes_on():
+def test_after_a_failure_no_step_starts_and_running_steps_continue():
     stage = Stage()
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=1, fails="stuck")
     stage.execute(BOTH, wanted="holding r1 b3; holding r2 b1")
@@ -258,7 +258,7 @@ def test_after_a_failure_nothing_new_begins_and_the_rest_goes_on():
     assert stage.ends == [("failed", "(move r1 home shop): stuck")]
 
 
-def test_a_step_that_goes_on_after_a_failure_may_fail_too():
+def test_a_step_that_continues_after_a_failure_may_fail_too():
     stage = Stage()
     stage.behaviour["(move r1 home shop)"] = Behaviour(lasts_s=1, fails="stuck")
     stage.behaviour["(move r2 yard home)"] = Behaviour(lasts_s=2, fails="lost")

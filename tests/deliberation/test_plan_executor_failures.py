@@ -101,7 +101,7 @@ def test_a_step_that_settles_is_waited_for():
 # Abort
 
 
-def test_whatever_goes_wrong_within_aborts_the_plan_with_the_reason():
+def test_internal_errors_abort_the_plan_with_the_reason():
     stage = Stage()
 
     def burst(task):
@@ -159,7 +159,7 @@ def test_an_action_that_never_stops_does_not_block_the_plan():
     assert "has not stopped in 5 s" in [record.detail.get("message") for record in stage.trace.find("failure")]
 
 
-def test_an_abort_of_nothing_calls_back():
+def test_an_abort_without_a_plan_calls_back():
     stage = Stage()
     stopped = []
     stage.run(lambda: stage.plan_executor.abort("nothing", lambda: stopped.append(stage.now)))
@@ -218,7 +218,7 @@ def test_a_context_that_no_longer_holds_aborts_the_plan():
     assert stage.plan_executor.idle
 
 
-def test_a_plan_without_its_context_begins_nothing():
+def test_a_plan_without_its_context_starts_no_step():
     stage = stage_with(FETCH, wanted="holding r1 b3", context=when("open home"))
     assert stage.ends == [("aborted", "the context of the desire no longer holds")]
     assert stage.timeline == []

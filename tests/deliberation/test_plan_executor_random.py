@@ -226,7 +226,7 @@ seeds, some = st.integers(0, 2**32), st.sets(st.sampled_from(WATCHABLE))
 
 @quick
 @given(seed=seeds, watched=some)
-def test_a_plan_that_nothing_disturbs_succeeds_however_long_its_steps_take(seed, watched):
+def test_an_undisturbed_plan_succeeds_for_any_durations(seed, watched):
     check_run(seed, watched, calm=True)
 
 

@@ -49,7 +49,7 @@ def test_a_step_reports_its_predecessors():
     assert stage.plan_executor.info.actions_exec_info[1].message == "waits for (in b3 shop)"
 
 
-def test_callbacks_that_raise_stop_nothing():
+def test_callbacks_that_raise_do_not_stop_the_plan():
     stage = Stage()
 
     def fail(*_):

@@ -163,7 +163,7 @@ EVENTS = st.lists(
 
 @settings(deadline=None)
 @given(EVENTS, st.booleans())
-def test_whatever_comes_in_whatever_order_it_ends_and_stays_as_it_ended(events, monitor):
+def test_messages_in_any_order_end_a_request_once(events, monitor):
     post = Post()
     asked = post.letters.ask("cart", "add", desire=job("a"), monitor=monitor)
     final = None

@@ -146,7 +146,7 @@ def test_a_request_that_comes_twice_is_carried_out_once_and_answered_twice(desk)
     assert other.state == "done", "another sender's request of the same id is another one"
 
 
-def test_a_request_that_comes_again_to_a_receiver_started_anew_is_answered_anew(desk):
+def test_a_restarted_receiver_answers_a_repeated_request(desk):
     desk.send(REQUEST)
     anew: Any = Desk()
     assert anew.send(REQUEST).state == "done"
@@ -161,7 +161,7 @@ def test_a_request_that_comes_again_to_a_receiver_started_anew_is_answered_anew(
     assert kept.replies[-1].state == "fulfilled"
 
 
-def test_a_desire_that_is_asked_for_anew_has_the_new_priority_and_deadline(desk):
+def test_a_repeated_desire_takes_the_new_priority_and_deadline(desk):
     assert desk.ask("add", job("a", 0.2, 50)).priority == 0.2
     desk.office.want(job("c", 0.3))
     assert desk.ask("add", job("a", 0.9, 5)).priority == 0.6, "not more than it may give"

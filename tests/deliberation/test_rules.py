@@ -129,7 +129,7 @@ def test_a_condition_that_holds_another_way_has_not_begun_to_hold(facts, book):
     assert fired(book) == []
 
 
-def test_one_way_that_takes_the_place_of_another_in_the_same_turn_is_nothing_new(facts, book):
+def test_a_replacement_within_one_turn_is_no_change(facts, book):
     book.add(rule(dnf([("T", p("loaded"))], [("T", p("clear", "start"))]), add(p("clear", "base_a"))))
     facts.add(p("loaded"))
     assert len(fired(book)) == 1

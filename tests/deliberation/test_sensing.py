@@ -51,7 +51,7 @@ def keep_showing(office: Office, sensor: FactSensor, end: float, *facts) -> None
         office.until(min(end, office.now + 0.5))
 
 
-def test_a_percept_says_all_that_holds_of_its_kind():
+def test_a_percept_is_complete_for_its_kind():
     office, sensor = Office(), Levels()
     join(office, sensor)
     office.believe("level a = 1; level b = 2; quiet")
@@ -77,7 +77,7 @@ def test_a_percept_ends_all_facts_that_its_prototypes_fit():
     assert held == ["b", "c"]
 
 
-def test_a_percept_that_says_nothing_changes_nothing():
+def test_an_empty_percept_changes_no_facts():
     office, sensor = Office(), Levels()
     join(office, sensor)
     office.believe("lit")
@@ -121,7 +121,7 @@ def test_an_exception_in_a_sensor_does_not_stop_the_agent():
     assert [record.detail["message"] for record in office.found("failure")] == ["dust"]
 
 
-def test_a_prototype_that_the_domain_has_nothing_like_is_refused():
+def test_a_prototype_unknown_to_the_domain_is_refused():
     class Wrong(Levels):
         prototypes = (predicate("lit", "*"),)
 
@@ -261,7 +261,7 @@ def test_a_plan_that_comes_while_a_sensor_is_silent_waits():
     assert office.begun() == [(4.0, "(do a)")]
 
 
-def test_a_plan_is_given_up_when_a_sensor_stays_silent_and_taken_up_when_it_is_back():
+def test_a_plan_stops_for_a_silent_sensor_and_resumes_with_it():
     office, eye = Office(planner=Kairos(), give_up_silent_s=5.0), Eye()
     office.behaviour["(light)"] = Behaviour(lasts_s=6.9)
     join(office, eye)
@@ -277,7 +277,7 @@ def test_a_plan_is_given_up_when_a_sensor_stays_silent_and_taken_up_when_it_is_b
     assert office.ends == [("a", "fulfilled", "")]
 
 
-def test_a_sensor_that_stays_silent_blocks_only_steps_that_need_it():
+def test_a_silent_sensor_blocks_only_steps_that_need_it():
     sees = sensed_by([Eye()])
     office, eye = Office(planner=Kairos(), is_sensed=sees, give_up_silent_s=5.0, comp_plan_tries=2), Eye()
     join(office, eye)

@@ -32,12 +32,12 @@ def survives(decoder: Decoder, data: bytes) -> None:
     assert time.process_time() - begun < WORST_CPU_S
 
 
-def test_what_socialbot_writes_is_taken(decoder: Decoder) -> None:
+def test_output_of_socialbot_is_accepted(decoder: Decoder) -> None:
     for seed in decoder.seeds:
         decoder.decode(seed)
 
 
-def test_what_is_nearly_right_is_taken_or_refused(decoder: Decoder) -> None:
+def test_mutated_inputs_are_accepted_or_refused(decoder: Decoder) -> None:
     for number in range(30 if decoder.name in SLOW else 150):
         survives(decoder, numbered(decoder.name, 0, number, decoder.seeds))
 
@@ -52,7 +52,7 @@ def test_any_bytes_are_taken_or_refused(decoder: Decoder) -> None:
 
 
 @pytest.mark.parametrize("unit", [b"[", b"{", b'{"a":', b"(", b"- ", b"a: {", b"/* ", b" ", b"9", b'"', b"\xff", b"~"])
-def test_what_is_nested_or_long_is_refused_soon(decoder: Decoder, unit: bytes) -> None:
+def test_nested_or_long_inputs_are_refused_in_time(decoder: Decoder, unit: bytes) -> None:
     for begin in (b"", *decoder.seeds[:1]):
         survives(decoder, begin + unit * (10_000 // len(unit)))
 
@@ -74,7 +74,7 @@ def test_there_is_an_example_of_every_schema() -> None:
     assert [type(message) for message in structured()] == list(message_types())
 
 
-def test_a_decoder_tells_what_is_refused_from_what_is_wrong() -> None:
+def test_a_decoder_distinguishes_refusals_from_faults() -> None:
     def decode(data: bytes) -> None:
         if data == b"bad":
             raise SocialbotError("no")

@@ -79,7 +79,7 @@ def test_an_unknown_decoder_is_named() -> None:
         fuzz.choose(["grap"])
 
 
-def test_what_did_harm_is_kept(tmp_path) -> None:
+def test_harmful_inputs_are_saved(tmp_path) -> None:
     [decoder] = fuzz.choose(["plan"])
     fuzz._kept(tmp_path / "found", [Finding("plan", 3, "hang", "")], 1)
     assert (tmp_path / "found" / "plan-3-hang").read_bytes() == numbered("plan", 1, 3, decoder.seeds)

@@ -59,7 +59,7 @@ def test_only_the_receiver_and_unaddressed_inputs_get_a_message(receiver: str, r
     assert {name for name, node in runner.nodes.items() if node.got} == readers  # type: ignore[attr-defined]
 
 
-def test_port_itself_drops_what_is_for_others_under_every_runner():
+def test_port_drops_messages_for_others_under_every_runner():
     runner = InlineRunner(GRAPH)
     runner.start()
     ann = runner.nodes["ann"]

@@ -75,7 +75,7 @@ def utterance(text: str) -> Utterance:
 # Ports
 
 
-def test_a_node_knows_its_ports_and_parameters_by_name():
+def test_a_node_lists_its_ports_and_parameters_by_name():
     assert {name: port.topic for name, port in Echo.inputs().items()} == {"heard": "/said"}
     assert {name: port.topic for name, port in Echo.outputs().items()} == {"say": "/echo", "status": "/status"}
     assert list(Echo.parameters()) == ["volume", "times", "loud", "voice", "device"]
@@ -119,7 +119,7 @@ def test_an_input_delivers_to_its_method_and_to_that_of_a_subclass():
 # Parameters
 
 
-def test_parameters_have_their_defaults_or_what_is_given():
+def test_parameters_have_given_values_or_defaults():
     assert echo().volume == 0.5
     node = echo(volume=1, times=3, loud=True, voice="it", device="usb")
     assert (node.volume, node.times, node.loud, node.voice, node.device) == (1.0, 3, True, "it", "usb")
@@ -167,7 +167,7 @@ def test_a_parameter_can_change_while_running():
 
 
 @pytest.mark.parametrize(("name", "value"), [("volume", 7.0), ("voice", "fr"), ("nothing", 1), ("device", "usb")])
-def test_a_change_that_is_refused_changes_nothing(name, value):
+def test_a_refused_change_has_no_effect(name, value):
     node = echo()
     with pytest.raises(ParameterError) as caught:
         node.set_parameter(name, value)
@@ -222,7 +222,7 @@ def test_a_graph_that_does_not_fit_together_is_refused(configs, more, words):
     assert caught.value.remedy
 
 
-def test_a_graph_knows_its_topics_and_their_types():
+def test_a_graph_lists_its_topics_and_their_types():
     whole = graph(NodeConfig("a", Source), NodeConfig("b", Echo, {}, {"say": "/again"}))
     assert whole.topics() == {"/said": Utterance, "/again": Utterance, "/status": SpeechStatus}
 
@@ -243,7 +243,7 @@ def test_without_sources_the_world_takes_their_place():
     assert rest.without_sources() == rest
 
 
-def test_without_sources_what_stands_for_the_world_goes_too():
+def test_without_sources_removes_simulators_too():
     class Hall(Echo):
         is_simulator = True
 
@@ -273,7 +273,7 @@ def test_with_parameters_changes_those_given_and_no_others():
         ({"b": {"pitch": 9}}, "no parameter 'pitch'"),
     ],
 )
-def test_with_parameters_refuses_what_does_not_fit(changes, words):
+def test_with_parameters_refuses_invalid_values(changes, words):
     with pytest.raises((GraphError, ParameterError), match=words):
         graph(NodeConfig("a", Source), NodeConfig("b", Echo)).with_parameters(changes)
 

@@ -30,7 +30,7 @@ nodes:
 """
 
 
-def test_a_file_says_what_the_graph_is(tmp_path):
+def test_a_graph_file_defines_the_graph(tmp_path):
     path = tmp_path / "g.yaml"
     path.write_text(GOOD)
     expected = Graph(
@@ -60,7 +60,7 @@ def test_a_node_of_ones_own_may_stand_in_the_working_directory(tmp_path, monkeyp
     assert node_type("own_node_here:Own").__name__ == "Own"
 
 
-def test_nothing_beside_a_graph_takes_the_place_of_what_is_installed(tmp_path, monkeypatch):
+def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "colorsys.py").write_text("raise SystemExit('this is not the one')")
@@ -78,7 +78,7 @@ def test_nothing_beside_a_graph_takes_the_place_of_what_is_installed(tmp_path, m
         ("Own = 3\n", ["is no node"]),
     ],
 )
-def test_what_is_wrong_with_a_module_of_ones_own_is_told(text, words, tmp_path, monkeypatch):
+def test_errors_in_modules_of_users_are_reported(text, words, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     module = f"own_wrong_{abs(hash(text))}"
     (tmp_path / f"{module}.py").write_text(text)
@@ -100,7 +100,7 @@ def test_a_node_that_comes_with_socialbot_is_there(name):
 
 
 @pytest.mark.parametrize("name", node_types())
-def test_each_parameter_says_what_it_means_and_accepts_its_own_default(name):
+def test_each_parameter_has_a_description_and_accepts_its_default(name):
     for parameter in node_type(name).parameters().values():
         assert parameter.doc
         assert parameter.check(parameter.default, "here") == parameter.default
@@ -179,7 +179,7 @@ def test_a_page_that_is_no_graph_is_refused(text, words):
         ("times", "1_000", 1000), ("loud", "true", True), ("device", "'1'", "1"), ("device", "|\n        usb", "usb\n"),
     ],
 )  # fmt: skip
-def test_a_value_may_be_written_in_any_way_that_yaml_knows(name, written, value):
+def test_values_may_use_any_yaml_style(name, written, value):
     text = GOOD.replace("volume: 0.4", f"{name}: {written}").replace("      times: 3\n", "")
     found = parse_graph(text, where="g.yaml").node("echo").parameters
     assert dict(found) == {name: value}
@@ -242,7 +242,7 @@ def test_the_graphs_that_come_with_socialbot_survive_too():
     assert parse_graph(dump_graph(waldo), where="dumped") == waldo
 
 
-def test_what_is_merged_has_no_line_of_its_own():
+def test_merged_values_have_no_line():
     with pytest.raises(GraphError, match="expected names with values") as caught:
         parse_graph("name: &x {nodes: 3}\n<<: *x\n", where="page")
     assert caught.value.where == "page:1"
@@ -251,6 +251,6 @@ def test_what_is_merged_has_no_line_of_its_own():
 @pytest.mark.parametrize(
     "text", ["[a]: b", "name: " + "9" * 5000, "{" * 5000, "- " * 5000, "a: 2001-99-99", "x: &a [*a]"]
 )
-def test_what_yaml_cannot_hold_is_an_error_for_people_and_soon(text):
+def test_unsupported_yaml_is_a_clear_error(text):
     with pytest.raises(GraphError):
         parse_graph(text, where="page")

@@ -126,7 +126,7 @@ def test_an_outage_does_not_make_it_slower_to_notice_the_next_one():
     assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 43.25, 83.25]
 
 
-def test_what_stands_in_for_an_input_counts_for_it():
+def test_a_substitute_counts_for_its_input():
     stage = Stage()
     stage.stream(0.0, 3.0)
     stage.stream(3.0, 6.0, topic="/heard")
@@ -135,14 +135,14 @@ def test_what_stands_in_for_an_input_counts_for_it():
     assert stage.said[-1].silent == ("/heard",)
 
 
-def test_only_what_counts_keeps_an_input_from_being_silent():
+def test_only_counted_messages_end_a_silence():
     stage = Stage(wanted="y")
     stage.stream(0.0, 3.0, text="y")
     stage.stream(3.0, 6.0)
     assert [what for _, what in stage.node.story if "silent" in what] == ["seen silent since 2.9"]
 
 
-def test_without_a_deadline_nothing_is_silent_and_one_that_is_taken_away_ends_a_silence():
+def test_removing_the_deadline_ends_a_silence():
     patient = Stage(patient=True)
     patient.until(9.0)
     assert patient.gaps == []
@@ -154,7 +154,7 @@ def test_without_a_deadline_nothing_is_silent_and_one_that_is_taken_away_ends_a_
     assert [what for _, what in stage.gaps] == ["seen silent since 2.9", "seen back"]
 
 
-def test_a_node_says_how_it_is_at_each_change_and_again_and_again():
+def test_a_node_publishes_its_health_at_changes_and_periodically():
     stage = Stage()
     stage.stream(0.0, 3.0)
     stage.until(10.0)
@@ -164,7 +164,7 @@ def test_a_node_says_how_it_is_at_each_change_and_again_and_again():
     assert {one.outputs for one in stage.said} == {("/out",)}
 
 
-def test_what_a_node_says_of_itself_goes_with_its_silent_inputs_and_the_worse_holds():
+def test_own_status_and_silent_inputs_combine_to_the_worse():
     stage = Stage()
     stage.stream(0.0, 3.0)
     stage.node.report_health("failed", "no glasses")
@@ -178,14 +178,14 @@ def test_what_a_node_says_of_itself_goes_with_its_silent_inputs_and_the_worse_ho
     assert stage.said[-1].state == "degraded"
 
 
-def test_where_nobody_listens_nobody_says_anything_and_silence_is_noticed_all_the_same():
+def test_silence_is_noticed_without_subscribers_to_health():
     stage = Stage(hears=False)
     stage.stream(0.0, 3.0)
     stage.until(5.0)
     assert len(stage.gaps) == 1
 
 
-def test_a_node_that_was_killed_gives_no_sign_of_life_and_notices_nothing():
+def test_a_killed_node_publishes_no_health():
     stage = Stage()
     stage.stream(0.0, 3.0)
     stage.runner.kill("eye")
@@ -197,7 +197,7 @@ def test_a_node_that_was_killed_gives_no_sign_of_life_and_notices_nothing():
     assert stage.said[-1].state == "ok"
 
 
-def test_a_recording_that_is_over_says_so():
+def test_the_end_of_a_recording_is_reported():
     stage = Stage()
     stage.runner.run([("/seen", Utterance(stamp=SECOND, id="", text="x"))], tail_s=0.1)
     over = [one for one in stage.said if one.node == "bag"]
@@ -255,7 +255,7 @@ def test_nodes_that_vanish_together_were_beyond_a_link():
     assert chain.blame(5.1) == (LINK, "detector")
 
 
-def test_of_a_topic_that_nobody_publishes_the_topic_is_to_blame():
+def test_a_topic_without_publishers_is_the_fault_source():
     assert HealthReports().blame("/seen", 0, source="me")[:2] == ("/seen", "me")
 
 

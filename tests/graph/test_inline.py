@@ -103,7 +103,7 @@ def chain(*names: str) -> list[NodeConfig]:
     ]
 
 
-def test_what_goes_in_goes_through_all_nodes_before_the_next_comes():
+def test_a_message_passes_all_nodes_before_the_next_one():
     stage = Stage(*chain("a", "b", "c"))
     stage.runner.run([("/in", word("x", 1.0)), ("/in", word("y", 1.5))])
     assert stage.seen == [
@@ -117,7 +117,7 @@ def test_listeners_of_a_topic_are_served_in_the_order_of_the_graph():
     assert [text for _, text in stage.said] == ["x-b", "x-a", "x-a"]
 
 
-def test_time_is_the_stamp_of_what_comes_and_never_goes_back():
+def test_time_is_the_stamp_of_the_message_and_never_decreases():
     stage = Stage(NodeConfig("a", Relay), start=5.0)
     assert stage.now == 5.0
     stage.hear("late", 3.0)
@@ -133,7 +133,7 @@ def test_timers_fire_at_their_own_moments_on_the_way():
     assert stage.seen == [(1.0, "/in", "x"), (1.25, "/out", "x"), (3.0, "/out", "x"), (9.0, "/in", "y")]
 
 
-def test_a_timer_due_when_a_message_comes_goes_first():
+def test_a_due_timer_runs_before_the_message():
     stage = Stage(NodeConfig("a", Ticker))
     stage.hear("x", 1.0)
     stage.hear("y", 2.0)
@@ -201,7 +201,7 @@ def test_a_tap_sees_a_message_before_the_nodes_do():
     assert order == [("tap", "/in", 0), ("tap", "/out", 1)]
 
 
-def test_a_node_that_raises_is_counted_and_the_stream_goes_on(caplog):
+def test_an_exception_of_a_node_is_counted_and_the_stream_continues(caplog):
     stage = Stage(NodeConfig("moody", Moody), NodeConfig("calm", Relay))
     for number, text in enumerate(["good", "bad", "later", "bad", "good"]):
         stage.hear(text, number * 2.0)
@@ -214,7 +214,7 @@ def test_a_node_that_raises_is_counted_and_the_stream_goes_on(caplog):
     assert "moody: ValueError: I do not like that" in caplog.text
 
 
-def test_what_a_node_says_when_it_starts_arrives_whatever_the_order():
+def test_messages_at_start_arrive_for_any_start_order():
     for names in (["herald", "a"], ["a", "herald"]):
         kinds = {"herald": Herald, "a": Relay}
         stage = Stage(*(NodeConfig(name, kinds[name]) for name in names))
@@ -295,7 +295,7 @@ def test_two_runs_are_the_same():
     assert runs[0] == runs[1]
 
 
-def test_work_aside_takes_no_simulated_time_and_is_told_of_in_the_node_s_turn():
+def test_background_work_takes_no_simulated_time():
     stage = Stage(NodeConfig("a", Relay))
     context, told = stage.runner.nodes["a"].context, []
     context.run_in_background(lambda: 6 * 7, lambda found: told.append((found, stage.runner.clock.now())))
@@ -304,7 +304,7 @@ def test_work_aside_takes_no_simulated_time_and_is_told_of_in_the_node_s_turn():
     assert told == [(42, 0)]
 
 
-def test_work_aside_that_fails_tells_the_exception():
+def test_failed_background_work_reports_the_exception():
     stage = Stage(NodeConfig("a", Relay))
     told = []
     stage.runner.nodes["a"].context.run_in_background(lambda: 1 / 0, told.append)
@@ -356,7 +356,7 @@ class Counter(Node):
         self.said.publish(word(f"{self.name} hears {message.text}"))
 
 
-def test_a_node_that_is_killed_does_nothing_more_and_is_another_one_when_it_is_restarted():
+def test_a_killed_node_stops_and_restarts_as_a_new_one():
     herald = NodeConfig("herald", Herald, {}, {"state": "/state"})
     stage = Stage(NodeConfig("a", Counter), NodeConfig("b", Counter), herald)
     stage.hear("x", 1.5)
@@ -373,7 +373,7 @@ def test_a_node_that_is_killed_does_nothing_more_and_is_another_one_when_it_is_r
     ]  # fmt: skip
 
 
-def test_what_was_posted_for_a_node_that_is_killed_is_not_done_and_it_can_say_nothing_more():
+def test_posted_calls_and_messages_of_a_killed_node_are_dropped():
     stage = Stage(NodeConfig("a", Counter), NodeConfig("herald", Herald, {}, {"state": "/state"}))
     old, called = stage.runner.nodes["a"].context, []
     old.run_in_background(lambda: 1, called.append)

@@ -44,7 +44,7 @@ def shown(statuses):
     return written.getvalue()
 
 
-def test_what_a_node_tells_is_its_status(roll):
+def test_the_status_of_a_node_is_its_own_report(roll):
     camera = roll.statuses(10.5)[0]
     assert (camera.name, camera.machine, camera.condition, camera.heard_s) == ("camera", "robot", "active", 0.5)
     assert (camera.handled_hz, camera.published_hz, camera.cpu_percent, camera.memory_mb) == (10.0, 30.1, 12.5, 101.5)
@@ -52,26 +52,26 @@ def test_what_a_node_tells_is_its_status(roll):
     assert all_well(roll.statuses(10.5))
 
 
-def test_who_says_nothing_is_not_heard():
+def test_a_node_without_messages_is_missing():
     roll = NodeStatuses({"camera": "robot"})
     assert not roll.complete
     assert conditions(roll, 5.0) == ["no messages"]
     assert roll.statuses(5.0)[0].machine == "robot"
 
 
-def test_who_has_fallen_silent_is_not_heard_for_that_long(roll):
+def test_a_silent_node_is_shown_with_its_silence(roll):
     roll.note("camera", TOLD, 20.0)
     roll.note_health(health("camera"), 20.0)
     assert conditions(roll, 22.0) == ["active", "no messages for 12 s"]
     assert not all_well(roll.statuses(22.0))
 
 
-def test_figures_of_who_is_not_heard_any_more_are_not_shown(roll):
+def test_figures_of_a_silent_node_are_hidden(roll):
     camera = roll.statuses(20.0)[0]
     assert (camera.handled_hz, camera.call, camera.memory_mb, camera.state) == (None, None, None, "active")
 
 
-def test_who_is_active_but_gives_no_sign_of_life_hangs(roll):
+def test_an_active_node_without_heartbeat_hangs(roll):
     for second in range(11, 16):
         roll.note("camera", TOLD, float(second))
         roll.note_health(health("camera"), float(second))
@@ -98,13 +98,13 @@ def test_states_other_than_active_are_not_well(roll, state):
     ("state", "condition"),
     [("ok", "active"), ("ended", "active"), ("failed", "failed"), ("degraded", "input silent"), ("paused", "paused")],
 )
-def test_what_a_node_says_of_its_health_counts(roll, state, condition):
+def test_the_reported_health_of_a_node_counts(roll, state, condition):
     roll.note_health(health("detector", state, "no message on /image", ("/image",)), 11.0)
     detector = roll.statuses(11.0)[1]
     assert (detector.condition, detector.reason, detector.silent) == (condition, "no message on /image", ("/image",))
 
 
-def test_who_is_paused_is_shown_as_that_and_is_well(roll):
+def test_a_paused_node_is_shown_as_paused_and_well(roll):
     roll.note_health(health("detector", "paused", "paused by a person"), 10.5)
     statuses = roll.statuses(10.5)
     assert all_well(statuses)
@@ -135,7 +135,7 @@ def test_without_expectations_all_nodes_are_shown_by_machine_but_no_drivers():
     assert not all_well(NodeStatuses().statuses(1.0))
 
 
-def test_two_nodes_of_one_name_are_told(roll):
+def test_two_nodes_of_one_name_are_reported(roll):
     for tenth in range(101, 106):
         roll.note("camera", TOLD | {"pid": "99" if tenth % 2 else "77"}, tenth / 10)
     camera = roll.statuses(10.6)[0]
@@ -148,14 +148,14 @@ def test_two_nodes_of_one_name_are_told(roll):
     assert roll.statuses(14.5)[0].condition == "active"
 
 
-def test_who_was_started_again_is_no_second_node(roll):
+def test_a_restarted_node_is_not_a_second_node(roll):
     for second, pid in enumerate(("77", "77", "99", "99", "55", "55"), 11):
         roll.note("camera", TOLD | {"pid": pid}, float(second))
         roll.note_health(health("camera"), float(second))
         assert roll.statuses(float(second))[0].condition == "active"
 
 
-def test_strangers_are_not_noted_where_it_is_known_who_there_should_be(roll):
+def test_unknown_nodes_are_ignored_if_the_expected_nodes_are_known(roll):
     roll.note("intruder", TOLD, 10.0)
     assert len(roll.statuses(10.0)) == 2
 
@@ -166,12 +166,12 @@ def test_figures_that_are_none_are_left_out(roll):
     assert (camera.cpu_percent, camera.memory_mb, camera.restarts, camera.age) == (None, None, 0, None)
 
 
-def test_what_comes_from_the_network_does_nothing_to_the_terminal():
+def test_control_characters_from_the_network_are_removed():
     assert printable("a\x1b[2Jb\nc\u202e") == "a?[2Jb c?"
     assert len(printable("a" * 10_000)) == 500
 
 
-def test_the_table_shows_each_node_and_what_is_wrong_below(roll):
+def test_the_table_lists_nodes_and_faults_below(roll):
     roll.note("camera", TOLD | {"refused": "3", "refusals": "3 forged", "restarts": "2", "last_error": "hung"}, 20.0)
     roll.note_health(health("camera", "failed", "no device"), 20.0)
     text = shown(roll.statuses(20.0))
@@ -219,7 +219,7 @@ def screen_lines(screen, now, statuses, width=100):
     return written.getvalue().splitlines()
 
 
-def test_the_screen_says_for_how_long_nodes_are_as_they_are(roll):
+def test_the_screen_shows_the_duration_of_each_state(roll):
     screen = Screen(12.0)
     screen.at(10.5, roll.statuses(10.5))
     for second in range(11, 200):
@@ -273,7 +273,7 @@ def test_the_screen_waits_before_it_misses_anybody():
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.4, "0 s"), (59.9, "59 s"), (60, "1 min"), (7300, "2 h"), (2e5, "2 d")]
 )
-def test_times_are_told_in_their_largest_unit(seconds, text):
+def test_times_are_printed_in_their_largest_unit(seconds, text):
     assert in_short(seconds) == text
 
 

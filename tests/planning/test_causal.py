@@ -59,7 +59,7 @@ def schedule(
     )
 
 
-def test_a_crane_waits_for_the_carrier_and_the_carrier_for_nothing():
+def test_the_crane_waits_for_the_carrier_only():
     domain, problem = crane()
     order = causal_order(domain, problem, parse_plan(CRANE_PLAN))
     assert [set(waits) for waits in order.before_start] == [
@@ -269,7 +269,7 @@ def test_any_schedule_that_keeps_the_order_is_valid_when_some_steps_run_already(
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.integers(2, 7))
-def test_the_plan_keeps_to_its_own_order_and_nothing_in_it_is_said_twice(seed, size):
+def test_the_plan_keeps_its_order_without_redundant_triggers(seed, size):
     domain, problem, chance = random_pair(seed)
     plan = random_plan(domain, problem, chance, valid, size)
     order = causal_order(domain, problem, plan)
@@ -283,7 +283,7 @@ def test_the_plan_keeps_to_its_own_order_and_nothing_in_it_is_said_twice(seed, s
                 assert (one.step, "start") not in order.before_start[index]
 
 
-def test_steps_that_contribute_nothing_are_left_out():
+def test_steps_without_a_contribution_are_left_out():
     text = texts.CRANE_PROBLEM.replace("carrier_a - carrier", "carrier_a carrier_b - carrier")
     domain = crane()[0]
     problem = read_problem(text.replace("(away carrier_a)", "(away carrier_a) (away carrier_b)"), domain)

@@ -82,7 +82,7 @@ def test_a_plan_that_does_not_do_it_is_invalid(tmp_path):
     assert popf(tmp_path, saying(solution(wrong))).solve(domain(), problem(), LONG).verdict is PlannerVerdict.INVALID
 
 
-def test_that_it_calls_a_problem_unsolvable_proves_nothing(tmp_path):
+def test_unsolvable_of_the_planner_is_no_proof(tmp_path):
     answer = popf(tmp_path, "echo ';; Problem unsolvable!'").solve(domain(), problem(), LONG)
     assert answer.verdict is PlannerVerdict.GAVE_UP
     assert answer.message == "popf reports that there is no plan, which is no proof"

@@ -32,7 +32,7 @@ def test_a_problem_that_fits_its_domain_is_not_refused():
     assert unsupported_feature(domain(), asked) is None
 
 
-def test_without_a_goal_there_is_nothing_to_ask():
+def test_without_a_goal_the_planner_is_not_called():
     assert unsupported_feature(domain(), replace(problem(), goal=None)) == "the problem has no goal"
 
 

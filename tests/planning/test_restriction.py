@@ -52,7 +52,7 @@ def test_quantified_and_derived_parts_leave_the_action_out_for_all_objects():
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_plans_of_restricted_problems_are_plans_that_touch_nothing_unavailable(seed):
+def test_plans_of_restricted_problems_avoid_unavailable_objects(seed):
     domain, problem, chance = random_pair(seed)
     names = sorted({**domain.predicates})
     name = chance.choice(names)

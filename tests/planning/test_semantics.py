@@ -227,7 +227,7 @@ def test_any_of_several_rules_will_do_each_for_its_own_types():
     assert derived(state(), "light") == {("d",), ("b",)}
 
 
-def test_it_is_derived_anew_after_a_change():
+def test_it_is_derived_again_after_a_change():
     blocks = state()
     assert not blocks.holds(Predicate("clear", ("b",)))
     blocks.apply({Predicate("on", ("a", "b")): False, Predicate("on", ("a", "d")): True})
@@ -258,7 +258,7 @@ def test_a_predicate_cannot_follow_from_its_own_opposite(rules):
 BOX_1 = Predicate("clear", ("box_1",))
 
 
-def test_it_begins_as_the_problem_says():
+def test_it_starts_in_the_initial_state():
     domain, problem = crane()
     state = PddlState.of(problem, domain)
     assert state.holds(Predicate("clear", ("box_2",)))

@@ -104,7 +104,7 @@ def test_required_concurrency():
     assert "cannot go on: (light)" in messages(text.format("5.002"), cellar)[0]
 
 
-def test_two_mends_need_two_hands():
+def test_two_repairs_need_two_hands():
     assert "(free) does not hold" in messages("0: (strike m1) [8]\n0.1: (mend f1) [5]\n0.2: (mend f2) [5]", cellar)[0]
 
 

@@ -341,7 +341,7 @@ def test_people_walk_upright_with_the_head_at_its_height(stature, speed):
 
 
 @given(st.floats(0, 6))
-def test_who_stands_keeps_the_feet_and_hardly_moves(still, time):
+def test_standing_person_keeps_the_feet_and_hardly_moves(still, time):
     pose = still.pose(time)
     for side in "LR":
         assert joint(still, pose, f"foot.{side}") == pytest.approx(still.foot(side, 0.0)[0], abs=0.01)

@@ -51,7 +51,7 @@ def test_half_outside_the_picture_is_half_visible():
     assert outline.visible_share(own, np.full((480, 640), np.inf)) == pytest.approx(0.5, abs=0.02)
 
 
-def test_what_is_nearer_hides_and_what_is_farther_does_not():
+def test_nearer_objects_occlude_farther_ones():
     own, other = sheet(3.0, 100, 200, 100, 200), np.full((480, 640), np.inf)
     other[:, :150] = 2.0
     other[:, 150:] = 4.0
@@ -70,7 +70,7 @@ def test_shadows_lie_on_the_floor_or_on_a_wall(x, y, z):
         assert where[2] >= -1e-6
 
 
-def test_the_sun_reaches_only_what_lies_behind_a_pane():
+def test_the_sun_lights_only_areas_behind_a_pane():
     sun, panes = np.array([-1.0, 0.0, -1.0]), np.array([[4.0, 5.0, 1.0, 2.0]])
     points = np.array([[0.5, 4.5, 0.5], [0.5, 5.5, 0.5], [0.5, 4.5, 1.5]])
     assert outline.sunlit(points, sun, panes, 1.5).tolist() == [True, False, False]
@@ -98,7 +98,7 @@ def test_rays_are_the_projection_backwards(view, across, down, depth):
     assert view.projected(point)[0] == pytest.approx([u, v, depth], abs=0.01)
 
 
-def test_a_camera_that_turns_left_sees_what_stands_left_in_the_middle():
+def test_a_camera_turned_left_shows_objects_on_the_left_in_the_middle():
     left = np.array([[-3.0, 3.0, 1.62]])
     assert optics.View(pitch=0.0, yaw=math.radians(45)).projected(left)[0, :2] == pytest.approx([320, 240])
 
@@ -112,7 +112,7 @@ def test_the_picture_without_the_lens_holds_the_picture_with_it(view):
 
 
 @pytest.mark.parametrize("view", [view for view in VIEWS if view.lens])
-def test_a_lens_takes_what_is_farther_out_farther_out(view):
+def test_a_lens_moves_outer_points_outwards(view):
     radii = np.linspace(0.0, 6.0, 200)
     bent = view.bent(np.stack([radii, 0.4 * radii], 1))[:, 0]
     assert (np.diff(bent) > 0).all()
@@ -136,7 +136,7 @@ def test_turns_go_the_short_way_round():
 
 
 @pytest.mark.parametrize("clip", SCENES, ids=lambda clip: clip.name)
-def test_nobody_walks_through_anybody_or_through_a_wall(clip):
+def test_people_do_not_walk_through_people_or_walls(clip):
     tracks = [(visit, story.Track(visit.role)) for visit in clip.visits]
     for index in range(clip.frames()):
         time = index / story.RATE
@@ -157,7 +157,7 @@ def test_held_back_clips_show_other_people_than_the_tuning_clips():
 
 
 @pytest.mark.parametrize("clip", rooms.ROOMS, ids=lambda clip: clip.name)
-def test_nobody_in_a_room_walks_through_anybody_or_through_a_wall(clip):
+def test_people_in_a_room_do_not_walk_through_people_or_walls(clip):
     tracks, room = [(visit, story.Track(visit.role)) for visit in clip.visits], clip.layout
     for index in range(clip.frames()):
         time, here = index / clip.rate, []
@@ -225,7 +225,7 @@ def test_six_visitors_come_one_after_the_other_and_face_the_camera(clip):
 
 
 @pytest.mark.parametrize("clip", SCENES, ids=lambda clip: clip.name)
-def test_light_fades_only_while_nobody_is_there(clip):
+def test_light_fades_only_in_an_empty_scene(clip):
     fading = [index for index in range(clip.frames()) if 0 < clip.fading(index)[2] < 1]
     assert bool(fading) == bool(clip.fades)
     for index in fading:

@@ -95,7 +95,7 @@ def test_a_cut_keeps_the_winding():
     assert ((crosses(top) * top.points[top.faces].mean(1)).sum(1) > -1e-12).all()
 
 
-def test_a_cut_beside_the_mesh_leaves_all_of_it_or_nothing():
+def test_a_cut_beside_the_mesh_keeps_all_or_none_of_it():
     whole = cube()
     everything, nothing = whole.clipped(np.ones(8)), whole.clipped(-np.ones(8))
     assert (everything.points[everything.faces] == whole.points[whole.faces]).all()
@@ -156,7 +156,7 @@ def test_large_faces_count_more_in_a_normal_than_small_ones():
 
 
 @given(st.integers(0, 8), st.floats(-5, 5))
-def test_smoothing_leaves_what_is_even_and_what_is_pinned(rounds, level):
+def test_smoothing_keeps_even_and_pinned_points(rounds, level):
     made = cube(2)
     pinned = made.points[:, 2] == 1
     rough = np.random.default_rng(rounds).normal(size=(len(made.points), 2)) * [1, 3]

@@ -97,7 +97,7 @@ def test_a_posture_is_taken_and_left_smoothly_and_only_in_its_span(time, later):
     assert made.share(time, "wave") == 0
 
 
-def test_a_load_is_held_all_the_time_and_what_is_done_with_a_hand_is_laid_over_it():
+def test_a_load_is_held_during_hand_motions():
     made = postures((2.0, 8.0, "wave"), carries="box")
     for time in (-5.0, 0.0, 5.0, 100.0):
         assert made.share(time, "carry") == 1

@@ -160,7 +160,7 @@ def test_member_that_does_not_answer_is_replaced():
     assert ward.working() == {"spotrobot2": 1, UVD: 1, NURSE: 1}
 
 
-def test_mission_without_staff_says_whom_it_lacks_until_an_agent_is_back():
+def test_mission_without_staff_names_the_missing_roles_until_an_agent_returns():
     ward = started(patience_s=10.0, rest_s=1.0)
     ward.look(10.1)
     ward.answer(UVD, NURSE)

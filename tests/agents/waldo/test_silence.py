@@ -337,7 +337,7 @@ def crashed(corridor: Corridor, seconds: float) -> None:
     corridor.runner.restart("waldo")
 
 
-def test_who_was_offered_help_is_not_offered_it_again_after_a_crash(tmp_path):
+def test_offer_is_not_repeated_after_a_crash(tmp_path):
     corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
     corridor.until(12, ANNA)
     crashed(corridor, 1.0)
@@ -345,7 +345,7 @@ def test_who_was_offered_help_is_not_offered_it_again_after_a_crash(tmp_path):
     assert what(corridor) == ["greeting", "offer"]
 
 
-def test_who_is_there_through_a_crash_is_offered_help_in_time(tmp_path):
+def test_person_present_during_a_crash_is_offered_help_in_time(tmp_path):
     corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
     corridor.until(5, ANNA)
     crashed(corridor, 1.0)
@@ -353,7 +353,7 @@ def test_who_is_there_through_a_crash_is_offered_help_in_time(tmp_path):
     assert corridor.did == [(0.5, "greeting"), (8.5, "offer")]
 
 
-def test_who_has_left_during_a_crash_is_gone(tmp_path):
+def test_person_who_left_during_a_crash_is_gone(tmp_path):
     corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
     corridor.until(12, ANNA)
     crashed(corridor, 1.0)
@@ -372,7 +372,7 @@ def test_a_silence_of_before_a_crash_is_not_believed_afterwards(tmp_path):
     assert not [belief for belief in beliefs(corridor) if belief.startswith("silent")]
 
 
-def test_who_sees_nothing_after_a_crash_loses_sight_of_those_who_were_there(tmp_path):
+def test_people_are_forgotten_without_detections_after_a_crash(tmp_path):
     corridor = Corridor(mind_file=str(tmp_path / "mind.json"))
     corridor.until(12, ANNA)
     crashed(corridor, 1.0)

@@ -114,11 +114,11 @@ def walks(seconds: float, begin: tuple[float, float], speed: tuple[float, float]
     ],
     ids=["walks up", "walks up beside", "stands", "walks across", "walks away", "passes at a distance"],
 )
-def test_only_who_walks_up_or_stands_is_greeted(begin, speed, greeted):
+def test_only_people_who_approach_or_stand_are_greeted(begin, speed, greeted):
     assert [what for _, what in walks(3.0, begin, speed)] == (["greeting"] if greeted else [])
 
 
-def test_slow_detector_greets_who_walks_up():
+def test_slow_detector_greets_people_who_approach():
     corridor = Corridor()
     for second in range(4):
         corridor.see(replace(ANNA, distance_m=5.0 - second, bearing_rad=0.0))

@@ -165,7 +165,7 @@ UNSUPPORTED = {
 
 
 @pytest.mark.parametrize("text", UNSUPPORTED)
-def test_what_is_not_supported_is_named(text):
+def test_unsupported_constructs_are_named(text):
     first = message(text).splitlines()[0]
     assert re.fullmatch(r"p\.asl:1:\d+: " + re.escape(UNSUPPORTED[text]), first)
 
@@ -175,7 +175,7 @@ def test_what_is_not_supported_is_named(text):
     [(parse_plan, "+b. +c."), (parse_literal, "b c"), (parse_term, "a, b"), (parse_term, ""), (parse_literal, "X"),
      (parse_condition, "a b"), (parse_event, "+b : c"), (parse_event, "b"), (parse_plan, "b")],
 )  # fmt: skip
-def test_nothing_is_left_over(read, text):
+def test_no_text_is_left_over(read, text):
     assert "expected" in message(text, read)
 
 

@@ -212,7 +212,7 @@ def test_a_body(text):
     assert shape(plan) == shape(Plan(Event(Change.WANTED, literal("g")), NOTHING, BODIES[text]))
 
 
-def test_a_label_tells_what_the_engine_knows_from_what_it_does_not():
+def test_a_label_with_known_and_unknown_annotations():
     plan = parse_plan("@l[atomic, x(1), priority(-3), stage(night), y] +b : c <- a.")
     assert (plan.label, plan.atomic, plan.priority, plan.stage) == ("l", True, -3, "night")
     assert shape(plan.annotations) == shape((literal("x", (1,)), Atom("y")))
@@ -255,7 +255,7 @@ def test_the_text_of_a_plan_reads_as_the_plan():
     assert shape(parse_plan(first.text)) == shape(first)
 
 
-def test_a_plan_within_a_plan_knows_its_line_and_text():
+def test_a_nested_plan_has_its_line_and_text():
     outer = parse("\n+b\n<- .add_plan(\n{ +c <- d }).").plans[0].body[0]
     assert isinstance(outer, Do)
     assert isinstance(outer.action, Literal)

@@ -45,7 +45,7 @@ def test_an_operator_knows_how_many_arguments_it_takes():
     assert [count for count in range(5) if way.takes(count)] == [1, 2, 3, 4]
 
 
-def test_declaring_the_same_again_changes_nothing():
+def test_a_repeated_declaration_has_no_effect():
     domain = TaskDomain("d")
     for _ in range(2):
         domain.declare_actions(a_say)
@@ -114,7 +114,7 @@ def test_a_copy_of_a_state_can_be_changed_alone():
     assert other != state
 
 
-def test_a_state_says_which_variable_it_does_not_have():
+def test_a_state_names_a_missing_variable():
     with pytest.raises(AttributeError, match="ward has no state variable 'lok'"):
         _ = TaskState("ward", loc={}).lok
 

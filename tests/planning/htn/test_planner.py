@@ -98,7 +98,7 @@ def test_the_tree_can_be_drawn_and_exported_as_json():
     assert TaskTree.from_data(json.loads(json.dumps(tree.as_data()))) == tree
 
 
-def test_nothing_to_do_is_an_empty_plan_and_no_plan_is_impossible():
+def test_an_empty_plan_differs_from_no_plan():
     planner = TaskPlanner(household())
     for tasks in ([], [("m_rest",)]):
         answer = planner.plan(HERE, tasks)
@@ -323,7 +323,7 @@ def test_the_same_question_gets_the_same_answer():
     assert trees[0] == trees[1] == trees[2]
 
 
-def test_planning_prints_nothing_and_leaves_signals_and_the_gtpyhop_of_others_alone():
+def test_planning_prints_no_text_and_keeps_signals_and_other_gtpyhop_domains():
     code = """
         import signal
         before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]

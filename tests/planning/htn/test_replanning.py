@@ -65,7 +65,7 @@ def day() -> TaskAnswer:
     return answer
 
 
-def test_a_task_that_failed_is_done_in_another_way_and_the_rest_stays():
+def test_a_failed_task_is_decomposed_differently_and_the_rest_is_kept():
     first = day()
     again = PLANNER.replan(DAY, tree(first), node(first, "a_walk(park)"))
     assert texts(again) == ["a_pay(park)", "a_ride(park)", "a_walk(home)", "a_eat()"]
@@ -163,7 +163,7 @@ def test_a_world_that_changed_for_the_worse_changes_the_plan_before_it_fails():
     assert revised.plan[-1] == first.plan[-1]
 
 
-def test_a_task_that_has_begun_goes_on_as_it_is():
+def test_a_started_task_is_kept():
     rain = TaskState(raining=True, bus=True)
     first = PLANNER.plan(rain, [("m_day",)])
     revised = PLANNER.revise(DAY, tree(first), node(first, "a_ride(park)"))
@@ -178,7 +178,7 @@ def test_only_actions_of_the_plan_can_fail(which):
         assert f"no planned action at node {which}" in answer.message
 
 
-def test_the_tree_that_failed_is_left_as_it_was():
+def test_the_failed_tree_is_not_modified():
     first = day()
     before = str(first.tree)
     PLANNER.replan(DAY, tree(first), node(first, "a_walk(park)"))
