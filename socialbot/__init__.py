@@ -60,9 +60,11 @@ if TYPE_CHECKING:
     from socialbot.core.registry import AgentPackage
     from socialbot.deliberation.actions import PlanAction
     from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate
+    from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
     from socialbot.graph.files import dump_graph, load_graph, parse_graph
     from socialbot.graph.inline import InlineRunner
     from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output, Parameter, Timer
+    from socialbot.graph.services import ActionClient, ActionServer, Client, Service
     from socialbot.planning.htn.planner import TaskPlanner
     from socialbot.planning.pddl.reader import read_domain, read_problem
     from socialbot.planning.planners.engines import make_planner
@@ -73,14 +75,15 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ANYTHING", "SECOND", "Action", "ActionRequest", "AgentNode", "AgentPackage", "Atom", "Bag", "BagWriter",
-    "Belief", "CameraInfo", "Clock", "CompressedImage", "Context", "Deliberating", "Delivery", "Engine", "Event",
-    "FactSensor", "Goal", "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input",
-    "Library", "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output",
-    "Parameter", "ParameterError", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
-    "RecordedRun", "RosMessage", "RunResult", "Sensor", "SingletonBelief", "SocialbotError", "Society",
-    "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord",
-    "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
+    "ANYTHING", "SECOND", "Action", "ActionClient", "ActionRequest", "ActionServer", "AgentNode", "AgentPackage",
+    "Atom", "Bag", "BagWriter", "Belief", "CallResult", "CameraInfo", "Client", "Clock", "CompressedImage",
+    "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "Goal", "GoalHandle", "Graph",
+    "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input", "Library", "Literal", "LongAction",
+    "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter", "ParameterError",
+    "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record", "RecordedRun",
+    "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus",
+    "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance",
+    "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
     "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "ros_message",
     "variables",
 ]  # fmt: skip

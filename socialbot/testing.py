@@ -46,10 +46,15 @@ class GraphTester:
     ) -> None:
         if isinstance(graph, type):
             config = NodeConfig("node", graph, parameters or {})
-            graph = Graph("test", (config,), inputs=frozenset(topic for topic, _ in config.subscriptions))
+            graph = Graph(
+                "test",
+                (config,),
+                inputs=frozenset(topic for topic, _ in config.subscriptions),
+                services=frozenset(topic for topic, _ in config.clients),
+            )
         else:
             graph = graph if isinstance(graph, Graph) else load_graph(str(graph))
-            graph = graph.with_parameters(parameters or {})
+            graph = graph.with_parameters(parameters or {}).with_stand_ins()
         self.graph = graph
         self.runner = InlineRunner(graph, start=start)
         self._seen: list[tuple[str, int, Message]] = []

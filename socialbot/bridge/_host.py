@@ -33,6 +33,7 @@ from socialbot.bridge._lifecycle import (
     watch_parameters,
 )
 from socialbot.bridge._node_thread import NodeThread, log_failure, start_failure
+from socialbot.bridge._services import HostedServices
 from socialbot.bridge.diagnostics import (
     Connection,
     DiagnosticsReporter,
@@ -152,6 +153,7 @@ class NodeHost:
         self._latched: dict[Input[Any], Message] = {}
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
+        self._services = HostedServices(self._ros, config, lambda: self.active_thread, sealed=sealed)
         self._unwatch: Callable[[], None] | None = None
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
@@ -239,6 +241,7 @@ class NodeHost:
             subscription = self._ros.create_subscription(kind, topic, receive, qos)
             self._connections.append(subscription_connection(self._graph, topic, subscription))
             self._intra_process.add(name, self, port)
+        self._services.open()
 
     def activate(self) -> None:
         """Start the node with the latched messages and those received while inactive."""
@@ -249,6 +252,7 @@ class NodeHost:
         thread.start()
 
     def deactivate(self) -> None:
+        self._services.stop_goals()
         if self._thread is not None:
             self._thread.stop()
         self._forget_thread()
@@ -256,6 +260,7 @@ class NodeHost:
     def clean_up(self) -> None:
         """Destroy the publishers and subscriptions."""
         self._forget_thread()
+        self._services.close()
         self._intra_process.remove(self)
         for connection in self._connections:
             if not isinstance(connection.endpoint, Publisher):
@@ -273,6 +278,7 @@ class NodeHost:
             clock=self._clock,
             simulated=self._simulated,
             publish=self._publish,
+            channel=self._services.channel,
             connections=self._connections,
             statistics=self.statistics,
             publish_health=self._publish_health,

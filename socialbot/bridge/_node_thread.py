@@ -17,8 +17,10 @@ from socialbot.bridge.transport import is_power_of_ten
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
+from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
 from socialbot.graph.node import Node, NodeConfig, Output, Timer, outcome
+from socialbot.graph.services import ClientPort
 
 R = TypeVar("R")
 
@@ -73,6 +75,7 @@ class _NodeContext:
     clock: Clock
     queue: CallbackQueue
     send: Callable[[Output[Any], Message], None]
+    channel: Callable[[ClientPort], Channel]
     health_monitor: HealthMonitor
     statistics: NodeStatistics
 
@@ -110,6 +113,7 @@ class NodeThread:
         clock: Clock,
         simulated: bool,
         publish: Callable[[Output[Any], Message], None],
+        channel: Callable[[ClientPort], Channel],
         connections: Sequence[Connection],
         statistics: NodeStatistics,
         publish_health: Callable[[Health], None],
@@ -119,7 +123,7 @@ class NodeThread:
         self.failure: SocialbotError | None = None
         self.queue = CallbackQueue(clock.now, simulated=simulated)
         self._health = HealthMonitor(config, clock, publish_health)
-        context = _NodeContext(clock, self.queue, publish, self._health, statistics)
+        context = _NodeContext(clock, self.queue, publish, channel, self._health, statistics)
         self.node: Node = config.type(config.name, context, parameters)
         self._clock = clock
         self._simulated = simulated

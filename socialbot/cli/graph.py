@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from socialbot.cli._options import GraphArgument
-from socialbot.core.errors import InstallationError
+from socialbot.core.errors import GraphError, InstallationError
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
@@ -23,10 +23,13 @@ def graph(graph: GraphArgument) -> None:
 
     loaded = load_graph(graph)
     console = Console(highlight=False)
-    table = Table("node", "input", "output", title=loaded.name, title_justify="left", show_lines=True)
-    for config in loaded.nodes:
-        ports = (config.subscriptions, config.publications)
-        table.add_row(config.name, *("\n".join(topic for topic, _ in each) for each in ports))
+    configs = (*loaded.nodes, *loaded.stand_ins)
+    extra = ("offers", "calls") if any(config.servers or config.clients for config in configs) else ()
+    table = Table("node", "input", "output", *extra, title=loaded.name, title_justify="left", show_lines=True)
+    for config in configs:
+        ports = (config.subscriptions, config.publications, config.servers, config.clients)[: 2 + len(extra)]
+        name = f"{config.name}\n(stand-in)" if config in loaded.stand_ins else config.name
+        table.add_row(name, *("\n".join(topic for topic, _ in each) for each in ports))
     console.print(table)
     for problem in _missing_types(loaded):
         console.print(f"[yellow]warning[/] {escape(problem)}", soft_wrap=True)
@@ -38,15 +41,19 @@ def graph(graph: GraphArgument) -> None:
 
 
 def _missing_types(graph: Graph) -> Iterator[str]:
-    """Yield a sentence for each ROS type of the graph that ROS processes on this machine could not use."""
+    """Yield a sentence for each type or answer that a run of the graph would lack."""
     from socialbot.bridge.transport import message_class
     from socialbot.core.messages import RosMessage
 
-    if find_spec("rclpy") is None:
-        return
-    for topic, kind in sorted(graph.topics().items()):
-        if issubclass(kind, RosMessage):
-            try:
-                message_class(kind.ros_type)
-            except InstallationError as error:
-                yield f"{topic}: {error.what}; only --runner inline can run this graph; {error.remedy}"
+    used = {topic: kind.ros_type for topic, kind in graph.topics().items() if issubclass(kind, RosMessage)}
+    for config in graph.nodes:
+        used |= {topic: port.interface.name for topic, port in (*config.servers, *config.clients)}
+    for topic, name in sorted(used.items()) if find_spec("rclpy") is not None else ():
+        try:
+            message_class(name)
+        except InstallationError as error:
+            yield f"{topic}: {error.what}; only --runner inline can run this graph; {error.remedy}"
+    try:
+        graph.with_stand_ins().expect_answers()
+    except GraphError as error:
+        yield f"{error.where}: {error.what.replace('this run', 'replays and simulations')}; {error.remedy}"

@@ -6,6 +6,9 @@
     inputs: [/camera/image_raw]          # external topics
     paced_by: /humans/bodies/detections  # a replay waits for this topic after each frame
     wire: json                           # or typed: socialbot_msgs instead of JSON
+    services: [/navigate_to_pose]        # services and actions of nodes outside the graph
+    stand_ins:                           # nodes that offer them in replays, simulations and tests
+      navigator: {type: "tests.robot:Navigator"}
     nodes:
       person_detector:
         type: person_detector            # a registered name, or package.module:Class
@@ -49,10 +52,18 @@ def load_graph(name: str) -> Graph:
 def parse_graph(text: str, *, where: str) -> Graph:
     """Parse a graph from YAML. Errors name the source ``where``."""
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "wire", "nodes")
-    nodes = root.section("nodes")
-    configs = tuple(_config(str(node), nodes.section(node), nodes.line(node)) for node in nodes.page)
-    graph = Graph(name=root.text("name"), nodes=configs, inputs=frozenset(root.texts("inputs")))
+    root.only("name", "inputs", "paced_by", "wire", "services", "nodes", "stand_ins")
+    configs, stand_ins = (
+        tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
+        for section in (root.section("nodes"), root.section("stand_ins", {}))
+    )
+    graph = Graph(
+        name=root.text("name"),
+        nodes=configs,
+        inputs=frozenset(root.texts("inputs")),
+        services=frozenset(root.texts("services")),
+        stand_ins=stand_ins,
+    )
     for key in ("paced_by", "wire"):
         try:
             graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
@@ -68,18 +79,24 @@ def dump_graph(graph: Graph) -> str:
         "inputs": sorted(graph.inputs),
         "paced_by": graph.paced_by,
         "wire": graph.wire,
-        "nodes": {
-            config.name: {
-                "type": f"{config.type.__module__}:{config.type.__qualname__}",
-                "parameters": dict(config.parameters),
-                "remap": dict(config.remap),
-            }
-            for config in graph.nodes
-        },
+        **({"services": sorted(graph.services)} if graph.services else {}),
+        "nodes": _page(graph.nodes),
+        **({"stand_ins": _page(graph.stand_ins)} if graph.stand_ins else {}),
     }
     text = io.StringIO()
     YAML(typ="rt").dump(page, text)
     return text.getvalue()
+
+
+def _page(configs: Sequence[NodeConfig]) -> dict[str, object]:
+    return {
+        config.name: {
+            "type": f"{config.type.__module__}:{config.type.__qualname__}",
+            "parameters": dict(config.parameters),
+            "remap": dict(config.remap),
+        }
+        for config in configs
+    }
 
 
 def node_type(name: str, *, where: str = "") -> type[Node]:

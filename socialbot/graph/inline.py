@@ -11,21 +11,27 @@ import itertools
 import logging
 import queue
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.core.clock import ManualClock, nanoseconds
+from socialbot.core.clock import Clock, ManualClock, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
+from socialbot.graph._local_services import LocalChannel, LocalServices
+from socialbot.graph.calls import Channel
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
 from socialbot.graph.node import EVERYBODY, Delivery, Graph, Input, Node, NodeConfig, Output, Timer, outcome
+from socialbot.graph.services import ClientPort
 
 log = logging.getLogger("socialbot.graph.inline")
 
 R = TypeVar("R")
 
 Tap = Callable[[str, Message], None]
+
+Recorded = Callable[[Clock, Callable[[int, Callable[[], None]], object]], Channel]
+"""Factory of a channel with recorded answers, from the clock and the timers of a node."""
 
 
 @dataclass
@@ -49,6 +55,8 @@ class _Context:
         self._runner = runner
         self.health_monitor = HealthMonitor(config, runner.clock, self._publish_health)
         self._topics = {port.name: topic for topic, port in config.publications}
+        self._channels: dict[str, Channel] = {}
+        self._clients = {port.name: topic for topic, port in config.clients}
         self._health_topics = (HEALTH_TOPIC, own_health_topic(config.name))
         self._last = config.type.is_simulator
 
@@ -62,6 +70,18 @@ class _Context:
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)
+
+    def channel(self, port: ClientPort) -> Channel:
+        channel = self._channels.get(port.name)
+        if channel is None:
+            topic = self._clients[port.name]
+            recorded = self._runner.recorded.get(topic)
+            channel = self._channels[port.name] = (
+                LocalChannel(self._runner.services, self, topic)
+                if recorded is None
+                else recorded(self.clock, self.call_at)
+            )
+        return channel
 
     def begin_health(self, node: Node) -> None:
         """Start the health monitor. It publishes only on topics with a listener."""
@@ -105,10 +125,13 @@ class _Context:
 class InlineRunner:
     """Runner of ``graph`` in simulated time from ``start`` (ns).
 
-    It logs the first exception of a node, counts all in ``faults``, and continues.
+    It logs the first exception of a node, counts all in ``faults``, and continues. Calls of the services in
+    ``recorded`` are answered by these channels instead of by nodes.
     """
 
-    def __init__(self, graph: Graph, *, start: int = 0) -> None:
+    def __init__(self, graph: Graph, *, start: int = 0, recorded: Mapping[str, Recorded] | None = None) -> None:
+        self.recorded = dict(recorded or {})
+        self.services = LocalServices(self)
         self.clock = ManualClock(start)
         self.nodes: dict[str, Node] = {}
         self.faults: dict[str, Faults] = {}
@@ -132,6 +155,8 @@ class InlineRunner:
             self.faults[config.name] = Faults()
             for topic, port in config.subscriptions:
                 self._listeners.setdefault(topic, []).append((config.name, port))
+            for topic, server in config.servers:
+                self.services.offer(topic, config.name, server)
         self.heard.update(self._listeners)
         self._address()
 
@@ -147,6 +172,7 @@ class InlineRunner:
         """Simulate a crash of the node's process: drop the node and its timers without `Node.stop`."""
         self._contexts.pop(name).alive = False
         del self.nodes[name]
+        self.services.on_kill(name)
 
     def restart(self, name: str) -> None:
         """Create and start a node again after `kill`. Raises the same errors as `start`."""
@@ -157,7 +183,12 @@ class InlineRunner:
         for topic, port in config.subscriptions:
             if port.delivery is Delivery.LATCHED and topic in self._latched:
                 self.guard(self._contexts[name], port.deliver, node, self._latched[topic])
+        self.services.on_start(name)
         self._drain()
+
+    def context_of(self, name: str) -> _Context | None:
+        """Context of a node; None after `kill`."""
+        return self._contexts.get(name)
 
     def close(self) -> None:
         for name, node in self.nodes.items():

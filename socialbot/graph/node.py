@@ -22,7 +22,7 @@ from __future__ import annotations
 import enum
 import logging
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
 
@@ -30,6 +30,8 @@ from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import GraphError, MessageError, ParameterError, suggestion
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State, is_ros_message, ros_message
+from socialbot.graph.calls import Channel
+from socialbot.graph.services import ClientPort, ServerPort, check_services, recorded_topic
 
 if TYPE_CHECKING:
     from socialbot.graph.health import HealthMonitor
@@ -250,6 +252,11 @@ class Context(Protocol):
         """Call ``callback`` in the thread of the node as soon as possible; thread-safe."""
         ...
 
+    @property
+    def channel(self) -> Callable[[ClientPort], Channel]:
+        """Function that returns the connection to the servers of a client."""
+        ...
+
     def run_in_background(self, work: Callable[[], R], then: Callable[[R | Exception], None]) -> None:
         """Run ``work`` in a thread of its own, then call ``then`` with its result or exception.
 
@@ -279,10 +286,13 @@ class Node:
     _inputs: ClassVar[Mapping[str, Input[Any]]] = {}
     _outputs: ClassVar[Mapping[str, Output[Any]]] = {}
     _parameters: ClassVar[Mapping[str, Parameter[Any]]] = {}
+    _servers: ClassVar[Mapping[str, ServerPort]] = {}
+    _clients: ClassVar[Mapping[str, ClientPort]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         cls._inputs, cls._outputs = _declared(cls, Input), _declared(cls, Output)
+        cls._servers, cls._clients = _declared(cls, ServerPort), _declared(cls, ClientPort)
         cls._parameters = _declared(cls, Parameter)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -306,6 +316,16 @@ class Node:
     def parameters(cls) -> Mapping[str, Parameter[Any]]:
         """The parameters by name."""
         return cls._parameters
+
+    @classmethod
+    def servers(cls) -> Mapping[str, ServerPort]:
+        """The services and actions that the node offers, by attribute name."""
+        return cls._servers
+
+    @classmethod
+    def clients(cls) -> Mapping[str, ClientPort]:
+        """The services and actions that the node calls, by attribute name."""
+        return cls._clients
 
     @classmethod
     def expect_available(cls, parameters: Mapping[str, object]) -> None:
@@ -373,7 +393,7 @@ def outcome(work: Callable[[], R]) -> R | Exception:
         return error
 
 
-def _declared(cls: type, kind: type) -> dict[str, Any]:
+def _declared(cls: type, kind: Any) -> dict[str, Any]:
     """Return the ports or parameters of a class and its base classes, those of base classes first."""
     pairs = (pair for base in reversed(cls.__mro__) for pair in vars(base).items())
     return {name: value for name, value in pairs if isinstance(value, kind)}
@@ -413,13 +433,13 @@ class NodeConfig:
         for topic in self.remap.values():
             if not TOPIC_NAME.fullmatch(topic):
                 raise GraphError(f"no valid topic: {topic!r}", where=place, remedy="use names of letters, digits and _")
-        ports = {*self.type.inputs(), *self.type.outputs()}
+        ports = {*self.type.inputs(), *self.type.outputs(), *self.type.servers(), *self.type.clients()}
         for port in self.remap:
             if port not in ports:
                 raise GraphError(f"no input or output {port!r}", where=place, remedy=suggestion(port, ports))
         check_parameters(self.type, self.parameters, where=place)
 
-    def topic(self, port: Input[Any] | Output[Any]) -> str:
+    def topic(self, port: Input[Any] | Output[Any] | ServerPort | ClientPort) -> str:
         """The full topic of ``port``."""
         topic = self.remap.get(port.name, port.topic)
         return f"/{self.name}{topic[1:]}" if topic.startswith("~") else topic
@@ -434,6 +454,16 @@ class NodeConfig:
         """Topic and port of each output."""
         return [(self.topic(port), port) for port in self.type.outputs().values()]
 
+    @property
+    def servers(self) -> list[tuple[str, ServerPort]]:
+        """Name and port of each service and action that the node offers."""
+        return [(self.topic(port), port) for port in self.type.servers().values()]
+
+    @property
+    def clients(self) -> list[tuple[str, ClientPort]]:
+        """Name and port of each service and action that the node calls."""
+        return [(self.topic(port), port) for port in self.type.clients().values()]
+
 
 @dataclass(frozen=True)
 class Graph:
@@ -443,6 +473,8 @@ class Graph:
         inputs: External topics, of a robot's own driver or a bag.
         paced_by: Topic that answers each camera frame; a replay waits for it, so it drops no frames.
         wire: Encoding of structured messages over ROS; invisible to nodes.
+        services: Services and actions of nodes outside the graph.
+        stand_ins: Nodes that offer such services where there is no robot: in replays, simulations and tests.
     """
 
     name: str
@@ -450,6 +482,8 @@ class Graph:
     inputs: frozenset[str] = frozenset()
     paced_by: str = ""
     wire: WireForm = "json"
+    services: frozenset[str] = frozenset()
+    stand_ins: tuple[NodeConfig, ...] = ()
 
     placements = RenamedAttribute("nodes")
     placement = RenamedAttribute("node")
@@ -459,12 +493,18 @@ class Graph:
 
     def check(self) -> None:
         """Check the graph. Raises GraphError or ParameterError."""
-        names = [config.name for config in self.nodes]
+        configs = (*self.nodes, *self.stand_ins)
+        names = [config.name for config in configs]
         for name in names:
             if names.count(name) > 1:
                 raise GraphError(f"two nodes are called {name!r}", where=self.name, remedy="give each its own name")
-        for config in self.nodes:
+        for config in configs:
             config.check(self.name)
+        for config in self.stand_ins:
+            if not config.servers:
+                what = f"the stand-in {config.name} offers no service and no action"
+                raise GraphError(what, where=config.place(self.name), remedy="name it under 'nodes'")
+        check_services(self.name, configs, self.services)
         if self.wire not in get_args(WireForm):
             remedy = suggestion(self.wire, get_args(WireForm))
             raise GraphError(f"no form of messages: {self.wire!r}", where=f"{self.name}.wire", remedy=remedy)
@@ -509,23 +549,49 @@ class Graph:
         }
 
     def node(self, name: str) -> NodeConfig:
-        """The configuration of the node ``name``. Raises GraphError if it is unknown."""
-        for config in self.nodes:
+        """The configuration of the node or stand-in ``name``. Raises GraphError if it is unknown."""
+        for config in (*self.nodes, *self.stand_ins):
             if config.name == name:
                 return config
         names = [config.name for config in self.nodes]
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
     def without_sources(self) -> Graph:
-        """Return this graph without its sources: simulators and nodes without inputs, such as cameras."""
-        sources = [one for one in self.nodes if not one.subscriptions or one.type.is_simulator]
+        """Return this graph without its sources: simulators and nodes without inputs, such as cameras.
+
+        A node that offers or calls a service is no source.
+        """
+        sources = [
+            one for one in self.nodes if not (one.subscriptions or one.servers or one.clients) or one.type.is_simulator
+        ]
         fed = {topic for config in sources for topic, _ in config.publications}
         kept = tuple(config for config in self.nodes if config not in sources)
         return replace(self, nodes=kept, inputs=self.inputs | fed)
+
+    def with_stand_ins(self, answered: Collection[str] = ()) -> Graph:
+        """Return this graph with the stand-ins for services outside it, except those ``answered`` in another way."""
+        used = tuple(one for one in self.stand_ins if not all(topic in answered for topic, _ in one.servers))
+        return replace(self, nodes=(*self.nodes, *used), stand_ins=())
+
+    def expect_answers(self, answered: Collection[str] = ()) -> None:
+        """Raise GraphError if a client has no server in this graph, and is not ``answered`` in another way."""
+        known = {*answered, *(topic for config in self.nodes for topic, _ in config.servers)}
+        for config in self.nodes:
+            for topic, port in config.clients:
+                if topic not in known and not port.optional:
+                    raise GraphError(
+                        f"nobody answers {topic} ({port.interface.name}) in this run",
+                        where=f"{config.place(self.name)}.{port.name}",
+                        remedy="declare a node that offers it under 'stand_ins', or replay a bag that holds "
+                        f"{recorded_topic(port, topic)}",
+                    )
 
     def with_parameters(self, changes: Mapping[str, Mapping[str, object]]) -> Graph:
         """Return this graph with changed parameters, by node name and parameter name."""
         for name in changes:
             self.node(name)
-        nodes = tuple(replace(one, parameters={**one.parameters, **changes.get(one.name, {})}) for one in self.nodes)
-        return replace(self, nodes=nodes)
+
+        def changed(configs: tuple[NodeConfig, ...]) -> tuple[NodeConfig, ...]:
+            return tuple(replace(one, parameters={**one.parameters, **changes.get(one.name, {})}) for one in configs)
+
+        return replace(self, nodes=changed(self.nodes), stand_ins=changed(self.stand_ins))

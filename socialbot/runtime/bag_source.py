@@ -95,7 +95,8 @@ class BagSource(RunSource):
         # Simulated speech has the duration of its sound, without playback.
         playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
         graph = _with_camera_pose(graph, self.bag.path)
-        graph = with_speech_files(graph.without_sources(), folder, **playback)
+        graph = with_speech_files(graph.without_sources().with_stand_ins(), folder, **playback)
+        graph.expect_answers()
         self._feeds = feeding(self.bag, graph, self.image_topic)
         return graph
 

@@ -91,6 +91,8 @@ class SimulatedSource(RunSource):
     _write: Callable[[str, Message], None] | None = field(default=None, init=False)
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
+        graph = graph.with_stand_ins()
+        graph.expect_answers()
         self._check = completion_check(graph)
         return with_speech_files(graph, folder, playback="off")
 

@@ -1,0 +1,475 @@
+"""Services and actions of one hosted node over rclpy.
+
+rclpy works in the executor thread: it takes requests and answers there. The node gets them in its own thread.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action.client import ActionClient as RosActionClient
+from rclpy.action.server import ActionServer as RosActionServer
+from rclpy.action.server import CancelResponse, GoalResponse
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock_type import ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node as RosNode
+from rclpy.qos import qos_profile_system_default
+from rclpy.serialization import serialize_message
+from rclpy.service_introspection import ServiceIntrospectionState
+from rclpy.task import Future
+
+from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.bridge.transport import message_class
+from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.graph.calls import Channel, GoalHandle, Outcome, PendingCall
+from socialbot.graph.node import NodeConfig
+from socialbot.graph.services import ActionServer, ClientPort, ServerPort, Service
+
+if TYPE_CHECKING:
+    from socialbot.bridge._node_thread import NodeThread
+
+CHECK_PERIOD_S = 0.05  # period to look for servers while a call is in progress
+
+_OUTCOMES: dict[int, Outcome] = {
+    GoalStatus.STATUS_SUCCEEDED: "succeeded",
+    GoalStatus.STATUS_CANCELED: "cancelled",
+    GoalStatus.STATUS_ABORTED: "aborted",
+    GoalStatus.STATUS_UNKNOWN: "lost",
+}
+
+
+class HostedServices:
+    """Servers and clients of the node ``config``.
+
+    ``thread`` returns the thread of the node; None while it is not active.
+    """
+
+    def __init__(
+        self, ros: RosNode, config: NodeConfig, thread: Callable[[], NodeThread | None], *, sealed: bool
+    ) -> None:
+        self._ros = ros
+        self._config = config
+        self._thread = thread
+        self._sealed = sealed
+        self._channels: dict[str, _RosChannel] = {}
+        self._servers: list[_RosService | _RosAction] = []
+
+    def open(self) -> None:
+        """Create the clients and servers of rclpy.
+
+        Raises:
+            InstallationError: A type is not installed.
+            ParameterError: A service would be offered without a signature in a graph with keys.
+        """
+        for topic, port in self._config.clients:
+            try:
+                kind = message_class(port.interface.name)
+            except InstallationError as error:
+                if not port.optional:
+                    raise
+                self._ros.get_logger().info(f"the client {port.name} is not used: {error.what}")
+                continue
+            make = _ActionChannel if port.interface.is_action else _ServiceChannel
+            self._channels[port.name] = make(self._ros, topic, kind, self._report)
+        for topic, port in self._config.servers:
+            if self._sealed:
+                expect_open(topic, port)
+            kind = message_class(port.interface.name)
+            offer = _RosService if isinstance(port, Service) else _RosAction
+            self._servers.append(offer(self._ros, topic, kind, port, self._thread))
+
+    def channel(self, port: ClientPort) -> Channel:
+        """The channel of a client."""
+        channel = self._channels.get(port.name)
+        return _NoChannel(self._config.topic(port)) if channel is None else channel
+
+    def stop_goals(self) -> None:
+        """Abort the goals that the node works on."""
+        for server in self._servers:
+            server.stop_goals()
+
+    def close(self) -> None:
+        """Destroy the clients and servers."""
+        for each in (*self._channels.values(), *self._servers):
+            each.close()
+        self._channels.clear()
+        self._servers.clear()
+
+    def _report(self, callback: Callable[..., None], *arguments: Any) -> None:
+        thread = self._thread()
+        if thread is not None:
+            thread.queue.call_soon(functools.partial(callback, *arguments))
+
+
+def expect_open(topic: str, port: ServerPort) -> None:
+    """Raise ParameterError unless a service may be offered in a graph with keys."""
+    if not port.open_to_all:
+        raise ParameterError(
+            f"{topic} cannot be signed, so anybody in the network could call it",
+            where=KEYS_VARIABLE,
+            remedy="write open_to_all=True at the service to offer it anyway, or unset the variable",
+        )
+
+
+class _NoChannel:
+    """Channel of an optional client whose type is not installed."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+
+    def send(self, call: PendingCall) -> None:
+        """The call ends without a server."""
+
+    def cancel(self, call: PendingCall) -> None: ...
+
+
+class _RosChannel:
+    """Channel that sends calls once there is a server, and notices when it goes away.
+
+    All methods but `send` and `cancel` run in the executor thread.
+    """
+
+    def __init__(self, ros: RosNode, topic: str, watched: str, report: Callable[..., None]) -> None:
+        self.topic = topic
+        self._ros = ros
+        self._watched = watched
+        self._report = report
+        self._waiting: list[PendingCall] = []
+        self._sent: dict[PendingCall, frozenset[bytes]] = {}
+        clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
+        self._timer = ros.create_timer(CHECK_PERIOD_S, self._check, clock=clock, autostart=False)
+
+    def send(self, call: PendingCall) -> None:
+        _expect_valid(call.message, self.topic)
+        _in_executor(self._ros, self._open, call)
+
+    def cancel(self, call: PendingCall) -> None:
+        _in_executor(self._ros, self._cancel, call)
+
+    def close(self) -> None:
+        self._ros.destroy_timer(self._timer)
+
+    def _open(self, call: PendingCall) -> None:
+        if self._is_ready():
+            self._transmit(call)
+        else:
+            self._waiting.append(call)
+        self._timer.reset()
+
+    def _transmit(self, call: PendingCall) -> None:
+        self._sent[call] = frozenset(self._endpoints())
+        self._report(call.on_sent)
+        self._request(call)
+
+    def _check(self) -> None:
+        self._waiting = [call for call in self._waiting if call.result is None]
+        self._sent = {call: servers for call, servers in self._sent.items() if call.result is None}
+        if self._waiting and self._is_ready():
+            waiting, self._waiting = self._waiting, []
+            for call in waiting:
+                self._transmit(call)
+        present = self._endpoints() if self._sent else {}
+        for call, servers in self._sent.items():
+            # A killed process stays discovered for a while, but its successor has the same name.
+            successors = {node for server, node in present.items() if server not in servers}
+            if not any(server in servers and node not in successors for server, node in present.items()):
+                self._report(call.end, "lost")
+        if not self._waiting and not self._sent:
+            self._timer.cancel()
+
+    def _endpoints(self) -> dict[bytes, str]:
+        """The node of each server by its id. The name of a new node may be unknown at first."""
+        found = self._ros.get_publishers_info_by_topic(self._watched, no_mangle=True)
+        return {bytes(one.endpoint_gid): f"{one.node_namespace}/{one.node_name}" for one in found}
+
+    def _cancel(self, call: PendingCall) -> None:
+        if call in self._waiting:
+            self._waiting.remove(call)
+
+    def _is_ready(self) -> bool:
+        raise NotImplementedError
+
+    def _request(self, call: PendingCall) -> None:
+        raise NotImplementedError
+
+
+def _in_executor(ros: RosNode, callback: Callable[..., None], *arguments: Any) -> None:
+    """Call ``callback`` in the executor thread, which then resumes its coroutines. Errors are logged."""
+
+    def run() -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:  # noqa: BLE001 - it would end the executor, and the process
+            ros.get_logger().warning(f"{type(error).__name__}: {error}")
+
+    executor = ros.executor
+    if executor is not None:
+        executor.create_task(run)
+
+
+def _expect_valid(message: Any, where: str) -> None:
+    """Raise MessageError if rclpy cannot send ``message``."""
+    try:
+        serialize_message(message)
+    except Exception as error:
+        raise MessageError(f"not a valid {type(message).__name__}: {error}", where=where) from error
+
+
+class _ServiceChannel(_RosChannel):
+    def __init__(self, ros: RosNode, topic: str, kind: Any, report: Callable[..., None]) -> None:
+        super().__init__(ros, topic, f"rr{ros.resolve_service_name(topic)}Reply", report)
+        self._client = ros.create_client(kind, topic)
+        # The events make a recording of the run complete: a replay answers from them.
+        self._client.configure_introspection(
+            ros.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+        )
+        self._futures: dict[PendingCall, Future] = {}
+
+    def close(self) -> None:
+        super().close()
+        self._ros.destroy_client(self._client)
+
+    def _is_ready(self) -> bool:
+        return self._client.service_is_ready()
+
+    def _request(self, call: PendingCall) -> None:
+        future = self._futures[call] = self._client.call_async(call.message)
+        future.add_done_callback(functools.partial(self._on_response, call))
+
+    def _on_response(self, call: PendingCall, future: Any) -> None:
+        if self._futures.pop(call, None) is not None:
+            self._report(call.end, "succeeded", future.result())
+
+    def _cancel(self, call: PendingCall) -> None:
+        super()._cancel(call)
+        future = self._futures.pop(call, None)
+        if future is not None:
+            self._client.remove_pending_request(future)
+
+
+class _ActionChannel(_RosChannel):
+    def __init__(self, ros: RosNode, topic: str, kind: Any, report: Callable[..., None]) -> None:
+        super().__init__(ros, topic, f"rt{ros.resolve_service_name(topic)}/_action/status", report)
+        self._client = RosActionClient(ros, kind, topic)
+        self._goals: dict[PendingCall, Any] = {}
+        """Handle of each sent goal; None until the server has answered."""
+        self._unwanted: set[PendingCall] = set()
+
+    def close(self) -> None:
+        super().close()
+        self._client.destroy()
+
+    def _is_ready(self) -> bool:
+        return self._client.server_is_ready()
+
+    def _request(self, call: PendingCall) -> None:
+        self._goals[call] = None
+        future = self._client.send_goal_async(
+            call.message, feedback_callback=lambda message: self._report(call.on_feedback, message.feedback)
+        )
+        future.add_done_callback(functools.partial(self._on_answer, call))
+
+    def _on_answer(self, call: PendingCall, future: Any) -> None:
+        goal = future.result()
+        if not goal.accepted:
+            self._forget(call)
+            self._report(call.end, "rejected")
+            return
+        self._goals[call] = goal
+        self._report(call.on_accepted)
+        goal.get_result_async().add_done_callback(functools.partial(self._on_result, call))
+        if call in self._unwanted:
+            self._ask_to_cancel(call)
+
+    def _on_result(self, call: PendingCall, future: Any) -> None:
+        self._forget(call)
+        answer = future.result()
+        outcome = _OUTCOMES.get(answer.status, "aborted")
+        self._report(call.end, outcome, None if outcome == "lost" else answer.result)
+
+    def _forget(self, call: PendingCall) -> None:
+        self._goals.pop(call, None)
+        self._unwanted.discard(call)
+
+    def _cancel(self, call: PendingCall) -> None:
+        super()._cancel(call)
+        if call in self._goals:
+            self._unwanted.add(call)
+            if self._goals[call] is not None:
+                self._ask_to_cancel(call)
+
+    def _ask_to_cancel(self, call: PendingCall) -> None:
+        future = self._goals[call].cancel_goal_async()
+        future.add_done_callback(functools.partial(self._on_cancel_answer, call))
+
+    def _on_cancel_answer(self, call: PendingCall, future: Any) -> None:
+        self._unwanted.discard(call)
+        answer = future.result()
+        if not answer.goals_canceling and answer.return_code != CancelGoal.Response.ERROR_GOAL_TERMINATED:
+            self._report(call.on_cancel_refused)
+
+
+class _RosService:
+    """Service of a node, which answers in its own thread."""
+
+    def __init__(
+        self, ros: RosNode, topic: str, kind: Any, port: ServerPort, thread: Callable[[], NodeThread | None]
+    ) -> None:
+        assert isinstance(port, Service)
+        self._ros = ros
+        self._port = port
+        self._thread = thread
+        # rclpy passes the result of the callback to send_response at once. Here it is the request, answered later.
+        self._service = ros.create_service(kind, topic, lambda request, _: request)
+        self._send = self._service.send_response
+        self._service.send_response = self._take  # type: ignore[method-assign]
+
+    def stop_goals(self) -> None: ...
+
+    def close(self) -> None:
+        self._ros.destroy_service(self._service)
+
+    def _take(self, request: Any, header: Any) -> None:
+        thread = self._thread()
+        if thread is not None:
+            thread.queue.call_soon(functools.partial(self._answer, thread, request, header))
+
+    def _answer(self, thread: NodeThread, request: Any, header: Any) -> None:
+        response = self._port.answer(thread.node, request)
+        _expect_valid(response, self._port.topic)
+        try:
+            self._send(response, header)
+        except rclpy_implementation.RCLError as error:
+            logging.getLogger(f"socialbot.{thread.name}").info("the client of %s is gone: %s", self._port.topic, error)
+
+
+class _RosAction:
+    """Action of a node, which works on goals in its own thread."""
+
+    def __init__(
+        self, ros: RosNode, topic: str, kind: Any, port: ServerPort, thread: Callable[[], NodeThread | None]
+    ) -> None:
+        assert isinstance(port, ActionServer)
+        self._ros = ros
+        self._kind = kind
+        self._port = port
+        self._thread = thread
+        self._new: dict[int, _RosGoal] = {}
+        """Goals that the node has accepted, by the id of their message."""
+        self._goals: dict[bytes, _RosGoal] = {}
+        self._server = RosActionServer(
+            ros,
+            kind,
+            topic,
+            self._never,
+            goal_callback=self._decide,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    def stop_goals(self) -> None:
+        for each in (*self._new.values(), *self._goals.values()):
+            each.goal.abort()
+
+    def close(self) -> None:
+        self.stop_goals()
+        self._server.destroy()
+
+    def _never(self, handle: Any) -> Any:
+        raise NotImplementedError("goals end when the node says so")
+
+    async def _decide(self, request: Any) -> GoalResponse:
+        thread = self._thread()
+        if thread is None:
+            return GoalResponse.REJECT
+        made = self._new[id(request)] = _RosGoal(self._ros, self._port.topic)
+        made.goal = GoalHandle(self._port.interface, request, made)
+        thread.queue.call_soon(functools.partial(self._start, thread, made))
+        await made.decided
+        if made.goal.rejected:
+            del self._new[id(request)]
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _start(self, thread: NodeThread, made: _RosGoal) -> None:
+        try:
+            self._port.start(thread.node, made.goal)
+        finally:
+            _in_executor(self._ros, made.decided.set_result, None)
+
+    def _on_accepted(self, handle: Any) -> None:
+        made = self._new.pop(id(handle.request))
+        self._goals[bytes(handle.goal_id.uuid)] = made
+
+        async def result(_: Any) -> Any:
+            await made.ended
+            del self._goals[bytes(handle.goal_id.uuid)]
+            return made.result
+
+        handle.execute(result)
+        made.begin(handle)
+
+    def _on_cancel(self, handle: Any) -> CancelResponse:
+        made = self._goals.get(bytes(handle.goal_id.uuid))
+        if made is None or not made.goal.active:
+            return CancelResponse.REJECT
+        # The goal is cancelling only after this has returned.
+        _in_executor(self._ros, self._pass_on_cancel, made)
+        return CancelResponse.ACCEPT
+
+    def _pass_on_cancel(self, made: _RosGoal) -> None:
+        thread = self._thread()
+        if thread is not None:
+            thread.queue.call_soon(functools.partial(self._port.cancel, thread.node, made.goal))
+
+
+@dataclass(eq=False)
+class _RosGoal:
+    """`GoalChannel` of one goal. Its reports before the acceptance wait for it."""
+
+    ros: RosNode
+    topic: str
+    goal: GoalHandle = field(init=False)
+    result: Any = None
+    decided: Future = field(default_factory=Future)
+    ended: Future = field(default_factory=Future)
+    _handle: Any = None
+    _early: list[Callable[[], None]] = field(default_factory=list)
+
+    def begin(self, handle: Any) -> None:
+        """Send what waits. Called in the executor thread, as are all reports."""
+        self._handle = handle
+        for report in self._early:
+            report()
+        self._early.clear()
+
+    def feedback(self, message: Any) -> None:
+        _expect_valid(message, self.topic)
+        _in_executor(self.ros, self._report, lambda: self._handle.publish_feedback(message))
+
+    def end(self, outcome: Outcome, result: Any) -> None:
+        _expect_valid(result, self.topic)
+        _in_executor(self.ros, self._report, functools.partial(self._end, outcome, result))
+
+    def _report(self, report: Callable[[], None]) -> None:
+        if self._handle is None:
+            self._early.append(report)
+        else:
+            report()
+
+    def _end(self, outcome: Outcome, result: Any) -> None:
+        self.result = result
+        change = {
+            "succeeded": self._handle.succeed,
+            "aborted": self._handle.abort,
+            "cancelled": self._handle.canceled,
+        }[outcome]
+        change()
+        self.ended.set_result(None)

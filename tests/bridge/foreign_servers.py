@@ -1,0 +1,94 @@
+"""Servers of plain rclpy, in a process of their own: ``python foreign_servers.py [MODE]``.
+
+/light is a std_srvs/SetBool that is refused when it is lit already; /deaf answers nothing within a minute. /count is a
+test_msgs/Fibonacci: it counts down from ``order`` with feedback every 50 ms, rejects orders above 100, and aborts
+negative ones. With the mode "stubborn" it refuses to cancel.
+"""
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from threading import Thread
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+try:
+    from test_msgs.action import Fibonacci
+except ImportError:
+    Fibonacci = None
+
+
+class Servers(Node):
+    def __init__(self, mode: str) -> None:
+        super().__init__("servers")
+        group = ReentrantCallbackGroup()
+        self.lit = False
+        self.mode = mode
+        self.create_service(SetBool, "/light", self.on_light, callback_group=group)
+        self.create_service(SetBool, "/deaf", self.on_deaf, callback_group=group)
+        if Fibonacci is not None:
+            self.server = ActionServer(
+                self,
+                Fibonacci,
+                "/count",
+                self.count,
+                callback_group=group,
+                goal_callback=lambda goal: GoalResponse.REJECT if goal.order > 100 else GoalResponse.ACCEPT,
+                cancel_callback=lambda _: CancelResponse.REJECT if mode == "stubborn" else CancelResponse.ACCEPT,
+            )
+
+    def on_light(self, request: Any, response: Any) -> Any:
+        response.success = request.data != self.lit
+        response.message = "" if response.success else "it is so already"
+        self.lit = request.data
+        return response
+
+    def on_deaf(self, request: Any, response: Any) -> Any:
+        time.sleep(60.0)
+        return response
+
+    def count(self, goal: Any) -> Any:
+        assert Fibonacci is not None
+        result = Fibonacci.Result()
+        if goal.request.order < 0:
+            goal.abort()
+            return result
+        done = []
+        for left in range(goal.request.order, 0, -1):
+            if goal.is_cancel_requested:
+                goal.canceled()
+                result.sequence = done
+                return result
+            done.append(left)
+            goal.publish_feedback(Fibonacci.Feedback(sequence=done))
+            time.sleep(0.05)
+        goal.succeed()
+        result.sequence = done
+        return result
+
+
+def main() -> None:
+    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    node = Servers(sys.argv[1] if len(sys.argv) > 1 else "")
+    executor = MultiThreadedExecutor(4)
+    executor.add_node(node)
+    Thread(target=lambda: (sys.stdin.read(), rclpy.try_shutdown()), daemon=True).start()
+    print("ready", flush=True)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        executor.spin()
+    node.destroy_node()
+    sys.stdout.flush()
+    os._exit(0)  # not waiting for the thread of /deaf
+
+
+if __name__ == "__main__":
+    main()

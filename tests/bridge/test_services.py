@@ -1,0 +1,343 @@
+"""Services and actions over DDS, with plain rclpy nodes in a process of their own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from std_srvs.srv import SetBool, Trigger
+
+from socialbot.core.errors import MessageError, NodeError, ParameterError
+from socialbot.graph.calls import CallResult, GoalHandle
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.services import ActionClient, ActionServer, Client, Service
+from tests.bridge.hosting import node_hosts, spinning_nodes
+from tests.system.running import eventually
+
+COUNT = "test_msgs/action/Fibonacci"
+
+
+class Caller(Node):
+    """Calls the services and actions of the tests."""
+
+    light = Client(SetBool, "/light")
+    deaf = Client("std_srvs/srv/SetBool", "/deaf", deadline_s=0.5)
+    results: tuple[CallResult, ...] = ()
+
+    def on_result(self, result: CallResult) -> None:
+        self.results += (result,)
+
+
+class Counter(Caller):
+    """Counts by an action."""
+
+    count = ActionClient(COUNT, "/count")
+    seen: tuple[int, ...] = ()
+
+    def start_count(self, order: int, **options: Any) -> Any:
+        return self.count.send_goal({"order": order}, self.on_result, feedback=self.on_feedback, **options)
+
+    def on_feedback(self, feedback: Any) -> None:
+        self.seen += (feedback.sequence[-1],)
+
+
+class Lamp(Node):
+    """Offers a light."""
+
+    light = Service(SetBool, "/light", open_to_all=True)
+    lit = False
+
+    @light
+    def on_light(self, request: Any, response: Any) -> None:
+        self.lit = request.data
+        response.message = "on" if self.lit else "off"
+
+
+OUTSIDE = frozenset({"/light", "/deaf", "/count"})
+
+
+def graph_of(*configs: NodeConfig) -> Graph:
+    return Graph("calls", configs, services=OUTSIDE)
+
+
+@contextmanager
+def foreign_servers(mode: str = "") -> Iterator[subprocess.Popen[str]]:
+    """The servers in another process; they end with the block."""
+    command = [sys.executable, str(Path(__file__).with_name("foreign_servers.py")), mode]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def servers() -> Iterator[None]:
+    with foreign_servers():
+        yield
+
+
+@contextmanager
+def active(node: type[Node], **options: Any) -> Iterator[Any]:
+    """A hosted node that calls servers outside."""
+    with node_hosts(graph_of(NodeConfig("caller", node)), **options) as host:
+        hosted = host("caller")
+        assert eventually(lambda: hosted.active_thread is not None)
+        yield hosted
+
+
+def in_thread(hosted: Any, callback: Any) -> Any:
+    """Call into a node as its own callbacks do, and return the result."""
+    found: list[Any] = []
+    hosted.active_thread.queue.call_soon(lambda: found.append(callback(hosted.node)))
+    assert eventually(lambda: bool(found))
+    return found[0]
+
+
+def only_result(hosted: Any) -> CallResult:
+    assert eventually(lambda: bool(hosted.node.results))
+    (result,) = hosted.node.results
+    return result
+
+
+class TestServices:
+    def test_foreign_server_answers_and_refuses(self, servers):
+        with active(Caller) as hosted:
+            for on in (True, True):
+                in_thread(hosted, lambda node, on=on: node.light.call({"data": on}, node.on_result))
+            assert eventually(lambda: len(hosted.node.results) == 2)
+            assert [(each.ok, each.message.success, each.message.message) for each in hosted.node.results] == [
+                (True, True, ""),
+                (True, False, "it is so already"),
+            ]
+
+    def test_server_that_gives_no_answer_runs_into_the_deadline(self, servers):
+        with active(Caller) as hosted:
+            in_thread(hosted, lambda node: node.deaf.call(then=node.on_result))
+            result = only_result(hosted)
+            assert (result.outcome, result.message) == ("timeout", None)
+            assert "/deaf gave no result within 0.5 s" in result.reason
+
+    def test_absent_server_is_named(self):
+        with active(Caller) as hosted:
+            in_thread(hosted, lambda node: node.light.call(then=node.on_result, deadline_s=0.3))
+            result = only_result(hosted)
+            assert result.outcome == "absent"
+            assert "/light (std_srvs/srv/SetBool) had no server within 0.3 s" in result.reason
+
+    def test_call_waits_for_a_server_that_starts_later(self):
+        with active(Caller) as hosted:
+            call = in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result))
+            with foreign_servers():
+                assert only_result(hosted).ok
+                assert call.result.ok
+
+    @pytest.mark.parametrize("restarts", [False, True])
+    def test_killed_server_is_noticed(self, restarts):
+        with active(Caller) as hosted:
+            with foreign_servers() as process:
+                in_thread(hosted, lambda node: node.light.call(then=node.on_result))
+                assert eventually(lambda: bool(hosted.node.results))
+                in_thread(hosted, lambda node: node.deaf.call(then=node.on_result, deadline_s=40.0))
+                sent = in_thread(hosted, lambda node: node.light.call(then=node.on_result))
+                assert eventually(lambda: sent.result is not None)
+                if restarts:
+                    process.kill()
+                else:
+                    assert process.stdin is not None
+                    process.stdin.close()  # it leaves the graph
+                    process.wait()
+            if restarts:
+                with foreign_servers():
+                    assert eventually(lambda: len(hosted.node.results) == 3)
+            assert eventually(lambda: len(hosted.node.results) == 3)
+            assert hosted.node.results[-1].outcome == "lost"
+            assert "the server of /deaf went away" in hosted.node.results[-1].reason
+
+    def test_foreign_client_gets_the_answer_of_a_node(self):
+        with node_hosts(graph_of(NodeConfig("lamp", Lamp))) as host, spinning_nodes("stranger") as (stranger,):
+            lamp = host("lamp")
+            client = stranger.create_client(SetBool, "/light")
+            assert client.wait_for_service(10.0)
+            assert eventually(lambda: lamp.active_thread is not None)
+            answer = client.call(SetBool.Request(data=True), timeout_sec=10.0)
+            assert (answer.message, lamp.node.lit) == ("on", True)
+
+    def test_node_that_fails_answers_nothing_and_goes_on(self):
+        class Broken(Lamp):
+            light = Service(SetBool, "/light")
+
+            @light
+            def on_light(self, request: Any, response: Any) -> None:
+                if request.data:
+                    raise ValueError("no bulb")
+
+        with node_hosts(graph_of(NodeConfig("lamp", Broken))) as host, spinning_nodes("stranger") as (stranger,):
+            lamp = host("lamp")
+            client = stranger.create_client(SetBool, "/light")
+            assert client.wait_for_service(10.0)
+            assert eventually(lambda: lamp.active_thread is not None)
+            first = client.call_async(SetBool.Request(data=True))
+            assert client.call(SetBool.Request(data=False), timeout_sec=10.0) is not None
+            assert not first.done()
+            assert lamp.statistics.first_failure == "ValueError: no bulb"
+
+    def test_wrong_request_is_refused_before_it_is_sent(self):
+        with active(Caller) as hosted:
+            for wrong in (Trigger.Request(), SetBool.Response(), "on"):
+                with pytest.raises(MessageError, match="not a Request of std_srvs/srv/SetBool"):
+                    hosted.node.light.call(wrong)
+
+    def test_type_that_is_not_installed_is_named(self):
+        class Stranger(Node):
+            go = ActionClient("nowhere_msgs/action/Go", "/go")
+
+        graph = Graph("go", (NodeConfig("caller", Stranger),), services=frozenset({"/go"}))
+        with node_hosts(graph) as host:
+            hosted = host("caller")
+            assert eventually(lambda: hosted.failure is not None)
+            assert "the ROS type nowhere_msgs/action/Go is not installed" in str(hosted.failure)
+
+
+class TestActions:
+    @pytest.fixture(autouse=True)
+    def types(self):
+        pytest.importorskip("test_msgs", reason="needs the wheel ros-jazzy-test-msgs")
+
+    def test_feedback_and_result_arrive(self, servers):
+        with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(4))
+            result = only_result(hosted)
+            assert result.ok
+            assert list(result.message.sequence) == [4, 3, 2, 1]
+            assert hosted.node.seen == (4, 3, 2, 1)
+
+    @pytest.mark.parametrize(("order", "outcome"), [(101, "rejected"), (-1, "aborted")])
+    def test_refusal_and_abort_are_outcomes(self, servers, order, outcome):
+        with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(order))
+            assert only_result(hosted).outcome == outcome
+
+    @pytest.mark.parametrize("early", [True, False])
+    def test_cancelled_goal_returns_what_was_done(self, servers, early):
+        with active(Counter) as hosted:
+            call = in_thread(hosted, lambda node: node.start_count(99))
+            assert early or eventually(lambda: len(hosted.node.seen) > 2)
+            in_thread(hosted, lambda node: call.cancel())
+            result = only_result(hosted)
+            assert result.outcome == "cancelled"
+            assert result.message is None or list(result.message.sequence) == list(hosted.node.seen)
+
+    def test_deadline_cancels_the_goal(self, servers):
+        with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(99, deadline_s=0.4))
+            assert only_result(hosted).outcome == "timeout"
+            stopped: list[int] = []
+
+            def is_quiet() -> bool:
+                stopped.append(len(hosted.node.seen))
+                return len(stopped) > 20 and stopped[-1] == stopped[-20]
+
+            assert eventually(is_quiet)
+            assert len(hosted.node.seen) < 50
+
+    def test_server_may_refuse_to_cancel(self):
+        with foreign_servers("stubborn"), active(Counter) as hosted:
+            call = in_thread(hosted, lambda node: node.start_count(15))
+            assert eventually(lambda: call.accepted)
+            in_thread(hosted, lambda node: call.cancel())
+            assert only_result(hosted).outcome == "succeeded"
+
+    def test_killed_server_loses_the_goal(self):
+        with active(Counter) as hosted:
+            with foreign_servers() as process:
+                call = in_thread(hosted, lambda node: node.start_count(99))
+                assert eventually(lambda: call.accepted)
+                process.kill()
+            with foreign_servers():
+                assert only_result(hosted).outcome == "lost"
+                hosted.node.results = ()
+                in_thread(hosted, lambda node: node.start_count(1))
+                assert only_result(hosted).ok
+
+    def test_foreign_client_drives_the_action_of_a_node(self):
+        from action_msgs.msg import GoalStatus
+        from rclpy.action.client import ActionClient as RosActionClient
+
+        fibonacci = pytest.importorskip("test_msgs.action").Fibonacci
+
+        class Server(Node):
+            count = ActionServer(COUNT, "/count")
+
+            @count
+            def on_goal(self, goal: GoalHandle) -> None:
+                if goal.request.order < 0:
+                    return goal.reject()
+                goal.feedback({"sequence": [goal.request.order]})
+                if goal.request.order == 0:
+                    return goal.succeed({"sequence": [0]})
+                return self.call_after(0.1, goal.abort) and None if goal.request.order == 1 else None
+
+        with node_hosts(graph_of(NodeConfig("server", Server))) as host, spinning_nodes("stranger") as (stranger,):
+            hosted = host("server")
+            client = RosActionClient(stranger, fibonacci, "/count")
+            assert client.wait_for_server(10.0)
+            assert eventually(lambda: hosted.active_thread is not None)
+            feedback: list[Any] = []
+
+            def send(order: int) -> Any:
+                future = client.send_goal_async(fibonacci.Goal(order=order), feedback_callback=feedback.append)
+                assert eventually(future.done)
+                return future.result()
+
+            def result(goal: Any) -> Any:
+                future = goal.get_result_async()
+                assert eventually(future.done)
+                return future.result()
+
+            assert not send(-1).accepted
+            done = result(send(0))
+            assert (done.status, list(done.result.sequence)) == (GoalStatus.STATUS_SUCCEEDED, [0])
+            assert result(send(1)).status == GoalStatus.STATUS_ABORTED
+            endless = send(5)
+            cancelling = endless.cancel_goal_async()
+            assert eventually(cancelling.done)
+            assert len(cancelling.result().goals_canceling) == 1
+            assert result(endless).status == GoalStatus.STATUS_CANCELED
+            assert eventually(lambda: [each.feedback.sequence[0] for each in feedback] == [0, 1, 5])
+            endless = send(7)
+            hosted.transition_to("inactive")
+            assert result(endless).status == GoalStatus.STATUS_ABORTED
+            assert not send(0).accepted
+            client.destroy()
+
+
+@pytest.mark.parametrize("open_to_all", [False, True])
+def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, monkeypatch):
+    from socialbot.bridge.security import new_key
+
+    new_key("robot", tmp_path)
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path))
+
+    class Closed(Lamp):
+        light = Service(SetBool, "/light", open_to_all=open_to_all)
+
+        @light
+        def on_light(self, request: Any, response: Any) -> None:
+            """Answers."""
+
+    with node_hosts(graph_of(NodeConfig("lamp", Closed))) as host:
+        lamp = host("lamp")
+        if open_to_all:
+            assert eventually(lambda: lamp.active_thread is not None)
+        else:
+            assert isinstance(lamp.failure, ParameterError | NodeError)
+            assert "/light cannot be signed, so anybody in the network could call it" in str(lamp.failure)
