@@ -13,6 +13,7 @@ from socialbot.core.lazy import lazy_exports as _lazy_exports
 if TYPE_CHECKING:
     from socialbot.agents.base.agent_node import AgentNode
     from socialbot.agents.base.deliberating import Deliberating
+    from socialbot.agents.base.ros_action import RosAction
     from socialbot.bags.reader import Bag, open_bag
     from socialbot.bags.writer import BagWriter
     from socialbot.bdi import (
@@ -81,11 +82,11 @@ __all__ = [
     "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input", "Library", "Literal", "LongAction",
     "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter", "ParameterError",
     "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record", "RecordedRun",
-    "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError", "Society", "SpeechStatus",
-    "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance",
-    "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds",
-    "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay", "ros_message",
-    "variables",
+    "RosAction", "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError", "Society",
+    "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord",
+    "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner",
+    "nanoseconds", "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay",
+    "ros_message", "variables",
 ]  # fmt: skip
 
 __getattr__ = _lazy_exports(__name__)
