@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import inspect as structs
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
@@ -20,6 +21,9 @@ from rosbags.typesys.store import Typestore
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
 
 PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
@@ -305,17 +309,81 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
     # Use the definition of each connection: types differ between releases of ROS.
     known = known_types(Stores.ROS1_NOETIC) if ros1 else types_with(name)
     if definition.format is MessageDefinitionFormat.NONE or not definition.data:
-        return known
+        return known if name in known.fielddefs or ros1 else _installed_types(name)
     types = get_typestore(Stores.EMPTY)
     try:
         if definition.format is MessageDefinitionFormat.MSG:
-            types.register(get_types_from_msg(definition.data, name))
+            types.register(_parsed(definition.data, name))
         else:
             for part in filter(None, definition.data.split("=" * 80 + "\n")):
                 types.register(get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part)))
     except TypesysError:
-        return known
+        return known if name in known.fielddefs or ros1 else _installed_types(name)
+    # rosbag2 stores no usable definition of the events of services.
+    return types if name in types.fielddefs or ros1 else _installed_types(name)
+
+
+def _parsed(text: str, name: str) -> Typesdict:
+    package, _, rest = name.partition("/")
+    folder, _, short = rest.partition("/")
+    types = get_types_from_msg(text, name)
+    # The parser puts the parts of services into a folder of their own.
+    return {name if each == f"{package}/{folder}/msg/{short}" else each: fields for each, fields in types.items()}
+
+
+@functools.cache
+def _installed_types(name: str) -> Typestore:
+    types = get_typestore(Stores.EMPTY)
+    if text := installed_definition(name):
+        types.register(_parsed(text, name))
     return types
+
+
+_ROS_NAMES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
+
+
+@functools.cache
+def installed_definition(type_name: str) -> str:
+    """Definition of a message, and of its parts, from the Python package of its type; empty if it is not installed.
+
+    Unlike .msg files, this includes the parts of services and actions, such as ``std_srvs/srv/SetBool_Event``.
+    """
+    package, folder, name = type_name.split("/")
+    pending = [(f"{package}/{name}", _installed_class(package, name, folder))]
+    texts: dict[str, str] = {}
+    while pending:
+        short, found = pending.pop(0)
+        if found is None:
+            return ""
+        lines = []
+        for field, kind in found.get_fields_and_field_types().items():
+            match = re.fullmatch(r"(?:sequence<)?([\w/]+(?:<\d+>)?)(?:, (\d+))?>?(\[\d+\])?", kind)
+            assert match is not None, kind
+            item, bound, length = match[1].replace("<", "<="), match[2], match[3] or ""
+            item = item.replace(">", "") if "<=" in item else item
+            suffix = length if not kind.startswith("sequence<") else f"[<={bound}]" if bound else "[]"
+            lines.append(f"{_ROS_NAMES.get(item, item)}{suffix} {field}")
+            if "/" in item and item not in texts and item not in [known for known, _ in pending]:
+                pending.append((item, _installed_class(*item.split("/"))))
+        texts[short] = "\n".join(lines or ["uint8 structure_needs_at_least_one_member"])
+    first, *others = texts.items()
+    return "\n".join([first[1], *(f"{'=' * 80}\nMSG: {short}\n{text}" for short, text in others)]) + "\n"
+
+
+def _installed_class(package: str, name: str, *folders: str) -> Any:
+    """Python class of a message, or of a part of a service or action; None if it is not installed."""
+    for folder in folders or ("msg", "srv", "action"):
+        try:
+            module = importlib.import_module(f"{package}.{folder}")
+        except ImportError:
+            continue
+        base, _, part = name.partition("_")
+        owner = getattr(module, base, None)
+        found = getattr(module, name, None) or getattr(owner, part, None) if part else owner
+        found = found or getattr(getattr(owner, "Impl", None), part or "-", None)
+        if found is not None:
+            return found
+    return None
 
 
 @functools.lru_cache(maxsize=512)

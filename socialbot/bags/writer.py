@@ -12,7 +12,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from socialbot.bags import codec
-from socialbot.bags.types import RosbagsTypes, types_with
+from socialbot.bags.types import RosbagsTypes, installed_definition, types_with
 from socialbot.core.errors import BagError, suggestion
 from socialbot.core.messages import CameraInfo, Message, Mind
 from socialbot.graph.node import WireForm
@@ -122,6 +122,7 @@ class BagWriter:
         if type_name in types.fielddefs:
             connection = self._writer.add_connection(topic, type_name, typestore=types, offered_qos_profiles=qos)
         else:
+            definition = definition or installed_definition(type_name)
             connection = self._writer.add_connection(
                 topic, type_name, msgdef=definition, rihs01=type_hash or "unknown", offered_qos_profiles=qos
             )

@@ -52,7 +52,8 @@ def record(
 
     Args:
         out: The bag folder to create.
-        topics: The topics; by default all but hidden ones (``/rosout``, ``/_name``), including later ones.
+        topics: The topics; by default all but hidden ones (``/rosout``, ``/_name``), including later ones, and the
+            answers of services and actions.
         storage: "mcap" or "sqlite3".
         clock: The clock for the times of reception.
 
@@ -83,6 +84,10 @@ def record(
         return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
 
 
+ANSWERS = ("/_service_event", "/_action/status", "/_action/feedback")
+"""Ends of hidden topics with the answers of services and actions, from which a replay answers."""
+
+
 class _TopicRecorder:
     """Subscribe to each topic once it has a publisher."""
 
@@ -110,7 +115,7 @@ class _TopicRecorder:
         for subscription in self._subscriptions:
             subscription.adapt()
         for topic, type_names in self._node.get_topic_names_and_types():
-            if topic in self._topics or not (self._topics or is_hidden(topic)):
+            if topic in self._topics or (not self._topics and (not is_hidden(topic) or topic.endswith(ANSWERS))):
                 for type_name in type_names:
                     self._subscribe(topic, type_name)
 

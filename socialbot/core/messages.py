@@ -196,8 +196,8 @@ def ros_message(kind: str | type) -> type[RosMessage]:
             )
     else:
         parts = kind.split("/")
-        name = "/".join((parts[0], "msg", parts[-1]))
-        if not re.fullmatch(r"[a-z]\w*(/msg)?/[A-Z]\w*", kind):
+        name = "/".join((parts[0], parts[1] if len(parts) == 3 else "msg", parts[-1]))
+        if not re.fullmatch(r"[a-z]\w*(/(msg|srv|action))?/[A-Z]\w*", kind):
             raise GraphError(f"{kind!r} is no ROS type", remedy="write it as in std_msgs/msg/Float32")
     return _ros_message(name)
 

@@ -583,7 +583,7 @@ class Graph:
                         f"nobody answers {topic} ({port.interface.name}) in this run",
                         where=f"{config.place(self.name)}.{port.name}",
                         remedy="declare a node that offers it under 'stand_ins', or replay a bag that holds "
-                        f"{recorded_topic(port, topic)}",
+                        f"{recorded_topic(port, topic)} with --runner inline",
                     )
 
     def with_parameters(self, changes: Mapping[str, Mapping[str, object]]) -> Graph:

@@ -13,11 +13,13 @@ import msgspec
 
 from socialbot.bags.playback import InlineStage, PlaybackResult, WorldScript, feeding, play, takes_images
 from socialbot.bags.reader import Bag, open_bag
+from socialbot.bags.recorded_services import recorded_services
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, GraphError
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.core.paths import read_text
 from socialbot.graph.files import load_graph, parse_graph
+from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
 from socialbot.runs.record import STOPPED, Observer, RunRecord, event_log_topics, with_event_log
@@ -89,14 +91,17 @@ class BagSource(RunSource):
     paced: bool = True
     truth: GroundTruth | None = None
     _feeds: Mapping[str, str] = field(default_factory=dict, init=False)
+    _recorded: Mapping[str, Recorded] = field(default_factory=dict, init=False)
     _decisions: list[TraceRecord] = field(default_factory=list, init=False)
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
         # Simulated speech has the duration of its sound, without playback.
         playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
         graph = _with_camera_pose(graph, self.bag.path)
-        graph = with_speech_files(graph.without_sources().with_stand_ins(), folder, **playback)
-        graph.expect_answers()
+        graph = graph.without_sources()
+        self._recorded = recorded_services(self.bag, graph) if runner == "inline" else {}
+        graph = with_speech_files(graph.with_stand_ins(self._recorded), folder, **playback)
+        graph.expect_answers(self._recorded)
         self._feeds = feeding(self.bag, graph, self.image_topic)
         return graph
 
@@ -151,7 +156,7 @@ class BagSource(RunSource):
         first = next(messages, None)
         if first is None:
             raise self._unreadable()
-        with execution.inline(observed_topics(graph), first[1].stamp) as runner:
+        with execution.inline(observed_topics(graph), first[1].stamp, self._recorded) as runner:
             if takes_images(graph):
                 runner.start()
                 unread = itertools.chain([first], messages)

@@ -16,7 +16,7 @@ from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
 from socialbot.deliberation.messages import PlanExecutionInfo
-from socialbot.graph.inline import InlineRunner
+from socialbot.graph.inline import InlineRunner, Recorded
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.difference import DecisionComparison
 from socialbot.runs.record import RECORDED, WELL, Observer, RunTrace, event_log_topics, versions, with_event_log
@@ -109,9 +109,14 @@ class Execution:
         return self.record.folder / "log"
 
     @contextmanager
-    def inline(self, topics: Mapping[str, type[Message]], start: int) -> Iterator[InlineRunner]:
-        """Create an inline runner that starts at ``start`` (ns) and observes ``topics``; not started yet."""
-        runner = InlineRunner(self.graph, start=start)
+    def inline(
+        self, topics: Mapping[str, type[Message]], start: int, recorded: Mapping[str, Recorded] | None = None
+    ) -> Iterator[InlineRunner]:
+        """Create an inline runner that starts at ``start`` (ns) and observes ``topics``; not started yet.
+
+        ``recorded`` are the services with recorded answers.
+        """
+        runner = InlineRunner(self.graph, start=start, recorded=recorded)
         for topic in topics:
             runner.tap(topic, self.observe)
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -341,3 +342,31 @@ def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, mo
         else:
             assert isinstance(lamp.failure, ParameterError | NodeError)
             assert "/light cannot be signed, so anybody in the network could call it" in str(lamp.failure)
+
+
+def test_recording_of_a_call_answers_it_in_a_replay(servers, tmp_path):
+    from socialbot.bags.reader import open_bag
+    from socialbot.bags.recorded_services import recorded_services
+    from socialbot.bridge import recorder
+
+    counts: dict[str, int] = {}
+    answered: list[bool] = []
+
+    def stopped() -> bool:
+        answered.extend([True] if hosted.node.results else [])
+        return len(answered) > 50  # messages on their way have arrived
+
+    def record() -> None:
+        counts.update(recorder.record(tmp_path / "bag", stopped=stopped).counts)
+
+    with active(Caller) as hosted:
+        thread = threading.Thread(target=record)
+        thread.start()
+        assert eventually(lambda: hosted.ros_node.count_subscribers("/light/_service_event") == 1)
+        in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result))
+        assert only_result(hosted).ok
+        thread.join()
+    assert counts["/light/_service_event"] == 2
+    with open_bag(tmp_path / "bag") as bag:
+        graph = graph_of(NodeConfig("caller", Caller))
+        assert sorted(recorded_services(bag, graph)) == ["/light"]
