@@ -43,7 +43,7 @@ $(VENV)/tools: $(VENV)/installed requirements-dev.lock
 	@touch $@
 
 demo: setup
-	$(BIN)/socialbot replay $(BAG) $(if $(OUT),--out $(OUT))
+	$(BIN)/socialbot replay $(BAG) --runner ros $(if $(OUT),--out $(OUT))
 
 inspect: runs/waldo/results.json
 	$(BIN)/socialbot inspect runs/waldo $(if $(DISPLAY)$(WAYLAND_DISPLAY),--open)
@@ -51,7 +51,7 @@ inspect: runs/waldo/results.json
 # The folder gets its name only when the run is whole.
 runs/waldo/results.json: | setup
 	rm -rf runs/waldo runs/waldo.part
-	$(BIN)/socialbot replay $(BAG) --runner inline --no-video --out runs/waldo.part
+	$(BIN)/socialbot replay $(BAG) --no-video --out runs/waldo.part
 	mv runs/waldo.part runs/waldo
 
 evaluate: setup

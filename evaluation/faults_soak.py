@@ -178,7 +178,7 @@ def replayed(folder: Path, bag_s: float, plan: Plan) -> Course:
     Raises:
         NodeError: The replay fails.
     """
-    command = ["replay", folder / "laps", "--rate", RATE, "--no-video", "--out", folder / "run"]
+    command = ["replay", folder / "laps", "--runner", "ros", "--rate", RATE, "--no-video", "--out", folder / "run"]
     settings = ("speech.playback=off", "person_detector.threads=2")
     command += [word for setting in settings for word in ("--set", setting)]
     course, told, begun = Course(), 0, time.monotonic()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -147,6 +147,10 @@ SetOption = Annotated[
         metavar="NODE.PARAMETER=VALUE",
         help="Change a parameter; repeatable. wire=typed: messages as socialbot_msgs.",
     ),
+]
+RunnerOption = Annotated[
+    Literal["inline", "ros"],
+    typer.Option(help="inline: one thread, simulated time; ros: one process per node, over DDS."),
 ]
 ComposedOption = Annotated[bool, typer.Option("--composed", help="Run all nodes in one process (ros).")]
 DomainOption = Annotated[

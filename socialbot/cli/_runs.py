@@ -24,12 +24,23 @@ if TYPE_CHECKING:
 MAX_PAGE_BYTES = 20_000_000  # maximum trace size of a live run for a page; a longer trace would delay the exit
 
 
-def enter_domain(context: typer.Context, console: Console, domain: int | None, runner: str) -> None:
-    """Enter a ROS domain until the command ends, and print it. Raises ParameterError for a domain of an inline run."""
+ROS_OPTIONS = ("composed", "domain", "pace")  # options of runs over DDS only
+
+
+def enter_domain(
+    context: typer.Context, console: Console, domain: int | None, runner: str, only_ros: Sequence[str] = ROS_OPTIONS
+) -> None:
+    """Enter a ROS domain until the command ends, and print it.
+
+    Raises:
+        ParameterError: An option of `only_ros` is given for an inline run.
+    """
     if runner != "ros":
-        if domain is not None:
-            remedy = "add --runner ros, or leave it out"
-            raise ParameterError("an inline run is in no ROS domain", where="--domain", remedy=remedy)
+        for name in only_ros:
+            source = context.get_parameter_source(name)
+            if source is not None and source.name == "COMMANDLINE":
+                remedy = "add --runner ros, or leave it out"
+                raise ParameterError("only runs over ROS have this option", where=f"--{name}", remedy=remedy)
         return
     from socialbot.bridge.environment import own_domain
 

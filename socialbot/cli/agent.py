@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from socialbot.cli._agent_shell import Shell
     from socialbot.core.clock import Clock
 
-agent = typer.Typer(help="Try out a single agent without a robot.", no_args_is_help=True)
+PANEL = "Write agents and graphs"
+EXAMPLES = ("socialbot agent shell greeter.asl",)
+agent = typer.Typer(add_completion=False, help="Try out a single agent without a robot.", no_args_is_help=True)
 
 
 @agent.callback()

@@ -31,7 +31,13 @@ if TYPE_CHECKING:
     from socialbot.bdi.society import Society
     from socialbot.bdi.trace import Record
 
-asl = typer.Typer(help="Run and check agents written in AgentSpeak.", no_args_is_help=True)
+PANEL = "Write agents and graphs"
+EXAMPLES = (
+    "socialbot asl run greeter.asl",
+    "socialbot asl check greeter.asl",
+    "socialbot asl test tests.asl",
+)
+asl = typer.Typer(add_completion=False, help="Run and check agents written in AgentSpeak.", no_args_is_help=True)
 
 FilesArgument = Annotated[
     list[Path], typer.Argument(metavar="FILE.asl", help="AgentSpeak programs, or one project (.mas2j).")
@@ -184,8 +190,8 @@ def run_tests(
     include: IncludeOption = None,
     root: RootOption = None,
     actions: ActionsOption = None,
-    name: Annotated[str, typer.Option(metavar="TEXT", help="Run only the tests whose names contain this text.")] = "",
-    timeout: Annotated[
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Run only the tests whose names contain this text.")] = "",
+    limit: Annotated[
         float, typer.Option(min=0.0, metavar="SECONDS", help="Limit of the simulated time of a test.")
     ] = 60.0,
     output: Annotated[bool, typer.Option("--output", help="Show what passed tests print, too.")] = False,
@@ -198,7 +204,7 @@ def run_tests(
     _import_actions(actions)
     found, places = programs_in(paths), _include_paths(include, root)
     with _warnings(logging.ERROR):
-        passed = report_tests(found, places, names=name, seconds=timeout, shows=output, junit=junit)
+        passed = report_tests(found, places, names=only, seconds=limit, shows=output, junit=junit)
     if not passed:
         raise typer.Exit(1)
 

@@ -23,7 +23,13 @@ if TYPE_CHECKING:
     from socialbot.bags.reader import Bag, BagTopic
 
 
-bag = typer.Typer(help="Inspect, make, record, convert and play bags.", no_args_is_help=True)
+PANEL = "Bags, cameras and scores"
+EXAMPLES = (
+    "socialbot bag info my_bag",
+    "socialbot bag import corridor.mp4 my_bag",
+    "socialbot bag record my_bag",
+)
+bag = typer.Typer(add_completion=False, help="Inspect, make, record, convert and play bags.", no_args_is_help=True)
 
 OutArgument = Annotated[Path, typer.Argument(help="New bag folder.")]
 StorageOption = Annotated[str, typer.Option(help="mcap or sqlite3.")]
@@ -100,7 +106,7 @@ def info(
 def import_(
     source: Annotated[str, typer.Argument(help="Video file, folder of images, or camera (0, /dev/video0).")],
     out: OutArgument,
-    rate: Annotated[float, typer.Option(help="Image rate of a folder, Hz.")] = 10.0,
+    image_rate: Annotated[float, typer.Option(help="Image rate of a folder, Hz.")] = 10.0,
     start: Annotated[float, typer.Option(help="Stamp of the first image, s; not for a camera.")] = 1.0,
     hfov: Annotated[float, typer.Option(help="Horizontal field of view, degrees.")] = 60.0,
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
@@ -117,7 +123,7 @@ def import_(
             source,
             out,
             camera=open_frames(source) if is_device(source) else None,
-            rate_hz=rate,
+            rate_hz=image_rate,
             start=round(start * SECOND),
             hfov_deg=hfov,
             jpeg_quality=quality,

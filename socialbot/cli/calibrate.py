@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 _STEADY_M, _STEADY_RAD = 0.02, 0.01  # A pose that changes more is that of a camera that moves.
 
 
+PANEL = "Bags, cameras and scores"
+EXAMPLES = (
+    "socialbot calibrate my_bag",
+    "socialbot calibrate 0",
+)
+
+
 class _View(NamedTuple):
     """Image with its stamp (ns), the intrinsics, and the pose of the camera by transforms, if known."""
 

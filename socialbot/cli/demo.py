@@ -9,28 +9,36 @@ from typing import Any
 import typer
 
 from socialbot.cli.run import run, simulate
+from socialbot.core.errors import ParameterError
 from socialbot.core.registry import agent_packages, resolve
 from socialbot.graph.node import Graph
 
+PANEL = "Start here"
+EXAMPLES = (
+    "socialbot demo warehouse --run 2",
+    "socialbot demo hospital --problems 50 --inspect",
+)
 Demo = Callable[..., tuple[str, Graph]]
 """Function that makes the title and the graph of a demo. Its parameters are options, its docstring is the help text."""
 
-demo = typer.Typer(help="Run a demo of agents, with a page of what they did.", no_args_is_help=True)
+demo = typer.Typer(
+    add_completion=False, help="Run a demo of agents, with a page of what they did.", no_args_is_help=True
+)
 
 COMMON = inspect.signature(run, eval_str=True).parameters
 """Parameters of ``socialbot run``; those after the graph are options of every demo, too."""
 
 
 def add_demo(name: str, make: Demo) -> None:
-    """Add the demo ``name``. If it has an option ``rate`` of its own, the speed of the run is ``--speed``."""
+    """Add the demo ``name``. Raises ParameterError if one of its options has the name of a common one."""
     own = inspect.signature(make, eval_str=True).parameters
-    speed = "speed" if "rate" in own else "rate"
-    options = [each.replace(name=speed if each.name == "rate" else each.name) for each in COMMON.values()]
-    context, _, *common = options
+    context, _, *common = COMMON.values()
+    if taken := sorted(own.keys() & COMMON.keys()):
+        remedy = "rename the parameter: all demos have an option of this name"
+        raise ParameterError(f"the parameter {taken[0]!r} is taken", where=f"demo {name}", remedy=remedy)
 
     def command(**given: Any) -> None:
         title, graph = make(**{each: given.pop(each) for each in own})
-        given["rate"] = given.pop(speed)
         simulate(title=title, graph=graph, **given)
 
     command.__doc__ = make.__doc__

@@ -13,6 +13,8 @@ from socialbot.cli._runs import opened_run, print_found
 if TYPE_CHECKING:
     from socialbot.runs.difference import Difference
 
+PANEL = "Look into a run"
+EXAMPLES = ("socialbot diff runs/before runs/after",)
 DIFFERENT = 1  # exit code of runs with different decisions
 
 

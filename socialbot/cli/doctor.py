@@ -27,6 +27,11 @@ from socialbot.graph.files import load_graph
 
 OLDEST, NEWEST = (3, 10), (3, 14)
 
+PANEL = "Start here"
+EXAMPLES = (
+    "socialbot doctor",
+    "socialbot doctor --quick",
+)
 GB = 1_000_000_000
 MIN_FREE_BYTES = 1 * GB
 OPENCV = "opencv-python-headless"

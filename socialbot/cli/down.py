@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from socialbot.bridge.run_announcer import RunStatuses
 
 
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot down",
+    "socialbot down deploy.yaml",
+)
 NOT_ENDED = 10  # exit code: a run was not found, or did not end in time
 LISTEN_S = 5.0  # time to wait for an unknown machine; a running one announces itself every second
 

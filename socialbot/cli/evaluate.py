@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from socialbot.vision.metrics.frames import LabelledSource
     from socialbot.vision.metrics.pipeline import PipelineSettings
 
+PANEL = "Bags, cameras and scores"
+EXAMPLES = (
+    "socialbot evaluate data/synthetic/scene1_heldback --detector nanodet,hog",
+    "socialbot evaluate labels.json --format coco",
+)
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
 

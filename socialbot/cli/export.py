@@ -13,6 +13,8 @@ from socialbot.cli._options import run_folders
 from socialbot.cli._runs import opened_run
 from socialbot.core.errors import ParameterError
 
+PANEL = "Look into a run"
+EXAMPLES = ("socialbot export runs/waldo waldo.mcap",)
 Format = Literal["foxglove", "rerun"]
 SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun"}
 

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from socialbot.graph.node import Graph
 
 
+PANEL = "Write agents and graphs"
+EXAMPLES = (
+    "socialbot graph waldo",
+    "socialbot graph my_graph.yaml",
+)
+
+
 def graph(graph: GraphArgument) -> None:
     """Check a graph and show its nodes, topics and parameters."""
     from socialbot.graph.files import load_graph

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
     from socialbot.runs.serving import Serving
 
 
+PANEL = "Look into a run"
+EXAMPLES = (
+    "socialbot inspect",
+    "socialbot inspect runs/waldo --open",
+)
 HostOption = Annotated[str, typer.Option(help="Address to serve on; other than loopback, it needs a token.")]
 TokenOption = Annotated[
     str | None, typer.Option(help="Secret for opening the page; default: SOCIALBOT_TOKEN.", show_default=False)

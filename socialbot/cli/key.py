@@ -11,7 +11,14 @@ from rich.console import Console
 
 from socialbot.cli._options import plain_table
 
-key = typer.Typer(help="Manage the keys that sign messages between machines.", no_args_is_help=True)
+PANEL = "Join a running graph"
+EXAMPLES = (
+    "socialbot key new robot",
+    "socialbot key list",
+)
+key = typer.Typer(
+    add_completion=False, help="Manage the keys that sign messages between machines.", no_args_is_help=True
+)
 
 FolderOption = Annotated[Path | None, typer.Option(help="Folder of keys; default: SOCIALBOT_KEYS, else ./keys.")]
 

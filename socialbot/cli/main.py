@@ -1,7 +1,8 @@
 """The ``socialbot`` command line: one module of this package per command.
 
 A module without a leading underscore is the command of its name. It defines a function, or a `typer.Typer` group, of
-that name. Modules are imported when their command is used. Errors of the user print one message and set an exit code
+that name, its panel of ``socialbot --help`` as ``PANEL``, and command lines for its own help as ``EXAMPLES``. Modules
+are imported when their command is used. Errors of the user print one message and set an exit code
 (`socialbot.core.errors`).
 """
 
@@ -24,6 +25,15 @@ from socialbot import __version__
 from socialbot.core.errors import SocialbotError
 
 TAKES_ROS_ARGUMENTS = ("node", "translate")
+PANELS = (
+    "Start here",
+    "Run a graph",
+    "Look into a run",
+    "Write agents and graphs",
+    "Bags, cameras and scores",
+    "Join a running graph",
+)
+"""Panels of ``socialbot --help``, in order."""
 CONTEXT = {"help_option_names": ["-h", "--help"]}
 
 
@@ -48,12 +58,15 @@ class Commands(Mapping[str, Any]):
 
 @cache
 def _load(name: str) -> Any:
-    found = getattr(importlib.import_module(f"socialbot.cli.{name}"), name)
+    module = importlib.import_module(f"socialbot.cli.{name}")
+    found = getattr(module, name)
     if not isinstance(found, typer.Typer):
         function, found = found, typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         found.command(name)(function)
     command = typer.main.get_command(found)
     command.name = name
+    command.epilog = "\n\n".join(["Examples:", *(escape(line) for line in module.EXAMPLES)])
+    command.rich_help_panel = module.PANEL  # type: ignore[attr-defined]
     return command
 
 
@@ -62,6 +75,10 @@ class CommandGroup(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{**settings, "commands": Commands()})
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names by panel, in the order of `PANELS`."""
+        return sorted(self.commands, key=lambda name: (PANELS.index(_load(name).rich_help_panel), name))
 
 
 app = typer.Typer(

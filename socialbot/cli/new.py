@@ -16,6 +16,11 @@ from rich.text import Text
 
 from socialbot.core.errors import ParameterError, SocialbotError
 
+PANEL = "Start here"
+EXAMPLES = (
+    "socialbot new greeter && cd greeter && socialbot run graph.yaml",
+    "socialbot new rover --template planning",
+)
 AgentKind = Literal["python", "asl"]
 Template = Literal["greeter", "planning"]
 

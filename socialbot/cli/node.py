@@ -9,6 +9,12 @@ import typer
 
 from socialbot.cli._options import ParentOption, SetOption, graph_names, node_names
 
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot node person_detector",
+    "socialbot node camera image_converter --graph my_graph.yaml",
+)
+
 
 def node(
     context: typer.Context,

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
     from socialbot.planning.planners.planner import PlannerAnswer
 
+PANEL = "Write agents and graphs"
+EXAMPLES = ("socialbot plan domain.pddl problem.pddl",)
 IMPOSSIBLE = 10  # exit code: the planner proved that no plan exists
 GAVE_UP = 11  # exit code: no plan was found within the limits
 NOT_VALID = 12  # exit code: the plan does not reach the goal

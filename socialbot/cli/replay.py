@@ -5,12 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from socialbot.cli import _options as options
+
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot replay data/synthetic/corridor",
+    "socialbot replay my_bag --runner ros --inspect",
+    "socialbot replay my_bag --graph my_graph.yaml --set person_detector.detector=hog",
+)
 
 
 def replay(
@@ -22,13 +29,11 @@ def replay(
             help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=options.graph_names
         ),
     ] = None,
-    runner: Annotated[
-        Literal["ros", "inline"], typer.Option(help="ros: real nodes over DDS; inline: one thread, simulated time.")
-    ] = "ros",
+    runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
     image_topic: Annotated[str | None, typer.Option(help="Topic of the images, when the bag has several.")] = None,
-    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed of a ros replay; 1 is as recorded.")] = 1.0,
+    rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed; 1 is as recorded (ros).")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
     out: options.OutOption = None,
@@ -40,7 +45,7 @@ def replay(
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
-    from socialbot.cli._runs import enter_domain, print_outcome, write_page
+    from socialbot.cli._runs import ROS_OPTIONS, enter_domain, print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
     from socialbot.graph.files import load_graph, with_changes
@@ -51,7 +56,7 @@ def replay(
     from socialbot.runtime.run import new_run_folder, run
 
     console = Console(highlight=False)
-    enter_domain(context, console, domain, runner)
+    enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"))
     whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()

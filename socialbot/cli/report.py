@@ -6,6 +6,9 @@ import typer
 
 from socialbot.cli._options import RunArgument
 
+PANEL = "Look into a run"
+EXAMPLES = ("socialbot report runs/waldo",)
+
 
 def report(run: RunArgument = None) -> None:
     """Write report.html into the folder of a run, such as an interrupted or a long one."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -16,12 +16,13 @@ if TYPE_CHECKING:
     from socialbot.graph.node import Graph
     from socialbot.runs.story import Story
 
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot run hospital --bag",
+    "socialbot run my_graph.yaml --limit 60 --inspect",
+)
 NOT_REACHED = 10  # exit code: a desire or mission was not reached
 
-Runner = Literal["inline", "ros"]
-RunnerOption = Annotated[
-    Runner, typer.Option(help="inline: one thread; ros: one process per node, over DDS. Both as fast as possible.")
-]
 RateOption = Annotated[
     float, typer.Option(min=0.0, max=1000.0, metavar="TIMES", help="Speed as a multiple of real time; 0: no limit.")
 ]
@@ -32,7 +33,7 @@ RecordBagOption = Annotated[bool, typer.Option("--bag", help="Record a bag for r
 def run(
     context: typer.Context,
     graph: options.GraphArgument,
-    runner: RunnerOption = "inline",
+    runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
     rate: RateOption = 0.0,
@@ -58,7 +59,7 @@ def simulate(
     context: typer.Context,
     title: str,
     graph: Graph,
-    runner: Runner,
+    runner: str,
     composed: bool,
     domain: int | None,
     rate: float,

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from socialbot.graph.node import WireForm
 
 
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot status",
+    "socialbot status deploy.yaml --watch",
+)
 PASSING = {"unconfigured", "inactive", "starting", "configuring", "activating", "input silent", "no input yet", PAUSED}
 
 TEXTS = {"node": (10, 21), "machine": (5, 11), "state": (10, 15)}

@@ -12,6 +12,8 @@ import typer
 
 from socialbot.core.errors import ParameterError
 
+PANEL = "Run a graph"
+EXAMPLES = ("socialbot systemd deploy.yaml --machine robot",)
 UNIT = """\
 [Unit]
 Description={description}

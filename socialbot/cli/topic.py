@@ -22,7 +22,14 @@ from socialbot.core.process import Ending
 if TYPE_CHECKING:
     from socialbot.bridge.transport import Receiver
 
-topic = typer.Typer(help="List, print, measure and publish topics of a running graph.", no_args_is_help=True)
+PANEL = "Join a running graph"
+EXAMPLES = (
+    "socialbot topic list",
+    "socialbot topic echo /humans/bodies/detections",
+)
+topic = typer.Typer(
+    add_completion=False, help="List, print, measure and publish topics of a running graph.", no_args_is_help=True
+)
 
 TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Topic, such as /speech/say.")]
 TimeoutOption = Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the topic to appear.")]

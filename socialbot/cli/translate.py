@@ -10,6 +10,9 @@ from rich.console import Console
 from socialbot.cli._options import MachineOption, graph_names, join
 from socialbot.cli.inspect import wait_for_signal
 
+PANEL = "Join a running graph"
+EXAMPLES = ("socialbot translate waldo",)
+
 
 def translate(
     context: typer.Context,

@@ -12,6 +12,12 @@ from rich.console import Console
 from socialbot.cli import _options as options
 from socialbot.core.errors import ParameterError
 
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot up --inspect",
+    "socialbot up deploy.yaml --machine robot",
+)
+
 
 def up(
     context: typer.Context,

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from socialbot.runs.why import Considered
 
 
+PANEL = "Look into a run"
+EXAMPLES = (
+    "socialbot why --list",
+    "socialbot why runs/waldo --at 8.9 --not 'speak(\"greeting\")'",
+)
+
+
 def why(
     run: RunArgument = None,
     action: Annotated[int | None, typer.Option(min=1, help="Explain the action with this number in --list.")] = None,

@@ -62,8 +62,7 @@ class AgentPackage:
             `rich.console.Console`.
         demos: Demos of ``socialbot demo``: name to a reference to a function that returns ``(title, graph)``. Its
             docstring is the help text. Its parameters are typer options of this demo; the options of every demo
-            (``--runner``, ``--rate``, ``--out``, ...) are added. A function with a parameter ``rate`` of its own gets
-            the speed of the run as ``--speed``.
+            (``--runner``, ``--rate``, ``--out``, ...) are added; their names are taken.
     """
 
     name: str

@@ -142,6 +142,6 @@ def test_the_report(tmp_path):
 def test_exit_codes_and_selection(tmp_path):
     file = tmp_path / "a.asl"
     file.write_text("@[test] +!good. @[test] +!bad <- .fail.")
-    assert socialbot(file, "--name", "good").returncode == 0
-    assert socialbot(file, "--name", "none").returncode == 1
+    assert socialbot(file, "--only", "good").returncode == 0
+    assert socialbot(file, "--only", "none").returncode == 1
     assert socialbot(tmp_path / "none.asl").returncode == 4

@@ -85,7 +85,7 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
     for index in range(3):
         cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), np.zeros((48, 64, 3), np.uint8))
     output = run(
-        "import", str(tmp_path / "images"), str(tmp_path / "bag"), "--rate", "5", "--start", "3", "--width", "32"
+        "import", str(tmp_path / "images"), str(tmp_path / "bag"), "--image-rate", "5", "--start", "3", "--width", "32"
     )
     assert "3 images of 32x24, 0.4 s" in output
     with open_bag(tmp_path / "bag") as bag:

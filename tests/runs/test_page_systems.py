@@ -80,7 +80,17 @@ def running(*arguments: str | Path, key: str = "") -> Iterator[str]:
 @pytest.mark.ros
 def test_page_follows_a_run_and_sends_commands(browser, tmp_path):
     with running(
-        "replay", BAG, "--inspect", "--port", "0", "--no-pace", "--no-video", "--out", tmp_path / "run"
+        "replay",
+        BAG,
+        "--runner",
+        "ros",
+        "--inspect",
+        "--port",
+        "0",
+        "--no-pace",
+        "--no-video",
+        "--out",
+        tmp_path / "run",
     ) as url:
         visit = Visit(browser, url)
         page = visit.page

@@ -29,7 +29,7 @@ def page_of(run: HospitalRun) -> str:
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """Output and folder of the demo command."""
     folder = tmp_path_factory.mktemp("demo") / "run"
-    done = socialbot_here("demo", "hospital", "--rate", 50, "--out", folder)
+    done = socialbot_here("demo", "hospital", "--problems", 50, "--out", folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout, folder

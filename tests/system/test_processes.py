@@ -103,7 +103,9 @@ def test_signals_during_the_start_end_a_replay_with_code_0(
         return handles_sigterm(process.pid) and (stage == "first import" or processor_s(process.pid) > 0.4)
 
     graph = detector_graph("Detector", tmp_path)
-    with running("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video") as process:
+    with running(
+        "replay", short_bag, "--runner", "ros", "--graph", graph, "--out", tmp_path / "run", "--no-video"
+    ) as process:
         assert eventually(is_reached, PATIENCE_S)
         process.send_signal(how)
         assert process.wait(PATIENCE_S) == 0, process.stdout and process.stdout.read()
@@ -155,7 +157,9 @@ class TestParameters:
 
 def test_an_error_at_the_start_of_a_node_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:
     graph = detector_graph("StillbornDetector", tmp_path)
-    done = socialbot_here("replay", short_bag, "--graph", graph, "--out", tmp_path / "run", "--no-video", "--composed")
+    done = socialbot_here(
+        "replay", short_bag, "--runner", "ros", "--graph", graph, "--out", tmp_path / "run", "--no-video", "--composed"
+    )
     assert done.returncode == 6
     assert "cannot start: RuntimeError: not today" in done.stderr
 
@@ -166,7 +170,7 @@ def test_counts_damaged_messages_over_ros(tmp_path: Path) -> None:
             bag.write_raw("/camera/image_raw", "sensor_msgs/msg/Image", b"", 10**18 + number)
     graph = detector_graph("Detector", tmp_path)
     options = ("--out", tmp_path / "run", "--rate", 10, "--no-video", "--composed")
-    done = socialbot_here("replay", tmp_path / "bag", "--graph", graph, *options)
+    done = socialbot_here("replay", tmp_path / "bag", "--runner", "ros", "--graph", graph, *options)
     assert done.returncode == 3
     assert "2 damaged" in done.stderr
     assert results(tmp_path / "run")["bag"]["skipped"]["/camera/image_raw"]["count"] == 2
@@ -176,7 +180,7 @@ def test_a_second_node_of_a_name_is_refused(short_bag: Path, tmp_path: Path, onl
     with running("node", "head"):
         assert eventually(lambda: "head" in onlooker.get_node_names())
         node = socialbot("node", "head")
-        replay = socialbot_here("replay", short_bag, "--out", tmp_path / "run", "--no-video")
+        replay = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "run", "--no-video")
     assert node.returncode == 6
     assert "running already: head" in node.stderr
     assert replay.returncode == 6
@@ -191,14 +195,21 @@ def test_a_replay_without_a_domain_is_isolated(
     with running("node", "head"):
         assert eventually(lambda: "head" in onlooker.get_node_names())
         domain = os.environ["ROS_DOMAIN_ID"]
-        joined = socialbot_here("replay", short_bag, "--out", tmp_path / "joined", "--no-video", "--domain", domain)
+        joined = socialbot_here(
+            "replay", short_bag, "--runner", "ros", "--out", tmp_path / "joined", "--no-video", "--domain", domain
+        )
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
-        alone = socialbot_here("replay", short_bag, "--out", tmp_path / "alone", "--no-video")
+        alone = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "alone", "--no-video")
     assert alone.returncode == 0
     assert re.search(r"^ROS domain (6\d|7\d|8\d|9\d|100);", alone.stdout, re.MULTILINE)
     assert joined.returncode == 6
-    inline = socialbot_here("replay", short_bag, "--runner", "inline", "--domain", "7")
-    assert (inline.returncode, "an inline run is in no ROS domain" in inline.stderr) == (4, True)
+
+
+@pytest.mark.parametrize("options", [("--domain", "7"), ("--composed",), ("--no-pace",), ("--rate", "2")])
+def test_an_inline_replay_refuses_options_of_ros(short_bag: Path, options: tuple[str, ...]) -> None:
+    done = socialbot_here("replay", short_bag, *options)
+    name = options[0].replace("--no-", "--")
+    assert (done.returncode, f"{name}: only runs over ROS have this option" in done.stderr) == (4, True), done.stderr
 
 
 def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
@@ -214,7 +225,9 @@ def test_a_killed_node_can_be_restarted_at_once(onlooker: Any) -> None:
 def test_counts_failures_of_a_detector_and_continues(corridor: Path, tmp_path: Path) -> None:
     bag, out = cut(corridor, tmp_path / "bag", 0.0, 0.4), tmp_path / "run"
     graph = detector_graph("RaisingDetector", tmp_path)
-    done = socialbot_here("replay", bag, "--graph", graph, "--out", out, "--rate", 3, "--no-video", "--composed")
+    done = socialbot_here(
+        "replay", bag, "--runner", "ros", "--graph", graph, "--out", out, "--rate", 3, "--no-video", "--composed"
+    )
     assert done.returncode == 0, done.stderr
     assert "failed 2 of 4 times; first: RuntimeError: no idea" in done.stdout
     assert results(out)["frames"] == 2
@@ -223,7 +236,7 @@ def test_counts_failures_of_a_detector_and_continues(corridor: Path, tmp_path: P
 
 def test_a_crash_ends_a_replay_and_keeps_its_record(short_bag: Path, tmp_path: Path) -> None:
     graph, out = detector_graph("DyingDetector", tmp_path), tmp_path / "run"
-    done = socialbot_here("replay", short_bag, "--graph", graph, "--out", out, "--no-video")
+    done = socialbot_here("replay", short_bag, "--runner", "ros", "--graph", graph, "--out", out, "--no-video")
     assert done.returncode == 6
     assert "detector" in done.stderr
     assert "remedy" in done.stderr
@@ -251,7 +264,9 @@ def test_a_slow_detector_processes_the_newest_images(corridor: Path, tmp_path: P
         f"parameters: {{look_s: {LOOK_S}, record: '{looks}'}}}}\n"
     )
     out = tmp_path / "run"
-    done = socialbot_here("replay", bag, "--graph", graph, "--out", out, "--no-pace", "--no-video", *hosting)
+    done = socialbot_here(
+        "replay", bag, "--runner", "ros", "--graph", graph, "--out", out, "--no-pace", "--no-video", *hosting
+    )
     assert done.returncode == 0, done.stderr
     looked = [json.loads(line) for line in looks.read_text().splitlines()]
     stamps = [look["stamp"] for look in looked]

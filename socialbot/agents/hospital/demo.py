@@ -66,7 +66,7 @@ def _graph(ward: Ward, world: Mapping[str, Any], coordinator: Mapping[str, Any])
 
 
 def demo(
-    rate: Annotated[
+    problems: Annotated[
         float, typer.Option(min=0.0, max=100.0, metavar="%", help="Percentage of missions with a problem.")
     ] = 50.0,
     seed: Annotated[int, typer.Option(help="Random seed. With 0, the mission of the paper has a problem at 50 %.")] = 0,
@@ -94,7 +94,7 @@ def demo(
     """
     world, coordinator = {"faults": faults}, {"policy": policy, "proactive": foresight}
     if ward == "paper":
-        graph = hospital(rate=rate, seed=seed, world=world, coordinator=coordinator)
+        graph = hospital(rate=problems, seed=seed, world=world, coordinator=coordinator)
     else:
-        graph = large_hospital(rooms, robots, robots, rate=rate, seed=seed, world=world, coordinator=coordinator)
-    return f"The hospital, {rate:g} % problems" + ("" if ward == "paper" else f", {rooms} rooms"), graph
+        graph = large_hospital(rooms, robots, robots, rate=problems, seed=seed, world=world, coordinator=coordinator)
+    return f"The hospital, {problems:g} % problems" + ("" if ward == "paper" else f", {rooms} rooms"), graph
