@@ -148,8 +148,9 @@ SetOption = Annotated[
         help="Change a parameter; repeatable. wire=typed: messages as socialbot_msgs.",
     ),
 ]
+Runner = Literal["inline", "ros"]
 RunnerOption = Annotated[
-    Literal["inline", "ros"],
+    Runner,
     typer.Option(help="inline: one thread, simulated time; ros: one process per node, over DDS."),
 ]
 ComposedOption = Annotated[bool, typer.Option("--composed", help="Run all nodes in one process (ros).")]

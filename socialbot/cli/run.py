@@ -59,7 +59,7 @@ def simulate(
     context: typer.Context,
     title: str,
     graph: Graph,
-    runner: str,
+    runner: options.Runner,
     composed: bool,
     domain: int | None,
     rate: float,
