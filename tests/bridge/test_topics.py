@@ -224,7 +224,7 @@ def talker(domain) -> Iterator[None]:
     yield
     # Killed, it would leave its shared memory behind.
     process.terminate()
-    process.wait(60)
+    process.wait(180)
 
 
 def run(*arguments: str) -> str:
@@ -325,7 +325,7 @@ class TestCommands:
             assert process.stdout is not None
             assert process.stdout.readline()
             process.send_signal(number)
-            _, complaint = process.communicate(timeout=60)
+            _, complaint = process.communicate(timeout=180)
         finally:
             process.kill()
         assert (process.returncode, complaint) == (0, "")

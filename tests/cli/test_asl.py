@@ -92,7 +92,7 @@ def test_ctrl_c_ends_the_run(written):
         assert process.stdout is not None
         assert process.stdout.readline() == "[ann] on\n"
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=180)
     assert process.returncode == 0
     assert "Traceback" not in errors
 

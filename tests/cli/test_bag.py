@@ -201,7 +201,7 @@ def test_record_ends_with_a_readable_bag(domain: int, tmp_path: Path, end: signa
             if end:
                 assert eventually(lambda: messages_on_disk(out) == 3)
                 process.send_signal(end)
-            output = process.communicate(timeout=60)[0].decode()
+            output = process.communicate(timeout=180)[0].decode()
         finally:
             process.kill()
             process.wait()

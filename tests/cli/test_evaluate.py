@@ -63,7 +63,7 @@ def test_interrupt_ends_all_processes(corridor):
         assert eventually(lambda: len(children(process.pid)) >= 2, 60)
         workers = children(process.pid)
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=60)
+        output, _ = process.communicate(timeout=180)
     assert process.returncode == 0
     assert "Traceback" not in output
     assert eventually(lambda: not any(map(is_running, workers)))

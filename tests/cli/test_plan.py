@@ -172,6 +172,6 @@ def test_signal_ends_command_and_planner(tmp_path):
         assert eventually(lambda: bool(children(running.pid)), 60)
         planners = children(running.pid)
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=60)
+        _, errors = running.communicate(timeout=180)
     assert (running.returncode, errors) == (0, b"")
     assert eventually(lambda: not any(map(is_running, planners)), 60)

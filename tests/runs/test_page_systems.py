@@ -74,7 +74,7 @@ def running(*arguments: str | Path, key: str = "") -> Iterator[str]:
         while process.poll() is None:  # the first ends the run, the next the page of what was recorded
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
-                process.communicate(timeout=60)
+                process.communicate(timeout=180)
 
 
 @pytest.mark.ros

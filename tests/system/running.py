@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from time import monotonic, sleep
 from typing import Any
 from unittest.mock import patch
@@ -62,24 +63,29 @@ def socialbot_here(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """``socialbot`` in the background, ended by SIGINT."""
+    """``socialbot`` in the background, ended by SIGINT. Its output is printed if the block fails."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, stdin=subprocess.DEVNULL
-    )
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+    with TemporaryFile("w+") as output:  # a pipe that nobody reads would block the process
+        process = subprocess.Popen(
+            command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True
+        )
         try:
-            process.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            yield process
+        except BaseException:
+            output.seek(0)
+            print(output.read())
+            raise
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            try:
+                process.wait(PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
 
 
-def eventually(holds: Callable[[], bool], timeout_s: float = 180.0) -> bool:
+def eventually(holds: Callable[[], object], timeout_s: float = PATIENCE_S) -> bool:
     """Wait until ``holds`` returns true, or for ``timeout_s``; return whether it did."""
     deadline = monotonic() + timeout_s
     while not holds():

@@ -121,7 +121,7 @@ def on(host: Host, *arguments: object) -> tuple[int, str]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=180)
     return process.returncode, output
 
 

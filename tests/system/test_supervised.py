@@ -15,7 +15,7 @@ import pytest
 from socialbot.graph.files import load_graph
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.machine import with_state_files
-from tests.system.running import eventually, running
+from tests.system.running import PATIENCE_S, eventually, running
 
 pytestmark = pytest.mark.ros
 
@@ -90,7 +90,7 @@ def test_restarts_crashed_nodes_and_publishes_their_status(pictures: Path, tmp_p
 
         ros.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
         with running("up", "--camera", pictures, "--out", tmp_path / "run", "--set", "camera.loop=true") as process:
-            assert not await_graph(ros, load_graph("waldo"), timeout_s=30.0)
+            assert not await_graph(ros, load_graph("waldo"), timeout_s=PATIENCE_S)
             assert eventually(lambda: bool(latest("bdi_engine")))
             first = pid("bdi_engine")
             os.kill(first, signal.SIGKILL)
@@ -101,4 +101,4 @@ def test_restarts_crashed_nodes_and_publishes_their_status(pictures: Path, tmp_p
             assert any(values["state"] == "waiting" for name, values in told if name == "bdi_engine")
             assert eventually((tmp_path / "run" / "minds" / "bdi_engine.json").exists)
             process.send_signal(signal.SIGINT)
-            assert process.wait(60) == 0
+            assert process.wait(180) == 0

@@ -18,6 +18,7 @@ from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
 from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
+from tests.system.running import PATIENCE_S
 
 GRIPPER = "gripper_a"
 STEP_S = 0.5
@@ -121,6 +122,6 @@ def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[
                 return False
 
             connections = onlooker.connections(graph)
-            missing = await_graph(onlooker.ros, graph, connections, timeout_s=60.0, ended=failed)
+            missing = await_graph(onlooker.ros, graph, connections, timeout_s=PATIENCE_S, ended=failed)
             assert not missing, missing
             yield Live(folder, seen, onlooker.ros, launch, statistics, clock)
