@@ -29,6 +29,8 @@ except ImportError:
 class Servers(Node):
     def __init__(self, mode: str) -> None:
         super().__init__("servers")
+        self.declare_parameter("gains", [1.0, 2.0])
+        self.declare_parameter("mode", True)
         group = ReentrantCallbackGroup()
         self.lit = False
         self.mode = mode
