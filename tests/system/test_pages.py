@@ -28,6 +28,7 @@ def test_all_howto_pages_exist() -> None:
         "cameras",
         "detectors",
         "planners",
+        "services",
         "teams",
         "topics",
         "voices",
