@@ -10,7 +10,12 @@ from rich.text import Text
 
 from socialbot.cli._options import plain_table
 
-param = typer.Typer(help="List, print and set parameters of running nodes.", no_args_is_help=True)
+PANEL = "Join a running graph"
+EXAMPLES = (
+    "socialbot param list person_detector",
+    "socialbot param set person_detector threshold 0.6",
+)
+param = typer.Typer(add_completion=False, help="List, print and set parameters of running nodes.", no_args_is_help=True)
 
 NodeArgument = Annotated[str, typer.Argument(metavar="NODE", help="Node, such as person_detector or /arm/driver.")]
 NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="Parameter, such as threshold.")]
@@ -24,10 +29,7 @@ def list_parameters(
     node: Annotated[str | None, typer.Argument(metavar="[NODE]", help="Node; without one, list the nodes.")] = None,
     timeout: TimeoutOption = 5.0,
 ) -> None:
-    """List the running nodes, or the parameters of one with their values.
-
-    socialbot param list person_detector
-    """
+    """List the running nodes, or the parameters of one with their values."""
     from socialbot.bridge.parameters import parameter_client
 
     console = Console(highlight=False)
@@ -45,10 +47,7 @@ def list_parameters(
 
 @param.command()
 def get(node: NodeArgument, name: NameArgument, timeout: TimeoutOption = 5.0) -> None:
-    """Print the value of a parameter.
-
-    socialbot param get person_detector threshold
-    """
+    """Print the value of a parameter."""
     from socialbot.bridge.parameters import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
@@ -62,10 +61,7 @@ def set_parameter(
     value: Annotated[str, typer.Argument(metavar="VALUE", help="Value of the type of the present one, as YAML.")],
     timeout: TimeoutOption = 5.0,
 ) -> None:
-    """Set a parameter; the node may refuse it.
-
-    socialbot param set person_detector threshold 0.6
-    """
+    """Set a parameter; the node may refuse it."""
     from socialbot.bridge.parameters import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
