@@ -62,6 +62,13 @@ REASONS = {
 """Reasons of failures: ``-g[error(E), error_msg(M)]`` binds E to a key, as an atom, and M to a sentence."""
 
 
+_MESSAGES = {
+    "no_relevant": "Found a goal for which there is no relevant plan: +!{}",
+    "no_applicable": "Found a goal for which there is no applicable plan: +!{}",
+    "test_goal_failed": "Failed to test '{}'",
+}
+
+
 class code(Annotation):  # noqa: N801 - written as AgentSpeak writes it
     """Step that failed: a term in AgentSpeak, otherwise its text."""
 
@@ -100,7 +107,8 @@ class Failure:
     def annotations(self) -> tuple[Any, ...]:
         term = None if self.term is None else self.term()
         step = self.step if term is None else term
-        given: tuple[Any, ...] = (error(Atom(self.reason)), error_msg(self.message), code(step))
+        message = self.message if term is None else self._told_of(term)
+        given: tuple[Any, ...] = (error(Atom(self.reason)), error_msg(message), code(step))
         if self.where is not None:
             given += (code_src(f"file:{self.where.file}"), code_line(self.where.line))
         if self.more:
@@ -109,6 +117,15 @@ class Failure:
                 *(note for note in given if note.__class__ is not error_msg or not self._has_message()),
             )
         return given
+
+    def _told_of(self, term: Any) -> str:
+        """Message to a program in AgentSpeak, with Jason's words for goals without a plan."""
+        words = _MESSAGES.get(self.reason)
+        if words is None:
+            return self.message
+        from socialbot.bdi.agentspeak._spelling import spelled  # it imports this module
+
+        return words.format(spelled(term))
 
     def _has_message(self) -> bool:
         return any(isinstance(note, Literal) and note.key == "error_msg/1" for note in self.more)

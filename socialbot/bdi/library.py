@@ -29,6 +29,9 @@ from socialbot.core.errors import RuleError
 Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
 """Tries a plan for the arguments and annotations of an event, and its record; None if it does not apply."""
 
+_GIVEN = "p__"
+"""Begin of the names of plans without a label, as in Jason."""
+
 BODY = "{body}"
 """Name of the goal whose plan is a value."""
 
@@ -204,7 +207,8 @@ class Library:
         self.namespaces: dict[str, dict[Any, Any]] = {}  # properties of namespaces, by name
         self.users = 0
         self._labels: dict[str, CompiledPlan] = {}
-        self._given: dict[str, Plan] = {}
+        self._numbers: dict[Plan, int] = {}
+        self._last_number = 0
         self._open: set[str] = set()
         self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
         self.watches_goals = False  # plans handle meta-events
@@ -234,6 +238,7 @@ class Library:
         twin.kinds.update(self.kinds)
         twin.goals.update(self.goals)
         twin.namespaces = {name: dict(properties) for name, properties in self.namespaces.items()}
+        twin._numbers, twin._last_number = dict(self._numbers), self._last_number
         twin.keeps_goals, twin.watches_goals = self.keeps_goals, self.watches_goals
         return twin
 
@@ -260,6 +265,9 @@ class Library:
         self._expect_keys(change.key for change in open_changes(plan))
         if plan.label is not None:
             self._labels[plan.label] = compiled
+        else:
+            self._last_number += 1
+            self._numbers[plan] = self._last_number
         if isinstance(plan.event.literal, Literal):
             self.triggers[plan.event.key].add(compiled, first=first)
             return compiled
@@ -288,6 +296,7 @@ class Library:
             for special in self.general.pop(plan):
                 self.remove(special)
             self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
+            self._numbers.pop(plan, None)
             return True
         trigger = self.triggers.get(plan.event.key)
         kept = tuple(compiled for compiled in trigger.plans if compiled.plan is not plan) if trigger else ()
@@ -296,20 +305,26 @@ class Library:
         trigger.plans = kept
         trigger.index()
         self._labels = {label: compiled for label, compiled in self._labels.items() if compiled.plan is not plan}
-        self._given = {label: given for label, given in self._given.items() if given is not plan}
+        self._numbers.pop(plan, None)
         return True
 
     def labelled(self, label: str) -> Plan | None:
         compiled = self._labels.get(label)
-        return compiled.plan if compiled else self._given.get(label)
+        if compiled is not None or not label.startswith(_GIVEN):
+            return compiled.plan if compiled else None
+        return next((plan for plan, number in self._numbers.items() if label == f"{_GIVEN}{number}"), None)
 
     def given_label(self, plan: Plan) -> str:
-        """Name of a plan without a label, the same each time."""
-        known = next((name for name, other in self._given.items() if other is plan), None)
-        if known is None:
-            known = next(name for name in map("p__{}".format, itertools.count(1)) if self.labelled(name) is None)
-            self._given[known] = plan
-        return known
+        """Name of a plan without a label, by its place in the program."""
+        general = next((each for each, special in self.general.items() if plan in special), plan)
+        return general.label or f"{_GIVEN}{self._numbers.get(general, 0)}"
+
+    def replace(self, compiled: CompiledPlan, plan: Plan) -> None:
+        """Replace a plan by a copy with other annotations."""
+        number = self._numbers.pop(compiled.plan, None)
+        if number is not None:
+            self._numbers[plan] = number
+        compiled.plan = plan
 
     def _expect_rules(self, part: object) -> None:
         """Prepare for rules that a step of a plan may add, such as ``+{b :- c}``."""

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from types import FrameType
+from typing import ClassVar
 
 from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
 from socialbot.bdi.aggregates import needed_names
@@ -81,6 +82,14 @@ def origin_in_python(module: str) -> Origin | None:
     return Origin("/".join(path.parts[-packages - 1 :]), frame.f_lineno)
 
 
+@dataclass(frozen=True, eq=False)
+class KnownPlan:
+    """Plan of the library that a copy with other names of variables stands for, and its label as a term."""
+
+    plan: Plan
+    label: Literal
+
+
 @dataclass(eq=False, repr=False)
 class Plan:
     """Plan for ``event``: its steps are ``body``, executed if ``condition`` holds.
@@ -100,6 +109,9 @@ class Plan:
     annotations: tuple[object, ...] = ()
     origin: Origin | None = None
     text: str | None = None
+
+    known: ClassVar[KnownPlan | None] = None
+    """Set by copies that are values, such as those of ``.relevant_plans``."""
 
     def check(self) -> Plan:
         """Return the plan. Raises RuleError for a plan that can never run.
@@ -130,7 +142,8 @@ class Plan:
         """Whether another plan is written alike; two plans as terms are equal then."""
         from socialbot.bdi.agentspeak.printer import agentspeak
 
-        return agentspeak(self.without_truth()) == agentspeak(other.without_truth())
+        mine, theirs = (each.known.plan if each.known else each for each in (self, other))
+        return agentspeak(mine.without_truth()) == agentspeak(theirs.without_truth())
 
     def without_truth(self) -> Plan:
         """Return the plan without the condition ``true``, which says nothing."""
@@ -361,6 +374,8 @@ class _Checker:
                 return self.pattern((part,), bound, step)
             case Update(literal=Inference()):
                 return bound
+            case Do(action=Condition() as part) if not isinstance(part, Literal):
+                return self.condition(part, bound)
             case Update(literal=LiteralVariable() as part):
                 self.value(part.variable, bound, step)
                 return self.pattern(part.annotations, bound, step)

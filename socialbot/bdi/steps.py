@@ -171,9 +171,10 @@ class Do(Step):
     """Action: an `Action`, a literal for a registered or internal one (``.print``), or a variable with such a value.
 
     The value of a variable may be a `PlanBody`, too. It fails (``timeout``) after ``limit_s`` seconds, if given.
+    A condition as a step of AgentSpeak, such as ``a & b``, is an action that no agent has, as in Jason.
     """
 
-    action: Literal | Variable | LiteralVariable
+    action: Literal | Variable | LiteralVariable | Condition
     limit_s: object = None
 
     def __str__(self) -> str:

@@ -7,7 +7,7 @@ from operator import is_
 from typing import Any
 
 from socialbot.bdi.literals import Event, Literal, literal
-from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest, Term
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest, Term, order
 
 Trail = list["Var"]
 """Variables bound since a choice point, for backtracking."""
@@ -187,8 +187,10 @@ def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trai
     matched: list[Any] = []
     for note in pattern:
         if note.__class__ is Rest:
-            return unify(note.tail, tuple(other for other in held if all(other is not one for one in matched)), trail)
-        for candidate in held:
+            others = (other for other in held if all(other is not one for one in matched))
+            return unify(note.tail, tuple(sorted(others, key=order)), trail)
+        # Jason keeps annotations in the order of terms.
+        for candidate in sorted(held, key=order) if note.__class__ is Var else held:
             mark = len(trail)
             if unify(note, candidate, trail):
                 matched.append(candidate)

@@ -384,7 +384,7 @@ class EchoActions(dict[str, Any]):
 
 
 def _print_action(name: str, engine: Engine, *args: object) -> None:
-    from socialbot.bdi.stdlib.environment import spelled
+    from socialbot.bdi.agentspeak._spelling import spelled
 
     if engine.out is not None:
         engine.out(f"does {spelled(literal(name, args))}")

@@ -11,6 +11,9 @@ from socialbot.bdi.agentspeak import AgentSpeakError
 from socialbot.core.clock import ManualClock
 from tests.bdi.mas import Mas, does, said
 
+OWN = '[source(self),url("file:me.asl")]'
+"""Annotations of the label of a plan of the agent `me`."""
+
 PRINTED = {
     "a plan stays until its last source is gone": ("""!g.
     +!g <- .add_plan({@l +!h <- .print(h)}, bob); .add_plan({@l +!h <- .print(h)}, amy); !h;
@@ -20,8 +23,7 @@ PRINTED = {
     +!g <- .relevant_plans({+!h(2)}, P, L); .print(L); .relevant_plans({+!h(_)}, _, M); .print(M);
            .relevant_plans({+!none}, N); .print(N); .relevant_plans("+!h(1)", Q); .length(Q, K); .print(K).
     @one +!h(1). @two +!h(2) : false. @any +!h(X).""", [
-        "[two[source(self)],any[source(self)]]",
-        "[one[source(self)],two[source(self)],any[source(self)]]", "[]", "2",
+        f"[two{OWN},any{OWN}]", f"[one{OWN},two{OWN},any{OWN}]", "[]", "2",
     ]),
     "a plan without a label can be removed as it was found": (
         "!g. +!g <- .relevant_plans({+!h}, P, L); .remove_plan(L); !h. +!h <- .print(h). -!h[error(E)] <- .print(E).",
@@ -29,7 +31,7 @@ PRINTED = {
     ),
     "the plan of a label": (
         "!g. @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m). -!g <- .print(none).",
-        ["{ @l +!g <- .plan_label(P, l); .print(P); .plan_label(Q, m) }","none"],
+        [f"{{ @l{OWN} +!g <- .plan_label(_1,l); .print(_1); .plan_label(_2,m) }}","none"],
     ),
     "beliefs put first and last are found in that order": ("""b(1). !g. +b(X) <- .print(X).
     @g[atomic] +!g <- .asserta(b(0)); .assertz(b(2)); .findall(X, b(X), L); .print(L).""", ["1", "[0,1,2]", "0", "2"]),

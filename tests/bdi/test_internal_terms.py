@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.agentspeak import parse_term
+from socialbot.bdi.agentspeak._spelling import said, spelled
 from socialbot.bdi.literals import literal
 from socialbot.bdi.stdlib import internals
-from socialbot.bdi.stdlib.environment import said, spelled
 from socialbot.bdi.stdlib.registry import detached, opened
 from socialbot.bdi.terms import Cons, Variable, order
 from socialbot.bdi.unification import Var, resolve

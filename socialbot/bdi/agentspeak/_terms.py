@@ -330,7 +330,7 @@ class TermReader:
             return call
         # The namespace of an atom is added where it is a condition or a step.
         if at == start and not args:
-            return Atom(name)
+            return Atom((self.own_namespace or "default") if name == "this_ns" else name)
         name = qualified(namespace, name, len(args))
         return literal(name, args) if args or self.namespace else Atom(name)
 

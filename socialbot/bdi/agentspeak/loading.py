@@ -37,7 +37,7 @@ from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.stdlib.actions import registered
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.steps import Action, Do
-from socialbot.bdi.terms import Atom, Call, Expression, Variable
+from socialbot.bdi.terms import Atom, Call, Condition, Expression, Variable
 from socialbot.bdi.unification import closed
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
@@ -248,14 +248,27 @@ def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Librar
 
 
 def warnings_of(program: Program) -> list[AgentSpeakError]:
-    """Return the uses of variables without a value, which fail (``no_value``) when they are reached."""
+    """Return the steps that fail when they are reached: uses of variables without a value, conditions as actions."""
     found = []
+    for plan in program.plans:
+        for condition in _conditions_as_actions(plan.body):
+            what = f"{agentspeak(condition)} is a condition, which is no action"
+            problem = RuleError(what, remedy=f"write ?({agentspeak(condition)})")
+            found.append(_placed(problem, plan, program))
     for item in (*program.inferences, *program.plans):
         for names, where in unbound_in(item):
             what = f"{names} has no value in {agentspeak(where)}"
             remedy = "give it one in the event or the context" if isinstance(item, Plan) else "give it one before"
             found.append(_placed(RuleError(what, remedy=remedy), item, program))
     return sorted(found, key=lambda problem: (problem.line, problem.column))
+
+
+def _conditions_as_actions(part: Any) -> Iterable[Condition]:
+    for inner in parts_of(part):
+        if isinstance(inner, Do) and isinstance(inner.action, Condition) and not isinstance(inner.action, Literal):
+            yield inner.action
+        elif inner.__class__ not in _LEAVES:
+            yield from _conditions_as_actions(inner)
 
 
 def needs_of(program: Program) -> tuple[str, ...]:

@@ -11,7 +11,17 @@ from socialbot.bdi.agentspeak.lexer import BINARY, END, REMEDIES, TRIGGERS, Leve
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Origin, Plan
 from socialbot.bdi.steps import Achieve, Ask, Constrain, Do, For, Fork, If, PlanBody, Step, Update, While
-from socialbot.bdi.terms import NOTHING, Atom, Conjunction, Expression, LiteralVariable, Variable, conjunction
+from socialbot.bdi.terms import (
+    NOTHING,
+    Atom,
+    Comparison,
+    Conjunction,
+    Expression,
+    LiteralVariable,
+    Truth,
+    Variable,
+    conjunction,
+)
 
 GOAL_NOTES = ("within", "hard_deadline", "source")
 LABEL_NOTES = ("atomic", "priority", "stage", "breakpoint", "all_unifs", "source")
@@ -97,9 +107,12 @@ class Parser(TermReader):
             expected = "'<-', '.', '&' or '|' after the context"
         if words[self.at] == "<-":
             self.at += 1
+            bare = words[self.at] == "true"  # a body without steps, as in Jason
             body = self.body()
             if not body and "}" not in ends:
                 self.fail("a step")
+            if bare and isinstance(body[0], Do) and isinstance(body[0].action, Truth):
+                body = body[1:]
             expected = "'.' or ';' after a step"
         if words[self.at] not in ends:
             missing = "write '.' at the end of the plan before" if words[self.at] in ("+", "-", "@") else None
@@ -305,9 +318,10 @@ class Parser(TermReader):
             remedy = "when a plan ends before the '+' or '-', write '.' there" if value.symbol in "+-" else None
             raise self.source.error(start, "expected a step, found arithmetic", remedy)
         condition = self.as_condition(value, start)
-        if isinstance(condition, Literal):  # such as .length(L), a function in other places
-            return (Do(condition),)
-        return (Constrain(conjunction(condition)),)
+        if isinstance(condition, Comparison):
+            return (Constrain(conjunction(condition)),)
+        # A literal such as .length(L) is a function in other places. Other conditions are actions that nobody has.
+        return (Do(condition),)
 
     def limited(self, what: Literal, start: int) -> tuple[Literal, object]:
         """Split a goal or action into its literal and the limit of its annotation ``within(5)``.

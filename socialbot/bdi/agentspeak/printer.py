@@ -175,9 +175,9 @@ def _branch(body: tuple[Step, ...]) -> str:
     return _step(body[0]) if alone else _block(body)
 
 
-def _limited(what: Literal | Variable | LiteralVariable, limit_s: object) -> str:
+def _limited(what: object, limit_s: object) -> str:
     if not isinstance(what, Literal):
-        return _term(what)
+        return _condition(what) if isinstance(what, Condition) else _term(what)
     written = any(isinstance(note, Literal) and note.functor == "hard_deadline" for note in what.annotations)
     return _literal(what, *(() if limit_s is None or written else (literal("within", (limit_s,)),)))
 
@@ -187,13 +187,16 @@ def _target(what: object) -> str:
 
 
 def _constraint(condition: Condition) -> str:
+    """Print a condition as a step; all but comparisons are a question, since they would be an action."""
     if isinstance(condition, Conjunction) and len(condition.terms) == 1:
         condition = condition.terms[0]
-    text = _condition(condition)
-    if text[0] in "+-{":  # these start another kind of step
-        return f"({text})"
-    alone = isinstance(condition, (Literal, FunctionCondition))  # it would be an action
-    return f"{text} & true" if alone else text
+    if isinstance(condition, Comparison) and not condition.binds():
+        text = _condition(condition)
+        return f"({text})" if text[0] in "+-{" else text  # these start another kind of step
+    if isinstance(condition, Comparison) or (isinstance(condition, Literal) and "." in condition.functor):
+        return _condition(condition)
+    alone = isinstance(condition, (Literal, FunctionCondition))  # a plan for it would answer
+    return f"?({_condition(condition)}{' & true' if alone else ''})"
 
 
 def _milliseconds(seconds: object) -> object:

@@ -41,7 +41,7 @@ from socialbot.bdi.steps import (
     Update,
     While,
 )  # fmt: skip
-from socialbot.bdi.terms import names_in
+from socialbot.bdi.terms import Condition, names_in
 
 WORK = "ag.ready or ag.events or ag.inbox or ag.heap"
 """Expression that tests for work beside the running intention."""
@@ -154,7 +154,7 @@ class Body:
         if isinstance(step, Achieve):
             kept = self.unit.library.keeps_goals and _key(step.goal) != _key(self.plan.event.literal)
             achieve(f, step, last=last and not self.plan.atomic and not kept)
-        elif isinstance(step, Do) and not isinstance(step.action, Literal):
+        elif isinstance(step, Do) and not isinstance(step.action, (Literal, Condition)):
             f.line(f"yield run_value(ag, {build(f, step.action)}, c)", step)
             refresh(f, names_in(step.action))
         elif isinstance(step, Do):

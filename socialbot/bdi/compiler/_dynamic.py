@@ -133,7 +133,8 @@ def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -
     if isinstance(pattern, Plan):
         if not isinstance(other, Plan) or pattern.event.change is not other.event.change:
             return False
-        label = literal(other.label or "unlabelled", (), (*other.annotations, *SELF))
+        known = other.known
+        label = known.label if known else literal(other.label or "unlabelled", (), (*other.annotations, *SELF))
         condition = other.condition if other.condition.terms else Atom("true")
         return (
             (not isinstance(pattern.label, Variable) or _matches(cells, pattern.label, label, trail))
@@ -251,7 +252,9 @@ def run_value(ag: Interpreter, value: Any, cause: Any) -> Any:
     if isinstance(value, Event) and value.change in (Change.ADDED, Change.REMOVED):
         value = PlanBody((Update("+" if value.change is Change.ADDED else "-", value.literal),))
     if not isinstance(value, PlanBody):
-        value = PlanBody((Do(literal_of("an action", value)),))
+        other = isinstance(value, Condition) and not isinstance(value, Literal)
+        action: Any = value if other else literal_of("an action", value)
+        value = PlanBody((Do(action),))
     return (SUBGOAL, _trigger(ag, value), (), SELF, cause)
 
 

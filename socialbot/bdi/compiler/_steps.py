@@ -54,7 +54,10 @@ def limited(f: Function, pause: str, limit_s: object) -> str:
 def do(f: Function, step: Do) -> str | None:
     """Emit an action; return the local that holds its pause or None, if it can pause."""
     action = step.action
-    assert isinstance(action, Literal), action
+    if not isinstance(action, Literal):
+        message = f"{action!s} is a condition, which is no action; write ?({action!s})"
+        f.line(f"raise Failed('action_failed', {message!r})", step)
+        return None
     if "." in action.functor:
         internal(f, step)
         return None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from socialbot.bdi.agentspeak._spelling import plain as said
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import Change, Event, Literal, literal_from_key, source
-from socialbot.bdi.stdlib.environment import plain as said
 from socialbot.bdi.stdlib.registry import Args, gives, internal, items_of, name_of, number_of, wrong
 from socialbot.bdi.terms import Atom
 from socialbot.bdi.unification import Trail, Var, resolve

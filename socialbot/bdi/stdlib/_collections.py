@@ -38,7 +38,7 @@ class SetTerm(Collection):
         self._items = {item: None for item in self._items if wanted(item)}
 
     def __str__(self) -> str:
-        from socialbot.bdi.stdlib.environment import spelled
+        from socialbot.bdi.agentspeak._spelling import spelled
 
         return f"{{{','.join(map(spelled, self.items()))}}}"
 
@@ -58,7 +58,7 @@ class MapTerm(Collection):
         self.values.clear()
 
     def __str__(self) -> str:
-        from socialbot.bdi.stdlib.environment import spelled
+        from socialbot.bdi.agentspeak._spelling import spelled
 
         return f"{{{','.join(f'{spelled(key)}->{spelled(value)}' for key, value in self.items())}}}"
 
@@ -91,7 +91,7 @@ class QueueTerm(Collection):
         return QueueTerm(self.items(), ranked=self.ranked)
 
     def __str__(self) -> str:
-        from socialbot.bdi.stdlib.environment import spelled
+        from socialbot.bdi.agentspeak._spelling import spelled
 
         return f"[{','.join(map(spelled, self._items))}]"
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 from socialbot.bdi._open_beliefs import any_belief, forget_all
+from socialbot.bdi.agentspeak._spelling import label_term, spelled_item
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.intentions import Failed
+from socialbot.bdi.compiler._dynamic import substituted, variables_of
+from socialbot.bdi.intentions import Failed, source_of
 from socialbot.bdi.literals import SELF, Literal, literal, source
-from socialbot.bdi.plans import Plan
+from socialbot.bdi.plans import KnownPlan, Plan
 from socialbot.bdi.stdlib.environment import event_of, print_
 from socialbot.bdi.stdlib.registry import (
     Args,
@@ -28,7 +31,7 @@ from socialbot.bdi.stdlib.registry import (
     opened,
     wrong,
 )
-from socialbot.bdi.terms import Atom, LiteralVariable
+from socialbot.bdi.terms import Atom, LiteralVariable, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 from socialbot.core.errors import RuleError, SocialbotError
 
@@ -108,35 +111,38 @@ def relevant_plans(engine: Any, args: Args, trail: Trail) -> bool:
     """``.relevant_plans({+!g(_)}, Plans, Labels)``: the plans for an event, and their labels with annotations."""
     found = relevant(engine, args[0])
     labels = tuple(label_of(engine, plan) for plan in found)
-    return gives(args[1:], (found, labels)[: len(args) - 1], trail)
+    shown = tuple(_shown(engine, plan) for plan in found)
+    return gives(args[1:], (shown, labels)[: len(args) - 1], trail)
 
 
 @internal(".relevant_plan", 2, many=True)
 def relevant_plan(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.relevant_plan({+!g(_)}, Plan)``: Plan is in turn each plan for an event."""
-    return each(args[1], relevant(engine, args[0]), trail)
+    return each(args[1], (_shown(engine, plan) for plan in relevant(engine, args[0])), trail)
 
 
 @internal(".plan_label", 2, many=True)
 def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.plan_label(Plan, Label)``: the plan with a label, the label of a plan, or all of both."""
     plan, label = map(resolve, args)
+    if isinstance(plan, Plan) and plan.known is not None:
+        plan = plan.known.plan
     if isinstance(plan, Plan) and not isinstance(plan.label, str):
         bare = _bare(plan)
         return each(label, [label_of(engine, known) for known in engine.library if _bare(known) == bare], trail)
     if isinstance(plan, Plan):
         return each(label, [label_of(engine, plan)], trail)
     if label.__class__ is Var:
-        return each(args, [(found, label_of(engine, found)) for found in engine.library], trail)
+        return each(args, [(_shown(engine, found), label_of(engine, found)) for found in engine.library], trail)
     found = _labelled(engine, label)
-    return each(plan, [] if found is None else [found], trail)
+    return each(plan, [] if found is None else [_shown(engine, found)], trail)
 
 
 @internal(".list_plans", 0, 1)
 def list_plans(engine: Any, args: Args, trail: Trail) -> None:
     """``.list_plans({+!g(_)})``: print the plans for an event, or all plans."""
     for plan in relevant(engine, args[0]) if args else engine.library:
-        print_(engine, (agentspeak(plan),), trail)
+        print_(engine, (spelled_item(_shown(engine, plan)),), trail)
 
 
 @internal(".list_rules", 0)
@@ -144,7 +150,7 @@ def list_rules(engine: Any, args: Args, trail: Trail) -> None:
     """``.list_rules``: print the rules."""
     for rules in engine.library.inferences.values():
         for compiled in rules:
-            print_(engine, (agentspeak(compiled.inference),), trail)
+            print_(engine, (spelled_item(compiled.inference),), trail)
 
 
 @internal(".relevant_rules", 2)
@@ -192,12 +198,23 @@ def namespace_get_prop(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 def label_of(engine: Any, plan: Plan) -> Any:
     """Return the label of a plan with its annotations; a plan without one gets a name, such as ``p__2``."""
     name = plan.label or engine.library.given_label(plan)
-    notes: list[Any] = [Atom("atomic")] if plan.atomic else []
-    if plan.priority:
-        notes.append(literal("priority", (plan.priority,)))
-    if plan.stage is not None:
-        notes.append(literal("stage", (Atom(plan.stage),)))
-    return literal(name, (), (*notes, *_others(plan), *_sources(plan)))
+    place = () if plan.origin is None else (literal("url", (source_of(plan.origin),)),)
+    marked = replace(plan, label=name, annotations=(*_others(plan), *_sources(plan), *place))
+    return label_term(marked)
+
+
+def renamed(item: Any, numbers: Iterator[int]) -> tuple[Any, dict[str, Variable]]:
+    """Copy a plan or body with numbers for the names of its variables; return it with the new variables."""
+    names = {name: Variable(f"_{next(numbers)}") for name in variables_of(item)}
+    return substituted(item, names), names
+
+
+def _shown(engine: Any, plan: Plan) -> Plan:
+    """Return a plan of the library as a value: it has its label, and variables of its own."""
+    twin, _ = renamed(plan, itertools.count(1))
+    twin = copy.copy(plan) if twin is plan else twin
+    twin.__dict__["known"] = KnownPlan(plan, label_of(engine, plan))
+    return twin
 
 
 def _labelled(engine: Any, term: Any) -> Plan | None:
@@ -234,12 +251,15 @@ def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False
             plan = parse_plan(plan, "<string>")
         except AgentSpeakError as problem:
             raise Failed("wrong_arguments", f"the plan cannot be read: {problem}") from problem
+    if isinstance(plan, Plan) and plan.known is not None:
+        plan = plan.known.plan
     if not isinstance(plan, Plan):
         raise wrong(".add_plan", plan, "a plan, such as {+!g <- .print(hello)}")
     known = _known(engine, plan)
     if known is not None:
         new = tuple(note for note in notes if note not in _sources(known.plan))
-        known.plan = replace(known.plan, annotations=(*_others(known.plan), *_sources(known.plan), *new))
+        notes = (*_others(known.plan), *_sources(known.plan), *new)
+        engine.library.replace(known, replace(known.plan, annotations=notes))
         return
     from socialbot.bdi.agentspeak.loading import check_plans
 
@@ -267,13 +287,14 @@ def unlearn(engine: Any, item: Any, notes: tuple[Any, ...]) -> None:
     if left:
         engine.interpreter.own_library()
         known = _known(engine, known.plan)
-        known.plan = replace(known.plan, annotations=(*_others(known.plan), *left))
+        engine.library.replace(known, replace(known.plan, annotations=(*_others(known.plan), *left)))
     else:
         engine.remove_plan(known.plan)
 
 
 def _known(engine: Any, plan: Plan) -> Any:
     """Return the equal compiled plan of the library."""
+    plan = plan.known.plan if plan.known else plan
     trigger = engine.library.triggers.get(plan.event.key)
     known = () if trigger is None else trigger.plans
     return next((ready for ready in known if ready.plan is plan or _text(ready.plan) == _text(plan)), None)

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from socialbot.bdi.agentspeak._spelling import plain, said, spelled
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import parse_condition, parse_term
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.stdlib.environment import plain, said, spelled
 from socialbot.bdi.stdlib.registry import Args, each, gives, integer_of, internal, is_number, items_of, opened, wrong
 from socialbot.bdi.terms import Atom
 from socialbot.bdi.unification import Trail, Var, resolve
@@ -113,7 +113,7 @@ def term2string(engine: Any, args: Args, trail: Trail) -> bool:
 
 
 def read_term(engine: Any, text: str) -> Any:
-    """Parse and compute a term; the atom of a text that is none. Raises Failed for a condition."""
+    """Parse and compute a term or a condition; the atom of a text that is neither."""
     from socialbot.bdi.agentspeak.loading import _computed  # it imports this package
 
     try:
@@ -121,7 +121,7 @@ def read_term(engine: Any, text: str) -> Any:
     except AgentSpeakError:
         pass
     try:
-        parse_condition(text, "<text>")
+        condition = parse_condition(text, "<text>")
     except AgentSpeakError:
         return Atom(text)
-    raise Failed("wrong_arguments", f"{text!r} is a condition, which is no value")
+    return condition.terms[0] if len(condition.terms) == 1 else condition

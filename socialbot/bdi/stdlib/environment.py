@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import functools
-import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from decimal import Decimal
 from pathlib import Path
 from random import Random
 from typing import Any, TypeVar
 
+from socialbot.bdi.agentspeak._spelling import said
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import parse_event, parse_term
-from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.intentions import EventPause, Failed, Pause, Sleep, timed
 from socialbot.bdi.literals import Change, Event, Literal, literal
-from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.registry import Args, detached, gives, internal, is_number, name_of, number_of, opened, wrong
-from socialbot.bdi.steps import PlanBody
-from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Cons, Disjunction, Negation, Variable
-from socialbot.bdi.unification import Trail, Var, closed, resolve
+from socialbot.bdi.terms import Atom, Variable
+from socialbot.bdi.unification import Trail, closed, resolve
 from socialbot.core.clock import SECOND
 
 
@@ -113,80 +108,6 @@ def list_files(engine: Any, args: Args, trail: Trail) -> bool:
     found = sorted(path for path in Path(folder).rglob("*") if path.is_file() and re.fullmatch(pattern, path.name))
     start = "./" if folder.startswith("./") else ""
     return gives(args[-1], tuple(f"{start}{path}" for path in found), trail)
-
-
-def said(term: Any) -> str:
-    """Format a term for printing: a top-level string appears without quotes."""
-    term = resolve(term)
-    if isinstance(term, str):
-        return term
-    if term.__class__ is Var:
-        return f"{term}<no-value>"
-    return spelled(term)
-
-
-def plain(term: Any) -> str:
-    """Format a term as a part of a string: names appear without quotes, too."""
-    term = resolve(term)
-    return term.name if term.__class__ is Atom else said(term)
-
-
-def spelled(term: Any) -> str:
-    """Format a term in AgentSpeak as Jason does: no spaces, and no fraction for integers."""
-    if term.__class__ is Atom:
-        return _name(term.name)
-    if isinstance(term, str):
-        return f'"{term}"'
-    if isinstance(term, bool) or term is None:
-        return str(term).lower()
-    if isinstance(term, float):
-        return _decimal(term)
-    if term.__class__ is tuple:
-        return f"[{','.join(map(spelled, term))}]"
-    if term.__class__ is Cons:
-        return f"[{','.join(map(spelled, term.items))}|{spelled(term.tail)}]"
-    if isinstance(term, Literal):
-        args = f"({','.join(map(spelled, term.args))})" if term.args else ""
-        notes = f"[{','.join(sorted(map(spelled, term.annotations)))}]" if term.annotations else ""
-        return f"{'~' if term.negated else ''}{_name(term.functor)}{args}{notes}"
-    if isinstance(term, Plan):
-        return f"{{ {agentspeak(term).removesuffix('.')} }}"
-    if isinstance(term, (PlanBody, Inference)):
-        return agentspeak((term,))[1:-1]
-    if isinstance(term, Condition):
-        return _spelled_condition(term)
-    if isinstance(term, Event):
-        return f"{{ {term.change.value}{spelled(resolve(term.literal))} }}"
-    return str(term)
-
-
-def _spelled_condition(condition: Condition) -> str:
-    if isinstance(condition, (Conjunction, Disjunction)):
-        sign = "&" if isinstance(condition, Conjunction) else "|"
-        first, *others = map(spelled, condition.terms)
-        return functools.reduce(lambda left, right: f"({left} {sign} {right})", others, first)
-    if isinstance(condition, Negation):
-        inner = spelled(condition.condition)
-        return f"not {inner}" if isinstance(condition.condition, (Comparison, Conjunction)) else f"not ({inner})"
-    text = agentspeak(condition)
-    return f"({text})" if isinstance(condition, Comparison) else text
-
-
-def _decimal(number: float) -> str:
-    """Format a float as Java does: whole numbers without a fraction, small and large ones with an exponent."""
-    if math.isnan(number) or math.isinf(number):
-        return {math.inf: "Infinity", -math.inf: "-Infinity"}.get(number, "NaN")
-    if number.is_integer() and abs(number) < 2**63:
-        return str(int(number))
-    if 1e-3 <= abs(number) < 1e7:
-        return repr(number)
-    digits, exponent = f"{Decimal(repr(number)):e}".split("e")
-    return f"{digits if '.' in digits else digits + '.0'}E{int(exponent)}"
-
-
-def _name(name: str) -> str:
-    bare = name.removeprefix("~")  # as =.. takes a negated literal apart
-    return name if bare.isidentifier() and bare[0].islower() else agentspeak(Atom(name))
 
 
 T = TypeVar("T")

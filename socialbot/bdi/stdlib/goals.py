@@ -6,10 +6,13 @@ is no longer current, unless it is the initial goal or has a failure plan.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from socialbot.bdi._goal_states import pause_term
+from socialbot.bdi.agentspeak._spelling import said, spelled
+from socialbot.bdi.compiler._dynamic import variables_of
 from socialbot.bdi.intentions import (
     EVENT,
     KEPT,
@@ -22,10 +25,10 @@ from socialbot.bdi.intentions import (
     source_of,
 )
 from socialbot.bdi.literals import Event, Literal, error, error_msg, literal, literal_from_key
-from socialbot.bdi.stdlib.environment import Appointment, event_of, said, spelled
+from socialbot.bdi.stdlib.environment import Appointment, event_of
 from socialbot.bdi.stdlib.registry import Args, gives, internal, literal_of, opened
 from socialbot.bdi.steps import Achieve, PlanBody
-from socialbot.bdi.terms import Atom
+from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
 
 # Looking
@@ -96,8 +99,10 @@ def intention_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     else:
         found = [each for each in engine.intentions if each.frames]
     for each in found:
-        state = "running" if each is current else each.state
-        values = (each.number, Atom(state), _stack(engine, each) if len(args) > 2 else ())
+        state: Any = Atom("running" if each is current else each.state)
+        if each is not current and each.state == "waiting" and resolve(args)[1] is not state:
+            state = literal(each.state, (), (literal("reason", (pause_term(each),)),))
+        values = (each.number, state, _stack(engine, each) if len(args) > 2 else ())
         mark = len(trail)
         if unify(args[:3], values[: len(args[:3])], trail):
             yield
@@ -105,9 +110,10 @@ def intention_(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
 
 
 def _stack(engine: Any, intention: Intention) -> Args:
-    from socialbot.bdi.stdlib._plans import label_of  # it imports this module's neighbours
+    from socialbot.bdi.stdlib._plans import label_of, renamed  # it imports this module's neighbours
 
     means = []
+    numbers = itertools.count(1)
     for body, goal, compiled in reversed(intention.frames):
         if compiled is None or compiled is KEPT or body is None:
             continue
@@ -116,18 +122,22 @@ def _stack(engine: Any, intention: Intention) -> Args:
         origin, left = plan.origin, _remaining(compiled, body)
         if origin is not None:
             line = next((step.line for step in left if step.line), origin.line)
-            label = label.with_(
-                annotations=(
-                    *label.annotations,
-                    literal("code_line", (line,)),
-                    literal("code_src", (source_of(origin),)),
-                )
-            )
+            place = (literal("code_line", (line,)), literal("code_src", (source_of(origin),)))
+            label = label.with_(annotations=(*label.annotations, *place))
         wanted = plan.event.literal
         if goal is not None:
             wanted = literal_from_key(goal[1].key.lstrip("+-!?"), resolve(goal[2]), goal[3])
-        means.append(literal("im", (label, Event(plan.event.change, wanted), PlanBody(left), ())))
+        steps, _ = renamed(PlanBody(left), numbers)
+        values = (literal("map", (Variable(f"_{next(numbers)}"), value)) for value in _values(plan, body))
+        means.append(literal("im", (label, Event(plan.event.change, wanted), steps, tuple(values))))
     return tuple(means)
+
+
+def _values(plan: Any, body: Any) -> list[Any]:
+    """Return the values of the variables of a suspended plan."""
+    known = {} if body.gi_frame is None else body.gi_frame.f_locals
+    found = (resolve(known.get(f"v_{name}")) for name in variables_of(plan))
+    return [value for value in found if value is not None and value.__class__ is not Var]
 
 
 def _remaining(compiled: Any, body: Any) -> tuple[Any, ...]:
