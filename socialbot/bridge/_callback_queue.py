@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
 import itertools
+import operator
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
@@ -25,6 +27,10 @@ GRACE_S = 0.05  # real time to wait after the deadline of an input, for messages
 CALLS_AVERAGED = 8  # number of calls in the average cost of a message
 
 
+class InternalCall(functools.partial[None]):
+    """Internal callback, excluded from the statistics of the node."""
+
+
 @dataclass(eq=False)
 class InputQueue:
     """Waiting messages of one input, and message counts."""
@@ -33,6 +39,7 @@ class InputQueue:
     waiting: deque[Message] = field(default_factory=deque)
     cost_s: float = 0.0
     spacings_s: deque[float] = field(default_factory=lambda: deque(maxlen=CALLS_AVERAGED))
+    arrived: int = 0
     received: int = 0
     skipped: int = 0
     handled: int = 0
@@ -85,21 +92,50 @@ class InputQueue:
             self.skipped += 1
 
 
+class IdleState(NamedTuple):
+    """State of a queue whose callbacks have all been handled.
+
+    Attributes:
+        time: The time (ns) up to which timers were called.
+        arrived: Number of messages by input.
+        held: Number of messages that wait for a release.
+        round: The last release.
+        repeat: The last request for a repeated call.
+    """
+
+    time: int
+    arrived: Mapping[Input[Any], int]
+    held: int
+    round: int
+    repeat: int
+
+
 class CallbackQueue:
     """Callbacks of one node. Any thread may add them; the thread of the node takes them.
 
-    ``now`` returns the time of the node (ns). If it is ``simulated``, its owner calls `time_changed`.
+    ``now`` returns the time of the node (ns). If it is ``simulated``, its owner calls `recheck` after each change.
+
+    `take` returns a call of ``on_idle`` when all that waited is handled and nothing is expected, once after each
+    change.
+
+    A message that is put with an order is held until `release`. Released messages have the order of these values, or
+    of their content if several have the same, whenever they arrived.
     """
 
-    def __init__(self, now: Callable[[], int], *, simulated: bool) -> None:
+    def __init__(
+        self, now: Callable[[], int], *, simulated: bool, on_idle: Callable[[IdleState], None] | None = None
+    ) -> None:
         self._now = now
         self._simulated = simulated
+        self._on_idle = on_idle
+        self._has_changed = True
+        self._held: list[tuple[tuple[int, int], Input[Any], Message]] = []
+        self._round = self._repeat = 0
         self._changed = threading.Condition()
         self._inputs: dict[str, InputQueue] = {}
         self._order: deque[InputQueue] = deque()
         self._calls: deque[Callable[[], None]] = deque()
         self._expected = 0
-        self._when_idle: Callable[[], None] | None = None
         self._timers: list[tuple[int, int, Timer]] = []
         self._sequence = itertools.count()
         self.closed = False
@@ -117,21 +153,48 @@ class CallbackQueue:
         """The inputs that have received messages."""
         return tuple(self._inputs.values())
 
-    def put(self, port: Input[Any], message: Message) -> None:
+    def put(self, port: Input[Any], message: Message, order: tuple[int, int] | None = None) -> None:
+        """Add a message. With an ``order``, it is held until `release`."""
         with self._changed:
-            if self._health is not None:
-                self._health.came(port, message)
             queue = self._inputs.setdefault(port.name, InputQueue(port))
-            queue.put(message)
-            if queue.waiting and queue not in self._order:
-                self._order.append(queue)
-            self._changed.notify()
+            queue.arrived += 1
+            if order is None:
+                self._release()
+                self._append(queue, message)
+            else:
+                self._held.append((order, port, message))
+            self._notify()
+
+    def release(self, round: int, repeat: int = 0) -> None:
+        """Release the held messages if ``round`` is a later one. Call ``on_idle`` again in any case."""
+        with self._changed:
+            if round > self._round:
+                self._round = round
+                self._release()
+            self._repeat = max(self._repeat, repeat)
+            self._notify()
+
+    def _release(self) -> None:
+        if not self._held:
+            return
+        first = operator.itemgetter(0)
+        held, self._held = sorted(self._held, key=first), []
+        for _, same in itertools.groupby(held, key=first):
+            for _, port, message in sorted(same, key=lambda item: repr(item[2])):
+                self._append(self._inputs[port.name], message)
+
+    def _append(self, queue: InputQueue, message: Message) -> None:
+        if self._health is not None:
+            self._health.came(queue.port, message)
+        queue.put(message)
+        if queue.waiting and queue not in self._order:
+            self._order.append(queue)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         """Add a call with priority over messages."""
         with self._changed:
             self._calls.append(callback)
-            self._changed.notify()
+            self._notify()
 
     def expect(self) -> None:
         """Announce a later `call_expected`, such as the end of work in the background."""
@@ -143,13 +206,7 @@ class CallbackQueue:
         with self._changed:
             self._expected -= 1
             self._calls.append(callback)
-            self._changed.notify()
-
-    def call_when_idle(self, callback: Callable[[], None]) -> None:
-        """Set the call for an empty queue without expected calls. It replaces an earlier one."""
-        with self._changed:
-            self._when_idle = callback
-            self._changed.notify()
+            self._notify()
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         """Add a call at the node time ``time`` (ns)."""
@@ -159,10 +216,10 @@ class CallbackQueue:
             self._changed.notify()
         return timer
 
-    def time_changed(self) -> None:
-        """Check the timers after a change of the simulated time."""
+    def recheck(self) -> None:
+        """Check the timers, and call ``on_idle`` again: the simulated time has changed, or a message was refused."""
         with self._changed:
-            self._changed.notify()
+            self._notify()
 
     def close(self) -> None:
         """Make `take` return None from now on."""
@@ -176,7 +233,8 @@ class CallbackQueue:
             while not self.closed:
                 if self._calls:
                     return self._calls.popleft()
-                timer_s = (self._timers[0][0] - self._now()) / SECOND if self._timers else None
+                now = self._now()
+                timer_s = (self._timers[0][0] - now) / SECOND if self._timers else None
                 if timer_s is not None and timer_s <= 0:
                     callback = heapq.heappop(self._timers)[2].callback
                     if callback is not None:
@@ -192,13 +250,21 @@ class CallbackQueue:
                     if not pause:
                         return self._next_message()
                     waits = (pause, timer_s, deadline_s)
-                elif self._when_idle is not None and not self._expected and self._overdue is None:
-                    idle, self._when_idle = self._when_idle, None
-                    return idle
+                elif self._on_idle and self._has_changed and not self._expected and self._overdue is None:
+                    self._has_changed = False
+                    return InternalCall(self._on_idle, self._idle_state(now))
                 else:
                     waits = (None if self._simulated else timer_s, deadline_s)
                 self._changed.wait(min((wait for wait in waits if wait is not None), default=None))
             return None
+
+    def _idle_state(self, now: int) -> IdleState:
+        arrived = {queue.port: queue.arrived for queue in self._inputs.values()}
+        return IdleState(now, arrived, len(self._held), self._round, self._repeat)
+
+    def _notify(self) -> None:
+        self._has_changed = True
+        self._changed.notify()
 
     def _until_deadline(self) -> float | None:
         """Time (s) until an input passes its deadline or recovers; None without such a time."""

@@ -6,9 +6,9 @@ time, and always gets the newest message of a stream.
 
 from __future__ import annotations
 
-import functools
 import time
-from collections import defaultdict, deque
+import uuid
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node as RosNode
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
-from std_msgs.msg import Header
+from rclpy.qos import ReliabilityPolicy
+from std_msgs.msg import String
 
+from socialbot.bridge._callback_queue import IdleState
 from socialbot.bridge._lifecycle import (
     ACTIVE,
     FINALIZED,
@@ -41,8 +43,8 @@ from socialbot.bridge.diagnostics import (
     publisher_connection,
     subscription_connection,
 )
+from socialbot.bridge.sim_clock import KEPT_TOPIC, ROUND_TOPIC, Round, StepReport
 from socialbot.bridge.transport import (
-    KEPT_TOPIC,
     QUEUE_DEPTH,
     Receiver,
     Sender,
@@ -51,7 +53,7 @@ from socialbot.bridge.transport import (
     refusal_reason,
     subscription_qos,
 )
-from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
+from socialbot.core.clock import Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Transforms
 from socialbot.graph.health import health_topics
@@ -84,24 +86,19 @@ class IntraProcess:
         for topic, targets in self._targets.items():
             self._targets[topic] = [target for target in targets if target[0] is not host]
 
-    def deliver(self, publisher: Publisher, message: Message) -> bool:
-        """Deliver ``message`` to all subscribers; return False if DDS has to deliver it."""
+    def deliver(self, publisher: Publisher, message: Message, number: int) -> bool:
+        """Deliver ``message``, the ``number``th, to all subscribers; return False if DDS has to deliver it."""
         topic = publisher.topic_name
         targets = self._targets.get(topic, ())
-        threads = [(host.active_thread, port) for host, port in targets if isinstance(message, port.message_type)]
+        active = [host for host, port in targets if host.active_thread and isinstance(message, port.message_type)]
         now = time.monotonic()
-        if (
-            len(threads) < len(targets)
-            or publisher.get_subscription_count() != len(threads)
-            or any(thread is None for thread, _ in threads)
-        ):
+        if len(active) < len(targets) or publisher.get_subscription_count() != len(active):
             self._dds_until[topic] = now + DDS_HOLD_S
             return False
         if now < self._dds_until.get(topic, 0.0):
             return False
-        for thread, port in threads:
-            assert thread is not None
-            thread.queue.put(port, message)
+        for host, port in targets:
+            host.put(port, message, number)
         return True
 
 
@@ -151,6 +148,9 @@ class NodeHost:
         self._health_senders: list[Sender] = []
         self._connections: list[Connection] = []
         self._latched: dict[Input[Any], Message] = {}
+        self._ports = list(config.type.inputs())
+        self._reliable: dict[Input[Any], str] = {}
+        """Topics of inputs that get every message."""
         self._early: deque[tuple[Input[Any], Message]] = deque(maxlen=QUEUE_DEPTH[Delivery.EVERY])
         self._thread: NodeThread | None = None
         self._services = HostedServices(self._ros, config, lambda: self.active_thread, sealed=sealed)
@@ -158,7 +158,14 @@ class NodeHost:
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
             self._jumps = ros_clock.create_jump_callback(every_step, post_callback=self._time_changed)
-            self._kept_publisher = self._ros.create_publisher(Header, KEPT_TOPIC, publisher_qos(Delivery.EVERY))
+            self._report_publisher = self._ros.create_publisher(String, KEPT_TOPIC, publisher_qos(Delivery.LATCHED))
+            self._rounds = self._ros.create_subscription(
+                String, ROUND_TOPIC, self._start_round, subscription_qos(Delivery.LATCHED)
+            )
+        self._instance = uuid.uuid4().hex
+        self._sent: Counter[str] = Counter()
+        self._passed_over: Counter[Input[Any]] = Counter()
+        """Number of received messages that did not reach the present node."""
         self._reporter = DiagnosticsReporter(
             self._ros, self.statistics, self._connections, self._inputs, lambda: self._ros.state
         )
@@ -237,11 +244,16 @@ class NodeHost:
             qos = subscription_qos(port.delivery, outside=outside)
             name = self._ros.resolve_topic_name(topic)
             receiver = self._transport.receiver(name, latched=port.delivery is Delivery.LATCHED)
-            receive = functools.partial(self._receive, port, receiver)
-            subscription = self._ros.create_subscription(kind, topic, receive, qos)
+            subscription = self._ros.create_subscription(kind, topic, self._receiving(port, receiver), qos)
             self._connections.append(subscription_connection(self._graph, topic, subscription))
             self._intra_process.add(name, self, port)
+            if qos.reliability is ReliabilityPolicy.RELIABLE:
+                self._reliable[port] = name
         self._services.open()
+
+    def _receiving(self, port: Input[Any], receiver: Receiver) -> Any:
+        # rclpy passes the information on a message only to a function with two parameters, which a partial hides.
+        return lambda ros_message, info: self._receive(port, receiver, ros_message, info)
 
     def activate(self) -> None:
         """Start the node with the latched messages and those received while inactive."""
@@ -267,7 +279,7 @@ class NodeHost:
                 self._ros.destroy_subscription(connection.endpoint)
         for sender in (*self._senders.values(), *self._health_senders):
             self._ros.destroy_publisher(sender.publisher)
-        for kept in (self._health_senders, self._connections, self._senders, self._latched):
+        for kept in (self._health_senders, self._connections, self._senders, self._latched, self._reliable):
             kept.clear()
         self._transport = open_transport(form=self._graph.wire)
 
@@ -277,6 +289,7 @@ class NodeHost:
             parameter_values(self._ros, self._config),
             clock=self._clock,
             simulated=self._simulated,
+            on_idle=self._report_idle if self._simulated else None,
             publish=self._publish,
             channel=self._services.channel,
             connections=self._connections,
@@ -288,6 +301,8 @@ class NodeHost:
         return thread
 
     def _forget_thread(self) -> None:
+        self._passed_over.update(port for port, _ in self._early)
+        self._passed_over.update({queue.port: queue.arrived for queue in self._inputs()})
         self._thread = None
         self._early.clear()
         if self._unwatch is not None:
@@ -296,44 +311,82 @@ class NodeHost:
 
     def _publish(self, port: Output[Any], message: Message) -> None:
         sender = self._senders[port.name]
-        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(sender.publisher, message):
+        topic = sender.publisher.topic_name
+        number = self._sent[topic] + 1
+        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(sender.publisher, message, number):
             sender.publish(message)
+        self._sent[topic] = number
 
-    def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any) -> None:
+    def put(self, port: Input[Any], message: Message, number: int) -> None:
+        """Pass a message to the active node: at once, or in the next round of a simulation clock."""
+        if (thread := self.active_thread) is not None:
+            # The declared order of inputs comes first, then that of each publisher.
+            thread.queue.put(port, message, (self._ports.index(port.name), number) if self._is_stepped() else None)
+
+    def _is_stepped(self) -> bool:
+        """Whether a simulation clock says when messages are handled."""
+        return self._simulated and self._rounds.get_publisher_count() > 0
+
+    def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any, info: Any) -> None:
         try:
             message = receiver.decode(port.message_type, ros_message, stamp=self._clock.now())
         except MessageError as error:
             reason = refusal_reason(error)
             self.statistics.refusals[reason] += 1
             log_failure(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
+            self._pass_over(port)
             return
         if message is None:
             return
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
-        if (thread := self.active_thread) is not None:
-            thread.queue.put(port, message)
+        if self.active_thread is not None:
+            self.put(port, message, info["publication_sequence_number"])
         elif self._thread is not None and port.delivery is Delivery.EVERY:
             self._early.append((port, message))
+        else:
+            self._pass_over(port)
+
+    def _pass_over(self, port: Input[Any]) -> None:
+        self._passed_over[port] += 1
+        if self._thread is not None:
+            self._thread.queue.recheck()
 
     def _time_changed(self, _: TimeJump) -> None:
-        if self._thread is None:
-            return
-        self._thread.queue.time_changed()
-        if self._kept_publisher.get_subscription_count():
-            # Timers that are due now, and work in the background, come first: simulated time waits for them.
-            self._thread.queue.call_when_idle(functools.partial(self._publish_kept, self._clock.now()))
+        if self._thread is not None:
+            self._thread.queue.recheck()
 
-    def _publish_kept(self, time: int) -> None:
-        """Report to the simulation clock that the work up to ``time`` (ns) is done."""
-        header = Header(frame_id=self.name)
-        header.stamp.sec, header.stamp.nanosec = divmod(time, SECOND)
-        self._kept_publisher.publish(header)
+    def _start_round(self, message: String) -> None:
+        try:
+            round = Round.decode(message.data)
+        except MessageError as error:
+            self.statistics.refusals[refusal_reason(error)] += 1
+            log_failure(self.name, f"refused a message on {ROUND_TOPIC}", error, self.statistics.refused)
+            return
+        if self._thread is not None:
+            self._thread.queue.release(round.number, round.repeat)
+        if self._thread is None or self._clock.now() == 0:
+            # The thread does not work yet. The clock starts when it knows of all nodes.
+            self._publish_report(IdleState(0, {}, 0, 0, round.repeat))
+
+    def _report_idle(self, idle: IdleState) -> None:
+        if self._is_stepped():
+            self._publish_report(idle)
+
+    def _publish_report(self, idle: IdleState) -> None:
+        """Report to the simulation clock that the work of a step is done, as far as messages have arrived."""
+        taken: dict[str, int] = {}
+        for port, topic in self._reliable.items():
+            count = self._passed_over[port] + idle.arrived.get(port, 0)
+            taken[topic] = min(count, taken.get(topic, count))
+        report = StepReport(self.name, self._instance, idle.time, self._sent, taken, idle.held, idle.round, idle.repeat)
+        self._report_publisher.publish(String(data=report.encode()))
 
     def _publish_health(self, health: Health) -> None:
         for sender in self._health_senders:
             if sender.publisher.get_subscription_count():
                 sender.publish(health)
+                self._sent[sender.publisher.topic_name] += 1
 
     def _inputs(self) -> Any:
         return self._thread.queue.inputs if self._thread is not None else ()

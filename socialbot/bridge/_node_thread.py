@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.bridge._callback_queue import CallbackQueue, InputQueue
+from socialbot.bridge._callback_queue import CallbackQueue, IdleState, InputQueue, InternalCall
 from socialbot.bridge.diagnostics import Connection, NodeStatistics, restarts, unconnected
 from socialbot.bridge.transport import is_power_of_ten
 from socialbot.core.clock import SECOND, Clock
@@ -64,10 +64,6 @@ class Stopwatch:
         return elapsed / 1e9, max(0, blocked) / 1e9
 
 
-class _InternalCall(functools.partial[None]):
-    """Internal callback, excluded from the statistics of the node."""
-
-
 @dataclass
 class _NodeContext:
     """`Context` of a node over ROS."""
@@ -112,6 +108,7 @@ class NodeThread:
         *,
         clock: Clock,
         simulated: bool,
+        on_idle: Callable[[IdleState], None] | None,
         publish: Callable[[Output[Any], Message], None],
         channel: Callable[[ClientPort], Channel],
         connections: Sequence[Connection],
@@ -121,7 +118,7 @@ class NodeThread:
     ) -> None:
         self.name = config.name
         self.failure: SocialbotError | None = None
-        self.queue = CallbackQueue(clock.now, simulated=simulated)
+        self.queue = CallbackQueue(clock.now, simulated=simulated, on_idle=on_idle)
         self._health = HealthMonitor(config, clock, publish_health)
         context = _NodeContext(clock, self.queue, publish, channel, self._health, statistics)
         self.node: Node = config.type(config.name, context, parameters)
@@ -158,7 +155,7 @@ class NodeThread:
         """Request a call of ``on_alive`` by the thread; a hanging node does not answer."""
         if not self._check_pending:
             self._check_pending = True
-            self.queue.call_soon(_InternalCall(self._report_alive))
+            self.queue.call_soon(InternalCall(self._report_alive))
 
     def _report_alive(self) -> None:
         self._check_pending = False
@@ -170,7 +167,7 @@ class NodeThread:
                 self._await_time()
             self._await_connections()
             self.node.start()
-            self._health.begin(self.node, lambda time, beat: self.queue.call_at(time, _InternalCall(beat)))
+            self._health.begin(self.node, lambda time, beat: self.queue.call_at(time, InternalCall(beat)))
             self.queue.monitor_inputs(self._health)
         except Exception as error:  # noqa: BLE001 - a node may raise anything when it starts
             self.failure = start_failure(self.name, error)
@@ -210,7 +207,7 @@ class NodeThread:
             self._statistics.failures += 1
             self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"
             log_failure(self.name, "failed", error, self._statistics.failures)
-        if isinstance(item, _InternalCall) or item == self._health.look:
+        if isinstance(item, InternalCall) or item == self._health.look:
             return
         seconds = time.perf_counter() - begin
         if not callable(item):

@@ -18,7 +18,7 @@ from socialbot.bridge.diagnostics import (
     unconnected,
 )
 from socialbot.bridge.environment import free_domain, ros_domain, spinning_node, wait_for
-from socialbot.bridge.transport import observer_qos, open_transport
+from socialbot.bridge.transport import Subscription, observer_qos, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, WireForm
@@ -46,11 +46,11 @@ class GraphObserver:
     """Observing rclpy node, and its subscriptions by topic."""
 
     ros: Any
-    subscriptions: Mapping[str, Any]
+    subscriptions: Mapping[str, Subscription[Any]]
 
     def connections(self, graph: Graph) -> list[Connection]:
         """Connections of this observer to ``graph``."""
-        return [subscription_connection(graph, topic, one) for topic, one in self.subscriptions.items()]
+        return [subscription_connection(graph, topic, one.endpoint) for topic, one in self.subscriptions.items()]
 
 
 @contextmanager
@@ -72,8 +72,8 @@ def observe_graph(
         subscriptions = {}
         for topic, kind in topics.items():
             take, late = functools.partial(observe, topic), topic in latched
-            subscribed = transport.subscribe(ros, topic, kind, take, qos=observer_qos(latched=late), latched=late)
-            subscriptions[topic] = subscribed.endpoint
+            qos = observer_qos(latched=late)
+            subscriptions[topic] = transport.subscribe(ros, topic, kind, take, qos=qos, latched=late)
         DiagnosticsSubscriber(ros, on_status)
         yield GraphObserver(ros, subscriptions)
 

@@ -1,4 +1,4 @@
-"""Play a bag into a running ROS graph: the recorded messages, and /clock. Step the time of a simulated graph.
+"""Play a bag into a running ROS graph: the recorded messages, and /clock.
 
 A paced replay stops the clock after each image until the graph has answered it, so a slow machine only makes it
 longer. `WorldPlayer` replays bags to graphs without image inputs.
@@ -10,7 +10,7 @@ import functools
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,17 +21,16 @@ from socialbot.bags.reader import IMAGE_TYPES, MEASURED, SENSOR_TYPES, Bag, Rosb
 from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import await_graph, not_connected
+from socialbot.bridge.sim_clock import SimClock
 from socialbot.bridge.transport import (
-    KEPT_TOPIC,
     Sender,
     Subscription,
     message_class,
     open_transport,
     publisher_qos,
-    subscription_qos,
 )
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import InstallationError, MessageError, NodeError
+from socialbot.core.errors import InstallationError, MessageError
 from socialbot.core.messages import CameraInfo, Health, Message, Transforms
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
@@ -216,7 +215,10 @@ class WorldPlayer:
             topic: own.subscribe(ros, topic, kind, functools.partial(self._script.give_command, topic))
             for topic, kind in self._script.commands.items()
         }
-        self._clock = SimClock(ros, [config.name for config in graph.nodes], start=bag.start)
+        names = [config.name for config in graph.nodes]
+        self._clock = SimClock(
+            ros, names, start=bag.start, senders=self._senders.values(), subscriptions=self._subscriptions.values()
+        )
         self._start, self._begun = bag.start, 0.0
 
     def connections(self, graph: Graph) -> list[Connection]:
@@ -293,78 +295,3 @@ def _installed(bag: Bag, topics: Mapping[str, str]) -> Mapping[str, str]:
             log.info("transforms are not played: %s", error.what)
         return left
     return topics
-
-
-CLOCK_STEP_S = 0.1
-STEP_TIMEOUT_S = 30.0  # real time (s) that a node has for the work of one step
-REPEAT_S = 0.25  # real time (s) after which the time is published again, for a new node
-NUDGE_NS = 1000
-
-
-class SimClock:
-    """Clock of a graph, published through the rclpy node ``ros``, which another thread spins.
-
-    ``now`` is the time (ns), which changes only in `advance` and `until`. ``awaited`` are the names of the nodes to
-    wait for: remove a node that leaves, add one that joins.
-    """
-
-    def __init__(self, ros: Any, nodes: Iterable[str], *, start: int = SECOND, step_s: float = CLOCK_STEP_S) -> None:
-        from rosgraph_msgs.msg import Clock
-        from std_msgs.msg import Header
-
-        self.now = start
-        self.awaited = set(nodes)
-        self._step = nanoseconds(step_s)
-        self._kept: dict[str, int] = {}
-        self._changed = threading.Condition()
-        self._clock_type = Clock
-        self._clock = ros.create_publisher(Clock, "/clock", publisher_qos(Delivery.EVERY))
-        self._subscription = ros.create_subscription(Header, KEPT_TOPIC, self._note, subscription_qos(Delivery.EVERY))
-
-    def advance(self, seconds: float) -> None:
-        """Advance the time. Raises NodeError when a node does not finish its work."""
-        end = self.now + nanoseconds(seconds)
-        self._step_nodes()
-        while self.now < end:
-            self.now = min(self.now + self._step, end)
-            self._step_nodes()
-
-    def until(self, holds: Callable[[], bool], *, limit_s: float) -> bool:
-        """Advance the time until ``holds`` returns true, or by ``limit_s``; return whether it did."""
-        end = self.now + nanoseconds(limit_s)
-        while not holds():
-            if self.now >= end:
-                return False
-            self.advance(min(self._step, end - self.now) / SECOND)
-        return True
-
-    def _note(self, header: Any) -> None:
-        with self._changed:
-            self._kept[header.frame_id] = header.stamp.sec * SECOND + header.stamp.nanosec
-            self._changed.notify()
-
-    def _step_nodes(self) -> None:
-        deadline = time.monotonic() + STEP_TIMEOUT_S
-        self._publish()
-        while not self._wait():
-            if time.monotonic() > deadline:
-                raise NodeError(
-                    f"the work due at {self.now / SECOND:.3f} s is not done after {STEP_TIMEOUT_S:.0f} s",
-                    where=", ".join(sorted(self._late())),
-                    remedy="see the log of the node",
-                )
-            # Nodes only react to a time that has changed.
-            self.now += NUDGE_NS
-            self._publish()
-
-    def _publish(self) -> None:
-        message = self._clock_type()
-        message.clock.sec, message.clock.nanosec = divmod(self.now, SECOND)
-        self._clock.publish(message)
-
-    def _wait(self) -> bool:
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._late(), REPEAT_S)
-
-    def _late(self) -> list[str]:
-        return [name for name in self.awaited if self._kept.get(name, -1) < self.now]

@@ -91,12 +91,13 @@ RENEWALS_PER_WINDOW = 2
 
 @dataclass
 class Sender:
-    """Thread-safe sender of messages through one rclpy ``publisher``."""
+    """Thread-safe sender of messages through one rclpy ``publisher``. ``sent`` counts them, without renewals."""
 
     publisher: Any
     types: TypeFactory
     stream: Stream | None
     form: WireForm = "json"
+    sent: int = 0
     _last: str | None = field(default=None, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
@@ -107,16 +108,18 @@ class Sender:
             self.forward(ros_message)
         else:
             self.publisher.publish(ros_message)
+            self.sent += 1
 
     def forward(self, ros_message: Any) -> None:
         """Publish an encoded structured message: a String, if it has to be sealed."""
         if self.stream is None:
             self.publisher.publish(ros_message)
-            return
-        with self._lock:
-            self._last = text = ros_message.data
-            ros_message.data = self.stream.seal(text)
-            self.publisher.publish(ros_message)
+        else:
+            with self._lock:
+                self._last = text = ros_message.data
+                ros_message.data = self.stream.seal(text)
+                self.publisher.publish(ros_message)
+        self.sent += 1
 
     def renew(self) -> None:
         """Publish the last message again with a new seal. Receivers ignore a known message."""
@@ -162,9 +165,12 @@ class Receiver:
 
 @dataclass
 class Subscription(Generic[M]):
-    """Subscription that passes valid messages to ``take`` and counts ``refused`` ones; see `Transport.subscribe`.
+    """Subscription that passes valid messages to ``take``; see `Transport.subscribe`.
 
-    ``endpoint`` is the rclpy subscription.
+    Attributes:
+        endpoint: The rclpy subscription.
+        refused: Number of invalid messages.
+        taken: Number of messages, without renewals. ``on_taken`` is called after each.
     """
 
     topic: str
@@ -173,6 +179,8 @@ class Subscription(Generic[M]):
     take: Callable[[M], None]
     endpoint: Any = None
     refused: int = 0
+    taken: int = 0
+    on_taken: Callable[[], None] | None = None
 
     def receive(self, ros_message: Any) -> None:
         try:
@@ -180,9 +188,13 @@ class Subscription(Generic[M]):
         except MessageError as error:
             self.refused += 1
             log_refusal(self.topic, self.refused, error)
-            return
-        if message is not None:
+        else:
+            if message is None:
+                return
             self.take(message)
+        self.taken += 1
+        if self.on_taken is not None:
+            self.on_taken()
 
 
 class Transport:
@@ -331,10 +343,10 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
 
 
 QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
-"""History depth of publishers and subscriptions."""
+"""History depth of publishers, and of subscriptions, which have at least `LEAST_DEPTH`."""
 
-KEPT_TOPIC = "/clock_kept"
-"""Topic for the time up to which a node has finished its work (std_msgs/Header: name and time)."""
+LEAST_DEPTH = 10
+"""Least history depth of a subscription. With less, messages of several publishers or of one moment are lost."""
 
 OBSERVER_DEPTH = 2000  # history depth of an observer, which may fall behind on many topics
 
@@ -352,7 +364,7 @@ def subscription_qos(delivery: Delivery, *, outside: bool = False) -> Any:
     """
     undemanding = outside and delivery is not Delivery.EVERY
     latched = delivery is Delivery.LATCHED and not undemanding
-    return _qos(QUEUE_DEPTH[delivery], reliable=not undemanding, latched=latched)
+    return _qos(max(LEAST_DEPTH, QUEUE_DEPTH[delivery]), reliable=not undemanding, latched=latched)
 
 
 def observer_qos(*, latched: bool) -> Any:

@@ -115,9 +115,10 @@ class SimulatedSource(RunSource):
                     self._advance(execution, advance, runner.clock.now())
                 return
             with execution.processes(topics) as (observer, launch):
-                from socialbot.bridge.player import SimClock
+                from socialbot.bridge.sim_clock import SimClock
 
-                clock = SimClock(observer.ros, [config.name for config in execution.graph.nodes])
+                names = [config.name for config in execution.graph.nodes]
+                clock = SimClock(observer.ros, names, subscriptions=observer.subscriptions.values())
 
                 def advance_clock() -> int:
                     launch.check()

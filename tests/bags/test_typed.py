@@ -147,7 +147,7 @@ def test_nodes_of_a_typed_graph_use_ros_types() -> None:
         try:
             word = Utterance(stamp=7, id="u1", text="Good morning")
             with observer_node() as ros:
-                while watch.subscriptions["/speech/say"].get_publisher_count() < 1:
+                while watch.subscriptions["/speech/say"].endpoint.get_publisher_count() < 1:
                     came.wait(0.02)
                 publish_once(ros, "/speech/heard", word, timeout_s=10.0)
                 types = {topic.name: topic.types for topic in list_topics(ros)}

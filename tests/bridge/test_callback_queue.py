@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge._callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, InputQueue
+from socialbot.bridge._callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, IdleState, InputQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
 from socialbot.core.messages import Utterance
 from socialbot.graph.health import HealthMonitor
@@ -44,9 +45,12 @@ def result(item: Any) -> Any:
 class SimulatedQueue(CallbackQueue):
     """A queue in simulated time."""
 
+    reports = False
+
     def __init__(self) -> None:
         self.clock = ManualClock()
-        super().__init__(self.clock.now, simulated=True)
+        self.states: list[IdleState] = []
+        super().__init__(self.clock.now, simulated=True, on_idle=self.states.append if self.reports else None)
 
     def add(self, port: Input[Any], *numbers: int) -> None:
         for number in numbers:
@@ -61,9 +65,26 @@ class SimulatedQueue(CallbackQueue):
         return item[0]
 
 
+class ReportingQueue(SimulatedQueue):
+    """A queue in simulated time that notes its idle states."""
+
+    reports = True
+
+    def idle_state(self) -> IdleState:
+        before = len(self.states)
+        assert result(self.take()) is None
+        (state,) = self.states[before:]
+        return state
+
+
 @pytest.fixture
 def queue() -> SimulatedQueue:
     return SimulatedQueue()
+
+
+@pytest.fixture
+def reporting() -> ReportingQueue:
+    return ReportingQueue()
 
 
 @pytest.mark.parametrize(
@@ -211,10 +232,10 @@ class TestTimers:
         queue.call_at(nanoseconds(0.01), returns("timer"))
         taker = Taker(queue)
         queue.clock.set(nanoseconds(0.005))
-        queue.time_changed()
+        queue.recheck()
         assert not taker.has_result(0.03)
         queue.clock.set(nanoseconds(0.01))
-        queue.time_changed()
+        queue.recheck()
         assert taker.result() == "timer"
 
     def test_do_not_poll_simulated_time(self):
@@ -296,34 +317,62 @@ def test_loses_no_message_of_many_threads(queue):
         thread.join()
 
 
-class TestCallWhenIdle:
-    def test_follows_everything_that_waits_or_is_due(self, queue):
-        queue.call_when_idle(returns("idle"))
-        queue.add(EVERY, 1)
-        queue.call_at(SECOND, returns("timer"))
-        queue.call_soon(returns("call"))
-        queue.clock.set(SECOND)
-        assert queue.results(4) == ["call", "timer", 1, "idle"]
+class TestOnIdle:
+    def test_follows_everything_that_waits_or_is_due(self, reporting: ReportingQueue):
+        reporting.add(EVERY, 1)
+        reporting.call_at(SECOND, returns("timer"))
+        reporting.call_soon(returns("call"))
+        reporting.clock.set(SECOND)
+        assert reporting.results(3) == ["call", "timer", 1]
+        assert reporting.idle_state() == IdleState(SECOND, {EVERY: 1}, 0, 0, 0)
 
-    def test_does_not_wait_for_later_timers(self, queue):
-        queue.call_at(SECOND, lambda: None)
-        queue.call_when_idle(returns("idle"))
-        assert queue.results(1) == ["idle"]
+    def test_does_not_wait_for_later_timers(self, reporting: ReportingQueue):
+        reporting.call_at(SECOND, lambda: None)
+        assert reporting.idle_state().time == 0
 
-    def test_replaces_the_earlier_one(self, queue):
-        queue.call_when_idle(returns("old"))
-        queue.call_when_idle(returns("new"))
-        assert queue.results(1) == ["new"]
-        queue.add(EVERY, 1)
-        assert queue.results(1) == [1]
+    def test_is_called_once_after_each_change(self, reporting: ReportingQueue):
+        reporting.idle_state()
+        taker = Taker(reporting)
+        reporting.recheck()
+        assert taker.result() is None
+        assert len(reporting.states) == 2
 
-    def test_waits_for_expected_calls(self, queue):
-        queue.expect()
-        queue.call_when_idle(returns("idle"))
-        taker = Taker(queue)
-        queue.call_expected(returns("done"))
+    def test_waits_for_expected_calls(self, reporting: ReportingQueue):
+        reporting.expect()
+        taker = Taker(reporting)
+        reporting.call_expected(returns("done"))
         assert taker.result() == "done"
-        assert queue.results(1) == ["idle"]
+        reporting.idle_state()
+
+
+class TestRelease:
+    def test_held_messages_wait_for_the_next_round(self, reporting: ReportingQueue):
+        reporting.put(EVERY, frame(1), (0, 1))
+        assert reporting.idle_state() == IdleState(0, {EVERY: 1}, 1, 0, 0)
+        reporting.release(0)
+        assert reporting.idle_state().held == 1
+        reporting.release(1)
+        assert reporting.results(1) == [1]
+        assert reporting.idle_state() == IdleState(0, {EVERY: 1}, 0, 1, 0)
+
+    def test_the_order_does_not_depend_on_the_arrival(self, reporting: ReportingQueue):
+        waiting = [(OTHER, 20, (1, 1)), (EVERY, 5, (0, 2)), (EVERY, 7, (0, 1)), (EVERY, 6, (0, 1))]
+        for round, arrived in enumerate(itertools.permutations(waiting), 1):
+            for port, number, order in arrived:
+                reporting.put(port, frame(number), order)
+            reporting.release(round)
+            taken = reporting.results(4)
+            assert [number for number in taken if number != 20] == [6, 7, 5]
+
+    def test_a_message_without_an_order_follows_those_that_are_held(self, reporting: ReportingQueue):
+        reporting.put(EVERY, frame(1), (0, 1))
+        reporting.add(EVERY, 2)
+        assert reporting.results(2) == [1, 2]
+
+    def test_a_request_to_repeat_calls_on_idle_again(self, reporting: ReportingQueue):
+        reporting.idle_state()
+        reporting.release(0, repeat=3)
+        assert reporting.idle_state().repeat == 3
 
 
 class Watcher(Node):
@@ -348,9 +397,13 @@ class Watcher(Node):
 class Watched:
     """A queue that monitors the input of a node after five messages, ten a second."""
 
-    def __init__(self, clock: Clock, *, simulated: bool) -> None:
+    def __init__(self, clock: Clock, *, simulated: bool, reports: bool = False) -> None:
         self.clock = clock
-        self.queue = CallbackQueue(clock.now, simulated=simulated)
+
+        def on_idle(_: IdleState) -> None:
+            self.node.events.append("idle")
+
+        self.queue = CallbackQueue(clock.now, simulated=simulated, on_idle=on_idle if reports else None)
         health = HealthMonitor(NodeConfig("watcher", Watcher), clock, lambda _: None)
         self.node = Watcher("watcher", SimpleNamespace(clock=clock, health_monitor=health))  # type: ignore[arg-type]
         health.begin(self.node, lambda time, beat: None)
@@ -405,9 +458,12 @@ class TestDeadlines:
         assert watched.node.events == ["silent"]
         assert time.monotonic() - begun + 0.01 >= 0.3
 
-    def test_a_possible_silence_delays_the_idle_call(self, watched):
-        watched.clock.set(nanoseconds(0.8))
-        watched.queue.call_when_idle(lambda: watched.node.events.append("idle"))
+    def test_a_possible_silence_delays_the_idle_call(self):
+        clock = ManualClock()
+        watched = Watched(clock, simulated=True, reports=True)
+        watched.act()
+        clock.set(nanoseconds(0.8))
+        watched.queue.recheck()
         watched.act()
         watched.act()
-        assert watched.node.events == ["silent", "idle"]
+        assert watched.node.events == ["idle", "silent", "idle"]

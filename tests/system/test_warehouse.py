@@ -56,14 +56,6 @@ def first_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
         yield live
 
 
-def on_time(seen: Seen) -> None:
-    """Skip the rest if messages came two simulated steps late and ended the plan: the agents rightly plan anew."""
-    ends = seen.of("plan_end", GRIPPER)
-    late = [record for record in seen.of("silent") if record.stamp <= ends[0].stamp]
-    if late and ends[0].detail["outcome"] != "succeeded":
-        pytest.skip(f"{late[-1].source} got no message in time: {late[-1].what}")
-
-
 class TestTheFirstRun:
     def test_brings_each_box_to_its_deposit(self, first_run: Live) -> None:
         sorts_all(first_run)
@@ -79,16 +71,15 @@ class TestTheFirstRun:
 
     def test_is_one_plan_of_28_actions_and_107_s_without_an_abort(self, first_run: Live) -> None:
         seen = first_run.seen
-        on_time(seen)
         assert seen.plans() == [NOMINAL]
         assert seen.of("plan_start", GRIPPER)[0].detail["makespan_s"] <= 107.1
         assert [record.detail["outcome"] for record in seen.of("plan_end", GRIPPER)] == ["succeeded"]
         assert "ABORT" not in {info.status for info in seen.infos}
+        assert seen.of("silent") == []
         assert sorted(calls_to_come(seen)) == list(CARRIERS)
 
     def test_publishes_the_state_of_the_plan(self, first_run: Live) -> None:
         infos = [info for info in first_run.seen.infos if info.agent_id == GRIPPER and info.target is not None]
-        on_time(first_run.seen)
         assert {info.status for info in infos} == {"RUNNING", "SUCCESSFUL"}
         last = infos[-1]
         assert [step.status for step in last.actions_exec_info] == ["SUCCESSFUL"] * 28
@@ -109,7 +100,7 @@ class TestTheFirstRun:
         assert set(latest) == {"world", GRIPPER, *CARRIERS}
         for values in latest.values():
             assert (values["failures"], values["refused"], values["skipped"]) == ("0", "0", "0")
-            assert int(values["calls"]) > 500
+            assert int(values["calls"]) > 400
 
     def test_accepts_commands_of_the_documentation(self, first_run: Live) -> None:
         desire, belief, withdrawal = commands("docs/cli.md", "socialbot topic pub")

@@ -13,7 +13,7 @@ from typing import Any
 
 from socialbot.agents.warehouse.messages import BoxPositions
 from socialbot.bridge.graph_observer import LatestStatistics, await_graph, expect_free_names, observe_graph
-from socialbot.bridge.player import SimClock
+from socialbot.bridge.sim_clock import SimClock
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.deliberation.messages import BeliefSet, PlanExecutionInfo
 from socialbot.graph.node import Graph
@@ -115,7 +115,8 @@ def over_dds(graph: Graph, folder: Path, *, composed: bool = False) -> Iterator[
     with observe_graph(topics, seen.observe, statistics.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder, sim_time=True, composed=composed) as launch:
-            clock = SimClock(onlooker.ros, [config.name for config in graph.nodes], step_s=STEP_S)
+            names = [config.name for config in graph.nodes]
+            clock = SimClock(onlooker.ros, names, step_s=STEP_S, subscriptions=onlooker.subscriptions.values())
 
             def failed() -> bool:
                 launch.check()
