@@ -7,6 +7,7 @@ from pathlib import Path
 
 from socialbot.bdi.stdlib import internals
 from tests.conformance.jason import Item, all_items
+from tests.conformance.random_programs import recorded
 
 PAGE = Path(__file__).parents[1] / "docs" / "conformance.md"
 HEADING = """\
@@ -14,7 +15,8 @@ HEADING = """\
 
 This page tells, for each item of Jason's standard library and syntax, whether it means the same here. It is generated
 from tests (`python -m tools.conformance`): `tests/conformance/jason` contains {cases} small programs with what
-Jason 3.3 prints for them, and the tests run them.
+Jason 3.3 prints for them, and the tests run them. In addition, {random} random programs of two agents print the same as
+in Jason {version}, in any order: `tests/conformance/random_programs.py` makes them and records the answers.
 [Semantics](semantics.md) explains the language and the larger differences.
 
 - **yes**: all programs of the item print the same.
@@ -38,7 +40,8 @@ def page() -> str:
     items = all_items()
     cases = sum(len(item.cases) for item in items)
     counts = {status: sum(item.status == status for item in items) for status in ("yes", "differs", "no")}
-    parts = [HEADING.format(cases=cases, **counts)]
+    found = recorded()
+    parts = [HEADING.format(cases=cases, random=len(found["answers"]), version=found["jason"], **counts)]
     for section, group in groupby(items, key=lambda item: item.section):
         found = list(group)
         parts.append(f"## {section}\n")

@@ -60,6 +60,7 @@ class TermReader:
         own_namespace: Namespace of the text, written ``this_ns``.
         local_namespaces: Unique names of the local namespaces.
         functions: Predicates of registered functions, by name and arity; '' for functions in Python.
+        grouped: Content of the last parentheses.
     """
 
     def __init__(self, source: Source) -> None:
@@ -69,6 +70,7 @@ class TermReader:
         self.namespace = self.own_namespace = ""
         self.local_namespaces: dict[str, str] = {}
         self.functions: dict[tuple[str, int], str] = {}
+        self.grouped: object = None
 
     def fail(self, expected: str, at: int | None = None, remedy: str | None = None) -> NoReturn:
         """Raise a syntax error at a token, by default the current one."""
@@ -152,6 +154,8 @@ class TermReader:
                 self.fail("one comparison", remedy="join two comparisons with '&'")
             return Comparison(symbol, self.compared(left, start), self.compared(right, after))
         condition = self.as_condition(left, start)
+        if left is self.grouped and isinstance(condition, Conjunction if level == Level.AND else Disjunction):
+            condition = Conjunction((condition,))  # (a & b) & c is printed as written
         other = self.as_condition(self.expression(Level.NOT if level == Level.AND else Level.AND), after)
         if level == Level.AND:
             return conjunction(condition, other)
@@ -215,6 +219,7 @@ class TermReader:
             self.at += 1
             value = self.expression(Level.OR)
             self.skip(")", "an operator or ')'")
+            self.grouped = value
             return value
         if first == "[":
             return self.list()

@@ -296,7 +296,7 @@ def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | Non
 @internal(".fail", 0, 100)
 def fail(engine: Any, args: Args, trail: Trail) -> None:
     """``.fail(error(e), error_msg("m"), a)``: fail with annotations for ``-!g``."""
-    reason, message, others = "ia_failed", "", []
+    reason, message, others = "internal_action" if args else "ia_failed", "", []
     for arg in map(resolve, args):
         if isinstance(arg, Literal) and len(arg.args) == 1:
             value = arg.args[0]

@@ -177,13 +177,15 @@ BODIES = {
     "X > 3; X = Y + 1": (
         Constrain(all_of(ABOVE)), Constrain(all_of(Comparison("=", X, Expression("+", Y, 1))))
     ),
-    "true; false": (Constrain(all_of(Truth(True))), Constrain(all_of(Truth(False)))),
-    "not a": (Constrain(all_of(Negation(a))),),
+    "true; false": (Do(Truth(False)),),
+    "b; true": (B, Do(Truth(True))),
+    "not a": (Do(Negation(a)),),
+    "(a & b) & c": (Do(Conjunction((all_of(a, b), c))),),
     "(X > 3); (X + 1) > 3": (
         Constrain(all_of(ABOVE)), Constrain(all_of(Comparison(">", Expression("+", X, 1), 3)))
     ),
     "(-X > 3)": (Constrain(all_of(Comparison(">", Expression("-", 0, X), 3))),),
-    "(a | b) & c": (Constrain(all_of(Disjunction((all_of(a), all_of(b))), c)),),
+    "(a | b) & c": (Do(all_of(Disjunction((all_of(a), all_of(b))), c)),),
     "if (a) { b }": (If(all_of(a), (B,)),),
     "if (a & X > 3) { } else { b; c }": (If(all_of(a, ABOVE), (), (B, C)),),
     "if (a) {b} elif (b) {c;} else {d} a": (If(all_of(a), (B,), (If(all_of(b), (C,), (D,)),)), A),
