@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -28,13 +30,14 @@ from rclpy.task import Future
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import message_class
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
-from socialbot.graph.calls import Channel, GoalHandle, Outcome, PendingCall
+from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome, PendingCall
 from socialbot.graph.node import NodeConfig
 from socialbot.graph.services import ActionServer, ClientPort, ServerPort, Service
 
 if TYPE_CHECKING:
     from socialbot.bridge._node_thread import NodeThread
 
+WATCH_PERIOD_S = 1.0  # period to look for the servers of clients
 CHECK_PERIOD_S = 0.05  # period to look for servers while a call is in progress
 
 _OUTCOMES: dict[int, Outcome] = {
@@ -60,6 +63,24 @@ class HostedServices:
         self._sealed = sealed
         self._channels: dict[str, _RosChannel] = {}
         self._servers: list[_RosService | _RosAction] = []
+        self._absent_since: dict[str, float] = {}
+        """Time (monotonic s) since which a server is missing; minus infinity after it was there."""
+        clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
+        self._timer = ros.create_timer(WATCH_PERIOD_S, self._watch, clock=clock) if config.clients else None
+
+    def _watch(self) -> None:
+        """Notify the node of servers that go away or do not appear."""
+        thread = self._thread()
+        for topic, port in self._config.clients if thread is not None else ():
+            channel = self._channels.get(port.name)
+            if channel is None or port.optional or thread is None:
+                continue
+            now = time.monotonic()
+            if channel.has_server():
+                self._absent_since[topic] = -math.inf
+                thread.note_server(port, topic, present=True)
+            elif now - self._absent_since.setdefault(topic, now) > SERVER_WAIT_S:
+                thread.note_server(port, topic, present=False)
 
     def open(self) -> None:
         """Create the clients and servers of rclpy.
@@ -157,7 +178,7 @@ class _RosChannel:
         self._ros.destroy_timer(self._timer)
 
     def _open(self, call: PendingCall) -> None:
-        if self._is_ready():
+        if self.has_server():
             self._transmit(call)
         else:
             self._waiting.append(call)
@@ -171,7 +192,7 @@ class _RosChannel:
     def _check(self) -> None:
         self._waiting = [call for call in self._waiting if call.result is None]
         self._sent = {call: servers for call, servers in self._sent.items() if call.result is None}
-        if self._waiting and self._is_ready():
+        if self._waiting and self.has_server():
             waiting, self._waiting = self._waiting, []
             for call in waiting:
                 self._transmit(call)
@@ -193,7 +214,7 @@ class _RosChannel:
         if call in self._waiting:
             self._waiting.remove(call)
 
-    def _is_ready(self) -> bool:
+    def has_server(self) -> bool:
         raise NotImplementedError
 
     def _request(self, call: PendingCall) -> None:
@@ -236,7 +257,7 @@ class _ServiceChannel(_RosChannel):
         super().close()
         self._ros.destroy_client(self._client)
 
-    def _is_ready(self) -> bool:
+    def has_server(self) -> bool:
         return self._client.service_is_ready()
 
     def _request(self, call: PendingCall) -> None:
@@ -266,7 +287,7 @@ class _ActionChannel(_RosChannel):
         super().close()
         self._client.destroy()
 
-    def _is_ready(self) -> bool:
+    def has_server(self) -> bool:
         return self._client.server_is_ready()
 
     def _request(self, call: PendingCall) -> None:

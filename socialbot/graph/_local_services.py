@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from socialbot.graph.calls import GoalHandle, Outcome, PendingCall
-from socialbot.graph.services import ActionServer, ServerPort, Service
+from socialbot.core.clock import nanoseconds
+from socialbot.graph.calls import SERVER_WAIT_S, GoalHandle, Outcome, PendingCall
+from socialbot.graph.services import ActionServer, ClientPort, ServerPort, Service
 
 if TYPE_CHECKING:
     from socialbot.graph.inline import InlineRunner, _Context
@@ -22,6 +23,23 @@ class LocalServices:
         self._runner = runner
         self._servers: dict[str, tuple[str, ServerPort]] = {}
         self._open: list[_LocalCall] = []
+        self._clients: dict[str, list[tuple[str, ClientPort]]] = {}
+
+    def begin(self, name: str, clients: Sequence[tuple[str, ClientPort]]) -> None:
+        """Notify a node of servers that are absent after `SERVER_WAIT_S`, and from then on of changes."""
+        self._clients[name] = [(topic, port) for topic, port in clients if not port.optional]
+        if self._clients[name]:
+            time = self._runner.clock.now() + nanoseconds(SERVER_WAIT_S)
+            self._runner.schedule(time, functools.partial(self._note, name))
+
+    def _note(self, name: str) -> None:
+        context = self._runner.context_of(name)
+        if context is not None:
+            for topic, port in self._clients.get(name, ()):
+                server, _ = self._servers.get(topic, ("", None))
+                there = topic in self._runner.recorded or self._runner.context_of(server) is not None
+                note = functools.partial(context.health_monitor.note_server, port, topic, present=there)
+                self._runner.attempt(context, note)
 
     def offer(self, topic: str, node: str, port: ServerPort) -> None:
         self._servers[topic] = node, port
@@ -31,12 +49,16 @@ class LocalServices:
         for call in [each for each in self._open if each.server == name]:
             self.close(call)
             call.report(call.call.end, "lost")
+        for client in self._clients:
+            self._note(client)
 
     def on_start(self, name: str) -> None:
         """Send the calls that wait for the node."""
         for call in [each for each in self._open if not each.server]:
             if self._servers.get(call.call.topic, ("", None))[0] == name:
                 self._send(call)
+        for client in self._clients:
+            self._note(client)
 
     def open(self, call: _LocalCall) -> None:
         """Send a call, or keep it until its server starts."""

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from socialbot.core.clock import SECOND, Clock, nanoseconds
 from socialbot.core.messages import Health, Message, State
 from socialbot.graph.node import Graph, Input, Node, NodeConfig
+from socialbot.graph.services import ClientPort
 
 HEALTH_TOPIC = "/health"
 """Health topic of all nodes. Nodes also publish on `own_health_topic` if a node of the graph subscribes to it."""
@@ -111,6 +112,8 @@ class HealthMonitor:
         self._watch_of: dict[str, Watch] = {}
         self._next_check: int | None = None
         self._reported: tuple[State, str] = ("ok", "")
+        self._absent: dict[str, None] = {}
+        """Services and actions without a server, in order."""
         self._shown: Health | None = None
         self._node: Node | None = None
 
@@ -201,6 +204,17 @@ class HealthMonitor:
                     watch.node.on_return(watch.port)
                 return
 
+    def note_server(self, port: ClientPort, topic: str, *, present: bool) -> None:
+        """Report and notify the node that the server of a client is absent, or back; call it in its thread."""
+        if self._node is None or present == (topic not in self._absent):
+            return
+        if present:
+            del self._absent[topic]
+        else:
+            self._absent[topic] = None
+        self._show()
+        self._node.on_server(port, present=present)
+
     def say(self, state: State, reason: str) -> None:
         """Set the state and reason that the node reports."""
         self._reported = (state, reason)
@@ -217,6 +231,10 @@ class HealthMonitor:
                 if WORSE.index(its_state) > WORSE.index(state):
                     state = its_state
                 reason = f"{reason}; {its_reason}" if reason else its_reason
+        for topic in self._absent:
+            if WORSE.index("degraded") > WORSE.index(state):
+                state = "degraded"
+            reason = f"{reason}; no server of {topic}" if reason else f"no server of {topic}"
         return Health(
             stamp=self._clock.now(),
             node=self._name,

@@ -86,6 +86,7 @@ class _Context:
     def begin_health(self, node: Node) -> None:
         """Start the health monitor. It publishes only on topics with a listener."""
         self.health_monitor.begin(node, self._call_beat)
+        self._runner.services.begin(self.name, [(self._clients[port.name], port) for port in node.clients().values()])
         self.watch()
 
     def watch(self) -> None:

@@ -378,6 +378,9 @@ class Node:
     def on_return(self, port: Input[Any]) -> None:
         """Called when a silent input is back, before its message is delivered."""
 
+    def on_server(self, port: ClientPort, *, present: bool) -> None:
+        """Called when a service or action that is not optional has no server, and when the server is back."""
+
     def report_health(self, state: State, reason: str = "") -> None:
         """Report the health of the node until the next call. The runner adds its silent inputs."""
         self.context.health_monitor.say(state, reason)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
+from socialbot.bridge._services import WATCH_PERIOD_S
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph.calls import CallResult, GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -162,6 +164,25 @@ class TestServices:
             assert eventually(lambda: len(hosted.node.results) == 3)
             assert hosted.node.results[-1].outcome == "lost"
             assert "the server of /deaf went away" in hosted.node.results[-1].reason
+
+    def test_node_knows_when_a_foreign_server_goes_away_and_returns(self):
+        class Watcher(Node):
+            light = Client(SetBool, "/light")
+            seen: tuple[bool, ...] = ()
+
+            def on_server(self, port: Any, *, present: bool) -> None:
+                self.seen += (present,)
+
+        with active(Watcher) as hosted:
+            with foreign_servers() as process:
+                assert eventually(lambda: hosted.ros_node.count_services("/light") == 1)
+                watched = time.monotonic() + 2 * WATCH_PERIOD_S
+                assert eventually(lambda: time.monotonic() > watched)
+                assert process.stdin is not None
+                process.stdin.close()  # it leaves the graph
+                assert eventually(lambda: hosted.node.seen == (False,))
+            with foreign_servers():
+                assert eventually(lambda: hosted.node.seen == (False, True))
 
     def test_foreign_client_gets_the_answer_of_a_node(self):
         with node_hosts(graph_of(NodeConfig("lamp", Lamp))) as host, spinning_nodes("stranger") as (stranger,):

@@ -254,6 +254,30 @@ class TestActions:
                 tester.node("navigator").goals[0].cancelled()
 
 
+class TestLiveness:
+    def test_node_knows_when_its_server_goes_away_and_returns(self):
+        class Watcher(Switch):
+            seen: tuple[Any, ...] = ()
+
+            def on_server(self, port: Any, *, present: bool) -> None:
+                self.seen += ((self.clock.now() / 1e9, port.name, present),)
+
+        graph = Graph("lights", (NodeConfig("switch", Watcher), NodeConfig("light", Light)))
+        with GraphTester(graph) as tester:
+            health = tester.runner.context_of("switch").health_monitor  # type: ignore[union-attr]
+            tester.run(6.0)
+            assert tester.node("switch").seen == ()
+            tester.runner.kill("light")
+            assert (health.health().state, health.health().reason) == ("degraded", "no server of /light")
+            tester.run(1.0)
+            tester.runner.restart("light")
+            assert (health.health().state, health.health().reason) == ("ok", "")
+            assert tester.node("switch").seen == ((6.0, "light", False), (7.0, "light", True))
+        with GraphTester(Watcher) as tester:
+            tester.run(9.0)
+            assert tester.node().seen == ((5.0, "light", False),)
+
+
 class TestGraphs:
     def test_service_without_a_server_is_refused_by_name(self):
         with pytest.raises(GraphError, match=r"switch\.light: nobody offers /light \(std_srvs/srv/SetBool\)"):
