@@ -153,7 +153,7 @@ class NodeThread:
 
     def note_server(self, port: ClientPort, topic: str, *, present: bool) -> None:
         """Notify the node, in its thread, that the server of a client is absent, or back."""
-        self.queue.call_soon(_InternalCall(self._health.note_server, port, topic, present=present))
+        self.queue.call_soon(InternalCall(self._health.note_server, port, topic, present=present))
 
     def check_alive(self) -> None:
         """Request a call of ``on_alive`` by the thread; a hanging node does not answer."""
