@@ -36,6 +36,7 @@ _SCALARS: Mapping[type[structs.Type], str] = {
     structs.IntType: "int64",
     structs.FloatType: "float64",
 }
+_GENERATED = {JSON: "string", "bool": "boolean", "float64": "double"}
 _LINE = 100
 
 
@@ -60,6 +61,15 @@ class Field:
         kind = "string" if self.kind == JSON else self.kind if isinstance(self.kind, str) else ros_name(self.kind)
         note = "  # JSON" if self.kind == JSON else "  # NaN: none" if self.missing_is_nan else ""
         return f"{kind}{self.count} {self.name}{note}"
+
+    @property
+    def generated(self) -> str:
+        """Type of the field as the generated Python classes describe it."""
+        own = not isinstance(self.kind, str)
+        kind = f"{PACKAGE}/{ros_name(self.kind)}" if own else _GENERATED.get(self.kind, self.kind)
+        if self.count.startswith("[<="):
+            return f"sequence<{kind}, {self.count[3:-1]}>"
+        return f"sequence<{kind}>" if self.count == "[]" else f"{kind}{self.count}"
 
 
 def ros_name(struct: type) -> str:
@@ -100,12 +110,24 @@ def _with_parts(struct: type) -> Iterator[type]:
 
 
 @functools.cache
+def own_types() -> Mapping[str, type]:
+    """Structs of all types in socialbot_msgs, by type name: messages and their parts."""
+    every = {part: None for kind in message_types(built_in=True) for part in _with_parts(kind)}
+    structs_by_name = {type_name(struct): struct for struct in every}
+    assert len(structs_by_name) == len(every), "two structs of one name"
+    return MappingProxyType(dict(sorted(structs_by_name.items())))
+
+
+@functools.cache
 def definitions() -> Mapping[str, str]:
     """Definitions (texts of .msg files) by ROS type."""
-    every = {part: None for kind in message_types(built_in=True) for part in _with_parts(kind)}
-    texts = {type_name(struct): _definition(struct) for struct in every}
-    assert len(texts) == len(every), "two structs of one name"
-    return MappingProxyType(dict(sorted(texts.items())))
+    return MappingProxyType({name: _definition(struct) for name, struct in own_types().items()})
+
+
+def field_types(struct: type) -> dict[str, str]:
+    """Fields of the ROS type of ``struct`` as the generated Python classes describe them."""
+    header = {"header": "std_msgs/Header"} if issubclass(struct, Structured) else {}
+    return header | {field.name: field.generated for field in fields_of(struct)}
 
 
 def _definition(struct: type) -> str:

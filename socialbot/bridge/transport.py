@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from socialbot.bags.codec import ROS_TYPES, STRING, TypeFactory, decode, encode, ros_type, typed_messages
-from socialbot.bags.types import PACKAGE
+from socialbot.bags.codec import ROS_TYPES, STRING, TypeFactory, decode, encode, ros_type
+from socialbot.bags.types import PACKAGE, field_types, own_types
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
@@ -57,6 +57,19 @@ def message_class(type_name: str) -> Any:
         own = f"source the ROS workspace that has the package {package}, or install it with pip"
         remedy = _REMEDY_TYPED if package == PACKAGE else own if known else _REMEDY
         raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
+
+
+def _check_own_types() -> None:
+    """Raise InstallationError if the package of the own types is missing, or does not fit this socialbot."""
+    for name, struct in own_types().items():
+        wanted, installed = field_types(struct), message_class(name).get_fields_and_field_types()
+        if wanted != installed:
+            other = next(key for key in {**wanted, **installed} if wanted.get(key) != installed.get(key))
+            raise InstallationError(
+                f"the installed package {PACKAGE} is of another version of socialbot: field {other!r} of {name} is "
+                f"{installed.get(other, 'missing')}, not {wanted.get(other, 'missing')}",
+                remedy=f"install it again: make interfaces, or {_REMEDY_TYPED}",
+            )
 
 
 class RclpyTypes:
@@ -285,7 +298,7 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
     Raises:
         SecurityError: The keys cannot be used.
         ParameterError: The window is invalid, or keys are set and ``form`` is "typed".
-        InstallationError: ``form`` is "typed" and the package of these types is not installed.
+        InstallationError: ``form`` is "typed" and the package of these types is missing or of another version.
     """
     if form == "typed":
         if has_keys(environment):
@@ -294,7 +307,7 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
                 where="wire: typed",
                 remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
             )
-        message_class(next(iter(typed_messages())))
+        _check_own_types()
     return Transport(RclpyTypes(), _seal(environment) if has_keys(environment) else None, form)
 
 

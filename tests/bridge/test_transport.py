@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
@@ -10,11 +11,12 @@ import numpy as np
 import pytest
 
 from socialbot.bags.codec import STRING, encode
-from socialbot.bridge import ros_checks
+from socialbot.bags.types import field_types, own_types, type_name
+from socialbot.bridge import ros_checks, transport
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
-from socialbot.core.errors import MessageError, ParameterError
+from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
 
 TOPIC = "/speech/say"
@@ -218,3 +220,34 @@ def test_renewals_of_another_thread_keep_the_order(sealed):
         telling.result()
     receiver = sealed.receiver(TOPIC, latched=True)
     assert [receiver.decode(Utterance, one) for one in publisher.sent].count(WORD) == 100  # and none is refused
+
+
+def _installed(changes: dict[str, dict[str, str]]) -> Callable[[str], Any]:
+    """The lookup of generated classes in a package in which the fields of some types differ."""
+
+    def lookup(type_name: str) -> Any:
+        fields = changes.get(type_name, field_types(own_types()[type_name]))
+        return SimpleNamespace(get_fields_and_field_types=lambda: fields)
+
+    return lookup
+
+
+@pytest.mark.parametrize("change", ["missing", "additional", "other type"])
+def test_typed_transport_needs_the_own_types_of_this_version(monkeypatch, change):
+    name = type_name(Utterance)
+    fields = dict(field_types(Utterance))
+    if change == "missing":
+        del fields["text"]
+    else:
+        fields["old" if change == "additional" else "text"] = "int64"
+    monkeypatch.setattr(transport, "message_class", _installed({name: fields}))
+    with pytest.raises(InstallationError, match="another version") as caught:
+        open_transport({}, form="typed")
+    assert "socialbot_msgs" in str(caught.value)
+    assert name in str(caught.value)
+    assert "make interfaces" in str(caught.value.remedy)
+
+
+def test_typed_transport_opens_with_the_own_types_of_this_version(monkeypatch):
+    monkeypatch.setattr(transport, "message_class", _installed({}))
+    assert not open_transport({}, form="typed").sealed
