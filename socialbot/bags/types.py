@@ -65,8 +65,10 @@ class Field:
     @property
     def generated(self) -> str:
         """Type of the field as the generated Python classes describe it."""
-        own = not isinstance(self.kind, str)
-        kind = f"{PACKAGE}/{ros_name(self.kind)}" if own else _GENERATED.get(self.kind, self.kind)
+        if isinstance(self.kind, str):
+            kind = _GENERATED.get(self.kind, self.kind)
+        else:
+            kind = f"{PACKAGE}/{ros_name(self.kind)}"
         if self.count.startswith("[<="):
             return f"sequence<{kind}, {self.count[3:-1]}>"
         return f"sequence<{kind}>" if self.count == "[]" else f"{kind}{self.count}"

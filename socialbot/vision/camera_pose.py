@@ -38,7 +38,7 @@ _BETWEEN_M = 0.03  # Half of the distance between two of these heights.
 _OUTLIER_M = 0.6  # Spread of the apparent heights of outliers.
 _GAIT = 0.015  # Change of height while walking, share.
 _EDGE_PX, _EDGE_SHARE = 1.0, 0.025  # Standard error of the top and bottom of a box.
-_TOES_M = 0.12
+_TOES_M = 0.19
 _SHARED = 0.5  # Information of an observation: part of its error is common to the boxes of one person.
 
 _CELLS = 48  # Heights, and pitches, of the grid.

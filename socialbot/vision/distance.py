@@ -42,7 +42,7 @@ _POSTURE = 0.02  # Height of one person while walking, share.
 _TURNING = 0.15  # Width of one person while turning, share.
 _JITTER = 0.03  # Distance from frame to frame, share.
 
-_TOES_M, _TOES_STD_M = 0.12, 0.08  # From the body to the nearer foot.
+_TOES_M, _TOES_STD_M = 0.19, 0.10  # From the body to the nearer foot.
 _KNEES_M, _KNEES_STD_M = 0.46, 0.26  # The same of seated people: 0.1 m from the side, 0.7 m from the front.
 _LIKE_S = 0.5  # Correlation time of the error of a cue.
 _POSE_S = 5.0  # Duration of a pose, which causes such an error.
@@ -55,8 +55,11 @@ _CHILD, _CHILD_STD = 0.70, 0.15
 _KNOWN_STD = 0.07  # The height of a person with a smaller error was learnt: no child.
 _FREE_RAD = 0.3  # Error of the pitch where the floor says nothing.
 _LEVELS, _LEVEL_STD = (0.35, 0.65, 0.95), 0.15  # Heights of occluding objects, m.
-_CLEAR, _WHOLE = 0.7, 0.9  # Probabilities from which a posture is stated, and from which a box ends at the feet.
-FACE_HEIGHT_M, _FACE_SPREAD = 0.16, 0.15  # Height of the box of a face, and its relative error.
+_SHARES = {"standing": 0.80, "seated": 0.12, "child": 0.04, "hidden": 0.08, "lap": 0.03}
+_CLEAR, _WHOLE = 0.7, 0.9  # Probabilities from which a posture is stated, and from which a whole person stands.
+FACE_HEIGHT_M, FACE_AHEAD_M = 0.17, 0.12
+"""Height of the box of a face, and distance from the face back to the body."""
+_FACE_SPREAD = 0.15  # Relative error of that height.
 
 _LOGS = np.linspace(math.log(0.15), math.log(80.0), 224)
 _STEP = float(_LOGS[1] - _LOGS[0])
@@ -117,7 +120,7 @@ class _Hypothesis(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """Distance of a person (m), the posture if it is clear, and whether the box clearly ends at the feet."""
+    """Distance of a person (m), the posture if it is clear, and whether the box clearly shows a whole standing one."""
 
     distance: Estimate
     posture: Posture
@@ -151,7 +154,8 @@ def measure(
     hypotheses = _hypotheses(stature, seen=not cut.bottom, hidden=feet_hidden and not cut.bottom)
     likelihood = np.array([_likelihood(camera, view, each, cut) for each in hypotheses])
     if face > 0:
-        likelihood -= 0.5 * ((_LOGS - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD) ** 2
+        away = np.log(np.maximum(_DISTANCES - FACE_AHEAD_M, _NEAREST_M))
+        likelihood -= 0.5 * ((away - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD) ** 2
     # Between people who are equally likely at each distance, and at each logarithm of it.
     likelihood += np.log([each.share for each in hypotheses])[:, None] + 0.5 * _LOGS
     shares = np.exp(likelihood - likelihood.max())
@@ -163,7 +167,11 @@ def measure(
     for each, share in zip(hypotheses, shares.sum(axis=1).tolist(), strict=True):
         by_posture[each.posture] = by_posture.get(each.posture, 0.0) + share
     best = max(by_posture, key=lambda posture: by_posture[posture])
-    whole = sum(shares[number].sum() for number, each in enumerate(hypotheses) if each.bottom == 0 and not each.free)
+    whole = sum(
+        shares[number].sum()
+        for number, each in enumerate(hypotheses)
+        if each.posture == "standing" and each.bottom == 0 and not each.free
+    )
     posture = best if by_posture[best] > _CLEAR else "unknown"
     return Measurement(_metres(_Cue(log, std)), posture, bool(whole > _WHOLE))
 
@@ -175,16 +183,18 @@ def _hypotheses(stature: Stature, *, seen: bool, hidden: bool) -> list[_Hypothes
     seated = Estimate(_SEATED * height.value, math.hypot(height.std * _SEATED, _SEATED_STD))
     lap = Estimate(_SEATED_WIDTH * width.value, _SEATED_WIDTHS * _SEATED_WIDTH * width.value)
     found = [
-        _Hypothesis("standing", height, 0.0, width, 0.80 if not hidden else 1e-3),
-        _Hypothesis("seated", seated, 0.0, lap, 0.08 if not hidden else 0.01, toes=_KNEES),
+        _Hypothesis("standing", height, 0.0, width, _SHARES["standing"] if not hidden else 1e-3),
+        _Hypothesis("seated", seated, 0.0, lap, _SHARES["seated"] if not hidden else 0.01, toes=_KNEES),
     ]
     if unknown:
         child = Estimate(_CHILD * height.value, _CHILD_STD)
-        found.append(_Hypothesis("standing", child, 0.0, _scaled(width, _CHILD), 0.04 if not hidden else 1e-3))
+        found.append(
+            _Hypothesis("standing", child, 0.0, _scaled(width, _CHILD), _SHARES["child"] if not hidden else 1e-3)
+        )
     found.append(_Hypothesis("standing", height, 0.0, width, 0.003, free=True))
     if seen:
-        found += [_Hypothesis("standing", height, level, width, 0.06 / len(_LEVELS)) for level in _LEVELS]
-        found += [_Hypothesis("seated", seated, level, width, 0.03 / 2) for level in _LEVELS[1:3]]
+        found += [_Hypothesis("standing", height, level, width, _SHARES["hidden"] / len(_LEVELS)) for level in _LEVELS]
+        found += [_Hypothesis("seated", seated, level, width, _SHARES["lap"] / len(_LEVELS)) for level in _LEVELS]
     return found
 
 

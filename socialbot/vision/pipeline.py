@@ -61,7 +61,8 @@ _REMEMBERED_S = 10.0  # The state of a lost track is kept for this long.
 class TrackState:
     """Learned state of one track; ``stamp`` (ns) is that of its last image, ``ranged`` of its last depth.
 
-    ``whole`` is whether the last box ended at the feet, ``face`` the stamp (ns) and the height (px) of the last face.
+    ``whole`` is whether the last box showed a whole standing person, ``face`` the stamp (ns) and the height (px) of the
+    last face.
     ``least`` is the relative error of distances from images that more images do not reduce: that of the height of the
     person and of the camera's pose.
     """
@@ -343,7 +344,7 @@ class PersonPipeline:
             elif now is not None and known.range is not None and not (vague and known.range.estimate.std < now.std):
                 known.range.see(now, kind, seconds)
         if not (track.unseen_s or any(track.cut) or track.feet_hidden):
-            if known.posture == "standing" and known.whole:
+            if known.whole:
                 known.figure.learn(camera, box, seconds)
             self._errors.append(abs(math.log(max(height_on_floor(camera, box), 0.1) / self.person_height_m)))
         distance = known.range and known.range.estimate

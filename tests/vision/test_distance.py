@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.vision.camera import CameraModel
+from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.distance import (
+    FACE_AHEAD_M,
     FACE_HEIGHT_M,
+    PERSON_HEIGHT_M,
     Estimate,
     Figure,
     Range,
@@ -375,6 +377,40 @@ def test_face_gives_the_distance_of_somebody_near():
     without, near = measured(model, (x, y, w, h)), measured(model, (x, y, w, h), face=FACE_HEIGHT_M * model.fy / 1.0)
     assert near.value < 0.85 * without.value
     assert near.std / near.value < without.std / without.value
+
+
+@pytest.mark.parametrize("distance", [1.2, 1.8, 2.5])
+def test_distance_by_the_face_is_that_of_the_body(distance):
+    """A face of usual size, which is ahead of the body, does not move the distance of a usual person."""
+    model = camera()
+    box = box_of(model, distance, 0.0, tall=PERSON_HEIGHT_M)
+    face = FACE_HEIGHT_M * model.fy / (distance - FACE_AHEAD_M)
+    alone, seen = measured(model, box), measured(model, box, face=face)
+    assert seen.value == pytest.approx(distance, rel=0.05)
+    assert abs(seen.value - distance) <= abs(alone.value - distance) + 0.01 * distance
+
+
+@pytest.mark.parametrize("legs", [0.2, 0.4, 0.6])
+def test_seated_person_seen_from_above_is_not_learnt_as_a_small_standing_one(legs):
+    """From 2.5 m above the floor, both look alike."""
+    model = CameraModel.from_field_of_view(640, 480, 1.14, CameraPose(height_m=2.5, pitch_rad=0.35))
+    distance, tall = 4.2, 1.37
+    x, y, w, h = box_of(model, distance - legs, 0.0, tall=tall, wide=0.6)
+    head = box_of(model, distance, 0.0, tall=tall, wide=0.6)[1]
+    seen = measure(model, (x, head, w, y + h - head), PEOPLE)
+    assert seen is not None
+    assert not seen.whole
+    assert abs(seen.distance.value - distance) < 2 * seen.distance.std
+
+
+@pytest.mark.parametrize("foot", [0.12, 0.20, 0.26])
+def test_nearest_foot_is_before_the_body(foot):
+    """It is farthest ahead while somebody walks towards the camera."""
+    model, distance = camera(), 4.0
+    x, y, w, _ = box_of(model, distance, 0.0)
+    _, near, _, tall = box_of(model, distance - foot + 0.12, 0.0)  # The body of `box_of` begins 0.12 m ahead.
+    seen = measured(model, (x, y, w, near + tall - y), stature(1.70))
+    assert seen.value == pytest.approx(distance, rel=0.03)
 
 
 def test_feet_of_seated_people_are_before_them():
