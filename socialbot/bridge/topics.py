@@ -9,8 +9,8 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, get_args
 
@@ -20,12 +20,12 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
-from socialbot.bags.codec import ros_type
+from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge import environment
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
 from socialbot.bridge.transport import matching_qos, message_class, open_transport
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
-from socialbot.core.messages import Structured
+from socialbot.core.messages import Message, Structured
 from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.node import WireForm
@@ -218,6 +218,38 @@ def messages(
         executor.shutdown()
 
 
+def merged_messages(
+    ros: Any, topics: Mapping[str, type[Message]], *, newest: Collection[str] = (), ended: Ended = lambda: False
+) -> Generator[tuple[str, Message] | None]:
+    """Yield topic and decoded message of all ``topics`` as they arrive, until ``ended``; invalid ones are left out.
+
+    Yields None at least every ``POLL_S`` seconds. Of the ``newest`` topics, unread messages are dropped.
+    """
+    from rclpy.executors import SingleThreadedExecutor
+
+    arrived: deque[tuple[str, Message]] = deque()
+
+    def subscription(name: str, kind: type[Message]) -> AdaptiveSubscription:
+        def take(message: Any) -> None:
+            with suppress(MessageError):
+                arrived.append((name, decode(kind, message)))
+
+        depth = 1 if name in newest else DEPTH
+        return AdaptiveSubscription(ros, name, message_class(ros_type(kind)), take, raw=False, depth=depth)
+
+    subscriptions = [subscription(name, kind) for name, kind in topics.items()]
+    executor = SingleThreadedExecutor(context=ros.context)
+    executor.add_node(ros)
+    try:
+        while not ended():
+            for each in subscriptions:
+                each.adapt()
+            executor.spin_once(timeout_sec=POLL_S)
+            yield arrived.popleft() if arrived else None
+    finally:
+        executor.shutdown()
+
+
 @dataclass
 class AdaptiveSubscription:
     """Subscription whose quality of service matches all publishers, including new ones."""
@@ -227,6 +259,7 @@ class AdaptiveSubscription:
     kind: Any
     take: Callable[[Any], None]
     raw: bool
+    depth: int = DEPTH
     _qos: Any = field(default=None, init=False)
     _subscription: Any = field(default=None, init=False)
     _adapted: float = field(default=-math.inf, init=False)
@@ -246,7 +279,7 @@ class AdaptiveSubscription:
             return
         self._adapted = time.monotonic()
         publishers = _publishers(self.ros, self.name)
-        qos = matching_qos(publishers, DEPTH)
+        qos = matching_qos(publishers, self.depth)
         if qos == self._qos or (not publishers and self._subscription is not None):
             return
         if self._subscription is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from time import monotonic
@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
     from socialbot.core.messages import CameraInfo
     from socialbot.vision.camera import CameraPose
+    from socialbot.vision.depth_sensors import DepthSensors
 
 _STEADY_M, _STEADY_RAD = 0.02, 0.01  # A pose that changes more is that of a camera that moves.
+_WAIT_S = 10.0  # Time limit for the publisher of a topic.
 
 
 PANEL = "Bags, cameras and scores"
@@ -30,12 +32,13 @@ EXAMPLES = (
 
 
 class _View(NamedTuple):
-    """Image with its stamp (ns), the intrinsics, and the pose of the camera by transforms, if known."""
+    """Image with its stamp (ns), the intrinsics, and depth and transforms at that time, if known."""
 
     image: np.ndarray
     stamp: int
     info: CameraInfo | None = None
-    pose: CameraPose | None = None
+    frame_id: str = ""
+    sensors: DepthSensors | None = None
 
 
 def _bag_views(bag: Path, image_topic: str | None) -> Iterator[_View]:
@@ -52,10 +55,69 @@ def _bag_views(bag: Path, image_topic: str | None) -> Iterator[_View]:
             image = encoded.bgr()
         except ImageError:
             continue
-        pose = None
-        if encoded.sensors is not None and isinstance(encoded.content, (Image, CompressedImage)):
-            pose = encoded.sensors.camera_pose(encoded.content.frame_id, encoded.stamp)
-        yield _View(image, encoded.stamp, encoded.info, pose)
+        frame_id = encoded.content.frame_id if isinstance(encoded.content, (Image, CompressedImage)) else ""
+        yield _View(image, encoded.stamp, encoded.info, frame_id, encoded.sensors)
+
+
+def _topic_views(topic: str, seconds: float) -> Generator[_View]:
+    """Read images of a ROS topic for ``seconds``, with the camera_info, depth and transforms of the running graph.
+
+    Raises:
+        GraphError: Nobody publishes ``topic``.
+        ParameterError: It has no images.
+    """
+    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind
+    from socialbot.bags.codec import ROS_TYPES, decodable_types
+    from socialbot.bridge.topics import await_publisher, merged_messages, observer_node, settled_topics
+    from socialbot.core.errors import ImageError, ParameterError
+    from socialbot.core.messages import (
+        CameraInfo,
+        CompressedDepth,
+        CompressedImage,
+        DepthImage,
+        DepthInfo,
+        Image,
+        Message,
+        Transforms,
+    )
+    from socialbot.vision.depth_sensors import DepthSensors
+    from socialbot.vision.images import bgr_from_compressed, bgr_from_image
+
+    with observer_node("_calibrate") as ros:
+        kind = decodable_types().get(await_publisher(ros, topic, timeout_s=_WAIT_S) or "")
+        if kind not in (Image, CompressedImage) or image_kind(topic, None) == ImageKind.DEPTH:
+            remedy = "name a topic of sensor_msgs/Image or CompressedImage; socialbot topic list shows all"
+            raise ParameterError("has no pictures", where=topic, remedy=remedy)
+        types = {each.name: each.types[0] for each in settled_topics(ros)}
+        topics: dict[str, type[Message]] = {topic: kind}
+        topics |= {name: Transforms for name in ("/tf", "/tf_static") if types.get(name) == ROS_TYPES[Transforms]}
+        depths = {
+            name: DepthImage if types[name] == ROS_TYPES[DepthImage] else CompressedDepth
+            for name in types
+            if types[name] in (ROS_TYPES[DepthImage], ROS_TYPES[CompressedDepth])
+            and image_kind(name, None) == ImageKind.DEPTH
+        }
+        infos = {name.rpartition("/")[0]: name for name in types if types[name] == ROS_TYPES[CameraInfo]}
+        depth = best_depth(topic, "", dict.fromkeys(depths, ""))
+        if depth is not None:
+            topics[depth] = depths[depth]
+            if (depth_info := infos.get(camera_of(depth))) is not None:
+                topics[depth_info] = DepthInfo
+        if (info_topic := infos.get(camera_of(topic))) is not None:
+            topics[info_topic] = CameraInfo
+        sensors, info, begun = DepthSensors(), None, monotonic()
+        for arrived in merged_messages(ros, topics, newest=[topic], ended=lambda: monotonic() - begun > seconds):
+            name, message = arrived or ("", None)
+            if isinstance(message, CameraInfo) and not isinstance(message, DepthInfo):
+                info = message
+            elif name == topic and isinstance(message, (Image, CompressedImage)):
+                try:
+                    image = bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message)
+                except ImageError:
+                    continue
+                yield _View(image, message.stamp, info, message.frame_id, sensors)
+            elif message is not None:
+                sensors.take(message)
 
 
 def _camera_views(device: str, seconds: float) -> Iterator[_View]:
@@ -70,18 +132,20 @@ def _camera_views(device: str, seconds: float) -> Iterator[_View]:
 
 
 def calibrate(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="Bag, or a camera: its index or device file.")],
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="Bag, camera (its index or device file), or live ROS image topic.")
+    ],
     image_topic: Annotated[str | None, typer.Option(help="Image topic, when the bag has several.")] = None,
     hfov_rad: Annotated[float, typer.Option(min=0.1, max=3.0, help="Field of view without a camera_info.")] = 1.09,
-    seconds: Annotated[float, typer.Option(min=1.0, help="How long to watch a camera.")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=1.0, help="How long to watch a camera or topic.")] = 60.0,
     save: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the pose file.")] = None,
 ) -> None:
-    """Find height and pitch of a camera, live or of a bag, from transforms, or else from the people in view.
+    """Find height and pitch of a camera, live or of a bag, from transforms, or else from people and the floor in depth.
 
     The intrinsics come from camera_info. The person detector takes the result by its parameters, or reads the file that
     its parameter camera_file names. A file NAME.camera.json beside a bag is used by replay and evaluate.
     """
-    from socialbot.core.errors import BagError
+    from socialbot.core.errors import BagError, DeviceError
     from socialbot.vision.camera import ASSUMED, CameraModel
     from socialbot.vision.camera_node import is_device
     from socialbot.vision.camera_pose import save_pose
@@ -89,9 +153,14 @@ def calibrate(
     from socialbot.vision.pipeline import PersonPipeline
 
     console = Console(highlight=False)
+    live = is_device(source) or (source.startswith("/") and not Path(source).exists())
+    if live:
+        what = f"camera {source}" if is_device(source) else source
+        console.print(f"watching {what} for {seconds:g} s: walk through its view, from head to feet", soft_wrap=True)
     if is_device(source):
-        console.print(f"watching camera {source} for {seconds:g} s: walk through its view, from head to feet")
-    views = _camera_views(source, seconds) if is_device(source) else _bag_views(Path(source), image_topic)
+        views = _camera_views(source, seconds)
+    else:
+        views = _topic_views(source, seconds) if live else _bag_views(Path(source), image_topic)
     spec = DETECTORS["nanodet"]
     pipeline = PersonPipeline(spec, spec.make(DetectorSettings()), hide_still=False)
     frames, calibrated = 0, False
@@ -99,25 +168,26 @@ def calibrate(
     for view in views:
         height, width = view.image.shape[:2]
         frames, calibrated = frames + 1, view.info is not None
-        if view.pose is not None and not view.pose.height_std_m:
-            placed.append(view.pose)
+        known = view.sensors and view.sensors.camera_pose(view.frame_id, view.stamp)
+        if known is not None and not known.height_std_m:
+            placed.append(known)
         else:
-            pose = view.pose or ASSUMED
-            camera = CameraModel.of_images(view.info, width, height, hfov_rad=hfov_rad, pose=pose)
-            pipeline.find(view.image, view.stamp, camera)
+            camera = CameraModel.of_images(view.info, width, height, hfov_rad=hfov_rad, pose=known or ASSUMED)
+            depth = view.sensors.at(view.stamp, view.frame_id, camera) if view.sensors is not None else ()
+            pipeline.find(view.image, view.stamp, camera, depth)
     if placed:
         _show_placed(console, placed, frames, source, save)
         return
     pose = pipeline.pose
-    if not pose.people:
-        raise BagError(
-            f"nobody is wholly visible in {many(frames, 'image')}",
-            where=source,
-            remedy="record people who walk through the view from head to feet, at several distances",
-        )
+    if not pose.people and pose.source != "floor":
+        fault = DeviceError if live else BagError
+        remedy = "people must walk through the view from head to feet, at several distances"
+        raise fault(f"nobody is wholly visible in {many(frames, 'image')}", where=source, remedy=remedy)
     console.print(f"height  {pose.height_m:.2f} +- {pose.height_std_m:.2f} m above the floor")
     console.print(f"pitch   {pose.pitch_rad:.3f} +- {pose.pitch_std_rad:.3f} rad down")
-    console.print(f"source  people: {pose.people} tracks of people in {many(frames, 'image')}")
+    floor = "depth of the floor" if pipeline.sees_floor else ""
+    people = f"people: {many(pose.people, 'track')} of people in {many(frames, 'image')}" if pose.people else ""
+    console.print(f"source  {' and '.join(filter(None, (people, floor)))}")
     if not calibrated:
         console.print(f"[yellow]no camera_info[/]: a field of view of {hfov_rad:.2f} rad is assumed (--hfov-rad)")
     settings = f"--set person_detector.mount_height_m={pose.height_m:.2f}"

@@ -1,4 +1,4 @@
-"""Pose of a camera above the floor: estimated from people or from points of the floor, and kept in a file.
+"""Pose of a camera above the floor: estimated from people and from points of the floor, and kept in a file.
 
 `PoseEstimator` holds the joint posterior of camera height and pitch on a grid. Top and bottom of the box of a
 standing person give the height of that person for each cell of the grid. People have similar heights, and one person
@@ -8,13 +8,14 @@ keeps their height from image to image; cells where this holds become likely.
 * Single boxes may be wrong (hidden feet), so each observation has an outlier component.
 * Observations of one person share one unknown height. Without that, one tall person would move the camera.
 
-The grid zooms in as the posterior narrows.
+The grid zooms in as the posterior narrows. The floor in depth images, if any, is combined with the result.
 """
 
 from __future__ import annotations
 
 import math
 import os
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,6 +56,10 @@ _UPRIGHT = 0.7
 
 _FLOOR_POINTS, _FLOOR_SHARE, _FLOOR_TRIALS = 50, 0.1, 200
 _FLOOR_LEVEL, _FLOOR_THICKNESS_M = math.cos(math.radians(40)), 0.03
+_FLOOR_NEAR_M = 5.0  # Farther depth is too noisy for the floor.
+_FLOOR_HEIGHT, _FLOOR_PITCH_RAD = 0.06, 0.02  # Errors of a floor: scale of the depth (share), lens, slope, mounting.
+_FLOORS = 15  # Kept floors.
+_FLOOR_APART = 13.8  # Squared distance, in standard errors, of another plane than the floor: 99.9 %.
 
 
 @dataclass
@@ -88,13 +93,62 @@ class PoseEstimator:
         self._stature_std = np.where(self._statures >= adults.min(), _BETWEEN_M, 2 * _BETWEEN_M)
         self._people: dict[str, _Sights] = {}
         self._count = 0
+        self._floors: deque[tuple[float, float, float]] = deque(maxlen=_FLOORS)
         self._set_grid(*self._whole_range())
-        self._pose = prior
+        self._pose = self._by_people = prior
 
     @property
     def pose(self) -> CameraPose:
         """Mean of the posterior and its error."""
         return self._pose
+
+    @property
+    def floors(self) -> int:
+        """Number of floors that the pose agrees with."""
+        return 0 if self._pose is self._by_people else len(self._floors)
+
+    def see_floor(self, points: np.ndarray) -> bool:
+        """Learn from ``points`` in the optical frame of the camera: x right, y down, z forward, m, shape (n, 3).
+
+        Returns:
+            Whether a floor was found.
+        """
+        floor = floor_plane(points[points[:, 2] < _FLOOR_NEAR_M])
+        if floor is None:
+            return False
+        height, pitch, roll = floor
+        self._floors.append((math.log(height), pitch, roll))
+        self._pose = self._with_floor(self._by_people)
+        return True
+
+    def _with_floor(self, pose: CameraPose) -> CameraPose:
+        """Combine ``pose`` with the floors seen so far, unless they contradict it: then they were tables."""
+        if not self._floors:
+            return pose
+        floors = np.array(self._floors)
+        middle = np.median(floors, axis=0)
+        spread = 1.48 * np.median(np.abs(floors - middle), axis=0)
+        lift, turn = pose.height_std_m / pose.height_m, pose.pitch_std_rad
+        mixed = pose.correlation * lift * turn
+        own = np.array([[lift**2, mixed], [mixed, turn**2]])
+        both = own + np.diag([_FLOOR_HEIGHT**2 + spread[0] ** 2, _FLOOR_PITCH_RAD**2 + spread[1] ** 2])
+        apart = middle[:2] - (math.log(pose.height_m), pose.pitch_rad)
+        if apart @ np.linalg.solve(both, apart) > _FLOOR_APART:
+            return pose
+        gain = own @ np.linalg.inv(both)
+        log, pitch = np.array([math.log(pose.height_m), pose.pitch_rad]) + gain @ apart
+        rest = own - gain @ own
+        lift, turn = math.sqrt(max(rest[0, 0], 0.0)), math.sqrt(max(rest[1, 1], 0.0))
+        return msgspec.structs.replace(
+            pose,
+            height_m=math.exp(log),
+            pitch_rad=float(pitch),
+            roll_rad=float(middle[2]),
+            height_std_m=lift * math.exp(log),
+            pitch_std_rad=turn,
+            correlation=float(rest[0, 1]) / (lift * turn) if lift and turn else 0.0,
+            source="people" if pose.people else "floor",
+        )
 
     def see(self, camera: CameraModel, box: Box, person: str, seconds: float) -> bool:
         """Learn from the ``box`` of a whole ``person`` (x, y, w, h) in an image at the time ``seconds``.
@@ -213,7 +267,7 @@ class PoseEstimator:
         height_std = 0.0 if known_height else math.hypot(height_std, _COMMON_HEIGHT)
         pitch_std = 0.0 if known_pitch else math.hypot(pitch_std, _COMMON_PITCH_RAD)
         value = math.exp(height)
-        self._pose = CameraPose(
+        self._by_people = CameraPose(
             height_m=value,
             pitch_rad=pitch,
             roll_rad=self.prior.roll_rad,
@@ -223,6 +277,7 @@ class PoseEstimator:
             source="people",
             people=self._count,
         )
+        self._pose = self._with_floor(self._by_people)
 
     def _fit_grid(
         self, shares: tuple[np.ndarray, np.ndarray], height: tuple[float, float], pitch: tuple[float, float]

@@ -42,6 +42,8 @@ _UNSEEN, _ENOUGH = 0.3, 8.0
 _LEAST_SAMPLES: dict[Source, int] = {"depth": 12, "lidar": 3}
 _GRID = 32
 """Largest number of samples along each side of a box."""
+_MOST_CLOUD = 4000
+"""Largest number of points for the floor."""
 _GAP, _BESIDE, _ABOVE, _FEET = 0.15, 0.6, 0.25, 0.8
 """The background is seen beside a box, from ``_GAP`` to ``_BESIDE`` of its width, and up to ``_ABOVE`` of its height
 above it, but not below ``_FEET`` of its height."""
@@ -80,6 +82,10 @@ class RangeImage(Protocol):
         """The measurements in ``box``, about ``step`` pixels of the picture apart if there are more."""
         ...
 
+    def cloud(self, camera: CameraModel) -> np.ndarray:
+        """Some thousand measurements in the optical frame of ``camera``: right, down and forward, m, (n, 3)."""
+        ...
+
 
 @dataclass(frozen=True)
 class RegisteredDepth:
@@ -103,6 +109,15 @@ class RegisteredDepth:
         x, y = (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z
         return Samples(u, v, _horizontal(camera, x, y, z), across * down / (step_x * step_y))
 
+    def cloud(self, camera: CameraModel) -> np.ndarray:
+        height, width = self.pixels.shape
+        step = max(1, math.ceil(math.sqrt(self.pixels.size / _MOST_CLOUD)))
+        z = depth_in_metres(self.pixels[::step, ::step])
+        rows, columns = np.nonzero(np.isfinite(z))
+        z = z[rows, columns]
+        u, v = (columns * step + 0.5) * camera.width / width, (rows * step + 0.5) * camera.height / height
+        return np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], axis=1)
+
 
 @dataclass(frozen=True)
 class ProjectedPoints:
@@ -119,6 +134,9 @@ class ProjectedPoints:
         inside = (z > NEAREST_M) & (u >= box[0]) & (u < box[0] + box[2]) & (v >= box[1]) & (v < box[1] + box[3])
         x, y, z = x[inside], y[inside], z[inside]
         return Samples(u[inside], v[inside], _horizontal(camera, x, y, z), 0.0)
+
+    def cloud(self, camera: CameraModel) -> np.ndarray:
+        return self.points[:: 1 + len(self.points) // _MOST_CLOUD]
 
 
 def _horizontal(camera: CameraModel, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

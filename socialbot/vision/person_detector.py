@@ -292,7 +292,7 @@ class PersonDetector(Node):
         if (
             self._file is None
             or not self.keep_pose
-            or pose.source != "people"
+            or pose.source not in ("people", "floor")
             or pose == self._saved
             or 0 <= now - self._saved_at < pause_ns
         ):
@@ -306,6 +306,10 @@ class PersonDetector(Node):
     def _report_pose(self, stamp: int) -> None:
         """Report the pose of the camera with the health of the node, at most every ten seconds."""
         text = f"camera {self.camera_pose}"
+        if self._info is None:
+            text += f"; no camera_info: a field of view of {self.hfov_rad:.2f} rad is assumed"
+        if self.camera_pose.source == "assumed":
+            text += "; its pose is not known yet, so distances are rough"
         if text != self._reported and not 0 <= stamp - self._reported_at < _REPORT_NS:
             self._reported, self._reported_at = text, stamp
             self.report_health("ok", text)

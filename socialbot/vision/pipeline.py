@@ -51,6 +51,7 @@ _RANGED_NS = SECOND // 2  # For this long, a prediction from depth is better tha
 _FACE_NS = 4 * SECOND // 10  # A face gives the distance for this long.
 _TOUCHING = 0.1  # Share of a box that another one covers.
 _PERSON_ASPECT = (0.15, 0.6)  # Widths of people who stand, as shares of their height.
+_FLOOR_NS = SECOND  # Pause between two searches for the floor, which cost some milliseconds.
 _LEARNT_PER_IMAGE = 3  # People from whom the pose is learnt in one image; each costs some milliseconds.
 _SURE_HEIGHT = 0.15  # Relative error of the camera height from which the detector may use it.
 _LASTING = 0.6  # Share of the error of a distance that all images of a person have in common.
@@ -128,6 +129,7 @@ class PersonPipeline:
         self._known: dict[str, TrackState] = {}
         self._errors: deque[float] = deque(maxlen=_MOST_WHOLE)
         self._stamp = 0
+        self._floor_stamp = -(2**62)
         self._estimator: PoseEstimator | None = None
         self._pose = ASSUMED
         self.set_threshold(threshold)
@@ -145,6 +147,11 @@ class PersonPipeline:
         """Pose of the camera: as given, or as estimated from the people so far."""
         return self._pose
 
+    @property
+    def sees_floor(self) -> bool:
+        """Whether the floor in depth images has contributed to the pose."""
+        return self._estimator is not None and self._estimator.floors > 0
+
     def _located(self, camera: CameraModel) -> CameraModel:
         """The camera at its estimated pose, unless its pose is known."""
         given = camera.pose
@@ -156,10 +163,15 @@ class PersonPipeline:
         self._pose = self._estimator.pose
         return camera.at(self._pose)
 
-    def _learn_pose(self, tracks: Sequence[Track], camera: CameraModel, stamp_ns: int) -> CameraModel:
-        """Learn the pose of the camera from people who are wholly visible."""
+    def _learn_pose(
+        self, tracks: Sequence[Track], camera: CameraModel, stamp_ns: int, depth: Sequence[RangeImage] = ()
+    ) -> CameraModel:
+        """Learn the pose of the camera from people who are wholly visible, and from the floor."""
         if _is_known(camera.pose) or self._estimator is None:
             return camera
+        if depth and not 0 <= stamp_ns - self._floor_stamp < _FLOOR_NS:
+            self._floor_stamp = stamp_ns
+            self._estimator.see_floor(depth[0].cloud(camera))
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         left = _LEARNT_PER_IMAGE
         for number, track in enumerate(tracks):
@@ -222,7 +234,7 @@ class PersonPipeline:
             people = {name for name, each in attention.items() if each.is_person(stamp_ns)}
             tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful, people)
         tracks = _with_hidden_feet(tracks)
-        return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns), depth)
+        return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns, depth), depth)
 
     def measured(
         self, found: Detections, camera: CameraModel, depth: Sequence[RangeImage] = ()

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import itertools
+import threading
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -7,15 +10,23 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
-from socialbot.bags.reader import BagWriter
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.bridge.topics import observer_node
+from socialbot.bridge.transport import message_class, open_transport
 from socialbot.cli import calibrate as calibrate_command
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Image
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import CompressedDepth, Image
+from socialbot.graph.node import Delivery
 from socialbot.vision import camera_node
 from socialbot.vision.camera_pose import load_pose
 from tests.system.running import socialbot_here
+from tests.vision.test_camera import camera
 
 DATA = Path(__file__).parents[2] / "data/synthetic"
+IMAGES, INFO = "/camera/image_raw/compressed", "/camera/camera_info"
+DEPTH = "/camera/depth/image_raw/compressedDepth"
+CAMERA = camera()
 START = 1_700_000_000 * SECOND
 
 
@@ -40,7 +51,7 @@ def test_bag_without_people_ends_with_error_3(tmp_path: Path) -> None:
     done = socialbot_here("calibrate", tmp_path / "empty", "--save", tmp_path / "camera.json")
     assert done.returncode == 3
     assert "nobody is wholly visible in 3 images" in done.stderr
-    assert "record people who walk through the view" in done.stderr
+    assert "people must walk through the view" in done.stderr
     assert not (tmp_path / "camera.json").exists()
 
 
@@ -89,3 +100,47 @@ def test_live_camera_is_watched_for_some_seconds(monkeypatch: pytest.MonkeyPatch
     assert "height  " in result.output
     assert "a field of view of 1.37 rad is assumed" in result.output
     assert not walk.images, "the camera is released"
+
+
+@pytest.mark.ros
+def test_live_topic_is_watched_with_its_camera_info_and_depth() -> None:
+    """A running graph publishes pictures, depth and camera_info of `seated_tune`."""
+    with open_bag(DATA / "seated_tune") as bag:
+        topics = {IMAGES: IMAGES, DEPTH: DEPTH, INFO: INFO}
+        recorded = list(itertools.islice(bag.messages(topics, {DEPTH: CompressedDepth}), 40))
+    ended = threading.Event()
+
+    def publish() -> None:
+        with observer_node("_robot") as ros:
+            transport = open_transport()
+            late = {INFO: Delivery.LATCHED}
+            senders = {
+                topic: transport.advertise(ros, topic, kind, late.get(topic, Delivery.EVERY))
+                for topic, kind in {topic: type(message) for topic, message in recorded}.items()
+            }
+            while not ended.is_set():
+                for topic, message in recorded:
+                    senders[topic].publish(message)
+                    ended.wait(0.05)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        views = calibrate_command._topic_views(IMAGES, 60.0)
+        with closing(views):
+            view = next(
+                each for each in views if each.info and each.sensors and each.sensors.at(each.stamp, "", CAMERA)
+            )
+    finally:
+        ended.set()
+        thread.join()
+    assert view.image.shape == (480, 640, 3)
+    assert view.frame_id == "camera_optical_frame"
+
+
+@pytest.mark.ros
+def test_topic_without_pictures_is_refused() -> None:
+    with observer_node("_robot") as ros:
+        ros.create_publisher(message_class("std_msgs/msg/String"), "/words", 1)
+        with pytest.raises(ParameterError, match="has no pictures"):
+            next(calibrate_command._topic_views("/words", 1.0))

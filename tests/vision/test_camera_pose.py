@@ -19,8 +19,10 @@ from socialbot.vision.camera_pose import (
     pose_from_transforms,
     save_pose,
 )
+from socialbot.vision.depth import RegisteredDepth
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.transforms import AXES, TransformTree, matrix_of
+from tests.vision.depth_scenes import CAMERA, Room, render, with_errors
 from tests.vision.test_distance import box_of
 
 DATA = Path(__file__).parents[2] / "data/synthetic"
@@ -103,6 +105,56 @@ def test_walls_are_no_floor():
     wall = np.column_stack([random.uniform(-2, 2, 400), random.uniform(-2, 2, 400), np.full(400, 3.0)])
     assert floor_plane(wall) is None
     assert floor_plane(wall[:10]) is None
+
+
+def _room_points(table: tuple[float, float, float] | None = None) -> np.ndarray:
+    """Points of an empty room in the optical frame of `CAMERA`, as a depth camera measures them."""
+    return RegisteredDepth(with_errors(render(Room([], wall=6.0, table=table)), seed=1)).cloud(CAMERA)
+
+
+def test_floor_gives_the_pose_before_anybody_comes():
+    estimator = PoseEstimator()
+    assert estimator.see_floor(_room_points())
+    pose = estimator.pose
+    assert (pose.source, pose.people) == ("floor", 0)
+    assert abs(pose.height_m - CAMERA.pose.height_m) < 2 * pose.height_std_m < 0.4
+    assert abs(pose.pitch_rad - CAMERA.pose.pitch_rad) < 2 * pose.pitch_std_rad < 0.1
+
+
+def test_floor_makes_the_pose_from_people_more_precise():
+    alone = crowd(CAMERA, 3, people=4)
+    before = alone.pose
+    assert alone.see_floor(_room_points())
+    pose = alone.pose
+    assert (pose.source, pose.people) == ("people", before.people)
+    assert pose.height_std_m < before.height_std_m
+    assert pose.pitch_std_rad < before.pitch_std_rad
+    assert abs(pose.height_m - CAMERA.pose.height_m) < 2 * pose.height_std_m
+    assert alone.floors == 1
+
+
+def test_table_that_people_contradict_is_no_floor():
+    estimator = crowd(CAMERA, 3, people=20)
+    before = estimator.pose
+    random = np.random.default_rng(1)
+    table = np.column_stack([random.uniform(-1, 1, 500), np.full(500, 0.35), random.uniform(0.5, 3, 500)])
+    assert estimator.see_floor(table)
+    assert estimator.pose == before
+    assert estimator.floors == 0
+
+
+def test_floor_leaves_known_values():
+    estimator = PoseEstimator(CameraPose.stated(1.7, UNKNOWN_PITCH))
+    assert estimator.see_floor(_room_points())
+    assert (estimator.pose.height_m, estimator.pose.height_std_m) == (pytest.approx(1.7), 0.0)
+
+
+def test_wall_says_nothing_of_the_pose():
+    estimator = PoseEstimator()
+    random = np.random.default_rng(1)
+    wall = np.column_stack([random.uniform(-2, 2, 400), random.uniform(-2, 2, 400), np.full(400, 3.0)])
+    assert not estimator.see_floor(wall)
+    assert estimator.pose == ASSUMED
 
 
 def test_pose_file_is_written_and_read(tmp_path):

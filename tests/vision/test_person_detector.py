@@ -449,4 +449,15 @@ def test_health_states_the_pose_of_the_camera_at_most_every_ten_seconds(stub, mo
     walk(rig, model, range(10, 35))
     assert [state for state, _ in told] == ["ok"] * 3
     assert re.match(r"camera 1\.\d\d \+- 0\.\d\d m high, 0\.\d{3} \+- 0\.\d{3} rad down", told[0][1])
-    assert all(text.endswith(("(1 person)", " people)")) for _, text in told)
+    assert all("(1 person)" in text or " people)" in text for _, text in told)
+    assert all(text.endswith("no camera_info: a field of view of 1.09 rad is assumed") for _, text in told)
+
+
+def test_health_names_an_unknown_pose_of_the_camera(stub, monkeypatch):
+    rig = Rig(mount_height_m=UNKNOWN_HEIGHT, pitch_rad=UNKNOWN_PITCH)
+    told: list[str] = []
+    monkeypatch.setattr(rig.node, "report_health", lambda state, reason: told.append(reason))
+    monkeypatch.setattr(Stub, "boxes", np.empty((0, 4)))
+    rig.show(BLANK)
+    assert "(assumed); no camera_info" in told[0]
+    assert told[0].endswith("its pose is not known yet, so distances are rough")
