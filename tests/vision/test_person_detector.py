@@ -457,7 +457,7 @@ def test_health_names_an_unknown_pose_of_the_camera(stub, monkeypatch):
     rig = Rig(mount_height_m=UNKNOWN_HEIGHT, pitch_rad=UNKNOWN_PITCH)
     told: list[str] = []
     monkeypatch.setattr(rig.node, "report_health", lambda state, reason: told.append(reason))
-    monkeypatch.setattr(Stub, "boxes", np.empty((0, 4)))
+    monkeypatch.setattr(Stub, "boxes", np.full((2, 4), 1.0))  # No whole person.
     rig.show(BLANK)
     assert "(assumed); no camera_info" in told[0]
     assert told[0].endswith("its pose is not known yet, so distances are rough")
