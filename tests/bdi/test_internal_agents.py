@@ -109,7 +109,10 @@ def test_plans_and_rules_are_printed():
     @one +!x(1) <- .print(1).
     +!y <- b.
     !go. +!go <- .list_rules; .list_plans({+!x(_)})."""
-    assert said(text) == ["c(X) :- b(X) & X > 1.", "@one +!x(1) <- .print(1)."]
+    assert said(text) == [
+        "c(X)[source(self)] :- (b(X) & (X > 1))",
+        '@one[source(self),url("file:me.asl")] +!x(1) <- .print(1).',
+    ]
 
 
 def test_files_are_listed(tmp_path):

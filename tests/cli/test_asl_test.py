@@ -50,7 +50,7 @@ def test_a_test_passes_if_its_goal_is_achieved(tests):
 
 
 def test_tests_do_not_influence_each_other(tests):
-    assert tests("@[test] +!a <- not b(_); +b(1). @[test] +!b <- not b(_); +b(1).") == {"a": [], "b": []}
+    assert tests("@[test] +!a <- ?(not b(_)); +b(1). @[test] +!b <- ?(not b(_)); +b(1).") == {"a": [], "b": []}
 
 
 def test_initial_goals_come_first(tests):

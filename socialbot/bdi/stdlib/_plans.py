@@ -150,7 +150,9 @@ def list_rules(engine: Any, args: Args, trail: Trail) -> None:
     """``.list_rules``: print the rules."""
     for rules in engine.library.inferences.values():
         for compiled in rules:
-            print_(engine, (spelled_item(compiled.inference),), trail)
+            rule = compiled.inference
+            head = rule.head.with_(annotations=(*rule.head.annotations, *SELF))
+            print_(engine, (spelled_item(replace(rule, head=head)),), trail)
 
 
 @internal(".relevant_rules", 2)
