@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 import tarfile
 import zipfile
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 
@@ -43,6 +46,46 @@ def test_the_source_archive_holds_what_the_wheel_is_built_from(built):
     with tarfile.open(source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert names >= tracked(".")
+
+
+def copied() -> list[str]:
+    """Return what the Dockerfile copies from the checkout."""
+    lines = [line.split() for line in (ROOT / "Dockerfile").read_text("utf-8").splitlines()]
+    return [name for words in lines if words[:1] == ["COPY"] for name in words[1:-1]]
+
+
+def test_the_image_holds_what_it_builds_the_package_from(tmp_path: Path):
+    allowed = {line.lstrip("!") for line in (ROOT / ".dockerignore").read_text("utf-8").splitlines() if line[0] == "!"}
+    assert allowed == set(copied())
+    for name in tracked(*copied()):
+        target = tmp_path / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes((ROOT / name).read_bytes())
+    hatchling = Path(sys.executable).with_name("hatchling")
+    subprocess.run([hatchling, "build", "--target", "wheel"], cwd=tmp_path, check=True, capture_output=True)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert names == tracked("socialbot")
+
+
+def test_the_development_container_sets_up_what_the_makefile_offers():
+    settings = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text("utf-8"))
+    editor = settings["customizations"]["vscode"]["settings"]
+    make, target = settings["postCreateCommand"].split()
+    assert make == "make"
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert editor["python.defaultInterpreterPath"].endswith(".venv/bin/python")
+
+
+@pytest.mark.parametrize(("machine", "has_ros"), [("x86_64", True), ("aarch64", False)])
+def test_an_arm_machine_installs_all_but_ros(machine: str, has_ros: bool):
+    here = {"sys_platform": "linux", "platform_machine": machine}
+    needs = [Requirement(text) for text in requires("socialbot") or ()]
+    needs = [need for need in needs if "extra ==" not in str(need.marker or "")]
+    chosen = {need.name for need in needs if need.marker is None or need.marker.evaluate(here)}
+    assert ("ros-jazzy-rclpy" in chosen) is has_ros
+    assert {"numpy", "onnxruntime", "opencv-python-headless", "kairos-planner"} <= chosen
 
 
 def locked(name: str) -> set[str]:
