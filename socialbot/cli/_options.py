@@ -124,6 +124,18 @@ def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[..., 
         yield lambda done, what=None: progress.update(task, completed=done, description=what)
 
 
+def labels_of(texts: Sequence[str] | None) -> dict[str, str]:
+    """Parse labels such as ``participant=P01``. Raises ParameterError for a text without a name or a value."""
+    labels: dict[str, str] = {}
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not (name.isidentifier() and equals and value):
+            remedy = "write NAME=VALUE, such as participant=P01"
+            raise ParameterError(f"{text!r} is not a label", where="--label", remedy=remedy)
+        labels[name] = value
+    return labels
+
+
 def many(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural if needed."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
@@ -161,6 +173,10 @@ DomainOption = Annotated[
     ),
 ]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for the record of the run; default: runs/TIME.")]
+LabelOption = Annotated[
+    list[str] | None,
+    typer.Option("--label", metavar="NAME=VALUE", help="Label the run, such as participant=P01; repeatable."),
+]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="Stop when this process has stopped.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 InspectOption = Annotated[bool, typer.Option("--inspect", help="Show the run in the browser, live and afterwards.")]

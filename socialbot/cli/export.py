@@ -1,4 +1,4 @@
-"""``socialbot export``: convert a run for Foxglove or Rerun."""
+"""``socialbot export``: convert a run for Foxglove, Rerun, ELAN or a table."""
 
 from __future__ import annotations
 
@@ -14,24 +14,34 @@ from socialbot.cli._runs import opened_run
 from socialbot.core.errors import ParameterError
 
 PANEL = "Look into a run"
-EXAMPLES = ("socialbot export runs/waldo waldo.mcap",)
-Format = Literal["foxglove", "rerun"]
-SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun"}
+EXAMPLES = ("socialbot export runs/waldo waldo.mcap", "socialbot export runs/waldo waldo.eaf")
+Format = Literal["foxglove", "rerun", "csv", "elan"]
+SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun", ".csv": "csv", ".eaf": "elan"}
 
 
 def export(
     run: Annotated[Path, typer.Argument(help="Folder of a run.", autocompletion=run_folders)],
-    out: Annotated[Path, typer.Argument(help="New file: .mcap for Foxglove, .rrd for Rerun.")],
+    out: Annotated[Path, typer.Argument(help="New file: .mcap for Foxglove, .rrd for Rerun, .eaf for ELAN, or .csv.")],
     kind: Annotated[Format | None, typer.Option("--format", help="Default: by the suffix of the file.")] = None,
 ) -> None:
-    """Write a run as a file for Foxglove (.mcap) or Rerun (.rrd): images, detections, beliefs, actions and reasons."""
+    """Write a run as a file for Foxglove, Rerun or ELAN, or as a table: detections, beliefs, actions and reasons.
+
+    Foxglove (.mcap) and Rerun (.rrd) show the images, too. ELAN (.eaf) gets a tier for each visitor, for speech, and
+    for the beliefs, goals and actions of each agent. A table (.csv) has one row per record.
+    """
     from socialbot.bags.reader import open_bag
 
     kind = kind or SUFFIXES.get(out.suffix)
     if kind is None:
-        remedy = "end it in .mcap or .rrd, or give --format foxglove or --format rerun"
-        raise ParameterError("the suffix is neither .mcap nor .rrd", where=str(out), remedy=remedy)
+        remedy = f"end it in {', '.join(SUFFIXES)}, or give --format"
+        raise ParameterError("the suffix names no format", where=str(out), remedy=remedy)
     console, recorded = Console(highlight=False), opened_run(run)
+    if kind in ("csv", "elan"):
+        from socialbot.runs.annotations import write_csv, write_elan
+
+        rows = write_csv(recorded, out) if kind == "csv" else write_elan(recorded, out)
+        console.print(f"{rows} {'rows' if kind == 'csv' else 'annotations'} in {out}")
+        return
     with ExitStack() as stack, console.status(f"writing {out}"):
         path = recorded.results.get("bag", {}).get("path")
         bag = stack.enter_context(open_bag(path)) if path and Path(path).exists() else None

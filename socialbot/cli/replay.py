@@ -41,6 +41,7 @@ def replay(
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
     changes: options.SetOption = None,
+    labels: options.LabelOption = None,
 ) -> None:
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.playback import takes_images
@@ -64,7 +65,7 @@ def replay(
         chosen = image_topic or _ask_image_topic(opened.preferred_image_topics if takes_images else ())
         source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth))
         topic = opened.choose_image_topic(chosen).name if takes_images else None
-        with RunRecord(folder) as record:
+        with RunRecord(folder, labels=options.labels_of(labels)) as record:
             if show_page:
                 images = None if topic is None else (bag, topic)
                 context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=images))

@@ -43,6 +43,7 @@ def run(
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
     changes: options.SetOption = None,
+    labels: options.LabelOption = None,
 ) -> None:
     """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
 
@@ -52,7 +53,7 @@ def run(
 
     loaded = load_graph(graph)
     title = loaded.name.capitalize()
-    simulate(context, title, loaded, runner, composed, domain, rate, limit, out, bag, show_page, port, changes)
+    simulate(context, title, loaded, runner, composed, domain, rate, limit, out, bag, show_page, port, changes, labels)
 
 
 def simulate(
@@ -69,6 +70,7 @@ def simulate(
     show_page: bool,
     port: int,
     changes: list[str] | None,
+    labels: list[str] | None,
 ) -> None:
     """Run ``graph`` on its simulated world, show it in the terminal and write its page."""
     from socialbot.cli._runs import enter_domain, print_outcome, write_page
@@ -91,7 +93,8 @@ def simulate(
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     source = SimulatedSource(rate, limit, folder / "bag" if bag else None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
-    with RunRecord(folder) as record, Display(console, graph.without_sources(), start=start, until=end) as display:
+    view_of_run = Display(console, graph.without_sources(), start=start, until=end)
+    with RunRecord(folder, labels=options.labels_of(labels)) as record, view_of_run as display:
 
         def observe(topic: str, message: Message) -> None:
             report.observe(topic, message)

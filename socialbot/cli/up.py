@@ -34,6 +34,7 @@ def up(
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
     changes: options.SetOption = None,
+    labels: options.LabelOption = None,
 ) -> None:
     """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
@@ -66,7 +67,7 @@ def up(
             if source.nodes is None or config.name in source.nodes:
                 config.type.expect_available(config.parameters)
         console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", markup=False)
-        record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep)))
+        record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep), labels=options.labels_of(labels)))
         if show_page:
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
         deliberates = any(config.type.deliberates for config in whole.nodes)

@@ -84,13 +84,15 @@ class RunTrace:
     Args:
         folder: Folder of the run; nodes may keep files there.
         max_bytes: Size limit of the trace, and of seen.jsonl; the newest lines are kept.
+        labels: Labels of the run for results.json, such as its participant and condition in a study.
 
     Raises:
         SocialbotError: The folder cannot be created, or holds a run.
     """
 
-    def __init__(self, folder: Path, *, max_bytes: int | None = None) -> None:
+    def __init__(self, folder: Path, *, max_bytes: int | None = None, labels: Mapping[str, str] | None = None) -> None:
         self.folder = folder
+        self.labels = dict(labels or {})
         self._max_bytes = max_bytes
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -172,8 +174,8 @@ class RunTrace:
 class RunRecord(RunTrace):
     """Trace of a finite run that also keeps detections, actions and utterances."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
+    def __init__(self, folder: Path, *, labels: Mapping[str, str] | None = None) -> None:
+        super().__init__(folder, labels=labels)
         self.detections: list[PersonDetections] = []
         self.actions: list[ActionRequest] = []
         self.utterances: list[Utterance] = []

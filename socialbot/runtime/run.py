@@ -212,6 +212,7 @@ def run(
                 "runner": runner,
                 "composed": composed,
                 "parameters": parameters_of(graph),
+                "labels": record.labels,
                 "ended": result.ended,
                 **summarize(),
                 **source.results(execution),

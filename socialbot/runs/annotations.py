@@ -1,0 +1,162 @@
+"""Runs for studies: a table of all records, and tiers of annotations for ELAN.
+
+The format of ELAN is EAF 3.0 (https://www.mpi.nl/tools/elan/EAF_Annotation_Format_3.0_and_ELAN.pdf).
+"""
+
+from __future__ import annotations
+
+import csv
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+from socialbot.core.errors import RunError
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.visits import visits_of
+
+MOMENT_S = 0.5
+"""Duration of an annotation for an event without a duration."""
+COLUMNS = ("time_s", "stamp_ns", "frame", "source", "kind", "what", "id", "cause")
+
+BEGIN, END = ("belief", "goal"), ("unbelief", "achieved", "failed", "dropped")
+"""Kinds of records between which a belief or goal lasts."""
+
+Annotation = tuple[float, float, str]
+"""Begin and end (s), and text."""
+
+
+def write_csv(run: RecordedRun, path: Path) -> int:
+    """Write a row per record of a run: time, number of the frame, source, kind, text, id and cause.
+
+    Labels of the run are further columns, the same in every row.
+
+    Returns:
+        The number of rows.
+
+    Raises:
+        RunError: The file cannot be written.
+    """
+    labels: dict[str, str] = dict(run.results.get("labels", {}))
+    frame = rows = 0
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([*COLUMNS, *labels])
+            for record in run.history:
+                rows += 1
+                frame += record.kind == "detection"
+                seconds = f"{run.history.seconds(record.stamp):.3f}"
+                fields = (record.source, record.kind, record.what, record.id, record.cause)
+                writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    return rows
+
+
+def write_elan(run: RecordedRun, path: Path) -> int:
+    """Write tiers of annotations: visitors, speech, and the beliefs, goals and actions of each agent.
+
+    The tiers of visitors have the whole visit; a belief lasts until it is removed, speech until it has ended.
+
+    Returns:
+        The number of annotations.
+
+    Raises:
+        RunError: The file cannot be written.
+        TruthError: The ground truth beside the bag is unreadable.
+    """
+    tiers = {name: _apart(found) for name, found in _tiers(run).items()}
+    times = sorted({round(time * 1000) for found in tiers.values() for each in found for time in each[:2]})
+    document = ElementTree.Element(
+        "ANNOTATION_DOCUMENT", AUTHOR="", DATE="1970-01-01T00:00:00+00:00", FORMAT="3.0", VERSION="3.0"
+    )
+    header = ElementTree.SubElement(document, "HEADER", MEDIA_FILE="", TIME_UNITS="milliseconds")
+    if (video := run.folder / "annotated.mp4").is_file():
+        ElementTree.SubElement(header, "MEDIA_DESCRIPTOR", MEDIA_URL=video.resolve().as_uri(), MIME_TYPE="video/mp4")
+    for name, value in run.results.get("labels", {}).items():
+        ElementTree.SubElement(header, "PROPERTY", NAME=name).text = value
+    order = ElementTree.SubElement(document, "TIME_ORDER")
+    for number, time in enumerate(times, 1):
+        ElementTree.SubElement(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{number}", TIME_VALUE=str(time))
+    slots = {time: f"ts{number}" for number, time in enumerate(times, 1)}
+    count = 0
+    for name, found in tiers.items():
+        tier = ElementTree.SubElement(document, "TIER", LINGUISTIC_TYPE_REF="default-lt", TIER_ID=name)
+        for begin_s, end_s, text in found:
+            count += 1
+            begin, end = slots[round(begin_s * 1000)], slots[round(end_s * 1000)]
+            annotation = ElementTree.SubElement(
+                ElementTree.SubElement(tier, "ANNOTATION"), "ALIGNABLE_ANNOTATION",
+                ANNOTATION_ID=f"a{count}", TIME_SLOT_REF1=begin, TIME_SLOT_REF2=end,
+            )  # fmt: skip
+            ElementTree.SubElement(annotation, "ANNOTATION_VALUE").text = text
+    ElementTree.SubElement(
+        document, "LINGUISTIC_TYPE", LINGUISTIC_TYPE_ID="default-lt", TIME_ALIGNABLE="true", GRAPHIC_REFERENCES="false"
+    )
+    ElementTree.indent(document)
+    try:
+        ElementTree.ElementTree(document).write(path, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    return count
+
+
+def _tiers(run: RecordedRun) -> dict[str, list[Annotation]]:
+    tiers: dict[str, list[Annotation]] = {}
+    for visit in visits_of(run)[0]:
+        text = visit.outcome if visit.nearest_m is None else f"{visit.outcome}, {visit.nearest_m:.1f} m"
+        tiers.setdefault(f"visitor {visit.person}", []).append((visit.came_s, visit.left_s, text))
+    for name, annotation in (*_spoken(run), *_thought(run)):
+        tiers.setdefault(name, []).append(annotation)
+    return tiers
+
+
+def _spoken(run: RecordedRun) -> Iterator[tuple[str, Annotation]]:
+    """Yield the utterances, each until its speech has ended."""
+    for record in run.history:
+        if record.kind == "utterance":
+            states = [each for each in run.history.effects(record) if each.kind == "speech"]
+            begin = min((each.stamp for each in states if each.what == "started"), default=record.stamp)
+            end = max((each.stamp for each in states), default=0)
+            begin_s, end_s = run.history.seconds(begin), run.history.seconds(end)
+            yield "speech", (begin_s, end_s if end > begin else begin_s + MOMENT_S, record.what)
+
+
+def _thought(run: RecordedRun) -> Iterator[tuple[str, Annotation]]:
+    """Yield the beliefs and goals of each agent until they end, and its actions."""
+    held: dict[tuple[str, str], tuple[str, float]] = {}
+    for record in run.history:
+        at_s, key = run.history.seconds(record.stamp), (record.source, record.what)
+        if record.kind == "action":
+            yield f"{record.source}: actions", (at_s, at_s + MOMENT_S, record.what)
+        elif record.kind in BEGIN:
+            tier = f"{record.source}: {record.kind}s"
+            if record.kind == "belief":
+                tier += f", {record.what.partition('(')[0]}"
+            held.setdefault(key, (tier, at_s))
+        elif record.kind in END and key in held:
+            tier, began_s = held.pop(key)
+            yield tier, (began_s, at_s, record.what)
+    for (_, what), (tier, began_s) in held.items():
+        yield tier, (began_s, run.history.duration_s, what)
+
+
+def _apart(found: list[Annotation]) -> list[Annotation]:
+    """Return annotations that do not overlap, as a tier requires: each ends where the next one begins at the latest.
+
+    Annotations that begin at the same time become one.
+    """
+    merged: list[Annotation] = []
+    for begin_s, end_s, text in sorted(found):
+        end_s = max(end_s, begin_s + 0.001)
+        if merged and round(merged[-1][0], 3) == round(begin_s, 3):
+            merged[-1] = (merged[-1][0], max(merged[-1][1], end_s), f"{merged[-1][2]}; {text}")
+            continue
+        if merged and merged[-1][1] > begin_s:
+            merged[-1] = (merged[-1][0], begin_s, merged[-1][2])
+        merged.append((begin_s, end_s, text))
+    return merged
+
+
+def _unwritable(path: Path, error: OSError) -> RunError:
+    return RunError(f"cannot be written: {error.strerror}", where=str(path), remedy="give another file")

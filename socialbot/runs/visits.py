@@ -1,0 +1,146 @@
+"""Visits of a run: who came, how near, what was said to them, and whether anybody was left without a word.
+
+The people come from the ground truth of the bag where there is one, else from the tracks of the detector. The rule is
+independent of the agents: a visitor who engages (`socialbot.vision.metrics.behaviour`) is due to be addressed. They are
+addressed ``in time`` up to `ADDRESS_S` after that, then ``late`` until `RECENT_S` after the visit, or ``missed``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import PersonDetection, TraceRecord
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.history import History
+from socialbot.vision.metrics.behaviour import RECENT_S, PersonVisit, visits
+from socialbot.vision.metrics.frames import LabelledFrame
+from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
+
+ADDRESS_S = 2.0
+"""Time within which a visitor is addressed: an answer later than 2 s is felt as a pause (human-robot dialogue)."""
+GAP_S = 3.0
+"""A shorter absence does not end a visit."""
+RANGE_M = 3.7
+"""Outer limit of social distance (Hall, 1966), for runs whose agents state no ``range_m``."""
+
+Outcome = Literal["in time", "late", "missed", "not due"]
+
+
+class Said(msgspec.Struct, frozen=True):
+    """Sentence to the people present at ``at_s``, in seconds of the run."""
+
+    at_s: float
+    text: str
+
+
+class Visit(msgspec.Struct, frozen=True, kw_only=True):
+    """Visit of a person within the range; times in seconds of the run, frames counted from 1.
+
+    ``engaged_s`` is the begin of facing the robot, standing before it or walking up to it; None if they never did.
+    ``delay_s`` is the time from then to the first sentence.
+    """
+
+    person: str
+    came_s: float
+    came_frame: int
+    left_s: float
+    left_frame: int
+    nearest_m: float | None
+    nearest_s: float | None
+    engaged_s: float | None
+    said: tuple[Said, ...]
+    outcome: Outcome
+    delay_s: float | None = None
+
+
+def visits_of(run: RecordedRun, range_m: float | None = None) -> tuple[list[Visit], Literal["truth", "tracks"]]:
+    """Return the visits of a run in order of arrival, and the source of the people.
+
+    Args:
+        run: The recorded run.
+        range_m: Distance up to which a person visits; by default the smallest ``range_m`` of an agent, or `RANGE_M`.
+
+    Raises:
+        TruthError: The ground truth beside the bag is unreadable.
+    """
+    truth = _truth(run)
+    frames = _tracked(run.history) if truth is None else _true(truth)
+    limit_m = min(_stated_ranges(run), default=RANGE_M) if range_m is None else range_m
+    spoken = [record for record in run.history if record.kind == "utterance"]
+    found = [_visit(each, frames, spoken, run.history) for each in visits(frames, limit_m, GAP_S)]
+    return found, "tracks" if truth is None else "truth"
+
+
+def _truth(run: RecordedRun) -> GroundTruth | None:
+    path = run.results.get("bag", {}).get("path")
+    found = truth_beside(Path(path)) if path else None
+    return load_truth(found) if found is not None and found.is_file() else None
+
+
+def _stated_ranges(run: RecordedRun) -> Iterator[float]:
+    for parameters in run.results.get("parameters", {}).values():
+        if isinstance(parameters.get("range_m"), int | float):
+            yield float(parameters["range_m"])
+
+
+def _true(truth: GroundTruth) -> list[LabelledFrame]:
+    return [LabelledFrame(frame.stamp, "", 0, frame.persons) for frame in truth.frames]
+
+
+def _tracked(history: History) -> list[LabelledFrame]:
+    detections = (record for record in history if record.kind == "detection")
+    return [LabelledFrame(each.stamp, "", 0, tuple(_people(each))) for each in detections]
+
+
+def _people(record: TraceRecord) -> Iterator[Person]:
+    """Yield the tracked people of a frame; predicted boxes count as seen."""
+    for person in msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...]):
+        if person.track_id:
+            yield TruthPerson(
+                id=person.track_id, x=person.x, y=person.y, w=person.w, h=person.h,
+                distance_m=None if person.distance_m is None else max(person.distance_m, 0.0),
+                facing_rad=None if person.facing_rad is None else min(person.facing_rad, 3.15),
+            )  # fmt: skip
+
+
+def _visit(
+    visit: PersonVisit, frames: Sequence[LabelledFrame], spoken: Sequence[TraceRecord], history: History
+) -> Visit:
+    stamps = [frame.stamp for frame in frames]
+    distances = [
+        (person.distance_m, frame.stamp)
+        for frame in frames
+        if visit.begin <= frame.stamp <= visit.end
+        for person in frame.persons
+        if person.id == visit.person and person.distance_m is not None
+    ]
+    nearest_m, nearest = min(distances, default=(None, None))
+    heard = [each for each in spoken if visit.begin <= each.stamp <= visit.end + nanoseconds(RECENT_S)]
+    outcome, delay_s = _outcome(visit, [each.stamp for each in heard])
+    return Visit(
+        person=visit.person,
+        came_s=history.seconds(visit.begin),
+        came_frame=stamps.index(visit.begin) + 1,
+        left_s=history.seconds(visit.end),
+        left_frame=stamps.index(visit.end) + 1,
+        nearest_m=nearest_m,
+        nearest_s=None if nearest is None else history.seconds(nearest),
+        engaged_s=None if visit.engages is None else history.seconds(visit.engages),
+        said=tuple(Said(history.seconds(each.stamp), each.what) for each in heard),
+        outcome=outcome,
+        delay_s=delay_s,
+    )
+
+
+def _outcome(visit: PersonVisit, heard: Sequence[int]) -> tuple[Outcome, float | None]:
+    if visit.engages is None:
+        return "not due", None
+    if not heard:
+        return "missed", None
+    delay_s = max(0.0, (heard[0] - visit.engages) / SECOND)
+    return ("in time" if delay_s <= ADDRESS_S else "late"), delay_s

@@ -1,0 +1,97 @@
+"""Runs as tables and as tiers of ELAN."""
+
+from __future__ import annotations
+
+import csv
+import xml.etree.ElementTree as ElementTree
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from socialbot.core.errors import RunError
+from socialbot.runs.annotations import COLUMNS, write_csv, write_elan
+from socialbot.runs.folder import open_run
+from tests.runs.runs import greeting
+from tests.system.running import socialbot_here
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return greeting(tmp_path_factory.mktemp("runs") / "run", tenths=60)
+
+
+def tiers(path: Path) -> dict[str, list[tuple[int, int, str]]]:
+    """Read an ELAN file: tiers with begin and end (ms) and text of their annotations."""
+    document = ElementTree.parse(path).getroot()
+    slots = {slot.attrib["TIME_SLOT_ID"]: int(slot.attrib["TIME_VALUE"]) for slot in document.iter("TIME_SLOT")}
+    types = {each.attrib["LINGUISTIC_TYPE_ID"] for each in document.iter("LINGUISTIC_TYPE")}
+    found: dict[str, list[tuple[int, int, str]]] = {}
+    for tier in document.iter("TIER"):
+        assert tier.attrib["LINGUISTIC_TYPE_REF"] in types
+        found[tier.attrib["TIER_ID"]] = [
+            (slots[each.attrib["TIME_SLOT_REF1"]], slots[each.attrib["TIME_SLOT_REF2"]], each[0].text or "")
+            for each in tier.iter("ALIGNABLE_ANNOTATION")
+        ]
+    return found
+
+
+def test_a_table_has_a_row_per_record(folder: Path, tmp_path: Path):
+    run = open_run(folder)
+    assert write_csv(run, tmp_path / "run.csv") == len(run.history)
+    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head == list(COLUMNS)
+    assert [(row[6], int(row[1])) for row in rows] == [(record.id, record.stamp) for record in run.history]
+    (said,) = [row for row in rows if row[4] == "utterance"]
+    assert (said[0], said[2], said[5]) == ("0.700", "8", "Hello! Nice to see you.")
+
+
+def test_elan_gets_visitors_speech_beliefs_goals_and_actions(folder: Path, tmp_path: Path):
+    count = write_elan(open_run(folder), tmp_path / "run.eaf")
+    found = tiers(tmp_path / "run.eaf")
+    assert sum(map(len, found.values())) == count
+    assert found["visitor t1"] == [(500, 5900, "in time, 4.0 m")]
+    assert found["speech"] == [(700, 2420, "Hello! Nice to see you.")]
+    assert (700, 2050, 'present("t1")') in found["bdi_engine: beliefs, present"]
+    assert [text for _, _, text in found["bdi_engine: actions"]] == ['speak("greeting")', "stayIdle()"]
+    assert "GreetPeople()" in [text for _, _, text in found["bdi_engine: goals"]]
+
+
+def test_annotations_of_a_tier_do_not_overlap(folder: Path, tmp_path: Path):
+    write_elan(open_run(folder), tmp_path / "run.eaf")
+    for tier in tiers(tmp_path / "run.eaf").values():
+        assert all(begin < end for begin, end, _ in tier)
+        assert all(first[1] <= second[0] for first, second in pairwise(tier))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".eaf"])
+def test_the_command_chooses_the_format_by_the_suffix(folder: Path, tmp_path: Path, suffix: str):
+    done = socialbot_here("export", folder, tmp_path / f"run{suffix}")
+    assert (done.returncode, (tmp_path / f"run{suffix}").stat().st_size > 500) == (0, True), done.stderr
+
+
+def test_unusable_files_are_refused(folder: Path, tmp_path: Path):
+    with pytest.raises(RunError, match="cannot be written"):
+        write_csv(open_run(folder), tmp_path / "missing" / "run.csv")
+    done = socialbot_here("export", folder, tmp_path / "run.txt")
+    assert (done.returncode, "the suffix names no format" in done.stderr) == (4, True)
+
+
+def test_labels_of_a_run_are_columns_and_properties(tmp_path: Path):
+    labels = ("--label", "participant=P01", "--label", "condition=no greeting")
+    done = socialbot_here("demo", "cleaner", "--limit", "1", "--out", tmp_path / "run", *labels)
+    assert done.returncode in (0, 10), done.stderr
+    run = open_run(tmp_path / "run")
+    assert run.results["labels"] == {"participant": "P01", "condition": "no greeting"}
+    write_csv(run, tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text("utf-8").splitlines()[0].endswith("cause,participant,condition")
+    write_elan(run, tmp_path / "run.eaf")
+    properties = ElementTree.parse(tmp_path / "run.eaf").getroot().iter("PROPERTY")
+    assert {each.attrib["NAME"]: each.text for each in properties} == run.results["labels"]
+
+
+@pytest.mark.parametrize("label", ["P01", "=P01", "participant=", "a b=1"])
+def test_unusable_labels_are_refused(tmp_path: Path, label: str):
+    done = socialbot_here("demo", "cleaner", "--out", tmp_path / "run", "--label", label)
+    assert (done.returncode, "is not a label" in done.stderr) == (4, True)
