@@ -89,7 +89,11 @@ class _Notation:
         if isinstance(part, Variable):
             self.variables.add(part.name)
         elif isinstance(part, (Do, Achieve)):
-            self.collect(*((part.action, ACTION) if isinstance(part, Do) else (part.goal, GOAL)))
+            is_condition = isinstance(part, Do) and isinstance(part.action, Condition)
+            if is_condition and not isinstance(part.action, Literal):
+                self.collect(part.action)
+            else:
+                self.collect(*((part.action, ACTION) if isinstance(part, Do) else (part.goal, GOAL)))
             self.collect(part.limit_s)
         else:
             inner = None
@@ -167,6 +171,8 @@ class _Notation:
 
     def step(self, step: Step) -> str:
         match step:
+            case Do(Condition() as action) if not isinstance(action, Literal):
+                return f"Do({self.condition(action)})"
             case Do(action, limit_s):
                 return self.limited(action, limit_s) or f"Do({self.term(action)}{self.limit(limit_s)})"
             case Achieve(goal, apart, limit_s):

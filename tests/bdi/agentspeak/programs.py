@@ -133,8 +133,7 @@ _STEPS = st.recursive(
     | st.builds(Achieve, VARIABLES, st.booleans())
     | st.builds(Ask, CONDITIONS | VARIABLES)
     | st.builds(Update, st.sampled_from(("+", "-", "-+", "++", "--")), LITERALS | VARIABLES)
-    | st.builds(Constrain, st.builds(conjunction, st.builds(Comparison, COMPARISONS, TERMS, TERMS)))
-    | st.builds(Do, QUERIES.filter(lambda query: not isinstance(query, Comparison)) | st.just(Truth(False))),
+    | st.builds(Constrain, st.builds(conjunction, st.builds(Comparison, COMPARISONS, TERMS, TERMS))),
     nested,
     max_leaves=4,
 )

@@ -150,7 +150,7 @@ AS_AGENTSPEAK = {
     "stages": "-near(X) <- .enter('late shift'); ?near(X); .wait({+at(X, Y)}, 3000); .wait(at(X, 1) | X > 1).",
     "blocks": "+!'Greet'(X) <- if (X > 1) { speak(X) } elif (near(X)) { }; while (near(X)) { speak(1) }.",
     "branches": "+!'Greet'(X) <- speak(1) |&| { }; { speak(2); speak(3) } ||| { for (near(Y)) { speak(Y) } }.",
-    "tests": "+!'Greet'(X) <- X > 1; near(X) & true; near(X) & X > 1.",
+    "tests": "+!'Greet'(X) <- X > 1; ?(near(X) & true); ?(near(X) & X > 1).",
     "modified": "@l[atomic, priority(2), stage(night)] +near(X).",
 }
 
