@@ -88,12 +88,11 @@ class _Notation:
         """Collect the variables, and the names of literals with their roles: goal, action, belief or none."""
         if isinstance(part, Variable):
             self.variables.add(part.name)
-        elif isinstance(part, (Do, Achieve)):
-            is_condition = isinstance(part, Do) and isinstance(part.action, Condition)
-            if is_condition and not isinstance(part.action, Literal):
-                self.collect(part.action)
-            else:
-                self.collect(*((part.action, ACTION) if isinstance(part, Do) else (part.goal, GOAL)))
+        elif isinstance(part, Do):
+            self.collect(part.action, ACTION if isinstance(part.action, Literal) else None)
+            self.collect(part.limit_s)
+        elif isinstance(part, Achieve):
+            self.collect(part.goal, GOAL)
             self.collect(part.limit_s)
         else:
             inner = None
