@@ -20,7 +20,8 @@ from tests.runs.runs import START
 pytestmark = pytest.mark.xdist_group("browser")
 
 FIRST_PICTURE_MS = 3000
-"""Three times what is required, as other tests run beside."""
+"""Three times what is required, as other tests run beside; on a busy machine `LOADS` times the load of the document."""
+LOADS = 4
 
 SCRUB_MS = 300
 """Three times what is required."""
@@ -58,7 +59,8 @@ def test_page_loads_without_errors(visit):
     shown = visit.number(
         "performance.getEntriesByType('resource').find(each => each.name.includes('/api/picture')).responseEnd"
     )
-    assert shown < FIRST_PICTURE_MS
+    document = visit.number("performance.getEntriesByType('navigation')[0].domInteractive")
+    assert shown < max(FIRST_PICTURE_MS, LOADS * document)
     visit.seek(2.0)
     assert visit.texts("#log .now span")
     assert faults(visit) == []
