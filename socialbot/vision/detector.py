@@ -11,6 +11,7 @@ _HEADS_ALIKE = 0.15  # Box tops this close belong to one head: share of the smal
 _NARROWER = 0.4  # Boxes of one head differ less in width; distant people behind near ones are narrower.
 LEAST_FUSED = 0.25
 """Score from which a box counts in an average. A fixed one: averages do not depend on a threshold below it."""
+_WITHIN = 0.8  # A box that others cover by this share is within them.
 _TALLER = 4 / 3  # A taller box may be the whole body, and the better one its upper half.
 
 
@@ -70,6 +71,14 @@ def shared_area(one: np.ndarray, many: np.ndarray) -> np.ndarray:
     corner = np.maximum(one[:2], many[:, :2])
     opposite = np.minimum(one[:2] + one[2:], many[:, :2] + many[:, 2:])
     return np.prod(np.clip(opposite - corner, 0, None), axis=1)
+
+
+def contained(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether each of ``boxes`` (n, 4) lies mostly within each of ``others`` (m, 4): bool, shape (n, m)."""
+    corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
+    shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
+    return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)
 
 
 def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:

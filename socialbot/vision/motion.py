@@ -1,10 +1,11 @@
-"""Motion of a person in the image: Kalman filters of a box."""
+"""Motion in the image: of a person, as Kalman filters of a box, and of the camera."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from socialbot.vision.detector import iou
@@ -18,6 +19,8 @@ _FIRST_SPEED = np.array([0.8, 0.2, 0.5, 0.3])
 _RESTLESS = np.array([0.8, 0.15, 0.35, 0.2])
 _EASE_S = np.array([1.5, 0.7, 0.7, 0.4])
 _LEAST_PX = 1.0
+_PLACE, _ASIDE = 0.25, 0.35  # A person who stands is found again this near, up or down, and aside: heights.
+_STANDING = 0.12  # Speed of people who stand, heights per second: they turn and sway.
 _HEAD_JUMP = 0.35  # Between images, heads move up or down by less than this share of the height.
 
 
@@ -104,6 +107,26 @@ class BoxFilter:
         seen = np.array([not (narrow and cut.left and cut.right), not (cut.top and cut.bottom), not short, not narrow])
         return np.array([middle, top, height, width]), seen
 
+    def shift(self, turn: np.ndarray, place: np.ndarray | None = None) -> None:
+        """Move the state with the background, by a similarity transform (2, 3), or as far as it moves a ``place``."""
+        if place is not None:
+            self.value[:2] += turn[:, :2] @ place + turn[:, 2] - place
+            return
+        self.value[:2] = turn[:, :2] @ self.value[:2] + turn[:, 2]
+        self.value[2:] *= math.hypot(turn[0, 0], turn[1, 0])
+
+    def is_at(self, box: np.ndarray, cut: Cut) -> bool:
+        """Whether a person who stood at the last place may be the one in ``box``, which the image may cut off."""
+        middle, top, height, _ = self.value
+        x, y, w, h = box
+        same_top = cut.top or abs(y - top) <= _PLACE * height
+        same_end = cut.bottom or abs(y + h - top - height) <= _PLACE * height
+        return bool(self.is_standing() and same_top and same_end and abs(x + w / 2 - middle) <= _ASIDE * height)
+
+    def is_standing(self) -> bool:
+        """Whether the person does not walk across the image."""
+        return bool(abs(self.speed[0]) <= _STANDING * self.value[2])
+
     def spread(self) -> tuple[float, float]:
         """Standard errors of the middle and of the top, in pixels."""
         return math.sqrt(self.variance[0]), math.sqrt(self.variance[1])
@@ -123,3 +146,50 @@ class BoxFilter:
         _, top, height, _ = self.value
         away = np.abs(boxes[:, 1] - max(top, 0.0))
         return away <= _HEAD_JUMP * np.minimum(height, boxes[:, 3]) + 2 * self.spread()[1]
+
+
+_SMALL = 160  # The background is followed at this width.
+_CORNERS, _QUALITY, _APART, _WINDOW, _LEVELS = 40, 0.02, 6.0, (11, 11), 3
+_LEAST_CORNERS, _LEAST_SHARE = 8, 0.4  # The motion is known if so many corners, and this share of them, agree on it.
+_TOLERANCE, _STILL = 0.7, 0.15  # Pixels at that width.
+
+
+class CameraMotion:
+    """Motion of the background from image to image, from corners outside of the people."""
+
+    def __init__(self) -> None:
+        self._grey: np.ndarray | None = None
+        self._corners: np.ndarray | None = None
+
+    def follow(self, image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray | None:
+        """Similarity transform from the last image to this one, shape (2, 3); None if it is still or unknown.
+
+        Args:
+            image_bgr: Shape (height, width, 3), uint8.
+            boxes: People, (n, 4) as x, y, w, h in pixels; they are left out when this image is the last one.
+        """
+        height, width = image_bgr.shape[:2]
+        scale = _SMALL / width
+        size = _SMALL, max(1, round(height * scale))
+        step = max(1, width // (2 * _SMALL))
+        grey = cv2.resize(
+            cv2.cvtColor(image_bgr[::step, ::step], cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA
+        )
+        before, corners = self._grey, self._corners
+        free = np.full(grey.shape, 255, np.uint8)
+        for x, y, right, bottom in np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]) * scale:
+            free[max(0, int(y)) : math.ceil(bottom), max(0, int(x)) : math.ceil(right)] = 0
+        self._grey, self._corners = grey, cv2.goodFeaturesToTrack(grey, _CORNERS, _QUALITY, _APART, mask=free)
+        if before is None or before.shape != grey.shape or corners is None or len(corners) < _LEAST_CORNERS:
+            return None
+        moved, found, _ = cv2.calcOpticalFlowPyrLK(
+            before, grey, corners, corners.copy(), winSize=_WINDOW, maxLevel=_LEVELS
+        )
+        good = found[:, 0] > 0
+        if good.sum() < _LEAST_CORNERS or np.median(np.abs(moved - corners)[good]) < _STILL:
+            return None
+        turn, same = cv2.estimateAffinePartial2D(corners[good], moved[good], ransacReprojThreshold=_TOLERANCE)
+        if turn is None or same.sum() < max(_LEAST_CORNERS, _LEAST_SHARE * len(corners)):
+            return None
+        turn[:, 2] /= scale
+        return turn

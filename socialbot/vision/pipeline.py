@@ -36,7 +36,7 @@ from socialbot.vision.distance import (
     whole_height,
 )
 from socialbot.vision.faces import Attention, FaceFinder
-from socialbot.vision.motion import cut_off
+from socialbot.vision.motion import CameraMotion, cut_off
 from socialbot.vision.tracking import REMEMBER_S, Track, Tracker
 
 TRACKERS = ("kalman", "none")
@@ -123,6 +123,7 @@ class PersonPipeline:
         )
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
+        self._camera_motion = CameraMotion()
         self._static_objects = StaticObjectFilter(spec.certain)
         self._spec = spec
         self._detector = detector
@@ -217,7 +218,8 @@ class PersonPipeline:
         camera = self._located(camera)
         looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
         size = image_bgr.shape[1], image_bgr.shape[0]
-        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks)
+        turn = self._camera_motion.follow(image_bgr, found.boxes)
+        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks, turn)
         if stamp_ns < self._stamp:
             self._known = {}
             self._errors.clear()

@@ -11,7 +11,7 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.vision.appearance import Appearance, noise_of
-from socialbot.vision.detector import clip, iou, same_head, shared_area
+from socialbot.vision.detector import clip, contained, iou, same_head, shared_area
 from socialbot.vision.motion import BoxFilter, Cut, cut_off
 
 
@@ -37,7 +37,7 @@ def _unit_weights(count: int) -> np.ndarray:
 _LEAST_FIT, _LEAST_FIT_WEAK = 0.2, 0.4  # Smallest IoU of a track with a box above the threshold, and with a weak box.
 _ABSENCE_COSTS = 0.15  # A track unseen for a second must fit better by this IoU.
 _SAME = 0.5  # A prediction that overlaps a detected box this much is hidden by it or a duplicate,
-_WITHIN = 0.8  # and so is a box that lies within another one by this share.
+_WITHIN = 0.8  # and so is a new box with the head of another one that contains this share of it.
 _DOUBLE = 0.25  # A new track that overlaps another one by this IoU may be a second box of the same person,
 _DOUBLE_HITS = 5  # until it has so many sure detections.
 _RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box.
@@ -113,6 +113,7 @@ class _Person:
     met: set[str] = field(default_factory=set)
     due: bool = False
     new: bool = False
+    turned: bool = False
 
     @property
     def feet_hidden(self) -> bool:
@@ -173,6 +174,7 @@ class Tracker:
         scores: np.ndarray,
         size: tuple[int, int] | None = None,
         looks: np.ndarray | None = None,
+        turn: np.ndarray | None = None,
     ) -> tuple[Track, ...]:
         """Update with the detections of the image taken at ``stamp_ns``; an earlier stamp starts a new recording.
 
@@ -181,6 +183,7 @@ class Tracker:
             scores: Shape (n,).
             size: Width and height of the image; without it no box counts as cut off.
             looks: Colours of each box (`appearance.looks_of`); without them nobody is recognised.
+            turn: Motion of the background since the last image (`motion.CameraMotion`).
 
         Returns:
             The tracks, best score first.
@@ -188,6 +191,12 @@ class Tracker:
         after_gap, seconds = self._pass_to(stamp_ns)
         for person in self._persons:
             person.motion.predict(seconds)
+            if turn is not None:
+                person.motion.shift(turn)
+        if turn is not None and size:
+            for person in self._lost:
+                person.motion.shift(turn, np.array(size) / 2)
+                person.turned = True
         boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4), np.asarray(scores, np.float64)
         order = np.lexsort((*boxes.T[::-1], -scores))
         boxes, scores = boxes[order], scores[order]
@@ -222,8 +231,7 @@ class Tracker:
         for index in [index for index in left if self.weak <= scores[index] < self.sure]:
             self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=False)
         self._drop([person for person in self._persons if not self._kept(person, size)])
-        if recognising:
-            self._meet([person for person in self._persons if person.id and not person.misses])
+        self._meet([person for person in self._persons if person.id and not person.misses])
         return self._published(size)
 
     def _pass_to(self, stamp_ns: int) -> tuple[bool, float]:
@@ -242,7 +250,7 @@ class Tracker:
         """Delete tracks, and remember their people."""
         if persons:
             self._persons = [each for each in self._persons if each not in persons]
-            self._remember(each for each in persons if each.id and len(each.appearance))
+            self._remember(each for each in persons if each.id)
 
     def _remember(self, persons: Iterable[_Person]) -> None:
         self._lost = [*self._lost, *persons][-_MOST_REMEMBERED:]
@@ -258,7 +266,7 @@ class Tracker:
         new = [number for number, person in enumerate(self._persons) if not person.id]
         taken = self._assigned(known, sure, expected, boxes, looks, _LEAST_FIT)
         near = [number for number in known if number not in taken and self._persons[number].unseen_s <= _RECENT_S]
-        weak = weak[~_within(boxes[weak], boxes[list(taken.values())]).any(axis=1)]
+        weak = weak[~contained(boxes[weak], boxes[list(taken.values())]).any(axis=1)]
         taken |= self._assigned(near, weak, expected, boxes, looks, _LEAST_FIT_WEAK)
         rest = np.array([index for index in (*sure, *weak) if index not in taken.values()], np.intp)
         return taken | self._assigned(new, rest, expected, boxes, looks, _LEAST_FIT)
@@ -358,7 +366,7 @@ class Tracker:
         self, box: np.ndarray, score: float, cut: Cut, look: np.ndarray, others: np.ndarray, *, at_once: bool
     ) -> None:
         """Start a track, unless ``box`` is a part of a person in ``others`` (n, 4)."""
-        within = _within(box[None], others)[0]
+        within = contained(box[None], others)[0]
         # A person cut off below is near and large; a box within another one is then an arm.
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
@@ -397,6 +405,11 @@ class Tracker:
         known = [*self._lost, *(each for each in self._persons if each.id and each is not person)]
         far = {each.id: each.appearance.distance_to(person.appearance) for each in known}
         lost = [each for each in known if each.last < person.begun and each.id not in person.met]
+        # Who stood still is where the camera left them.
+        here = [each for each in lost if each.turned and each.motion.is_at(person.box, person.cut)]
+        here = [each for each in here if not _UNLIKE <= far[each.id] < math.inf]
+        if here:
+            return min(here, key=lambda each: (far[each.id], -each.last))
         best = min(lost, key=lambda each: (far[each.id], -each.last), default=None)
         if best is None or far[best.id] > _RETURNED:
             return None
@@ -407,11 +420,12 @@ class Tracker:
         """Whether the next looks of a new track may show that it is a lost person."""
         partly_seen = person.cut.left or person.cut.right or person.mixed >= person.begun
         patience = _DECIDING_S * float(_clarity(person.box[None])[0])
-        if not (self._lost and partly_seen) or (person.last - person.begun) / SECOND >= patience:
+        known = [each for each in self._lost if len(each.appearance)]
+        if not (known and partly_seen) or (person.last - person.begun) / SECOND >= patience:
             return False
         if not len(person.appearance):
             return True
-        lost = [each for each in self._lost if each.id not in person.met]
+        lost = [each for each in known if each.id not in person.met]
         return any(each.appearance.distance_to(person.appearance) < _UNLIKE for each in lost)
 
     def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
@@ -438,7 +452,7 @@ class Tracker:
         for person in self._persons:
             if person.id and person.misses and self._trusted(person, size):
                 box = clip(person.motion.box[None], *size)[0] if size else person.motion.box
-                if not ((iou(box, boxes) > _SAME) | _within(box[None], boxes)[0]).any():
+                if not ((iou(box, boxes) > _SAME) | contained(box[None], boxes)[0]).any():
                     cut = cut_off(box, *size) if size else Cut()
                     tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
         return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
@@ -470,18 +484,10 @@ def _track(person: _Person) -> Track:
 def _one_a_head(persons: list[_Person]) -> list[_Person]:
     """Keep, of tracks with the same head, the one detected most often."""
     boxes = np.array([person.box for person in persons]).reshape(-1, 4)
-    if _within(boxes, boxes).sum() == len(persons):
+    if contained(boxes, boxes).sum() == len(persons):
         return persons
     kept: list[_Person] = []
     for person in sorted(persons, key=lambda person: -person.hits):
         if not same_head(person.box, np.array([each.box for each in kept]).reshape(-1, 4), _WITHIN).any():
             kept.append(person)
     return kept
-
-
-def _within(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Whether each of ``boxes`` (n, 4) lies mostly within each of ``others`` (m, 4): bool, shape (n, m)."""
-    corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
-    opposite = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[None, :, :2] + others[None, :, 2:])
-    shared = np.prod(np.clip(opposite - corner, 0, None), axis=2)
-    return shared > _WITHIN * np.prod(boxes[:, None, 2:], axis=2)

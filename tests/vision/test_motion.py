@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.vision.detector import clip
-from socialbot.vision.motion import BoxFilter, Cut, cut_off
+from socialbot.vision.motion import BoxFilter, CameraMotion, Cut, cut_off
 
 WIDTH, HEIGHT = 640, 480
 
@@ -138,3 +139,33 @@ def test_whatever_is_seen_the_state_stays_sound(steps):
         assert np.isfinite(motion.box).all()
         assert (motion.box[2:] > 0).all()
         assert (motion.variance > 0).all()
+
+
+# Camera
+
+
+def _room() -> np.ndarray:
+    noise = np.random.default_rng(0).integers(0, 255, (30, 50, 3)).astype(np.uint8)
+    return cv2.resize(noise, (1000, 600), interpolation=cv2.INTER_LINEAR)
+
+
+@pytest.mark.parametrize(("across", "down"), [(24, 0), (-40, 8), (0, -16)])
+def test_turn_of_the_camera_is_measured_beside_people(across, down):
+    room, nobody = _room(), np.empty((0, 4))
+    first, second = room[60:540, 150:790].copy(), room[60 - down : 540 - down, 150 - across : 790 - across].copy()
+    person = np.array([[200.0, 100.0, 150.0, 300.0]])
+    first[100:400, 200:350] = second[100:400, 200:350]
+    motion = CameraMotion()
+    assert motion.follow(first, person) is None
+    turn = motion.follow(second, nobody)
+    assert turn is not None
+    assert turn[:, :2] @ (320, 240) + turn[:, 2] == pytest.approx([320 + across, 240 + down], abs=2.5)
+
+
+def test_still_camera_does_not_turn():
+    room, nobody = _room()[:480, :640], np.empty((0, 4))
+    motion = CameraMotion()
+    assert [motion.follow(room, nobody) for _ in range(3)] == [None] * 3
+    assert motion.follow(np.zeros_like(room), nobody) is None, "a dark image shows nothing"
+    assert motion.follow(room, nobody) is None
+    assert motion.follow(room[:240, :320], nobody) is None, "another size is another recording"

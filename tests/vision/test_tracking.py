@@ -421,3 +421,34 @@ def test_update_with_ten_people_takes_few_calls():
         for _ in range(60):
             assert len(scene.show(*map(tuple, people + random.normal(0, 2, people.shape)))) == 10
     assert pstats.Stats(profile).total_calls / 60 < 1000  # type: ignore[attr-defined]
+
+
+# Turning cameras
+
+
+def _turned(scene: Scene, offset: float, *found: tuple[float, ...]) -> list[str]:
+    """Show boxes after the background has moved by ``offset`` pixels."""
+    scene.time_s += 0.1
+    turn = np.array([[1.0, 0.0, offset], [0.0, 1.0, 0.0]])
+    boxes = np.array(found, np.float64).reshape(-1, 4)
+    stamp = round(scene.time_s * 1e9)
+    return ids(scene.tracker.update(stamp, boxes, np.full(len(boxes), 0.7), SIZE, turn=turn))
+
+
+@pytest.mark.parametrize(("aside", "expected"), [(0.0, "t1"), (150.0, "t2")])
+def test_person_whom_a_turning_camera_left_and_finds_again_keeps_their_id(aside, expected):
+    scene = Scene()
+    scene.repeat(10, STANDING)
+    for _ in range(35):
+        _turned(scene, -25.0)
+    for _ in range(34):
+        _turned(scene, 25.0)
+    there = (STANDING[0] - 25.0 + aside, *STANDING[1:])
+    shown = [_turned(scene, 0.0, there) for _ in range(3)]
+    assert shown[-1] == [expected]
+
+
+def test_fast_turn_of_the_camera_keeps_tracks():
+    scene = Scene()
+    scene.repeat(5, STANDING)
+    assert _turned(scene, 120.0, (STANDING[0] + 120.0, *STANDING[1:])) == ["t1"]
