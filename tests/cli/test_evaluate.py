@@ -63,9 +63,8 @@ def test_interrupt_ends_all_processes(corridor):
         assert eventually(lambda: len(children(process.pid)) >= 2, 60)
         workers = children(process.pid)
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=180)
-    assert process.returncode == 0
-    assert "Traceback" not in output
+        assert process.wait(180) == 0
+        assert "Traceback" not in process.output()
     assert eventually(lambda: not any(map(is_running, workers)))
 
 

@@ -261,5 +261,5 @@ def test_export_refuses_existing_files_and_unknown_suffixes(run: RecordedRun, tm
     (tmp_path / "old.mcap").touch()
     with pytest.raises(BagError, match="already exists"):
         export(run.folder, tmp_path / "old.mcap")
-    with pytest.raises(ParameterError, match="the suffix is neither"):
+    with pytest.raises(ParameterError, match="the suffix names no format"):
         export(run.folder, tmp_path / "run.bin")

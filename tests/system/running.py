@@ -6,11 +6,11 @@ import logging
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import NamedTemporaryFile
 from time import monotonic, sleep
 from typing import Any
 from unittest.mock import patch
@@ -61,19 +61,28 @@ def socialbot_here(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(command, code, output.getvalue(), errors.getvalue())
 
 
+class BackgroundCommand(subprocess.Popen[str]):
+    """A command whose output goes to a file: a pipe that nobody reads would block it."""
+
+    def __init__(self, command: Sequence[str], file: Any) -> None:
+        super().__init__(command, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True)
+        self._path = Path(file.name)
+
+    def output(self) -> str:
+        """Return the output so far."""
+        return self._path.read_text("utf-8")
+
+
 @contextmanager
-def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+def running(*arguments: object) -> Iterator[BackgroundCommand]:
     """``socialbot`` in the background, ended by SIGINT. Its output is printed if the block fails."""
     command = [sys.executable, "-m", "socialbot", *map(str, arguments)]
-    with TemporaryFile("w+") as output:  # a pipe that nobody reads would block the process
-        process = subprocess.Popen(
-            command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True
-        )
+    with NamedTemporaryFile("w") as file:
+        process = BackgroundCommand(command, file)
         try:
             yield process
         except BaseException:
-            output.seek(0)
-            print(output.read())
+            print(process.output())
             raise
         finally:
             if process.poll() is None:

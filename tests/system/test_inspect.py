@@ -39,14 +39,11 @@ def keyed(name: str, keys: Path | None, *arguments: object) -> Iterator[Any]:
 def page(*arguments: object, keys: Path | None = None) -> Iterator[httpx.Client]:
     """A client of the inspector that a command serves."""
     with keyed("desk", keys, *arguments, "--port", 0) as process:
-        said = []
-        for line in process.stdout:
-            said.append(line)
-            if found := re.search(r"Inspector: (\S+)", line):
-                with httpx.Client(base_url=found[1], timeout=20) as client:
-                    yield client
-                return
-        pytest.fail("".join(said))
+        assert eventually(lambda: re.search(r"Inspector: \S+\n", process.output()) or process.poll() is not None)
+        found = re.search(r"Inspector: (\S+)", process.output())
+        assert found
+        with httpx.Client(base_url=found[1], timeout=20) as client:
+            yield client
 
 
 def ask(client: httpx.Client, command: str, text: str = "") -> dict[str, Any]:
