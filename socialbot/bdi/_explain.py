@@ -6,14 +6,17 @@ import contextlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.intentions import KEPT, Intention, Request, asking_for, goal_of, origin_of
-from socialbot.bdi.literals import Event, Goal, Literal, ground, literal
+from socialbot.bdi.intentions import KEPT, Failure, Intention, Request, asking_for, goal_of, origin_of
+from socialbot.bdi.library import locals_at, record_behind
+from socialbot.bdi.literals import Event, Goal, Literal, ground, literal, literal_from_key
 from socialbot.bdi.plans import Origin, Plan
 from socialbot.bdi.steps import Await, PlanFailed, Step
-from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable
-from socialbot.bdi.unification import closed
+from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, show
+from socialbot.bdi.trace import log
+from socialbot.bdi.unification import closed, resolve
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -97,8 +100,6 @@ def _place(plan: CompiledPlan | None, step: Step | None) -> Origin | None:
 
 def failed_term(plan: CompiledPlan | None, problem: BaseException) -> Any:
     """Step of a plan in AgentSpeak whose code raised an exception, as a term; None if it is none."""
-    from socialbot.bdi.library import locals_at
-
     if plan is None or plan is KEPT:
         return None
     try:
@@ -273,3 +274,46 @@ def why_not(interpreter: Interpreter, label: str, args: Args | None = None) -> s
             first = next((other["plan"] for other in earlier if other["because"] == COMES_LATER), None)
             return "it applies" if first is None else f"{first} comes first"
     raise RuleError(f"no plan {label}", remedy="give the label of a plan, or its text")
+
+
+# Failures
+
+
+def no_plan(interpreter: Interpreter, goal: Request, intention: Intention) -> Failure:
+    """Failure of a goal without an applicable plan, also written to the trace."""
+    _, trigger, args, notes, cause = goal
+    trace = interpreter.trace
+    explained = trace.sink is not None and closed(args)
+    reasons = reasons_against(interpreter, trigger, args, notes) if explained else []
+    reason = "no_applicable" if trigger.plans else "no_relevant"
+    what = str(interpreter.intentions.goal(goal))
+    message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
+    record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
+    wanted = literal_from_key(trigger.key[2:], args, notes)
+    return Failure(reason, message, what, record, (), place_of_step(intention), lambda: resolve(wanted))
+
+
+def unhandled(interpreter: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> None:
+    """Record why no plan applies to the change of a belief, if some plan is for this belief."""
+    reasons = reasons_against(interpreter, trigger, args, notes) if closed(args) else []
+    if any(reason["because"] != NO_MATCH for reason in reasons):
+        what = f"{trigger.key.rpartition('/')[0]}({', '.join(map(show, args))})"
+        interpreter.trace.record("unhandled", what, cause, rejected=reasons)
+
+
+def failure_of(
+    interpreter: Interpreter, plan: CompiledPlan | None, problem: Exception, goal: Request | None, cause: Any = None
+) -> Failure:
+    """Failure for an exception in a step of a plan, also written to the trace."""
+    step, place = failed_step(plan, problem)
+    what = step or ("step" if goal is None else str(interpreter.intentions.goal(goal)))
+    if isinstance(problem, PlanFailed):
+        reason, message, notes = problem.reason, str(problem), problem.annotations
+    else:
+        reason, message, notes = "exception", f"{type(problem).__name__}: {problem}", ()
+    trace = interpreter.trace
+    if cause is None and trace.sink is not None:
+        cause = record_behind(problem) or (goal[4] if goal is not None else "")
+    log().info("%s: %s: %s", trace.name, what, message)
+    record = trace.record("failure", what, cause, reason=reason, message=message)
+    return Failure(reason, message, what, record, notes, place, partial(failed_term, plan, problem))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from functools import partial
-from itertools import count, repeat
+from itertools import count, repeat, takewhile
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import NO_MATCH, failed_step, failed_term, place_of_step, reasons_against, waiting_term
+from socialbot.bdi._explain import failure_of, no_plan, unhandled, waiting_term
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
@@ -21,7 +20,6 @@ from socialbot.bdi.intentions import (
     SUBGOAL,
     TAIL,
     Body,
-    EventPause,
     Failed,
     Failure,
     Intention,
@@ -35,10 +33,7 @@ from socialbot.bdi.intentions import (
     once,
     origin_of,
 )
-from socialbot.bdi.library import CompiledPlan, Trigger, record_behind
-from socialbot.bdi.literals import literal_from_key
-from socialbot.bdi.steps import PlanFailed
-from socialbot.bdi.terms import Atom, show
+from socialbot.bdi.library import CompiledPlan, Trigger
 from socialbot.bdi.trace import log
 from socialbot.bdi.unification import closed, free, resolve
 
@@ -56,18 +51,17 @@ class IntentionStack:
     """Intentions of one agent, for the engine's thread; iteration yields each `Intention`, the oldest first."""
 
     __slots__ = (
-        "_all", "_interpreter", "atomic", "awaited", "choosing", "goal_states", "number", "ready", "running",
-        "turn_may_end", "unwound", "waits",
+        "_all", "_interpreter", "atomic", "choosing", "goal_states", "numbers", "ready", "running", "turn_may_end",
+        "unwound", "waits",
     )  # fmt: skip
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         self._all: dict[Intention, None] = {}
-        self.number = count(1).__next__  # number of a new intention
+        self.numbers = count(1)  # of the next intentions
         self.choosing: Request | None = None  # event for which a plan is chosen, while its condition needs to know
         self.ready: deque[Any] = deque()  # runnable intentions or queued plans, in the order of their turns
         self.waits = Waits(interpreter)
-        self.awaited = self.waits.events
         self.goal_states: GoalStates | None = None  # of an agent with plans for meta-events
         self.running: Any = None  # intention or queued plan whose step is being executed
         self.atomic: Intention | None = None  # it excludes the others
@@ -85,7 +79,7 @@ class IntentionStack:
     @property
     def current(self) -> Intention | None:
         """Intention whose step is being executed."""
-        self._register_all()
+        self._register_ready()
         return self.running
 
     def desires(self) -> tuple[Literal, ...]:
@@ -103,7 +97,7 @@ class IntentionStack:
     # Adopting
 
     def new(self, event: Request | None = None) -> Intention:
-        intention = Intention(self.number(), event)
+        intention = Intention(next(self.numbers), event)
         self._all[intention] = None
         return intention
 
@@ -125,13 +119,22 @@ class IntentionStack:
 
     def _register_all(self) -> None:
         """Make an `Intention` of each tuple."""
+        self._register_ready()
+        for pause in self.waits.queued():
+            intention = self.register(pause.intention)
+            intention.pause, pause.intention = pause, intention
+
+    def _register_ready(self) -> None:
+        """Make an `Intention` of each tuple that is runnable or running."""
         known = {id(item): self.register(item) for item in self.ready if item.__class__ is tuple}
         if known:
             items = [known.get(id(item), item) for item in self.ready]
             self.ready.clear()
             self.ready.extend(items)
-        if self.running.__class__ is tuple:
-            self.running = known.get(id(self.running)) or self.register(self.running)
+        running = self.running
+        if running.__class__ is tuple:
+            ended = running[0].gi_frame is None
+            self.running = None if ended else known.get(id(running)) or self.register(running)
 
     def intend(self, event: Request, plan: CompiledPlan, result: Any, *, first: bool = False) -> None:
         """Create an intention with a plan for an event; ``first`` ones precede the other intentions."""
@@ -194,16 +197,11 @@ class IntentionStack:
             self.end(intention, None)
         elif intention.pause is None and not intention.suspended:
             if first:
-                self.ready.insert(self._firsts(), intention)
+                # It follows the plans for meta-events at the begin of the queue.
+                metas = takewhile(lambda item: item.__class__ is not tuple and item.is_meta, self.ready)
+                self.ready.insert(sum(1 for _ in metas), intention)
             else:
                 (self.ready.appendleft if intention.atomic else self.ready.append)(intention)
-
-    def _firsts(self) -> int:
-        """Number of the plans for meta-events at the begin of the queue."""
-        for place, item in enumerate(self.ready):
-            if item.__class__ is tuple or item.event is None or item.event[1].key[0] != "^":
-                return place
-        return len(self.ready)
 
     def pop_kept(self, frames: list[Any]) -> None:
         while frames and frames[-1][0] is None:
@@ -269,9 +267,9 @@ class IntentionStack:
                 plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:
                 if goal is not None:
-                    self.fail_goal(intention, goal, self._no_plan(goal, intention))
+                    self.fail_goal(intention, goal, no_plan(interpreter, goal, intention))
                 elif interpreter.trace.sink is not None:
-                    self.unhandled(trigger, args, notes, cause)
+                    unhandled(interpreter, trigger, args, notes, cause)
                 return None
             if states is not None and goal is not None:
                 states.executing(goal)
@@ -328,19 +326,13 @@ class IntentionStack:
             intention.pause = None
             self._fail_step(intention, problem)
 
-    def go_on(self, pause: EventPause) -> None:
-        """Continue the intention of a pause that its event has ended."""
-        intention = pause.intention
-        if intention is None or pause.timed or self.goal_states is not None or intention.suspended:
-            pause.end()
-        else:
-            pause.intention = None
-            if intention.active:
-                intention.pause = None
-                self.ready.append(intention)
-
-    def resume(self, intention: Intention, problem: Exception | None = None) -> None:
+    def resume(self, intention: Any, problem: Exception | None = None) -> None:
         """Continue an intention after a pause, or fail its step."""
+        if intention.__class__ is tuple:
+            if problem is None and self.goal_states is None:
+                self.ready.append(intention)
+                return
+            intention = self.register(intention)
         if not intention.active:
             return
         intention.pause = None
@@ -364,11 +356,11 @@ class IntentionStack:
         def give_up() -> None:
             frames = intention.frames
             while frames[-1][1] is not marker or frames[-1][2] is not KEPT:
-                self._close(intention, frames.pop())
+                self.close(intention, frames.pop())
             frames.pop()
             hard = any(getattr(note, "functor", "") == "hard_deadline" for note in notes)
             problem = Failed("deadline_reached" if hard else "timeout", f"not achieved in {timed.seconds} s")
-            self.fail_goal(intention, marker, self.failure_of(None, problem, marker))
+            self.fail_goal(intention, marker, failure_of(self._interpreter, None, problem, marker))
             self.settle(intention)
 
         self._interpreter.timers.after(timed.seconds, lambda: self.interrupt(intention, give_up), over)
@@ -376,52 +368,16 @@ class IntentionStack:
 
     # Failures
 
-    def _no_plan(self, goal: Request, intention: Intention) -> Failure:
-        _, trigger, args, notes, cause = goal
-        trace = self._interpreter.trace
-        explained = trace.sink is not None and closed(args)
-        reasons = reasons_against(self._interpreter, trigger, args, notes) if explained else []
-        reason = "no_applicable" if trigger.plans else "no_relevant"
-        what = str(self.goal(goal))
-        message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
-        record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
-        wanted = literal_from_key(trigger.key[2:], args, notes)
-        return Failure(reason, message, what, record, (), place_of_step(intention), lambda: resolve(wanted))
-
-    def unhandled(self, trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> None:
-        """Record why no plan applies to the change of a belief, if some plan is for this belief."""
-        reasons = reasons_against(self._interpreter, trigger, args, notes) if closed(args) else []
-        if any(reason["because"] != NO_MATCH for reason in reasons):
-            what = f"{trigger.key.rpartition('/')[0]}({', '.join(map(show, args))})"
-            self._interpreter.trace.record("unhandled", what, cause, rejected=reasons)
-
-    def failure_of(
-        self, plan: CompiledPlan | None, problem: Exception, goal: Request | None, cause: Any = None
-    ) -> Failure:
-        """Failure for an exception in a step of a plan, also written to the trace."""
-        step, place = failed_step(plan, problem)
-        what = step or ("step" if goal is None else str(self.goal(goal)))
-        if isinstance(problem, PlanFailed):
-            reason, message, notes = problem.reason, str(problem), problem.annotations
-        else:
-            reason, message, notes = "exception", f"{type(problem).__name__}: {problem}", ()
-        trace = self._interpreter.trace
-        if cause is None and trace.sink is not None:
-            cause = record_behind(problem) or (goal[4] if goal is not None else "")
-        log().info("%s: %s: %s", trace.name, what, message)
-        record = trace.record("failure", what, cause, reason=reason, message=message)
-        return Failure(reason, message, what, record, notes, place, partial(failed_term, plan, problem))
-
     def _fail_step(self, intention: Intention, problem: Exception) -> None:
         """Fail the step of a paused intention."""
         frame = intention.frames.pop()
         body, goal, plan = frame
         cause = body.gi_frame.f_locals.get("c") if body is not None and body.gi_frame is not None else None
-        found = self.failure_of(plan, problem, goal, cause)
+        found = failure_of(self._interpreter, plan, problem, goal, cause)
         term = None if body is None or plan is None or plan is KEPT else waiting_term(body, plan)
         if term is not None:
             found.term = lambda: term
-        self._close(intention, frame)
+        self.close(intention, frame)
         self.fail_goal(intention, goal, found)
 
     def fail_goal(self, intention: Intention, goal: Request | None, problem: Failure) -> None:
@@ -435,7 +391,7 @@ class IntentionStack:
             problem = left
             frame = frames.pop()
             where = where or origin_of(frame[2])
-            self._close(intention, frame)
+            self.close(intention, frame)
             if frame[1] is not None and frame[2] is not KEPT:
                 left = self._recover(intention, frame[1], problem, began=True)
         if left is not None:
@@ -493,7 +449,8 @@ class IntentionStack:
             trigger.failure = self._interpreter.triggers[f"-{trigger.key[1:]}"]
         return trigger.failure
 
-    def _close(self, intention: Intention, frame: Any) -> None:
+    def close(self, intention: Intention, frame: Any) -> None:
+        """End the plan of a frame that was popped."""
         body, _, plan = frame
         if body is not None and not body.gi_running:
             body.close()
@@ -532,7 +489,7 @@ class IntentionStack:
         def close() -> None:
             cause = next((goal[4] for _, goal, _ in reversed(intention.frames) if goal is not None), "")
             while intention.frames:
-                self._close(intention, intention.frames.pop())
+                self.close(intention, intention.frames.pop())
             self._interpreter.trace.record("dropped", "intention", cause, reason="cancelled")
             if intention.ended is not None:
                 intention.ended(Failure("cancelled", REASONS["cancelled"], "", ""))
@@ -540,29 +497,3 @@ class IntentionStack:
                 then()
 
         self.interrupt(intention, close)
-
-    def unwind(self, intention: Intention, wanted: Callable[[Request], bool], problem: Failure | None = None) -> None:
-        """End the outermost ``wanted`` goal of an intention: failed with ``problem``, or achieved."""
-        frames = intention.frames
-        goals = [goal for _, goal, _ in frames]
-        depth = next((i for i, goal in enumerate(goals) if goal is not None and wanted(goal)), 0)
-        goal = goals[depth] if goals and goals[depth] is not None else intention.event
-        running = any(body is not None and body.gi_running for body, _, _ in frames)
-        self.unwound = True
-        while len(frames) > depth:
-            self._close(intention, frames.pop())
-        if problem is None:
-            self.achieved(goal)
-        else:
-            self.fail_goal(intention, goal, problem)
-        if not running and problem is None and frames and self.goal_states is not None:
-            self.goal_states.continued(intention, Atom("suceed_internal_action"))  # Jason writes it so
-        if not running:
-            self.settle(intention)
-
-    def fail_request(self, request: Request, problem: Failure) -> None:
-        kind, _, args, notes, cause = request
-        # Nobody pursues the goal any more.
-        intention = self.new((kind, self.failure_plans(request), args, notes, cause))
-        self.fail_goal(intention, request, problem)
-        self.settle(intention)

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Iterator
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, cast
 
+from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi._messaging import Messaging
 from socialbot.bdi._relations import Annotations, Args, Relation
@@ -60,8 +61,9 @@ class Interpreter:
     """
 
     __slots__ = (
-        "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library", "messaging",
-        "now", "others", "pool", "random", "ready", "relations", "signalled", "stage", "timers", "trace", "triggers",
+        "_parts", "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
+        "messaging", "now", "others", "pool", "random", "ready", "relations", "signalled", "stage", "timers", "trace",
+        "triggers",
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
@@ -83,6 +85,12 @@ class Interpreter:
         self.signalled = False
         self.pool: Pool | None = None
         self.random: Random | None = None
+        waits = self.intentions.waits
+        # One tuple is read faster than several attributes.
+        self._parts = (
+            self.inbox, self.events, self.ready, self.heap, self.intentions, waits.events, waits.due, self.trace,
+            self.intentions.numbers,
+        )  # fmt: skip
 
     # From any thread
 
@@ -127,14 +135,11 @@ class Interpreter:
     def run_until_idle(self, budget: int = 10_000) -> bool:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
-        inbox, events, ready, intentions, heap = self.inbox, self.events, self.ready, self.intentions, self.heap
-        number, waits, trace, awaited = intentions.number, intentions.waits, self.trace, intentions.waits.events
+        inbox, events, ready, heap, intentions, awaited, due, trace, numbers = self._parts
+        args: Any = ()
+        notes = cause = result = args
         while budget > 0:
-            budget -= 1
             trigger: Trigger | None = None
-            args: Args = ()
-            notes: Annotations = ()
-            cause: Any = None
             if inbox:
                 item = inbox.popleft()
                 if inbox or events or item.__class__ is not tuple:
@@ -162,84 +167,82 @@ class Interpreter:
                     events.append((trigger, args, notes, cause))
                 if not self._advance_atomic() and not inbox and not self._wake_atomic():
                     return False
+                budget -= 1
                 continue
-            if trigger is None and events:
+            if events and trigger is None:
                 trigger, args, notes, cause = events.popleft()
                 if trigger.goal:
                     if trace.sink is not None or intentions.goal_states is not None:
                         intentions.adopt((SUBGOAL, trigger, args, notes, cause))
                         trigger = None
                     elif trigger.key in awaited:
-                        waits.notify(trigger.key, args, notes)
+                        intentions.waits.notify(trigger.key, args, notes)
             if trigger is not None:
-                plan: Any = None
-                result: Any = None
                 position = trigger.position
+                plan: Any
                 for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
                     try:
                         result = plan.run(self, args, notes, cause)
                     except Exception as problem:  # noqa: BLE001 - a condition is user code
                         trace.record_failure(str(plan.plan), cause, problem)
-                        result = None
                         continue
                     if result is not None:
                         break
-                if result is DONE:
-                    pass
-                elif result.__class__ is GENERATOR:
-                    ready.append((result, plan, number(), trigger, args, notes, cause))
-                elif trigger.goal:
-                    intentions.adopt_with((SUBGOAL, trigger, args, notes, cause), plan, result)
-                elif result is not None:
-                    intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
-                elif trace.sink is not None:
-                    intentions.unhandled(trigger, args, notes, cause)
+                else:
+                    plan = result = None
+                if result is not DONE:
+                    if result.__class__ is GENERATOR:
+                        ready.append((result, plan, next(numbers), trigger, args, notes, cause))
+                    elif trigger.goal:
+                        intentions.adopt_with((SUBGOAL, trigger, args, notes, cause), plan, result)
+                    elif result is not None:
+                        intentions.intend((EVENT, trigger, args, notes, cause), plan, result)
+                    elif trace.sink is not None:
+                        unhandled(self, trigger, args, notes, cause)
                 if awaited and trigger.key in awaited and not trigger.goal:
-                    waits.notify(trigger.key, args, notes)
-            while ready:
+                    intentions.waits.notify(trigger.key, args, notes)
+            if ready:
                 item = ready.popleft()
                 intentions.running = item
                 if item.__class__ is tuple:
                     try:
                         result = next(item[0], END)
                     except Exception as problem:  # noqa: BLE001 - actions are user code
-                        result = cast("Any", problem)
+                        result = problem
                         intentions.unwound = False
-                    if result is None and intentions.running is item:
+                    if intentions.running is not item:
+                        self._advance(intentions.register_running(), result)
+                    elif result is None:
                         ready.append(item)
-                    elif result is END and intentions.running is item and trace.sink is None:
-                        intentions.running = None
-                    elif isinstance(result, EventPause) and intentions.running is item and not intentions.unwound:
-                        item = intentions.running = intentions.register(item)
-                        intentions.rest(item, result)
-                        if item.pause is None and item.frames:
-                            self._advance(item)
+                    elif result is END and trace.sink is None:
+                        pass  # it is no intention any more, as its body shows
+                    elif isinstance(result, EventPause) and result.plain and intentions.goal_states is None:
+                        intentions.waits.rest(item, result)
                     else:
                         self._advance(intentions.register_running(), result)
-                elif len(item.frames) == 1 and item.active and not item.suspended and trace.sink is None:
-                    self._finish(item)
                 else:
                     self._advance(item)
-                if events or inbox or heap or budget <= 1 or intentions.atomic or waits.due:
-                    break
-                budget -= 1  # without other work, the next turn is only a step of the next intention
-            if waits.due:
-                waits.recheck()
+            if due:
+                intentions.waits.recheck()
             if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > self.now()):
                 return False
+            budget -= 1
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
         """Process all posted items; the beliefs between two function calls begin at the same time."""
         inbox, trace, queue = self.inbox, self.trace, self.events.append
+        sink = trace.sink
         now: int | None = None
         while inbox:
             item = inbox.popleft()
             if item.__class__ is tuple:
                 relation, args, notes, cause, since = item
                 if since is None:
-                    since = now = self.now() if now is None else now
-                if relation.care or trace.sink is not None:
+                    if now is None:
+                        now = self.now()
+                    since = now
+                if relation.care or sink is not None:
                     item = (relation, args, notes, cause, since)
                 else:
                     fact = (since, notes, cause)
@@ -250,12 +253,14 @@ class Interpreter:
                         notes = relation.merge(args, notes)
                         if not notes:
                             continue
-                    if relation.added is not None:
-                        queue((relation.added, args, notes, cause))
+                    trigger = relation.added
+                    if trigger is not None:
+                        queue((trigger, args, notes, cause))
                     continue
             else:
                 now = None
             self._take(item)
+            sink = trace.sink
 
     def _take(self, item: Any) -> None:
         try:
@@ -268,33 +273,17 @@ class Interpreter:
 
     # Steps of intentions
 
-    def _finish(self, intention: Intention) -> None:
-        """Execute a step of an intention of a single plan; this is a shorter form of `_advance` if it is the last."""
-        intentions = self.intentions
-        try:
-            result = next(intention.frames[0][0], END)  # type: ignore[arg-type]
-        except Exception as problem:  # noqa: BLE001 - actions are user code
-            result = cast("Any", problem)
-            intentions.unwound = False
-        if result is END and intentions.running is intention and not (intentions.unwound or intention.atomic):
-            intention.frames.pop()
-            intentions.end(intention, None)
-        else:
-            self._advance(intention, result)
-
     def _advance(self, intention: Intention, result: Any = NEXT) -> None:
         """Execute steps of an intention; ``result`` is that of its current step, if it was executed before."""
         if intention.suspended or not intention.active:
             return
-        intentions = self.intentions
+        inbox, events, ready, heap, intentions, awaited, _, trace, _ = self._parts
         intentions.running = intention
-        frames, ready, events, inbox, trace = intention.frames, self.ready, self.events, self.inbox, self.trace
-        awaited = intentions.awaited
+        frames = intention.frames
         self.others = events
+        body, goal, plan = frame = frames[-1]
         try:
-            for _ in repeat(None, STEPS_WITH_TIMERS if self.heap else STEPS):
-                frame = frames[-1]
-                body, goal, plan = frame
+            for _ in repeat(None, STEPS_WITH_TIMERS if heap else STEPS):
                 if result is NEXT:
                     try:
                         result = next(body, END)  # type: ignore[arg-type]
@@ -310,9 +299,12 @@ class Interpreter:
                 if result.__class__ is tuple:
                     kind, trigger, args, notes, cause = result
                     mode = 0
+                    served: Any = result
                     special = trace.sink is not None or intentions.goal_states is not None
                     if kind:
                         mode = kind >> MODE
+                        if kind & EVENT:
+                            served = None
                         special = special or (kind & OPEN and not mode)
                         if kind & TAIL:
                             frames.pop()
@@ -327,11 +319,11 @@ class Interpreter:
                     else:
                         # A shorter form of `IntentionStack.pursue` for the most frequent requests.
                         position = trigger.position
-                        chosen: Any = None
-                        found: Any = None
+                        chosen: Any
+                        found: Any
                         for chosen in (
                             trigger.plans
-                            if position is None or mode >> position & 1
+                            if position is None or (mode and mode >> position & 1)
                             else trigger.by.get(args[position], trigger.rest)
                         ):
                             try:
@@ -345,8 +337,12 @@ class Interpreter:
                                 continue
                             if found is not None:
                                 break
+                        else:
+                            chosen = found = None
                         if found.__class__ is GENERATOR:
-                            frames.append((found, None if kind and kind & EVENT else result, chosen))
+                            frame = (found, served, chosen)
+                            body, goal, plan = frame
+                            frames.append(frame)
                             result = NEXT
                             if (ready or events or inbox) and not intention.atomic:
                                 ready.append(intention)
@@ -365,9 +361,11 @@ class Interpreter:
                     if intention.atomic:
                         intentions.finished_atomic(intention, plan)
                     # The plan below continues to the end of its step even if its goal has ended.
-                    if frames and frames[-1][0] is not None and not intention.suspended:
-                        result = NEXT
-                        continue
+                    if frames and not intention.suspended:
+                        body, goal, plan = frame = frames[-1]
+                        if body is not None:
+                            result = NEXT
+                            continue
                     turn_may_end = False
                 elif result is None:
                     pass
@@ -376,7 +374,7 @@ class Interpreter:
                     if intention.atomic:
                         intentions.finished_atomic(intention, plan)
                     intentions.turn_may_end = False
-                    intentions.fail_goal(intention, goal, intentions.failure_of(plan, result, goal))
+                    intentions.fail_goal(intention, goal, failure_of(self, plan, result, goal))
                     turn_may_end = intentions.turn_may_end
                 elif result.__class__ is TimedRequest:
                     intentions.pursue_timed(intention, result)
@@ -384,7 +382,6 @@ class Interpreter:
                     intentions.rest(intention, result)
                     if intention.pause is not None or not frames:
                         return
-                result = NEXT
                 if frames and frames[-1][0] is None:
                     intentions.pop_kept(frames)
                 if not frames:
@@ -396,6 +393,8 @@ class Interpreter:
                 if turn_may_end and (ready or events or inbox) and not intention.atomic:
                     ready.append(intention)
                     return
+                body, goal, plan = frame = frames[-1]
+                result = NEXT
             ready.append(intention)
         finally:
             self.others = ()

@@ -70,7 +70,7 @@ def _remove(ag: Interpreter, relation: Relation, args: Args, notes: Annotations,
 def _event(ag: Interpreter, key: str, args: Args, notes: Annotations, cause: Any, *, here: bool) -> Any:
     """Return the request for a plan for an event with variables, or adopt it."""
     trigger = ag.triggers.get(key)
-    if trigger is None or not (trigger.plans or trigger.key in ag.intentions.awaited):
+    if trigger is None or not (trigger.plans or trigger.key in ag.intentions.waits.events):
         return None
     request = (EVENT | OPEN, trigger, detached(args), notes, cause)
     if here:

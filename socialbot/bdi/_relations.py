@@ -161,10 +161,13 @@ class NoteSet:
         """Add annotations; return the new ones. Raises TypeError for a value that cannot be hashed."""
         held = self._notes
         if len(notes) == 1:
-            note, number = notes[0], len(held)
+            note = notes[0]
             named = note.__class__ is source and note.args[0].__class__ is Atom and not note.annotations
-            held.setdefault(note.args[0] if named else _key_of_note(note), note)
-            return notes if len(held) > number else ()
+            key = note.args[0] if named else _key_of_note(note)
+            if key in held:
+                return ()
+            held[key] = note
+            return notes
         new: list[Any] = []
         for note in notes:
             number = len(held)

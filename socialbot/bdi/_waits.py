@@ -12,7 +12,7 @@ from socialbot.bdi.unification import closed
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import Annotations, Args, BeliefBase
-    from socialbot.bdi.intentions import ConditionPause, EventPause
+    from socialbot.bdi.intentions import ConditionPause, EventPause, QueuedPlan
     from socialbot.bdi.library import Library
 
 Place = tuple[dict[Any, Any], Any]
@@ -180,12 +180,13 @@ class Waits:
         due: Those of the conditions whose truth may have changed since the last `recheck`.
     """
 
-    __slots__ = ("_interpreter", "_numbers", "conditions", "due", "events")
+    __slots__ = ("_indexes", "_interpreter", "_numbers", "conditions", "due", "events")
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         self._numbers = itertools.count()
         self.events: dict[str, EventIndex] = {}
+        self._indexes: dict[str, EventIndex] = {}  # also those without a pause
         self.conditions: dict[ConditionPause, None] = {}
         self.due: dict[ConditionPause, None] = {}
 
@@ -194,10 +195,25 @@ class Waits:
     def await_event(self, pause: EventPause) -> None:
         index = self.events.get(pause.key)
         if index is None:
-            index = self.events[pause.key] = EventIndex()
-            self._interpreter.beliefs.listen(pause.key)
+            index = self._indexes.get(pause.key)
+            if index is None:
+                index = self._indexes[pause.key] = EventIndex()
+                self._interpreter.beliefs.listen(pause.key)
+            self.events[pause.key] = index
         pause.number = next(self._numbers)
         pause.place = index.add(pause, pause.args)
+
+    def rest(self, queued: QueuedPlan, pause: EventPause) -> None:
+        """Let a queued plan wait for an event; it becomes an `Intention` only when it is looked at."""
+        self._interpreter.intentions.running = None
+        pause.interpreter = self._interpreter
+        pause.intention = queued
+        self.await_event(pause)
+
+    def queued(self) -> list[EventPause]:
+        """Pauses of queued plans."""
+        pauses = [pause for index in self.events.values() for pause in index.waiters()]
+        return [pause for pause in pauses if pause.intention.__class__ is tuple]
 
     def forget_event(self, pause: EventPause) -> None:
         index = self.events.get(pause.key)
@@ -221,7 +237,12 @@ class Waits:
                 del index.exact[args]
                 if not index.exact:
                     del self.events[key]
-                self._interpreter.intentions.go_on(pause)
+                queued = pause.intention
+                if queued.__class__ is tuple and self._interpreter.intentions.goal_states is None:
+                    pause.intention = None
+                    self._interpreter.ready.append(queued)
+                else:
+                    pause.end()
                 return
         found = index.matching(args)
         if len(found) > 1:
@@ -233,7 +254,7 @@ class Waits:
 
     def listen(self, beliefs: BeliefBase) -> None:
         """Queue the awaited events, after a change of the library."""
-        for key in self.events:
+        for key in self._indexes:
             beliefs.listen(key)
 
     # Conditions

@@ -178,6 +178,11 @@ class Intention:
         return [goal for _, goal, _ in self.frames if goal is not None]
 
     @property
+    def is_meta(self) -> bool:
+        """Whether it handles a meta-event."""
+        return self.event is not None and self.event[1].key[0] == "^"
+
+    @property
     def state(self) -> str:
         """``running``, ``waiting`` or ``suspended``."""
         return "suspended" if self.suspended else "waiting" if self.pause is not None else "running"
@@ -210,10 +215,10 @@ class TimedRequest:
 class Pause:
     """Pause of an intention; subclasses override `begin` and `cancel`."""
 
-    intention: Intention | None = None
+    intention: Any = None
+    """The `Intention`, or the `QueuedPlan` of a plain pause; None after the end."""
     interpreter: Interpreter
-    timed = False
-    """Whether the duration of the pause is bound to a variable."""
+    plain = False
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         """Start the pause and arrange its end."""
@@ -247,7 +252,7 @@ def timed(pause: Pause | None, elapsed: Any) -> Pause | None:
         unify(elapsed, 0, [])
         return None
     begin, end, limit = pause.begin, pause.end, pause.limit
-    pause.timed = True
+    pause.plain = False
     since = 0
 
     def begin_timed(interpreter: Interpreter, intention: Any) -> None:
@@ -291,7 +296,7 @@ class Sleep(Pause):
 
 
 class EventPause(Pause):
-    """Pause until an event."""
+    """Pause until an event; a ``plain`` one does nothing else at its begin and end."""
 
     __match_args__ = ("key", "args", "notes", "limit_s")
 
@@ -303,6 +308,7 @@ class EventPause(Pause):
         self.args = args
         self.notes = notes
         self.limit_s = limit_s
+        self.plain = limit_s is None
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         self.interpreter = interpreter

@@ -464,14 +464,8 @@ def _decode_event(item: Any, kinds: Kinds) -> tuple[str, str | None, bool, tuple
 
 def _decode_timer(item: Any, kinds: Kinds, ahead: int) -> tuple[str, str, Args, int, float]:
     match item:
-        case {
-            "belief": str(key),
-            "plan": str(plan),
-            "args": args,
-            "due": int(due),
-            "seconds": float() | int() as seconds,
-        }:
-            return key, plan, _decode(args, kinds), due - ahead, seconds
+        case {"belief": str(key), "plan": str(plan), "args": args, "due": int(due), "seconds": float() | int() as span}:
+            return key, plan, _decode(args, kinds), due - ahead, span
     raise ValueError(f"{item!r} is not a timer")
 
 

@@ -16,6 +16,7 @@ from socialbot.bdi import (
     Engine,
     Library,
     Variable,
+    _explain,
     action,
     ask,
     atomic,
@@ -29,7 +30,6 @@ from socialbot.bdi import (
     when,
 )
 from socialbot.bdi import test as check
-from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi.library import Trigger
 from socialbot.bdi.literals import literal
 from socialbot.bdi.terms import Cons, Disjunction, Negation, conjunction
@@ -385,12 +385,12 @@ def test_a_plan_left_out_by_an_exception_leaves_no_values_behind():
 def test_a_traceback_shows_the_generated_line(monkeypatch):
     seen = []
 
-    def failed(intentions, plan, problem, *more):
+    def failed(plan, problem):
         seen.append("".join(traceback.format_exception(problem)))
-        return original(intentions, plan, problem, *more)
+        return original(plan, problem)
 
-    original = IntentionStack.failure_of
-    monkeypatch.setattr(IntentionStack, "failure_of", failed)
+    original = _explain.failed_step
+    monkeypatch.setattr(_explain, "failed_step", failed)
     lab = Lab(go(X) >> [do(1), note(X / 0)])
     lab.tell(go(1))
     assert "(v_X / (0))" in seen[0]

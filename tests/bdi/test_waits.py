@@ -45,7 +45,9 @@ def _number(pause):
 
 
 def naive(lab: Lab) -> Lab:
-    lab.engine.intentions.waits = NaiveWaits(lab.engine.interpreter)
+    naive_waits, waits = NaiveWaits(lab.engine.interpreter), lab.engine.intentions.waits
+    naive_waits.events, naive_waits.due = waits.events, waits.due  # the interpreter keeps references to them
+    lab.engine.intentions.waits = naive_waits
     return lab
 
 

@@ -95,14 +95,17 @@ class Body:
         return f.name
 
     def resumable(self) -> tuple[str, list[str]]:
-        """Emit a generator that resumes at any step, optionally after a pause; return its name and its variables."""
+        """Emit a generator of the steps after the first; return its name and its variables.
+
+        It begins at any of these steps, optionally after a pause.
+        """
         names = sorted(set(self.scope) | _assigned(self.plan.body))
         f = self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}" for n in names)], self.scope)
         with f.block("if pause is not None"):
             f.line("yield pause")
             # After a pause this plan continues; after a plan for an event other intentions run first.
             f.line(f"if start < {len(self.plan.body)} and pause.__class__ is tuple: yield")
-        for i, step in enumerate(self.plan.body):
+        for i, step in list(enumerate(self.plan.body))[1:]:
             with f.block(f"if start <= {i}"):
                 last = i == len(self.plan.body) - 1
                 if not self.write(f, step, last=last) and not last:

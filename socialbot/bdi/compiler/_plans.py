@@ -103,14 +103,13 @@ def chosen(f: Function, plan: Plan) -> None:
     if not plan.body:
         f.line("return DONE")
         return
-    names = sorted(f.scope)
-    body = Body(f.unit, plan, {name: f.scope[name] for name in names})
+    body = Body(f.unit, plan, {name: f.scope[name] for name in sorted(f.scope)})
+    generator = f"{body.generator()}({', '.join(['ag', 'c', *map(f.local, body.scope)])})"
     meta = plan.event.change in META
     kept = f.unit.library.keeps_goals and _ends_with_goal(plan)
     if straight(plan.body) and not (plan.atomic or meta or kept):
-        inline(f, plan, body)
+        inline(f, plan, body, generator)
     else:
-        generator = f"{body.generator()}({', '.join(['ag', 'c', *(f.local(name) for name in names)])})"
         f.line(f"return SpecialBody({generator}, False)" if plan.atomic or meta else f"return {generator}")
 
 
@@ -118,7 +117,7 @@ def _ends_with_goal(plan: Plan) -> bool:
     return bool(plan.body) and isinstance(plan.body[-1], Achieve) and not plan.body[-1].apart
 
 
-def inline(f: Function, plan: Plan, body: Body) -> None:
+def inline(f: Function, plan: Plan, body: Body, generator: str) -> None:
     """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator."""
     scope, depth = dict(f.scope), f.depth
     resume, names = body.resumable()
@@ -131,7 +130,7 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
     # more events do, only a single step is executed in place, since the others would follow after a switch.
     goal, single = plan.event.change in GOALS, len(plan.body) == 1
     begin = f"{OTHERS} or ag.inbox" if goal else "ag.ready or ag.others" if single else OTHERS
-    f.line(f"if {begin}: return {rest(0)}")
+    f.line(f"if {begin}: return {generator}")
     with f.block("try"):
         for i, step in enumerate(plan.body):
             if i:
@@ -142,7 +141,7 @@ def inline(f: Function, plan: Plan, body: Body) -> None:
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )
     with f.block("except Exception as problem"):
-        f.line("return ag.intentions.failure_of(PLAN, problem, None, c)")
+        f.line("return failure_of(ag, PLAN, problem, None, c)")
     f.line("return DONE")
     f.scope, f.depth = scope, depth
 

@@ -13,7 +13,7 @@ import statistics
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._explain import matched, plans_after, reasons_against
+from socialbot.bdi._explain import failure_of, matched, plans_after, reasons_against
 from socialbot.bdi._open_beliefs import add_belief, remove_belief
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import (
@@ -301,7 +301,7 @@ def limited(pause: Pause | None, seconds: float) -> Pause | None:
     """Limit a pause to ``seconds``, after which it fails."""
     if pause is None:
         return None
-    begin = pause.begin
+    begin, pause.plain = pause.begin, False
 
     def begin_limited(interpreter: Interpreter, intention: Any) -> None:
         begin(interpreter, intention)
@@ -419,10 +419,11 @@ NAMES: dict[str, Any] = {
     "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
     "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
     "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
-    "chosen": chosen, "closed": closed, "cons": cons, "div": div, "goal_of": goal_of, "holds": holds,
-    "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod, "open_goal": open_goal,
-    "order": order, "outcome": outcome, "perform": perform, "plain": plain, "question": question,
-    "question_of": question_of, "record_action": record_action, "renew": renew, "resolve": resolve, "same": same,
+    "chosen": chosen, "closed": closed, "cons": cons, "div": div, "failure_of": failure_of, "goal_of": goal_of,
+    "holds": holds, "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod,
+    "open_goal": open_goal, "order": order, "outcome": outcome, "perform": perform, "plain": plain,
+    "question": question, "question_of": question_of, "record_action": record_action, "renew": renew,
+    "resolve": resolve, "same": same,
     "timed": timed, "source_notes": source_notes, "told_by": told_by, "undo": undo, "unify": unify, "univ": univ,
     "update_of": update_of,
     "LiteralVariable": LiteralVariable, "Rest": Rest, "change_rule": change_rule, "computed_by_rule": computed_by_rule,

@@ -7,8 +7,8 @@ is no longer current, unless it is the initial goal or has a failure plan.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._goal_states import pause_term
 from socialbot.bdi.agentspeak._spelling import said, spelled
@@ -30,6 +30,9 @@ from socialbot.bdi.stdlib.registry import Args, gives, internal, literal_of, ope
 from socialbot.bdi.steps import Achieve, PlanBody
 from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, resolve, undo, unify
+
+if TYPE_CHECKING:
+    from socialbot.bdi._intention_stack import IntentionStack
 
 # Looking
 
@@ -259,7 +262,7 @@ def done(engine: Any, args: Args, trail: Trail) -> None:
     else:
         goal = goals[-1]
         engine.intentions.interrupt(
-            intention, lambda: engine.intentions.unwind(intention, lambda request: request is goal, None)
+            intention, lambda: _end_goal(engine.intentions, intention, lambda request: request is goal, None)
         )
 
 
@@ -274,8 +277,14 @@ def fail_goal(engine: Any, args: Args, trail: Trail) -> None:
     """``.fail_goal(g)``: fail the goal; a plan for ``-!g`` handles this, or the parent goal fails."""
     goal = literal_of(".fail_goal", args[0])
     message = f"{spelled(goal)} was ended by .fail_goal"
+    intentions = engine.intentions
     for request in _take_pending(engine, goal):
-        engine.intentions.fail_request(request, Failure("cancelled", message, ".fail_goal", engine.interpreter.cause))
+        kind, _, args, notes, cause = request
+        # No intention pursues the goal any more.
+        intention = intentions.new((kind, intentions.failure_plans(request), args, notes, cause))
+        problem = Failure("cancelled", message, ".fail_goal", engine.interpreter.cause)
+        intentions.fail_goal(intention, request, problem)
+        intentions.settle(intention)
     for intention in _pursuing(engine, goal):
         _unwind(engine, intention, goal, message)
 
@@ -288,9 +297,31 @@ def _unwind(engine: Any, intention: Intention, goal: Literal, message: str | Non
 
     def end() -> None:
         problem = None if message is None else Failure("cancelled", message, ".fail_goal", cause)
-        engine.intentions.unwind(intention, lambda request: _fits(goal, request), problem)
+        _end_goal(engine.intentions, intention, lambda request: _fits(goal, request), problem)
 
     engine.intentions.interrupt(intention, end)
+
+
+def _end_goal(
+    intentions: IntentionStack, intention: Intention, wanted: Callable[[Request], bool], problem: Failure | None
+) -> None:
+    """End the outermost ``wanted`` goal of an intention: failed with ``problem``, or achieved."""
+    frames, states = intention.frames, intentions.goal_states
+    goals = [goal for _, goal, _ in frames]
+    depth = next((i for i, goal in enumerate(goals) if goal is not None and wanted(goal)), 0)
+    goal = goals[depth] if goals and goals[depth] is not None else intention.event
+    running = any(body is not None and body.gi_running for body, _, _ in frames)
+    intentions.unwound = True
+    while len(frames) > depth:
+        intentions.close(intention, frames.pop())
+    if problem is None:
+        intentions.achieved(goal)
+    else:
+        intentions.fail_goal(intention, goal, problem)
+    if not running and problem is None and frames and states is not None:
+        states.continued(intention, Atom("suceed_internal_action"))  # Jason writes it so
+    if not running:
+        intentions.settle(intention)
 
 
 @internal(".fail", 0, 100)
