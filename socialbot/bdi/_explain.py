@@ -288,6 +288,11 @@ def no_plan(interpreter: Interpreter, goal: Request, intention: Intention) -> Fa
     reason = "no_applicable" if trigger.plans else "no_relevant"
     what = str(interpreter.intentions.goal(goal))
     message = f"no {'applicable ' if trigger.plans else ''}plan for {what}"
+    if not trigger.plans:
+        name = trigger.key.rpartition("/")[0]
+        others = [key for key, other in interpreter.triggers.items() if key.rpartition("/")[0] == name and other.plans]
+        if others:
+            message += f", only for {', '.join(key[2:] for key in sorted(others))}"
     record = trace.record("failure", what, cause, reason=reason, message=message, rejected=reasons)
     wanted = literal_from_key(trigger.key[2:], args, notes)
     return Failure(reason, message, what, record, (), place_of_step(intention), lambda: resolve(wanted))

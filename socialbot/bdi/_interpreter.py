@@ -115,7 +115,7 @@ class Interpreter:
         if relation is None:
             if issubclass(kind, Computed):
                 raise RuleError(f"{belief} is computed, and cannot be added", remedy="make it a Belief")
-            relation = beliefs.relation(belief.key)
+            relation = beliefs.relation_of(belief)
             if kind is not Structure and relation.kind is not kind:
                 beliefs.declare(kind)
             if kind is not Structure and not belief.negated and belief.posted is None:

@@ -7,14 +7,30 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.literals import Belief, Change, Computed, Event, Goal, Literal, Reactor, Structure, check_seconds
 from socialbot.bdi.steps import Action, AslCall, send, wait
-from socialbot.bdi.terms import Aggregate, Atom, Comparison, Conjunction, Disjunction, Negation, Pattern, Term, names_in
+from socialbot.bdi.terms import (
+    Aggregate,
+    Atom,
+    Comparison,
+    Conjunction,
+    Disjunction,
+    Negation,
+    Pattern,
+    Term,
+    names_in,
+    show,
+)
+from socialbot.bdi.trace import log
 from socialbot.core.clock import Clock, ManualClock
 from socialbot.core.errors import RuleError
+
+if TYPE_CHECKING:
+    from socialbot.bdi.library import Library
+    from socialbot.bdi.plans import Plan
 
 
 def check_event(event: Event) -> None:
@@ -72,6 +88,43 @@ def check_values(literal: Literal) -> None:
             raise RuleError(f"{term.__name__} in {literal} is a class", remedy=f"write {term.__name__}()")
         if isinstance(term, (list, set, dict, bytearray)):
             raise RuleError(f"{term} in {literal} is mutable", remedy="use a tuple; lists of AgentSpeak are tuples")
+
+
+def mismatch(belief: Literal, patterns: Iterable[Literal]) -> str:
+    """Return the reason why none of ``patterns``, the beliefs of a name in rules, matches a belief of this name.
+
+    The reason is the number of arguments, or a string in place of an atom; it is empty if some pattern may match.
+    """
+    numbers = {len(pattern.args) for pattern in patterns}
+    if numbers and len(belief.args) not in numbers:
+        wanted = " or ".join(map(str, sorted(numbers)))
+        return f"the rules have {belief.functor} with {wanted} argument{'' if numbers == {1} else 's'} only"
+    return confused_names(belief, patterns)
+
+
+def confused_names(belief: Literal, patterns: Iterable[Literal]) -> str:
+    """Return an argument that is a string where all ``patterns`` have the atom of this name, or the reverse."""
+    found = ""
+    for pattern in patterns:
+        if len(pattern.args) == len(belief.args):
+            pairs = zip(belief.args, pattern.args, strict=True)
+            differ = [(a, b) for a, b in pairs if {type(a), type(b)} == {str, Atom} and str(a) == str(b)]
+            if not differ:
+                return ""
+            one, other = map(show, differ[0])
+            found = found or f"{one} does not match {other} in the rules: one is a string, one an atom"
+    return found
+
+
+def report_confused_names(plan: Plan, library: Library) -> None:
+    """Log beliefs of a plan in AgentSpeak that confuse strings and atoms with those of plans in Python."""
+    from socialbot.bdi.plans import beliefs_in  # it imports this module
+
+    for belief in beliefs_in(plan):
+        if {str, Atom} & set(map(type, belief.args)):
+            others = [other for other in library.patterns(belief.functor) if type(other) is not Structure]
+            if why := confused_names(belief, others):
+                log().warning("%s: %s: %s", plan.place, belief, why)
 
 
 def check_action(action: Action, known: set[str]) -> None:

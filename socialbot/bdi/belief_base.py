@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._hold_timers import HoldTimer
 from socialbot.bdi._relations import Annotations, Args, Fact, NoteSet, Relation, Watcher
+from socialbot.bdi._rule_checks import mismatch
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library
 from socialbot.bdi.literals import ATOMIC, SELF, Computed, Literal, Reactor, ground, source
-from socialbot.bdi.trace import TraceWriter
+from socialbot.bdi.trace import TraceWriter, log
 from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
@@ -86,6 +87,12 @@ class BeliefBase:
             self.equip(relation)
             relation = self.relations.setdefault(key, relation)
         return relation
+
+    def relation_of(self, belief: Literal) -> Relation:
+        """Relation of a belief from outside; a first belief that no rule can match is reported."""
+        if belief.key not in self.relations and (why := mismatch(belief, self.library.patterns(belief.functor))):
+            log().warning("%s: no rule matches %s: %s", self.trace.name, belief, why)
+        return self.relation(belief.key)
 
     def know(self, kind: type[Literal], arity: int, relation: Relation) -> None:
         if self.known is _NONE:

@@ -98,6 +98,8 @@ class Engine:
         library: Library | None = None,
         seed: int | str | None = None,
     ) -> None:
+        if isinstance(clock, type) or not callable(getattr(clock, "now", None)):
+            raise RuleError(f"{clock!r} is not a clock", where=name, remedy="give a clock such as WallClock()")
         self.name = name
         self.clock = clock
         self.robot = robot

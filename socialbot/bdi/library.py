@@ -20,7 +20,7 @@ from socialbot.bdi.literals import (
     Structure,
     ground,
 )
-from socialbot.bdi.plans import Inference, Origin, Plan, flat, open_changes, parts_of, unbound_result
+from socialbot.bdi.plans import Inference, Origin, Plan, beliefs_in, flat, open_changes, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
 from socialbot.bdi.terms import Variable
@@ -210,6 +210,7 @@ class Library:
         self._numbers: dict[Plan, int] = {}
         self._last_number = 0
         self._open: set[str] = set()
+        self._patterns: dict[str, list[Literal]] | None = None
         self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
         self.watches_goals = False  # plans handle meta-events
         for rule in rules:
@@ -253,6 +254,7 @@ class Library:
         """Add a plan. Raises RuleError for a duplicate label."""
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(f"the label {plan.label} is already used", where=plan.place, remedy="choose another label")
+        self._patterns = None
         compiled = CompiledPlan(plan, self)
         watches = plan.event.change in META
         if (watches and not self.watches_goals) or (not self.keeps_goals and looks_at_goals(plan)):
@@ -347,6 +349,7 @@ class Library:
         if not self.keeps_goals and looks_at_goals(inference.condition):
             self.keeps_goals = True
             self.recompile()
+        self._patterns = None
         new = inference.head.key not in self.inferences
         self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
         if self._find_open() or new:
@@ -389,6 +392,16 @@ class Library:
                     remedy="give each class of beliefs a name of its own",
                 )
             self.kinds[kind.functor] = kind
+
+    def patterns(self, functor: str) -> list[Literal]:
+        """Beliefs of a name in the plans and inferences."""
+        if self._patterns is None:
+            self._patterns = {}
+            rules: list[object] = [*self]
+            rules += [compiled.inference for found in list(self.inferences.values()) for compiled in found]
+            for belief in beliefs_in(tuple(rules)):
+                self._patterns.setdefault(belief.functor, []).append(belief)
+        return self._patterns.get(functor, [])
 
     def derives(self, key: str) -> bool:
         """Whether beliefs of this key can be inferred or computed."""

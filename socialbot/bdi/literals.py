@@ -272,7 +272,16 @@ def literal_from_key(key: str, args: tuple[object, ...], annotations: tuple[obje
     return literal(name.removeprefix("~"), args, annotations, negated=name.startswith("~"))
 
 
-class Belief(Literal, Condition):
+class _Kind(type):
+    """Class of the classes of beliefs, goals and actions: refuses the class itself as a part of a rule."""
+
+    def _refuse(cls, *_: object) -> Any:
+        raise RuleError(f"{cls.__name__} is a class", remedy=f"write {cls.__name__}(), with its arguments")
+
+    __pos__ = __neg__ = __invert__ = __rshift__ = __lshift__ = __truediv__ = __and__ = __rand__ = _refuse
+
+
+class Belief(Literal, Condition, metaclass=_Kind):
     """Belief of the agent; several beliefs of one name can be held."""
 
     singleton: ClassVar[bool] = False
@@ -334,7 +343,7 @@ class Computed(Belief):
         raise RuleError(f"{self.functor} has no solutions()", remedy="override solutions()")
 
 
-class TimedLiteral(Literal):
+class TimedLiteral(Literal, metaclass=_Kind):
     """Goal or action, with an optional time limit."""
 
     limit_s: object = None

@@ -241,6 +241,14 @@ def symbol_variables(part: object) -> set[str]:
     return found
 
 
+def beliefs_in(part: object) -> Iterator[Belief]:
+    """Beliefs in a plan, an inference, a part of them, or a tuple of parts."""
+    if isinstance(part, Belief):
+        yield part
+    for inner in parts_of(part):
+        yield from beliefs_in(inner)
+
+
 def _classes(part: object) -> Iterator[type[Literal]]:
     if isinstance(part, (Belief, Goal)) and type(part) is not Structure:
         yield type(part)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -55,7 +56,17 @@ class Action(TimedLiteral):
 
 
 def action(function: Callable[..., Any]) -> type[Action]:
-    """Decorator that makes an action from a function with the engine as its first parameter."""
+    """Decorator that makes an action from a function with the engine as its first parameter.
+
+    Raises:
+        RuleError: The function has no parameter for the engine, or is a generator.
+    """
+    name = function.__name__
+    code = getattr(function, "__code__", None)
+    if code is not None and not (code.co_argcount or code.co_flags & inspect.CO_VARARGS):
+        raise RuleError(f"action {name} has no parameter for the engine", remedy=f"write def {name}(engine, ...)")
+    if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
+        raise RuleError(f"action {name} is a generator, which no step runs", remedy="use async def and await")
     return type(
         function.__name__,
         (Action,),

@@ -493,8 +493,7 @@ def conjunction(*parts: object) -> Conjunction:
         elif callable(part) and not isinstance(part, type):
             terms.append(FunctionCondition(part))
         else:
-            raise RuleError(
-                f"{part!r} cannot be a condition",
-                remedy="use beliefs, ~beliefs, comparisons of variables or functions, joined with &",
-            )
+            use = "use beliefs, ~beliefs, comparisons of variables or functions, joined with &"
+            remedy = f"write {part.__name__}(), with its arguments" if isinstance(part, type) else use
+            raise RuleError(f"{part!r} cannot be a condition", remedy=remedy)
     return Conjunction(tuple(terms))

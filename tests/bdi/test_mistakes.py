@@ -429,3 +429,110 @@ def test_aggregates_and_steps_on_goals_have_a_counterpart_in_agentspeak():
         "+!go : .count(p(_), X) & X > 1 <- .findall(Y, q(Y), Z); .my_name(S); .drop_desire(sub(_)); do(X, Z, S)."
     )
     assert agentspeak(go() >> [do(min_of(X, p(X)))]) == "+!go <- do(.python(min_of, X, p(X)))."
+
+
+CLASSES = {
+    "goal": lambda: go >> [],
+    "goal with a condition": lambda: go / p(1) >> [],
+    "event": lambda: +p >> [],
+    "removal": lambda: -p >> [],
+    "negation": lambda: go() / ~p >> [],
+    "condition": lambda: go() / p >> [],
+    "one of two conditions": lambda: go() / (p(1) & q) >> [],
+    "first of two conditions": lambda: go() / (q & p(1)) >> [],
+    "conclusion": lambda: p << q(1),
+    "added belief": lambda: go() >> [+p],
+    "awaited condition": lambda: go() >> [wait_for(p)],  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_class_without_parentheses_is_refused(name: str):
+    refused(CLASSES[name], "(), with its arguments")
+
+
+def test_an_action_needs_a_parameter_for_the_engine():
+    refused(lambda: action(lambda: None), "no parameter for the engine")
+    refused(lambda: action(lambda *, engine: None), "no parameter for the engine")
+    assert issubclass(action(lambda *parts: None), Action)
+
+
+def test_an_action_is_no_generator():
+    def steps(engine: Engine) -> object:
+        yield 1
+
+    refused(lambda: action(steps), "steps is a generator")
+
+
+@pytest.mark.parametrize("clock", [ManualClock, 5, None])
+def test_a_clock_is_checked(clock: object):
+    refused(lambda: Engine("lab", clock), "is not a clock", "WallClock()")  # type: ignore[arg-type]
+
+
+class FalseOfNumpy:
+    """Truth value like that of numpy, which is not the object ``False``."""
+
+    def __bool__(self) -> bool:
+        return False
+
+
+FalseOfNumpy.__name__ = "bool_"
+
+
+@pytest.mark.parametrize("value", [False, FalseOfNumpy()])
+def test_an_action_fails_with_any_false_truth_value(value: object):
+    @action
+    def attempt(engine: Engine) -> object:
+        return value
+
+    lab = Lab(go() >> [attempt(), do(1)], -go() >> [do("failed")])
+    lab.tell(go())
+    assert lab.done == ["failed"]
+
+
+def test_a_goal_with_another_number_of_arguments_names_the_plans(caplog: pytest.LogCaptureFixture):
+    lab = Lab(go(X) >> [do(X)], go(X, Y) >> [do(X, Y)])
+    lab.tell(go())
+    assert "no plan for go(), only for go/1, go/2" in caplog.text
+
+
+NUMBERS = {
+    "event": +p(X, Y) >> [],
+    "condition": go() / p(X, Y) >> [],
+    "inference": q(X) << p(X, _),
+    "step": go() >> [for_each(p(X, Y), [do(X)])],
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_belief_with_another_number_of_arguments_than_in_the_rules_is_reported(
+    name: str, caplog: pytest.LogCaptureFixture
+):
+    lab = Lab(NUMBERS[name])
+    lab.tell(+p(1), +p(2), +p(1, 2), +mood(1))
+    assert caplog.text.count("no rule matches") == 1
+    assert "no rule matches p(1): the rules have p with 2 arguments only" in caplog.text
+
+
+def test_several_numbers_of_arguments_may_be_used(caplog: pytest.LogCaptureFixture):
+    lab = Lab(+p(X) >> [do(X)], +p(X, Y) >> [do(X, Y)])
+    lab.tell(+p(1), +p(1, 2))
+    assert lab.done == [1, (1, 2)]
+    assert not caplog.text
+
+
+def test_a_string_in_place_of_an_atom_is_reported(caplog: pytest.LogCaptureFixture):
+    lab = Lab(+p("bob") >> [do(1)], +q(Atom("bob")) >> [do(2)], +mood("bob") >> [do(3)], +mood(X) >> [do(X)])
+    lab.tell(+p(Atom("bob")), +q("bob"), +mood(Atom("bob")))
+    assert lab.done == [Atom("bob")]
+    assert 'no rule matches p(bob): bob does not match "bob" in the rules' in caplog.text
+    assert 'no rule matches q("bob"): "bob" does not match bob in the rules' in caplog.text
+    assert caplog.text.count("no rule matches") == 2
+
+
+def test_an_atom_in_agentspeak_for_a_string_in_python_is_reported(caplog: pytest.LogCaptureFixture):
+    lab = Lab(+p("bob") >> [do(1)], +q(X) >> [do(X)])
+    lab.engine.add_text("+!sub <- +p(bob); +q(bob).")
+    lab.tell(sub())
+    assert caplog.text.count("does not match") == 1
+    assert 'p(bob): bob does not match "bob" in the rules' in caplog.text

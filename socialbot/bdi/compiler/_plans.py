@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._rule_checks import report_confused_names
 from socialbot.bdi.compiler._beliefs import loop, match_annotations, needs_unification
 from socialbot.bdi.compiler._bodies import Body, straight
 from socialbot.bdi.compiler._conditions import Reached, query, write
@@ -54,6 +55,8 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
         f.line(fail)
         run, lines = unit.build()
     compiled.lines.update(lines)
+    if lenient and not mode:
+        report_confused_names(plan, compiled.library)
     return _telling(run, plan) if looks_at_goals(plan.condition) else run
 
 

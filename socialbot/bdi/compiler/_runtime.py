@@ -279,7 +279,7 @@ def outcome(ag: Interpreter, found: Any) -> Pause | None:
         from socialbot.bdi.durative_actions import CoroutineRun
 
         return CoroutineRun(found, ag.action)
-    if found is False:
+    if found is False or (type(found).__name__ in ("bool", "bool_") and not found):  # also that of numpy
         raise Failed("action_failed", "the action returned False")
     return None
 
