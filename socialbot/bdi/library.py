@@ -20,7 +20,7 @@ from socialbot.bdi.literals import (
     Structure,
     ground,
 )
-from socialbot.bdi.plans import Inference, Origin, Plan, beliefs_in, flat, open_changes, parts_of, unbound_result
+from socialbot.bdi.plans import Inference, Origin, Plan, beliefs_by_name, flat, open_changes, parts_of, unbound_result
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import PlanBody, Step
 from socialbot.bdi.terms import Variable
@@ -210,7 +210,7 @@ class Library:
         self._numbers: dict[Plan, int] = {}
         self._last_number = 0
         self._open: set[str] = set()
-        self._patterns: dict[str, list[Literal]] | None = None
+        self._patterns: dict[str, list[Belief]] | None = None
         self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
         self.watches_goals = False  # plans handle meta-events
         for rule in rules:
@@ -393,14 +393,11 @@ class Library:
                 )
             self.kinds[kind.functor] = kind
 
-    def patterns(self, functor: str) -> list[Literal]:
+    def patterns(self, functor: str) -> list[Belief]:
         """Beliefs of a name in the plans and inferences."""
         if self._patterns is None:
-            self._patterns = {}
-            rules: list[object] = [*self]
-            rules += [compiled.inference for found in list(self.inferences.values()) for compiled in found]
-            for belief in beliefs_in(tuple(rules)):
-                self._patterns.setdefault(belief.functor, []).append(belief)
+            inferences = itertools.chain(*list(self.inferences.values()))
+            self._patterns = beliefs_by_name((*self, *(compiled.inference for compiled in inferences)))
         return self._patterns.get(functor, [])
 
     def derives(self, key: str) -> bool:

@@ -249,6 +249,14 @@ def beliefs_in(part: object) -> Iterator[Belief]:
         yield from beliefs_in(inner)
 
 
+def beliefs_by_name(rules: tuple[object, ...]) -> dict[str, list[Belief]]:
+    """Beliefs in plans and inferences, by their names."""
+    found: dict[str, list[Belief]] = {}
+    for belief in beliefs_in(rules):
+        found.setdefault(belief.functor, []).append(belief)
+    return found
+
+
 def _classes(part: object) -> Iterator[type[Literal]]:
     if isinstance(part, (Belief, Goal)) and type(part) is not Structure:
         yield type(part)
