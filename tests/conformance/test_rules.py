@@ -191,5 +191,5 @@ def test_refuses_a_comparison_as_an_argument():
 
 
 def test_refuses_a_class_as_an_event():
-    with pytest.raises(TypeError, match="unsupported"):
+    with pytest.raises(RuleError, match="go is a class"):
         _ = go >> [do(1)]  # type: ignore[operator]
