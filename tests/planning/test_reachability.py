@@ -39,6 +39,29 @@ def test_a_vanished_box_is_the_only_unreachable_goal_and_the_reason_names_it():
     assert "(on box_a2 " in goal.reason
 
 
+CLIP = """
+(define (domain clip) (:requirements :durative-actions)
+  (:predicates (ready) (lit) (struck) (mended))
+  (:durative-action strike :parameters () :duration (= ?duration 5)
+    :condition (and (at start (ready)) (over all (lit)) (at end (mended)))
+    :effect (and (at start (lit)) (at end (not (lit))) (at end (struck))))
+  (:durative-action mend :parameters () :duration (= ?duration 2)
+    :condition (over all (lit)) :effect (at end (mended))))
+"""
+
+
+def test_the_start_of_an_action_may_enable_what_its_end_needs():
+    domain = read_domain(CLIP)
+    for init, expected in (("(ready)", 0), ("", 1)):
+        text = f"(define (problem p) (:domain clip) (:init {init}) (:goal (and (struck))))"
+        problem = read_problem(text, domain)
+        found = unreachable_goals(domain, problem)
+        assert len(found) == expected
+        solved = make_planner("kairos").solve(domain, problem, PlannerLimits())
+        assert solved.verdict is (PlannerVerdict.IMPOSSIBLE if expected else PlannerVerdict.SOLVED)
+    assert str(found[0]) == "nothing can make (struck) true, which needs (ready)"
+
+
 def test_static_numbers_negations_and_constants_are_evaluated():
     domain = read_domain(
         """

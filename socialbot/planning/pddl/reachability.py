@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem
 from socialbot.planning.pddl.formulas import (
@@ -32,6 +33,7 @@ from socialbot.planning.pddl.state import PddlState
 
 MAX_BINDINGS = 300_000
 """Number of bindings of conditions and parameters after which the search ends without a result."""
+_EDGES: tuple[Literal["start", "end"], ...] = ("start", "end")
 MAX_REASONS = 5
 """Number of conditions that a reason lists."""
 
@@ -119,11 +121,11 @@ class _Relaxation:
     def _missing_for(self, wanted: Predicate, seen: list[str]) -> Predicate | None:
         """Return a condition that never holds of an action that would bring about ``wanted``."""
         for action in self.domain.actions.values():
-            for effect in _elements(effect.effect for effect in action.effects):
+            for timed, effect in ((one, part) for one in action.effects for part in _elements((one.effect,))):
                 binding = _unified(effect.predicate, wanted) if isinstance(effect, Add) else None
                 if binding is None:
                     continue
-                for condition in _conditions(action):
+                for condition in _conditions(action, timed.when):
                     for part in _atoms(condition):
                         need = substitute(part, binding)
                         if _shape(str(need)) not in map(_shape, seen) and not self._matches(need):
@@ -143,11 +145,15 @@ class _Relaxation:
         return True
 
     def _apply(self, action: PddlAction) -> bool:
-        """Reach what an action brings about; return whether that is new."""
-        conditions = list(_conditions(action))
+        """Reach what the start and the end of an action bring about; return whether that is new."""
+        edges = [edge for edge in _EDGES if any(one.when == edge for one in action.effects)]
+        return sum(self._apply_at(action, edge) for edge in edges) > 0
+
+    def _apply_at(self, action: PddlAction, edge: Literal["start", "end"]) -> bool:
+        conditions = list(_conditions(action, edge))
         atoms = [part for part in conditions if isinstance(part, Predicate) and part.name not in self.domain.derived]
         others = [part for part in conditions if part not in atoms]
-        adds = [effect.effect for effect in action.effects]
+        adds = [effect.effect for effect in action.effects if effect.when == edge]
         found = [
             predicate
             for binding in self._joined(atoms, {})
@@ -252,9 +258,11 @@ def _atoms(formula: Formula) -> Iterator[Predicate]:
     return (part for part in _conjuncts(formula) if isinstance(part, Predicate))
 
 
-def _conditions(action: PddlAction) -> Iterator[Formula]:
+def _conditions(action: PddlAction, edge: Literal["start", "end"]) -> Iterator[Formula]:
+    """Yield the conditions of the start or end of an action. The start only has its own: others may help it to end."""
     for condition in action.conditions:
-        yield from _conjuncts(condition.formula)
+        if edge == "end" or condition.when == "start":
+            yield from _conjuncts(condition.formula)
 
 
 def _elements(effects: Iterable[Effect]) -> Iterator[Effect]:
