@@ -213,6 +213,41 @@ def test_a_problem_has_its_initial_state():
     assert problem("(:metric minimize total-time)").metric == Metric("minimize", Fluent("total-time"))
 
 
+def test_a_byte_order_mark_and_closing_parentheses_after_the_end_are_ignored():
+    assert read_domain("\ufeff(define (domain d) (:types a)))\n)") == read_domain("(define (domain d) (:types a))")
+
+
+def test_unknown_requirements_and_repeated_sections_and_declarations_are_accepted():
+    domain = read_domain("""(define (domain d) (:requirements :typing :of-a-planner) (:types a - object) (:types b - a)
+      (:predicates (p ?x - a)) (:requirements :strips) (:functions (n) (n)) (:predicates (q)))""")
+    assert domain.requirements == {":typing", ":of-a-planner", ":strips"}
+    assert domain.is_a("b", "a")
+    assert (set(domain.predicates), set(domain.functions)) == ({"p", "q"}, {"n"})
+
+
+def test_vars_are_further_parameters():
+    (action,) = small("(:action go :parameters (?x) :vars (?y - box) :precondition (p ?y) :effect ())").actions.values()
+    assert action.parameters == (TypedName("?x"), TypedName("?y", ("box",)))
+    with pytest.raises(PlanningError, match=r"domain:\d+: the variable \?x is declared twice"):
+        small("(:action go :parameters (?x) :vars (?x - box))")
+
+
+def test_an_object_that_is_declared_several_times_belongs_to_all_its_types():
+    for objects in ("b - box b - lid", "b - (either box lid)", "c1 - lid"):
+        name = objects.split()[0]
+        found = problem(f"(:objects {objects})")
+        assert found.objects[name] == ("box", "lid")
+
+
+def test_a_type_without_names_is_ignored_and_names_of_objects_may_have_digits_dots_and_at_signs():
+    assert set(problem("(:objects 2nd-floor hall.door a@b - box - lid)").objects) == {"2nd-floor", "hall.door", "a@b"}
+
+
+def test_timed_initial_literals_may_come_at_the_start():
+    (timed,) = problem("(:init (at 0 (p c1)))").timed
+    assert timed.time_s == 0
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -220,32 +255,33 @@ def test_a_problem_has_its_initial_state():
         ("; only a comment", "domain: the file is empty"),
         ("hello", "domain:1: expected a parenthesis, found 'hello'"),
         ("\n(define (domain d)", "domain:2: this parenthesis is never closed"),
-        ("(define (domain d)\n(:types a)))", "domain:2: unexpected text after the end: ')'"),
+        ("(define (domain d)\n(:types a))) (:types b)", "domain:2: unexpected text after the end: '('"),
         ("(" * 200, "domain:1: more than 100 parentheses"),
         ("(domain d)", "domain:1: expected (define (domain ...) ...), found (domain ...)"),
         ("(define)", "domain:1: expected (define (domain ...) ...)"),
         ("(define (problem p))", "domain:1: this is no domain but a problem: (define (problem p) ...)"),
         ("(define (domain d) (:predicate (p)))", "unknown section ':predicate'\n  remedy: did you mean ':predicates'?"),
-        ("(define (domain d)\n(:types a)\n(:types b))", "domain:3: :types is there twice"),
         ("(define (domain d) (:types a - b b - a))", "the type a is a sub-type of itself"),
-        ("(define (domain d) (:types a - ))", "a name belongs before -, and a type after it"),
+        ("(define (domain d) (:types a - ))", "a type belongs after -"),
         ("(define (domain d) (:types object - a))", "object is the type of everything"),
         ("(define (domain d) (:types and))", "'and' cannot be the name of a type"),
-        ("(define (domain d) (:types t u) (:constants a - t a - u))", "the object a is declared twice"),
         ("(define (domain d) (:constants a - bx) (:types box))", "unknown type 'bx'\n  remedy: did you mean 'box'?"),
         ("(define (domain d) (:predicates (p) (p ?x)))", "the predicate p is declared twice"),
         ("(define (domain d) (:predicates (p x)))", "expected a variable, found x"),
         ("(define (domain d) (:action a :parameters (?x ?x)))", "the variable ?x is declared twice"),
         ("(define (domain d) (:predicates p))", "expected a predicate in parentheses, found p"),
         ("(define (domain d) (:functions (f) - object))", "not supported by socialbot: functions whose values are no"),
-        ("(define (domain d) (:requirements :typo))", "unknown requirement ':typo'"),
+        (
+            "(define (domain d) (:requirements typing))",
+            "unknown requirement 'typing'\n  remedy: did you mean ':typing'?",
+        ),
         ("(define (domain d) (:constraints (and)))", "not supported by socialbot: preferences and constraints"),
         ("(define (domain d) (:process p))", "not supported by socialbot: continuous change (:process)"),
         ("(define (domain d) (:action a) (:action a))", "the action a is there twice"),
         ("(define (domain d) (:action a :effects ()))", "remedy: did you mean ':effect'?"),
         ("(define (domain d) (:action a :effect))", "no value after :effect in the action a"),
         ("(define (domain d) (:action a :effect () :effect ()))", ":effect is there twice in the action a"),
-        ("(define (domain d) (:action a effect))", "expected one of :parameters, :precondition, :effect in the action"),
+        ("(define (domain d) (:action a effect))", "expected one of :parameters, :vars, :precondition, :effect in the"),
         ("(define (domain d) (:action))", "the name of the action is missing"),
         ("(define (domain d) (:durative-action a))", "the action a has no :duration"),
         ("(define (domain d) (:derived (p) ()))", "unknown predicate 'p'"),
@@ -333,8 +369,8 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
     ("rest", "message"),
     [
         ("(:objects b - bok)", "problem:2: unknown type 'bok'\n  remedy: did you mean 'box'?"),
-        ("(:objects b - box b - lid)", "problem:2: the object b is declared twice"),
-        ("(:objects c1 - lid)", "problem:2: the object c1 is declared twice"),
+        ("(:goal (p c1)) (:goal (p c1))", "problem:2: :goal is there twice"),
+        ("(:objects 7 - box)", "problem:2: '7' cannot be the name of an object"),
         ("(:init (p b))", "problem:2: unknown object 'b'"),
         ("(:init (p ?x))", "problem:2: unknown variable '?x'"),
         ("(:init\n(r c1))", "problem:3: unknown predicate 'r'"),
@@ -342,7 +378,7 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
         ("(:init (= (n) (n)))", "problem:2: expected a number, found (n)"),
         ("(:init (= (n) 1e999))", "problem:2: 1e999 is too large a number"),
         ("(:init (= c1 c1))", "problem:2: expected a number, found c1"),
-        ("(:init (at 0 (p c1)))", "problem:2: a timed initial literal must have a time > 0: (at 0 (p c1))"),
+        ("(:init (at -1 (p c1)))", "problem:2: a timed initial literal cannot have a time < 0: (at -1 (p c1))"),
         ("(:init (at 5 (= c1 2)))", "problem:2: unknown function 'c1'"),
         ("(:init (at 5 (not (p b))))", "problem:2: unknown object 'b'"),
         ("(:init (p c1) (not (p c1)))", "problem:2: (p c1) is both true and false"),

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import Literal, cast
 
-from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary
+from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, is_number
 from socialbot.planning.pddl.domain import DurationBounds, PddlAction, TimedCondition, TimedEffect, TimeSpecifier
 from socialbot.planning.pddl.formulas import (
     Add,
@@ -39,14 +38,9 @@ PREFERENCES = frozenset({
     "preference", "always", "sometime", "within", "at-most-once", "sometime-after", "sometime-before",
     "always-within", "hold-during", "hold-after",
 })  # fmt: skip
-_INSTANTANEOUS = (":parameters", ":precondition", ":effect")
-_DURATIVE = (":parameters", ":duration", ":condition", ":effect")
+_INSTANTANEOUS = (":parameters", ":vars", ":precondition", ":effect")
+_DURATIVE = (":parameters", ":vars", ":duration", ":condition", ":effect")
 _TIMES: dict[str, TimeSpecifier] = {"at start": "start", "over all": "over all", "at end": "end"}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
-
-
-def is_number(item: Sexpression) -> bool:
-    return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
 
 
 class FormulaReader:
@@ -227,7 +221,14 @@ class FormulaReader:
         if durative and ":duration" not in fields:
             raise self.names.error(f"the action {name} has no :duration", group, "add :duration (= ?duration 5)")
         empty = SexpGroup((), group.line)
-        parameters = self.names.variables(self.names.group(fields.get(":parameters", empty), "parameters").items)
+        # Planners treat the :vars of early PDDL as further parameters.
+        parameters, more = (
+            self.names.variables(self.names.group(fields.get(key, empty), "parameters").items)
+            for key in (":parameters", ":vars")
+        )
+        if again := {typed.name for typed in parameters} & {typed.name for typed in more}:
+            raise self.names.error(f"the variable {min(again)} is declared twice", fields[":vars"])
+        parameters += more
         scope, time = Scope().within(parameters), None if durative else "start"
         return PddlAction(
             name,

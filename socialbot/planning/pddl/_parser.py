@@ -50,18 +50,23 @@ Sexpression = SexpWord | SexpGroup
 
 
 def read_sexpression(text: str, *, where: str) -> SexpGroup:
-    """Parse a text of exactly one group; comments begin with ``;``. Raises PlanningError with the line."""
+    """Parse a text of exactly one group; comments begin with ``;``. Raises PlanningError with the line.
+
+    A byte order mark, and ``)`` after the end, are ignored.
+    """
     whole: SexpGroup | None = None
     end = nested = 0
     open_groups: list[tuple[int, list[Sexpression]]] = []
-    for number, line in enumerate(text.lower().split("\n"), 1):
+    for number, line in enumerate(text.removeprefix("\ufeff").lower().split("\n"), 1):
         for token in _TOKEN.findall(line.partition(";")[0]):
-            if whole is not None:
+            if whole is not None and token != ")":
                 raise PlanningError(
                     f"unexpected text after the end: {token!r}",
                     where=f"{where}:{number}",
                     remedy=f"remove it, or the extra parenthesis before it; (define ends in line {end}",
                 )
+            if whole is not None:
+                continue
             if token == "(":
                 if len(open_groups) == MAX_DEPTH:
                     raise PlanningError(f"more than {MAX_DEPTH} parentheses in each other", where=f"{where}:{number}")
@@ -96,6 +101,8 @@ RESERVED = frozenset({
     "decrease", "scale-up", "scale-down",
 })  # fmt: skip
 _NAME = re.compile(r"[^\W\d][\w-]*")
+_OBJECT_NAME = re.compile(r"[\w.@-]*[^\W\d][\w.@-]*")
+"""Planners also accept names of objects such as ``2nd-floor`` and ``hall.door``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +167,8 @@ class Vocabulary:
 
     def new_name(self, word: SexpWord, what: str) -> str:
         reserved = word.text in RESERVED and not (what == "a type" and word.text == "number")
-        if reserved or not _NAME.fullmatch(word.text):
+        pattern = _OBJECT_NAME if what == "an object" else _NAME
+        if reserved or not pattern.fullmatch(word.text) or is_number(word):
             raise self.error(
                 f"{word.text!r} cannot be the name of {what}",
                 word,
@@ -171,7 +179,7 @@ class Vocabulary:
         return word.text
 
     def typed_list(self, items: Sequence[Sexpression]) -> list[tuple[SexpWord, tuple[str, ...]]]:
-        """Return words with their unchecked types, as in ``a b - box c``."""
+        """Return words with their unchecked types, as in ``a b - box c``. A type without words has no effect."""
         found: list[tuple[SexpWord, tuple[str, ...]]] = []
         waiting: list[SexpWord] = []
         rest = _parted(items)
@@ -182,8 +190,8 @@ class Vocabulary:
                 waiting.append(item)
                 continue
             kind = next(rest, None)
-            if kind is None or not waiting:
-                raise self.error("a name belongs before -, and a type after it", item)
+            if kind is None:
+                raise self.error("a type belongs after -", item)
             types = self._types(kind)
             found += ((word, types) for word in waiting)
             waiting.clear()
@@ -234,8 +242,10 @@ class Vocabulary:
             )
         terms = tuple(self.term(item, scope) for item in group.rest)
         for item, term, parameter in zip(group.rest, terms, signature.parameters, strict=True):
-            types = scope.variables[term] if term.startswith("?") else self.objects[term]
-            if term not in scope.untyped and not self.domain.fits(types, parameter.types):
+            is_variable = term.startswith("?")
+            types = scope.variables[term] if is_variable else self.objects[term]
+            fits = self.domain.fits if is_variable else self.domain.belongs
+            if term not in scope.untyped and not fits(types, parameter.types):
                 raise self.error(
                     f"{term} is {_either(types)}, but the {kind} {signature.name} takes {_either(parameter.types)}",
                     item,
@@ -252,6 +262,13 @@ class Vocabulary:
         elif item.text not in self.objects:
             raise self.unknown("object", item.text, self.objects, item)
         return item.text
+
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII)
+
+
+def is_number(item: Sexpression) -> bool:
+    return isinstance(item, SexpWord) and _NUMBER.fullmatch(item.text) is not None
 
 
 def _parted(items: Sequence[Sexpression]) -> Iterator[Sexpression]:

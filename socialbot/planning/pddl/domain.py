@@ -105,6 +105,10 @@ class PddlDomain:
         """Return whether all of ``types`` are sub-types of ``wanted`` ones."""
         return all(any(self.is_a(kind, one) for one in wanted) for kind in types)
 
+    def belongs(self, types: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
+        """Return whether an object of all ``types`` belongs to a wanted one. Planners read ``either`` of objects so."""
+        return any(self.is_a(kind, one) for kind in types for one in wanted)
+
 
 @dataclass(frozen=True, slots=True)
 class Metric:

@@ -1,8 +1,9 @@
 """Reader of PDDL 2.1 domains and problems.
 
-Supported are type hierarchies and ``either``, constants, functions, durative actions, negative, disjunctive and
-quantified conditions, equality, conditional effects, duration inequalities, derived predicates, and timed initial
-literals and fluents. Preferences, constraints and continuous effects are errors. ``:requirements`` may be incomplete.
+Files are read as planners read them: requirements may be incomplete or unknown, sections and declarations may be
+repeated, and ``:vars`` are further parameters. Supported are type hierarchies and ``either``, constants, functions,
+durative actions, negative, disjunctive and quantified conditions, equality, conditional effects, duration inequalities,
+derived predicates, and timed initial literals and fluents. Preferences, constraints and continuous effects are errors.
 The function ``(total-cost)`` is 0 at the start unless the problem says otherwise.
 """
 
@@ -11,8 +12,16 @@ from __future__ import annotations
 import graphlib
 from dataclasses import replace
 
-from socialbot.planning.pddl._formula_reader import FormulaReader, is_number
-from socialbot.planning.pddl._parser import Scope, SexpGroup, Sexpression, SexpWord, Vocabulary, read_sexpression
+from socialbot.planning.pddl._formula_reader import FormulaReader
+from socialbot.planning.pddl._parser import (
+    Scope,
+    SexpGroup,
+    Sexpression,
+    SexpWord,
+    Vocabulary,
+    is_number,
+    read_sexpression,
+)
 from socialbot.planning.pddl.domain import (
     OBJECT,
     Metric,
@@ -46,9 +55,11 @@ REQUIREMENTS = frozenset({
     ":continuous-effects", ":derived-predicates", ":timed-initial-literals", ":timed-initial-fluents",
     ":preferences", ":constraints", ":action-costs", ":time", ":timed-effects", ":domain-axioms", ":goal-utilities",
 })  # fmt: skip
-_SINGLE = (":requirements", ":types", ":constants", ":predicates", ":functions")
-_REPEATED = (":action", ":durative-action", ":derived")
+_OF_DOMAINS = (
+    ":requirements", ":types", ":constants", ":predicates", ":functions", ":action", ":durative-action", ":derived",
+)  # fmt: skip
 _OF_PROBLEMS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric", ":length")
+_ONCE = (":domain", ":goal", ":metric", ":length")
 _UNSUPPORTED = {
     ":constraints": "preferences and constraints (:constraints)",
     ":process": "continuous change (:process)",
@@ -78,8 +89,9 @@ class _FileReader:
         self._formulas = FormulaReader(self._names)
 
     def _section(self, sections: list[SexpGroup], name: str) -> SexpGroup:
-        """Return the section of a name, which is empty if there is none."""
-        return next((section for section in sections if section.head == name), SexpGroup((), self._whole.line))
+        """Return the section of a name: empty if there is none, joined if there are several."""
+        first, *more = [section for section in sections if section.head == name] or [SexpGroup((), self._whole.line)]
+        return SexpGroup(first.items + tuple(item for section in more for item in section.rest), first.line)
 
     def _name(self, kind: str) -> str:
         names, whole = self._names, self._whole
@@ -91,8 +103,8 @@ class _FileReader:
             raise names.error(f"this is no {kind} but a {word}: (define {group} ...)", group)
         return names.word(group.items, 1, f"the name of the {kind}", group).text
 
-    def _sections(self, single: tuple[str, ...], repeated: tuple[str, ...] = ()) -> list[SexpGroup]:
-        """Return the sections; unknown ones and duplicates of ``single`` ones are errors."""
+    def _sections(self, known: tuple[str, ...]) -> list[SexpGroup]:
+        """Return the sections; unknown ones and duplicates of those in `_ONCE` are errors."""
         names = self._names
         sections = [names.group(item, "a section") for item in self._whole.rest[1:]]
         seen: set[str] = set()
@@ -100,9 +112,9 @@ class _FileReader:
             word = names.word(section.items, 0, "the name of a section", section)
             if word.text in _UNSUPPORTED:
                 raise names.unsupported(_UNSUPPORTED[word.text], word)
-            if word.text not in (*single, *repeated):
-                raise names.unknown("section", word.text, (*single, *repeated), word)
-            if word.text in seen and word.text not in repeated:
+            if word.text not in known:
+                raise names.unknown("section", word.text, known, word)
+            if word.text in seen and word.text in _ONCE:
                 raise names.error(f"{word} is there twice", word)
             seen.add(word.text)
         return sections
@@ -110,18 +122,17 @@ class _FileReader:
     def _requirements(self, section: SexpGroup) -> frozenset[str]:
         for index in range(1, len(section.items)):
             word = self._names.word(section.items, index, "a requirement", section)
-            if word.text not in REQUIREMENTS:
+            if not word.text.startswith(":"):
                 raise self._names.unknown("requirement", word.text, REQUIREMENTS, word)
         return frozenset(map(str, section.rest))
 
     def _objects(self, section: SexpGroup) -> dict[str, tuple[str, ...]]:
-        """Declare objects; constants of the domain may be repeated with the same type."""
+        """Declare objects; one that is declared several times, perhaps as a constant, belongs to all its types."""
         names, found = self._names, {}
         for word, types in names.typed_list(section.rest):
             name = names.new_name(word, "an object")
-            if found.get(name, types) != types or names.objects.get(name, types) != types:
-                raise names.error(f"the object {name} is declared twice", word)
-            found[name] = names.known_types(types, word)
+            known = found.get(name, names.objects.get(name, ()))
+            found[name] = tuple(dict.fromkeys((*known, *names.known_types(types, word))))
         names.objects.update(found)
         return found
 
@@ -135,7 +146,7 @@ class _DomainReader(_FileReader):
 
     def read(self) -> PddlDomain:
         self._add(name=self._name("domain"))
-        sections = self._sections(_SINGLE, _REPEATED)
+        sections = self._sections(_OF_DOMAINS)
         self._add(requirements=self._requirements(self._section(sections, ":requirements")))
         self._add(types=self._types(self._section(sections, ":types")))
         self._add(constants=self._objects(self._section(sections, ":constants")))
@@ -182,7 +193,7 @@ class _DomainReader(_FileReader):
         found: dict[str, Signature] = {}
         for item in items:
             signature = self._names.signature(item, f"a {what}")
-            if signature.name in found:
+            if found.get(signature.name, signature) != signature:
                 raise self._names.error(f"the {what} {signature.name} is declared twice", item)
             found[signature.name] = signature
         return found
@@ -312,8 +323,8 @@ class _ProblemReader(_FileReader):
     def _timed(self, group: SexpGroup) -> TimedInitialEffect:
         """Read ``(at 5 (p a))``, ``(at 5 (not (p a)))`` or ``(at 5 (= (f a) 3))``."""
         time_s = self._formulas.number(group.items[1])
-        if time_s <= 0:
-            raise self._names.error(f"a timed initial literal must have a time > 0: {group}", group)
+        if time_s < 0:
+            raise self._names.error(f"a timed initial literal cannot have a time < 0: {group}", group)
         what = self._names.group(group.items[2], "a fact")
         if what.head == "=":
             fluent, value = self._value(what)

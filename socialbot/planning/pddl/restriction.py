@@ -114,6 +114,7 @@ def _restricted_text(
     }
     declared = tuple(_group(mark, *_typed(signature.parameters)) for mark, signature in signatures.items())
     whole, items = read_sexpression(domain.text, where=domain.where or domain.name), []
+    is_declared = False
     for item in whole.items:
         head = item.head if isinstance(item, SexpGroup) else ""
         name = str(item.items[1]) if isinstance(item, SexpGroup) and head in _CONDITION else ""
@@ -121,12 +122,12 @@ def _restricted_text(
             continue
         if isinstance(item, SexpGroup) and head == ":requirements":
             item = SexpGroup((*item.items, _word(":negative-preconditions")), item.line)
-        elif isinstance(item, SexpGroup) and head == ":predicates":
-            item = SexpGroup((*item.items, *declared), item.line)
+        elif isinstance(item, SexpGroup) and head == ":predicates" and not is_declared:
+            item, is_declared = SexpGroup((*item.items, *declared), item.line), True
         elif isinstance(item, SexpGroup) and name in conditions:
             item = _with_conditions(item, conditions[name])
         items.append(item)
-    if not any(isinstance(item, SexpGroup) and item.head == ":predicates" for item in items):
+    if not is_declared:
         place = next(n for n, item in enumerate(items) if isinstance(item, SexpGroup) and item.head in _CONDITION)
         items.insert(place, _group(":predicates", *declared))
     return str(SexpGroup(tuple(items), whole.line))

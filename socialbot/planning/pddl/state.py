@@ -141,7 +141,7 @@ class PddlState:
     def objects(self, types: tuple[str, ...]) -> tuple[str, ...]:
         found = self._of_types.get(types)
         if found is None:
-            found = tuple(name for name, kinds in self.types.items() if self.domain.fits(kinds, types))
+            found = tuple(name for name, kinds in self.types.items() if self.domain.belongs(kinds, types))
             self._of_types[types] = found
         return found
 

@@ -340,8 +340,8 @@ def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running:
         types = state.types.get(name)
         if types is None:
             return f"{step.call}: there is no object {name}"
-        if not domain.fits(types, parameter.types):
-            return f"{step.call}: {name} is a {' or '.join(types)}, no {' or '.join(parameter.types)}"
+        if not domain.belongs(types, parameter.types):
+            return f"{step.call}: {name} is a {' and '.join(types)}, no {' or '.join(parameter.types)}"
     if not (math.isfinite(step.start_s) and math.isfinite(step.duration_s)):
         return f"{step.call}: its time is not finite"
     if running:

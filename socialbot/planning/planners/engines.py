@@ -31,6 +31,8 @@ from socialbot.planning.planners.planner import (
 UNHURRIED_S = 1_000_000
 """Timeout that Kairos gets. It splits its timeout among its searches by elapsed time, so that the load of the machine
 would change the result; socialbot ends the process instead."""
+THOROUGH_SHARE = 0.75
+"""Share of its time that the default search of Kairos gets; the engine m3 gets the rest."""
 VALIDATE_S = 2.0
 THREAD_MB = 128
 """Address space that a thread reserves."""
@@ -50,8 +52,8 @@ class Kairos(ChildPlanner):
     """Temporal and numeric planner; deterministic with one thread. Raises InstallationError if it is not installed.
 
     If its first plan is too long, a greedy search gets half of the time to find a shorter one. The default search of
-    Kairos gets half of the rest. The remaining time is for the engine m3, which treats start and end of an action as
-    two steps: it is slow, but finds plans with required concurrency.
+    Kairos gets three quarters of the rest. The remaining time is for the engine m3, which treats start and end of an
+    action as two steps: it is slow, but finds plans with required concurrency.
 
     If its first plan is short enough, a novelty search looks for a shorter one in half of the remaining time.
     """
@@ -74,8 +76,9 @@ class Kairos(ChildPlanner):
         return self._search(search, "--no-anytime", "--search", "novelty")
 
     def _thorough(self, search: SearchJob, *options: str) -> PlannerAnswer:
-        answer = self._search(search.half, *options)
-        if search.good(answer) or answer.seconds < search.half.left_s:
+        first = replace(search, left_s=THOROUGH_SHARE * search.left_s)
+        answer = self._search(first, *options)
+        if search.good(answer) or answer.seconds < first.left_s:
             return answer
         other = self._search(search.after(answer), *options, "--engine", "m3")
         # m3 does not support all domains, which says nothing about the problem.
@@ -89,7 +92,7 @@ class Kairos(ChildPlanner):
         return self.run(search, solve, 2 * limits.memory_mb + THREAD_MB * limits.threads)
 
     def answer(self, ended: ChildExit, search: SearchJob) -> PlannerAnswer:
-        plans = _plans(ended.output)
+        plans = kairos_plans(ended.output)
         if not plans:
             return self._failed(ended, search.limits)
         best = min(plans, key=lambda plan: plan.makespan_s)
@@ -131,8 +134,8 @@ def _command() -> str:
     return found
 
 
-def _plans(output: str) -> list[PddlPlan]:
-    """Return the plans in complete lines of JSON."""
+def kairos_plans(output: str) -> list[PddlPlan]:
+    """Return the plans in the output of Kairos: complete lines of JSON."""
     written = [json.loads(line) for line in output.splitlines() if line.startswith("{") and line.endswith("}")]
     return [_plan((one["time"], *_called(one["action"]), one["duration"]) for one in plan["steps"]) for plan in written]
 
