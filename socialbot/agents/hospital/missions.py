@@ -56,7 +56,13 @@ class Disinfection(TeamDomain[WardState]):
         self._durations = DURATIONS[pace]
 
     def targets(self, world: WardState) -> Iterable[str]:
-        return (room.name for room in world.rooms if room.infected)
+        return (room.name for room in world.rooms if not room.disinfected)
+
+    def changed(self, before: WardState, world: WardState) -> set[str] | None:
+        if (len(before.rooms), len(before.agents)) != (len(world.rooms), len(world.agents)):
+            return None  # sensors became silent, or work again
+        pairs = (*zip(before.rooms, world.rooms, strict=True), *zip(before.agents, world.agents, strict=True))
+        return {one.name for old, new in pairs if old is not new and old != new for one in (old, new)}
 
     def is_done(self, world: WardState, target: str) -> bool | None:
         room = world.room(target)

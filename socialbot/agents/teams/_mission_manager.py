@@ -12,6 +12,7 @@ from socialbot.agents.teams.domain import TeamDomain
 from socialbot.agents.teams.messages import MissionView
 from socialbot.agents.teams.missions import (
     FOREVER,
+    AgentHomes,
     AgentPool,
     CoordinatorMemory,
     CoordinatorOptions,
@@ -43,7 +44,8 @@ ASIDE_NS = 60 * SECOND
 """Time for which an agent that is stuck or fails is set aside; it doubles with each time in a row."""
 MOST_STRIKES = 6
 LACKS_EVERY_NS = SECOND // 2
-"""Period of the search for roles that nobody can play."""
+"""Period of the search for roles that nobody can play; longer if more missions than `OFTEN_NOTED` wait."""
+OFTEN_NOTED = 30
 SETTLED_NS = SECOND // 10
 """Time for which the world must contradict a plan before a revision; it doubles with each revision."""
 
@@ -73,12 +75,17 @@ class MissionManager:
         self.planning_s: deque[float] = deque(maxlen=10_000)
         self.changed = True
         self.world: Any = None
+        self.unchecked: set[str] | None = None
+        """Targets whose missions began, waited again or ended since the latest state; None for all."""
         self.now = 0
         self._may_form = True
         """Whether an agent or mission became free since the last attempt to form teams."""
         self._lacks_noted_at = -LACKS_EVERY_NS
+        self._lacks_every_ns = LACKS_EVERY_NS
         self._capable: dict[str, list[RegisteredAgent]] | None = None
         """Capable agents by role; None after a registration."""
+        self._homes: AgentHomes | None = None
+        """Homes of agents in the present world; None after a registration."""
         self._ended: deque[MissionView] = deque(maxlen=SHOWN)
         self._views: dict[int, MissionView] = {}
         """Published states of open missions that have not changed since."""
@@ -90,6 +97,7 @@ class MissionManager:
         self.memory.last += 1
         mission = Mission(self.memory.last, kind, target, self.domain.kinds[kind])
         self.memory.missions[mission.id] = mission
+        self._check_again(mission)
         self.await_team(mission)
         return mission
 
@@ -101,6 +109,7 @@ class MissionManager:
         mission.rests_until = self.now + nanoseconds(self.options.rest_s) if rest else 0
         mission.found.clear()
         mission.failures.clear()
+        self._check_again(mission)
         self.await_team(mission)
 
     def finish(self, mission: Mission, status: Literal["finished", "failed"] = "finished") -> None:
@@ -112,6 +121,7 @@ class MissionManager:
                     self.memory.members[name].strikes = 0
         self._ended.append(view(mission, self.progress_of.get(mission.id)))
         self._dismiss(mission, acl.End())
+        self._check_again(mission)
         self.redraw(self.memory.missions.pop(mission.id))
 
     def give_up(self, mission: Mission, problem: str) -> None:
@@ -139,6 +149,26 @@ class MissionManager:
             if mission.id not in self._views:
                 self._views[mission.id] = view(mission, self.progress_of.get(mission.id))
             yield self._views[mission.id]
+
+    # World
+
+    def observe(self, world: Any) -> set[str] | None:
+        """Process a state of the world; returns the targets and agents to look at, or None for all."""
+        before, self.world = self.world, world
+        changed = None if before is None else self.domain.changed(before, world)
+        if changed is None:
+            self._homes = None
+        elif self._homes is not None:
+            for name in changed:
+                if name in self.memory.members:
+                    self._homes.note(name, self.domain.member(world, name))
+        checked = None if changed is None or self.unchecked is None else self.unchecked.union(changed)
+        self.unchecked = set()
+        return checked
+
+    def _check_again(self, mission: Mission) -> None:
+        if self.unchecked is not None:
+            self.unchecked.add(mission.target)
 
     # Teams
 
@@ -169,11 +199,17 @@ class MissionManager:
         if self.world is None or not self._may_form:
             return
         self._may_form = False
-        missions = self.memory.missions.values()
-        waiting = [each for each in missions if each.status == "waiting" and each.rests_until <= self.now]
-        pool = self._pool()
-        if waiting and self.now - self._lacks_noted_at >= LACKS_EVERY_NS:
+        pool, least = self._pool(), min(self.domain.kinds.values())
+        is_due = self.now - self._lacks_noted_at >= self._lacks_every_ns
+        everything = is_due or not pool.is_short()
+        waiting = [
+            each
+            for each in self.memory.missions.values()
+            if each.status == "waiting" and each.rests_until <= self.now and (everything or each.priority > least)
+        ]
+        if waiting and is_due:
             self._lacks_noted_at = self.now
+            self._lacks_every_ns = LACKS_EVERY_NS * max(1, len(waiting) // OFTEN_NOTED)
             for mission in waiting:
                 self._note_lack(mission, pool.lacking(mission))
         for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
@@ -190,14 +226,16 @@ class MissionManager:
 
     def on_registered(self) -> None:
         """Process a new agent, or new capabilities of one."""
-        self._capable = None
+        self._capable = self._homes = None
         self.changed = True
         self.await_team()
 
     def _pool(self) -> AgentPool:
         if self._capable is None:
             self._capable = capable_agents(self.domain.roles, self.memory.members)
-        return AgentPool(self.domain, self.memory.members, self.world, self.now, self._capable)
+        if self._homes is None:
+            self._homes = AgentHomes(self.domain, self.memory.members, self.world)
+        return AgentPool(self.domain, self.memory.members, self.world, self.now, self._capable, self._homes.names)
 
     def _note_lack(self, mission: Mission, lacks: str) -> None:
         if mission.lacks != lacks:

@@ -146,13 +146,17 @@ class Coordinator:
     def observe(self, world: Any, now: int) -> None:
         """Process the state of the world: start and end missions, and act before problems."""
         manager, domain = self.manager, self.manager.domain
-        manager.now, manager.world = now, world
+        manager.now = now
+        checked = manager.observe(world)
         if manager.options.triggers:
-            served = {mission.target for mission in self.memory.missions.values()} | manager.given_up
-            for target in domain.targets(world):
+            needing = [target for target in domain.targets(world) if checked is None or target in checked]
+            served = {each.target for each in self.memory.missions.values()} | manager.given_up if needing else set()
+            for target in needing:
                 if target not in served and not domain.hopeless(world, target):
                     manager.begin(next(iter(domain.kinds)), target)
-        for mission in list(self.memory.missions.values()):
+        missions = self.memory.missions.values()
+        followed = [each for each in missions if each.status != "waiting" or checked is None or each.target in checked]
+        for mission in followed:
             if hopeless := domain.hopeless(world, mission.target):
                 manager.give_up(mission, hopeless)
             elif mission.status == "waiting":
@@ -253,6 +257,7 @@ class TeamCoordinator(Node):
 
     def on_parameter(self, name: str) -> None:
         self.coordinator.manager.domain = self.team_domain()
+        self.coordinator.manager.unchecked = None
         self.coordinator.manager.options = self._options()
 
     def _options(self) -> CoordinatorOptions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
@@ -108,6 +108,13 @@ class TeamDomain(ABC, Generic[W]):
     def hopeless(self, world: W, target: str) -> str:
         """The reason why no mission can ever be done for a target; an empty string if there is none."""
         return ""
+
+    def changed(self, before: W, world: W) -> Collection[str] | None:
+        """The targets and agents that may differ between two states; None if all may.
+
+        The coordinator looks only at these again, so that a large world costs little at each state.
+        """
+        return None
 
     # Planning
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from operator import itemgetter
 from typing import Any, Literal
@@ -115,10 +115,30 @@ def capable_agents(roles: Iterable[Role], members: Mapping[str, RegisteredAgent]
     }
 
 
+class AgentHomes:
+    """Names of registered agents by their home in the world."""
+
+    def __init__(self, domain: TeamDomain[Any], members: Iterable[str], world: Any) -> None:
+        self.names: defaultdict[str, set[str]] = defaultdict(set)
+        self._home_of: dict[str, str] = {}
+        for name in members:
+            self.note(name, domain.member(world, name))
+
+    def note(self, name: str, state: MemberState | None) -> None:
+        """Process the state of an agent; None if the world does not show it."""
+        old = self._home_of.pop(name, None)
+        if old is not None:
+            self.names[old].discard(name)
+        if state is not None:
+            self._home_of[name] = state.home
+            self.names[state.home].add(name)
+
+
 class AgentPool:
     """Registered agents that are present in a state of the world, and not set aside at a time (ns).
 
-    ``capable`` are the agents that have all actions of a role, by its variable; without it they are searched.
+    ``capable`` are the agents that have all actions of a role, by its variable; ``homes`` are names of agents by home.
+    Without them they are searched.
     """
 
     def __init__(
@@ -128,29 +148,33 @@ class AgentPool:
         world: Any,
         now: int = 0,
         capable: Mapping[str, Sequence[RegisteredAgent]] | None = None,
+        homes: Mapping[str, Collection[str]] | None = None,
     ) -> None:
         self._domain = domain
+        self._members = members
         self._world = world
         self._now = now
         self._capable = capable_agents(domain.roles, members) if capable is None else capable
-        self._able: dict[str, dict[str, list[RegisteredAgent]]] = {}
+        self._homes = AgentHomes(domain, members, world).names if homes is None else homes
+        self._able: dict[tuple[str, str], list[RegisteredAgent]] = {}
 
     def able(self, role: Role, target: str) -> list[RegisteredAgent]:
         """Agents for a role of a mission for ``target``, free or not: by rank, then by number."""
-        if role.variable not in self._able:
-            self._able[role.variable] = self._by_home(role)
-        return self._able[role.variable].get(target if role.is_local else "", [])
+        key = role.variable, target if role.is_local else ""
+        if key not in self._able:
+            able = [
+                ((state.rank, by_number(member.name)), member)
+                for member in self._candidates(role, target)
+                if member.aside_until <= self._now and (state := self._state(member)) is not None and state.is_present
+            ]
+            self._able[key] = [member for _, member in sorted(able, key=itemgetter(0))]
+        return self._able[key]
 
-    def _by_home(self, role: Role) -> dict[str, list[RegisteredAgent]]:
-        able = [
-            ((state.rank, by_number(member.name)), state.home, member)
-            for member in self._capable[role.variable]
-            if member.aside_until <= self._now and (state := self._state(member)) is not None and state.is_present
-        ]
-        found: defaultdict[str, list[RegisteredAgent]] = defaultdict(list)
-        for _, home, member in sorted(able, key=itemgetter(0)):
-            found[home if role.is_local else ""].append(member)
-        return found
+    def _candidates(self, role: Role, target: str) -> Sequence[RegisteredAgent]:
+        if not role.is_local:
+            return self._capable[role.variable]
+        at_home = [self._members[name] for name in self._homes.get(target, ()) if name in self._members]
+        return [member for member in at_home if role.needs <= member.capabilities]
 
     def _state(self, member: RegisteredAgent) -> MemberState | None:
         return self._domain.member(self._world, member.name)

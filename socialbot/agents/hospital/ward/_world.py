@@ -87,17 +87,18 @@ class WardAgent:
     battery: float = 1.0
     activity: Activity | None = None
     journey: Journey | None = None
-    _shown: AgentState | None = None
-    _shown_for: tuple[Any, ...] = ()
+    shown: AgentState | None = field(default=None, init=False)
+    """Value of its sensor until the next change; None while it moves."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+        object.__setattr__(self, "shown", None)
 
     def at(self, time: int) -> Position:
         return self.journey.left(time)[0] if self.journey else self.position
 
     def state(self, time: int) -> AgentState:
         """Value of its sensor."""
-        shown_for = (self.place, self.inside, self.position, self.battery, self.activity)
-        if self._shown is not None and self.journey is None and shown_for == self._shown_for:
-            return self._shown
         position = self.at(time)
         state = AgentState(
             name=self.member.name,
@@ -110,7 +111,8 @@ class WardAgent:
             battery=round(self.battery, 4),
             busy=str(self.activity or ""),
         )
-        self._shown, self._shown_for = (None if self.journey else state), shown_for
+        if self.journey is None:
+            object.__setattr__(self, "shown", state)
         return state
 
 
@@ -168,7 +170,7 @@ class WardWorld(SimulatedWorld):
         if refusal := self._refusal(robot, action, args):
             self._report(id, robot, action, args, self.now, refusal)
             return
-        activities = (agent.activity for agent in self.agents.values())
+        activities = (self.agents[name].activity for name in args if name in self.agents)
         waiting = (each for each in activities if each and each.waits and (each.action, each.args) == (action, args))
         activity = self.agents[robot].activity = next(waiting, None) or Activity(action, args)
         activity.ids[robot] = (id, self.now)
@@ -221,7 +223,7 @@ class WardWorld(SimulatedWorld):
 
     def state(self) -> WardState:
         """True state of the ward, independent of its sensors."""
-        agents = tuple(agent.state(self.now) for agent in self.agents.values())
+        agents = tuple([agent.shown or agent.state(self.now) for agent in self.agents.values()])
         return WardState(stamp=self.now, rooms=tuple(self.rooms.values()), agents=agents)
 
     def change_room(self, room: str, **changes: Any) -> None:
