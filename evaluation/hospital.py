@@ -310,8 +310,9 @@ def _timed_inline(report: Report, todo: Sequence[Setting], jobs: int, scheduler:
     records = play_inline(todo, jobs, scheduler)
     text = f"wall s of the {len(todo)} missions in simulated time, {scheduler or f'{jobs} processes'}"
     is_all = len(todo) == len(RATES) * len(CONFIGURATIONS) * SEEDS
-    report.add("inline_wall_s", text, round(time.monotonic() - begun, 2), INLINE_S if is_all else None)
-    report.add("inline_processor_s", "processor s of these processes", round(_children_s() - used, 2))
+    report.add("inline_wall_s", text, round(time.monotonic() - begun, 2))
+    limit = INLINE_S if is_all and scheduler is None else None
+    report.add("inline_processor_s", "processor s of these processes", round(_children_s() - used, 2), limit)
     return records
 
 

@@ -222,6 +222,8 @@ def _verdict(output: str) -> tuple[Judgement, str]:
     told = " / ".join(line.strip() for line in output.splitlines() if line.strip())[-500:]
     if "Plan valid" in output:
         return "valid", ""
+    if "Bad plan description" in output:  # VAL cannot read the plan
+        return "unclear", told
     if re.search(r"Failed plans|Plan failed|Plan invalid|Goal not satisfied", output):
         return "invalid", told
     return "unclear", told

@@ -187,10 +187,9 @@ def add_planning(report: Report, scale: Scale) -> None:
     others = {"plan6": "POPF 0.45 s (0.20 s processor)", "replan": "POPF 0.035 s"}
     for key, found in plan_by_turns(questions, scale.times).items():
         text = texts[key]
-        best = f"{text}: wall s, best of {scale.times}"
-        report.add(f"{key}_s", best, found.best_s, limits[key], others=others.get(key, ""))
+        report.add(f"{key}_s", f"{text}: wall s, best of {scale.times}", found.best_s, others=others.get(key, ""))
         report.add(f"{key}_median_s", f"{text}: wall s, median", found.median_s)
-        report.add(f"{key}_processor_s", f"{text}: processor s with the child's", found.processor_s)
+        report.add(f"{key}_processor_s", f"{text}: processor s with the child's", found.processor_s, limits[key])
         report.add(f"{key}_steps", f"{text}: actions", found.steps)
     for changed, decision in decisions(DESIRES, scale.decisions).items():
         text = f"{DESIRES} desires, {changed} need what changes"
