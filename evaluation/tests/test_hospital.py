@@ -316,7 +316,7 @@ def test_the_command_ends_with_an_exit_code_when_something_is_missed(tmp_path: P
     assert ended.value.code == 1
 
 
-def test_the_processor_time_is_required_of_all_missions_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_processor_time_is_required_of_all_missions_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     run_main(tmp_path, monkeypatch, GOOD, seeds=5, runner="inline", rates="0,10,25,50,75,100")
     content = json.loads((tmp_path / "figures.json").read_text())
     assert "inline_processor_s" in content
