@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import ClassVar
 
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.hospital.demo import large_hospital
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import MISSIONS as HOSPITAL_MISSIONS
@@ -33,6 +34,8 @@ from socialbot.graph.node import Graph
 
 KINDS = ("dies", "hangs", "joins late", "silent", "vanishes")
 FOREVER_S = 100_000.0
+REST_S = 200.0
+"""Time at rest after which a run is over."""
 STEP_S = 1.0
 
 
@@ -91,7 +94,7 @@ class Scene(ABC):
     Attributes:
         limit_s: Time after which a run is over in any case (s).
         until_s: Latest time of a trouble (s).
-        reporter: Agent that publishes the reasons. When the run loses it, that is the reason.
+        reporter: Agent that publishes the reasons. When it dies, that is the reason.
     """
 
     name: ClassVar[str]
@@ -110,7 +113,7 @@ class Scene(ABC):
         """Targets that are done in the world."""
 
     @abstractmethod
-    def possible(self, working: set[str], gone: set[str]) -> set[str]:
+    def possible(self, runner: InlineRunner, working: set[str], gone: set[str]) -> set[str]:
         """Targets that can be done by the members that work, without the things that are gone."""
 
     @abstractmethod
@@ -120,6 +123,10 @@ class Scene(ABC):
     @abstractmethod
     def is_stuck(self, runner: InlineRunner, member: str) -> bool:
         """Whether the world shows that a member will never finish its action."""
+
+    def is_at_rest(self, runner: InlineRunner) -> bool:
+        """Whether no member does or waits for anything, if the scene can say so."""
+        return False
 
     @abstractmethod
     def listen(self, runner: InlineRunner, reasons: dict[str, str]) -> None:
@@ -192,7 +199,7 @@ class HospitalScene(Scene):
         infected_later = {room for time_s, room in world.ward.infections if world.now < nanoseconds(time_s)}
         return {name for name, room in world.rooms.items() if room.disinfected and name in self.rooms} - infected_later
 
-    def possible(self, working: set[str], gone: set[str]) -> set[str]:
+    def possible(self, runner: InlineRunner, working: set[str], gone: set[str]) -> set[str]:
         if not all(robots & working for robots in self.robots.values()):
             return set()
         return {room for room, nurse in self.rooms.items() if nurse in working}
@@ -244,7 +251,7 @@ class LibraryScene(Scene):
         loc = self._world(runner).variables.loc
         return {book for book in self.things if loc.get(book) == self._example.DESK}
 
-    def possible(self, working: set[str], gone: set[str]) -> set[str]:
+    def possible(self, runner: InlineRunner, working: set[str], gone: set[str]) -> set[str]:
         complete = working & set(self._example.RUNNERS) and working & set(self._example.PORTERS)
         return set(self.things) - gone if complete else set()
 
@@ -266,6 +273,7 @@ class WarehouseScene(Scene):
     def __init__(self) -> None:
         self._scenario = scenario_with(6)
         self.members = (GRIPPER, *self._scenario.carriers)
+        self.things = self._scenario.boxes
         self._carrier_of = {
             box: carrier
             for carrier, boxes in zip(self._scenario.carriers, self._scenario.loads, strict=True)
@@ -288,23 +296,39 @@ class WarehouseScene(Scene):
         pairs = zip(self._scenario.deposits, self._scenario.loads, strict=True)
         return {box for deposit, boxes in pairs for box in boxes if box in load[deposit]}
 
-    def possible(self, working: set[str], gone: set[str]) -> set[str]:
-        if GRIPPER not in working:
-            return set()
-        return {box for box, carrier in self._carrier_of.items() if carrier in working}
+    def possible(self, runner: InlineRunner, working: set[str], gone: set[str]) -> set[str]:
+        load = self._node(runner).world.load
+        return {
+            box
+            for box, carrier in self._carrier_of.items()
+            if carrier in working and box not in gone and (GRIPPER in working or box in load[carrier])
+        }
 
     def is_stuck(self, runner: InlineRunner, member: str) -> bool:
         world = self._node(runner).world
-        drive = world.crane.drive if member == GRIPPER else world.carriers[member].drive
-        return drive.arrival > world.now + nanoseconds(FOREVER_S / 2)
+        return world.stands_until(member) > world.now + nanoseconds(FOREVER_S / 2)
+
+    def is_at_rest(self, runner: InlineRunner) -> bool:
+        agents = [node.deliberator for node in runner.nodes.values() if isinstance(node, Deliberating)]
+        return not any(agent.is_at_work for agent in agents)
 
     def listen(self, runner: InlineRunner, reasons: dict[str, str]) -> None:
+        """A reason names the box, or is that of the carrier on which it is."""
+
         def take(_: str, message: Message) -> None:
             assert isinstance(message, TraceRecord)
-            if message.kind == "desire_dropped":
-                reasons.update(dict.fromkeys(self._carrier_of, f"{message.what}: {message.detail.get('reason')}"))
+            named: list[str] = []
+            if message.kind == "failure" and message.detail.get("reason") == "stuck":
+                named = [box for box in self._carrier_of if box in message.detail["message"]]
+            elif message.kind == "desire_dropped" and message.source == GRIPPER:
+                named = [box for box in self._carrier_of if box in message.detail["reason"]]
+            elif message.kind == "desire_dropped" and message.what == "go_unload":
+                named = self._node(runner).world.load[message.source]
+            why = f"{message.what}: {message.detail.get('message') or message.detail.get('reason')}"
+            reasons.update(dict.fromkeys(named, why))
 
-        runner.tap(f"/{GRIPPER}/trace", take)
+        for member in self.members:
+            runner.tap(f"/{member}/trace", take)
 
 
 class PddlLibraryScene(LibraryScene):
@@ -341,6 +365,7 @@ def play(schedule: Schedule) -> Outcome:
     gone: set[str] = set()
     ever: set[str] = set()
     waiting = list(schedule.troubles)
+    rests_since = 0
     while runner.clock.now() < nanoseconds(scene.limit_s):
         runner.advance(runner.clock.now() + nanoseconds(STEP_S))
         while waiting and nanoseconds(waiting[0].time_s) <= runner.clock.now():
@@ -353,18 +378,21 @@ def play(schedule: Schedule) -> Outcome:
             elif trouble.kind == "vanishes":
                 gone.add(trouble.who)
         ever |= scene.done(runner)
+        if waiting or not scene.is_at_rest(runner):
+            rests_since = runner.clock.now()
+        elif runner.clock.now() - rests_since > nanoseconds(REST_S):
+            break
         if not waiting and runner.clock.now() > nanoseconds(scene.until_s) and scene.done(runner) == scene.targets():
             break
     stuck = {name for name in scene.members if name not in dead and scene.is_stuck(runner, name)}
     everybody = {config.name for config in scene.graph("").nodes}
-    possible = scene.possible(everybody - dead - stuck, gone)
-    if scene.reporter in dead | stuck:
-        why = "died" if scene.reporter in dead else "is stuck"
-        reasons.update(dict.fromkeys(scene.targets() - set(reasons), f"{scene.reporter}, which plans, {why}"))
+    possible = scene.possible(runner, everybody - dead - stuck, gone)
+    if scene.reporter in dead:
+        reasons.update(dict.fromkeys(scene.targets() - set(reasons), f"{scene.reporter}, which plans, died"))
     failures = tuple(f"{name}: {fault.first}" for name, fault in runner.faults.items() if fault.failures)
     return Outcome(
         schedule,
-        frozenset(scene.done(runner)),
+        frozenset(scene.done(runner) | (ever & gone)),
         frozenset(possible),
         frozenset(scene.targets()),
         {target: reason for target, reason in reasons.items() if reason},

@@ -28,7 +28,7 @@ SORT = "sort_boxes"
 LIMIT_S = 1500.0
 """Time after which a run counts as hanging. Sorting six boxes is aborted and restarted after 232 s."""
 QUIET_S = 3.0
-"""Idle time of all agents after which the run is over."""
+"""Time for messages on their way, after which the run is over if no agent is at work."""
 CHECK_S = 0.5
 
 
@@ -197,7 +197,7 @@ class Run:
     def _is_over(self) -> bool:
         nodes = self.runner.nodes.values()
         agents = [node.deliberator for node in nodes if isinstance(node, Deliberating)]
-        return bool(self.end) and all(not agent.desires and agent.plan_executor.idle for agent in agents)
+        return bool(self.end) and not any(agent.is_at_work for agent in agents)
 
     def _take(self, topic: str, message: Message) -> None:
         assert isinstance(message, TraceRecord)

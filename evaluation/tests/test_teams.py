@@ -5,9 +5,10 @@ import pytest
 from evaluation.report import Report
 from evaluation.teams import add_figures
 from evaluation.teams_runs import SCENES, Outcome, Schedule, Trouble, play, schedules
+from socialbot.core.clock import nanoseconds
 from socialbot.graph.inline import InlineRunner
 
-TEAM_SCENES = ["hospital", "library", "library (PDDL)"]
+TEAM_SCENES = ["hospital", "library", "library (PDDL)", "warehouse"]
 
 
 def test_schedules_depend_on_seeds_only_and_have_all_worlds():
@@ -16,7 +17,7 @@ def test_schedules_depend_on_seeds_only_and_have_all_worlds():
     assert len(set(schedules(50))) == 50
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3, 93, 113])
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 93, 113, 24, 119])
 def test_everything_that_can_be_done_is_done(number: int):
     outcome = play(schedules(number + 1)[number])
     assert outcome.missed == frozenset()
@@ -32,6 +33,19 @@ def test_missions_of_a_dead_team_are_impossible_with_a_reason(name: str):
     assert outcome.possible <= outcome.done
     assert outcome.wanted > outcome.done
     assert outcome.unexplained == frozenset()
+
+
+def test_a_stalled_gripper_can_do_nothing_but_boxes_on_carriers_can_arrive():
+    scene = SCENES["warehouse"]()
+    runner = InlineRunner(scene.graph("60 stalls gripper_a 100000"))
+    runner.start()
+    runner.advance(nanoseconds(59.0))
+    assert not scene.is_stuck(runner, "gripper_a")
+    runner.advance(nanoseconds(61.0))
+    assert scene.is_stuck(runner, "gripper_a")
+    possible = scene.possible(runner, set(scene.members) - {"gripper_a"}, set())
+    assert 0 < len(possible) < len(scene.targets())
+    assert possible < scene.possible(runner, set(scene.members), set())
 
 
 def test_completion_is_read_from_the_world():

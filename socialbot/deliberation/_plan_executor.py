@@ -31,7 +31,7 @@ from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.messages import INSTANCE, Desire, Fact, PlanExecutionInfo
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula, Key
 from socialbot.planning.pddl.restriction import touches
 
@@ -44,13 +44,16 @@ _TRACE_NAME = "director"
 class PlanOutcome:
     """End of a plan, and its ``record`` in the trace.
 
-    A failed plan may have steps that continue, see `PlanExecutor.running`.
+    A failed plan may have steps that continue, see `PlanExecutor.running`. ``failed`` is the step that has failed, and
+    ``done`` are the steps that have succeeded.
     """
 
     how: How
     plan: int
     reason: str = ""
     record: str = ""
+    failed: PlanStep | None = None
+    done: tuple[PlanStep, ...] = ()
 
 
 class PlanExecutor:
@@ -350,12 +353,15 @@ class PlanExecutor:
 
     def _on_step_failed(self, task: PlanTask, record: str) -> None:
         if self._execution is not None and not self.finishing_steps:
-            self._fail_plan(self._execution, f"{task.step.call}: {task.message}", record)
+            self._fail_plan(self._execution, f"{task.step.call}: {task.message}", record, task.step)
 
-    def _fail_plan(self, execution: PlanExecution, reason: str, cause: str = "") -> None:
+    def _fail_plan(
+        self, execution: PlanExecution, reason: str, cause: str = "", failed: PlanStep | None = None
+    ) -> None:
         if execution.status == "RUNNING":
             self._end_plan(execution, "failed", reason, cause)
-        self._outcomes.append(PlanOutcome("failed", execution.number, reason, execution.end_record))
+        done = tuple(task.step for task in execution.tasks if task.status == "SUCCESSFUL")
+        self._outcomes.append(PlanOutcome("failed", execution.number, reason, execution.end_record, failed, done))
 
     def _end_plan(self, execution: PlanExecution, how: How, reason: str = "", cause: str = "") -> None:
         execution.status = "SUCCESSFUL" if how == "succeeded" else "ABORT"

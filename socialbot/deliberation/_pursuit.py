@@ -14,17 +14,24 @@ from socialbot.bdi import Engine
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import PlanningError
 from socialbot.deliberation._plan_executor import PlanExecutor, PlanOutcome
-from socialbot.deliberation.desires import DesireState, End
+from socialbot.deliberation.desires import DesireState, End, Setback
 from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import Desire, FactCondition
 from socialbot.deliberation.options import DeliberationOptions
-from socialbot.planning.pddl.domain import PddlDomain, PddlProblem, in_time
+from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep, in_time
 from socialbot.planning.pddl.formulas import Key
+from socialbot.planning.pddl.reachability import losing_step
 from socialbot.planning.pddl.restriction import restricted
 from socialbot.planning.planners.planner import Planner, PlannerAnswer, PlannerVerdict
 
 GRACE_S = 5.0
 """Time after the planner's timeout until it is taken to have crashed."""
+
+AVOIDED_AFTER = 2
+"""Number of failures of a step after which plans avoid it as long as they achieve something else."""
+
+MAX_AVOIDED = 30
+"""Largest number of steps that a plan avoids because of conditions that it leaves out."""
 
 UNSOLVABLE_FACTOR = 8
 """Multiple of ``retry_s`` until a plan proved impossible is requested again for unchanged facts."""
@@ -38,7 +45,8 @@ class PlanRequest:
     """A request for a plan of at most ``max_makespan_s`` (s).
 
     A desire that preempts another is planned for from the state after an abort, or ``after_steps``: after the end of
-    the running steps. The plan leaves out the conditions ``without``, which nothing can make true.
+    the running steps. The plan leaves out the conditions ``without``, which nothing can make true, and the steps
+    ``avoided``, which have failed.
     """
 
     state: DesireState
@@ -47,6 +55,8 @@ class PlanRequest:
     cause: str
     after_steps: bool = False
     without: tuple[FactCondition, ...] = ()
+    avoided: tuple[PlanStep, ...] = ()
+    problem: PddlProblem | None = None
     cancelled: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -107,7 +117,9 @@ class DesirePursuit:
         if self.current is state and not state.context_holds():
             self.abort("the context of the desire no longer holds")
             return
-        self._send(PlanRequest(state, self.facts.domain, *self._max_makespan(state)))
+        makespan_s, cause = self._max_makespan(state)
+        avoided = tuple(one.step for one in state.setbacks.values() if one.times >= AVOIDED_AFTER)
+        self._send(PlanRequest(state, self.facts.domain, makespan_s, cause, avoided=avoided))
 
     def _send(self, request: PlanRequest) -> None:
         try:
@@ -115,9 +127,9 @@ class DesirePursuit:
         except PlanningError as error:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
-        domain = request.domain
-        if self.unavailable:
-            domain, problem = restricted(domain, problem, self.unavailable)
+        domain, request.problem = request.domain, problem
+        if self.unavailable or request.avoided:
+            domain, problem = restricted(domain, problem, self.unavailable, request.avoided)
         self._request = request
         limits = replace(self.options.limits, makespan_s=request.max_makespan_s)
         work = functools.partial(self.planner.solve, domain, problem, limits, request.cancelled)
@@ -191,10 +203,16 @@ class DesirePursuit:
         unhandled = () if plan is None else self.without_handler(step.action for step in plan.steps)
         if unhandled:
             self.end(state, "dropped", f"no plan or action performs {', '.join(unhandled)}")
+        elif (loses := self._losing_step(request, plan)) is not None and len(request.avoided) < MAX_AVOIDED:
+            self._send(replace(request, avoided=(*request.avoided, loses)))
+            return
         elif plan is None or message:
             rest = self._without_unreachable(request, answer)
             if rest is not None:
                 self._send(rest)
+                return
+            if request.avoided:  # nothing else is left to do
+                self._send(replace(request, without=(), avoided=()))
                 return
             if self._preempts(state) and not request.after_steps and self.plan_executor.running:
                 self._send(replace(request, after_steps=True, without=()))
@@ -229,6 +247,12 @@ class DesirePursuit:
             return None
         return replace(request, without=(*request.without, *impossible))
 
+    def _losing_step(self, request: PlanRequest, plan: PddlPlan | None) -> PlanStep | None:
+        """Return a step of a partial plan after which nothing could make the conditions true that it leaves out."""
+        if plan is None or request.problem is None or not request.without:
+            return None
+        return losing_step(request.domain, request.problem, plan, self.facts.goal(request.without).parts)
+
     def _preempts(self, state: DesireState) -> bool:
         return self.current is not None and self.current is not state
 
@@ -244,12 +268,14 @@ class DesirePursuit:
             state.fruitless += 1
             state.not_before = now + self._pause(state.fruitless)
             return
+        self._note_progress(state)
         state.failed_planning += 1
         if self._preempted is not None and self._preempted[0] is state and self._preempted[1] is not self.current:
             state.never_preempts.append(self._preempted[1])
             self._preempted = None
         if state.failed_planning >= self.options.comp_plan_tries:
-            self.end(state, "dropped", f"no plan after {_times(state.failed_planning, 'try', 'tries')}: {reason}")
+            reason = f"no plan after {_times(state.failed_planning, 'try', 'tries')}: {reason}"
+            self.end(state, "dropped", self._reason(state, reason))
             return
         state.not_before = now + self._pause(state.failed_planning)
         if unsolvable:
@@ -298,6 +324,8 @@ class DesirePursuit:
         state = self.current
         if state is None:
             return
+        self._note_setbacks(state, outcome)
+        self._note_progress(state)
         partly = outcome.how == "succeeded" and self._is_partial
         if outcome.how == "aborted" or partly or (outcome.how == "succeeded" and state.is_fulfilled()):
             self.current, self.problem = None, ""
@@ -308,11 +336,47 @@ class DesirePursuit:
             self._on_execution_failed(state, outcome.reason or "the plan has ended, but its goal does not hold")
         self.wake()
 
+    def _note_setbacks(self, state: DesireState, outcome: PlanOutcome) -> None:
+        """Count the failures of a step until it or a whole plan succeeds."""
+        for step in outcome.done:
+            state.setbacks.pop(step.call, None)
+        if outcome.failed is not None:
+            setback = state.setbacks.setdefault(outcome.failed.call, Setback(outcome.failed))
+            setback.times, setback.reason = setback.times + 1, outcome.reason
+        elif outcome.how == "succeeded":
+            for setback in state.setbacks.values():
+                setback.times = 0
+
+    def _note_progress(self, state: DesireState) -> None:
+        """Forget failures before more conditions of a desire held than ever."""
+        met = sum(map(self.facts.check, state.desire.wanted))
+        if met > state.most_met:
+            state.most_met, state.failed_planning, state.failed_execution = met, 0, 0
+
+    def _reason(self, state: DesireState, reason: str) -> str:
+        """Return the reason of a dropped desire, with its missing conditions and the steps that have failed."""
+        wanted = state.desire.wanted
+        left = [self._text(condition) for condition in wanted if not self.facts.check(condition)]
+        unnamed = [text for text in left if text not in reason]
+        if unnamed and self.options.partial_desires:
+            reason += f"; missing: {', '.join(unnamed)}"
+        for setback in state.setbacks.values():
+            if setback.reason not in reason:
+                reason += f"; before: {setback.reason}"
+        return reason
+
+    def _text(self, condition: FactCondition) -> str:
+        try:
+            return str(self.facts.goal((condition,)).parts[0])
+        except PlanningError:  # of an object that has gone
+            return str(condition.condition_to_check)
+
     def _on_execution_failed(self, state: DesireState, reason: str) -> None:
         state.failed_execution += 1
         state.not_before = max(state.not_before, self._plan_began + self._pause(state.failed_execution))
         if state.failed_execution >= self.options.exec_plan_tries:
-            self.end(state, "dropped", f"aborted {_times(state.failed_execution, 'time', 'times')}: {reason}")
+            reason = f"aborted {_times(state.failed_execution, 'time', 'times')}: {reason}"
+            self.end(state, "dropped", self._reason(state, reason))
         elif self.current is not None:
             self.problem = reason
 

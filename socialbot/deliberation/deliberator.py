@@ -117,6 +117,7 @@ class Deliberator:
         self._rules_changed = True
         self._desires_published = True
         self._status = ("", "")
+        self._waits_for = ""
         self.facts.watch(self._on_fact)
         self.wake()
 
@@ -171,6 +172,22 @@ class Deliberator:
     def remove_rule(self, name: str) -> bool:
         """Remove a rule but keep its effects; return False if there is none of that name."""
         return self.rules.remove(name)
+
+    @property
+    def waits_for(self) -> str:
+        """Event that the agent waits for without a desire, as the reason of its status; a run goes on meanwhile."""
+        return self._waits_for
+
+    @waits_for.setter
+    def waits_for(self, what: str) -> None:
+        if what != self._waits_for:
+            self._waits_for = what
+            self.wake()
+
+    @property
+    def is_at_work(self) -> bool:
+        """Whether it has a desire, stops a plan, misses a sensor that it has not given up, or waits for something."""
+        return bool(self.desires or self._awaited or self._waits_for) or not self.plan_executor.idle
 
     def stop(self) -> None:
         """Cancel the planner."""
@@ -360,4 +377,4 @@ class Deliberator:
             return "EXECUTING", self.pursuit.current.name
         if self.pursuit.planning_for is not None:
             return "PLANNING", self.pursuit.planning_for.name
-        return "SCHEDULING", ""
+        return "SCHEDULING", self._waits_for

@@ -13,11 +13,21 @@ from socialbot.deliberation._fact_index import has_wildcards, variables_in
 from socialbot.deliberation.messages import INSTANCE, Desire, Fact, FactConjunction
 from socialbot.deliberation.options import DeliberationOptions, Policy
 from socialbot.deliberation.rules import conditions_in
+from socialbot.planning.pddl.domain import PlanStep
 
 End = Literal["fulfilled", "dropped"]
 
 Listener = Callable[[End, str], object]
 """Callback with the end of a desire and its reason."""
+
+
+@dataclass
+class Setback:
+    """Failures of a step since the last complete plan, and the reason of the latest one."""
+
+    step: PlanStep
+    times: int = 0
+    reason: str = ""
 
 
 @dataclass(eq=False)
@@ -31,9 +41,11 @@ class DesireState:
         unsolvable_version: `FactIndex.version` for which the planner has proved that there is no plan.
         unsolvable_until: Time (ns) until which that proof counts.
         never_preempts: Desires that it has interrupted without getting a plan.
-        failed_planning: Failed plannings from known facts since its last plan.
+        failed_planning: Failed plannings from known facts since its last plan or progress.
         fruitless: Failed plannings from predicted facts, to preempt another desire, since its last plan.
-        failed_execution: Failed executions.
+        failed_execution: Failed executions since its last progress.
+        most_met: Largest number of its conditions that have held at the end of a plan. A larger one is progress.
+        setbacks: Steps that have failed and not succeeded since, by call.
         reported: Refused preparations that are on the trace already.
     """
 
@@ -51,6 +63,8 @@ class DesireState:
     failed_planning: int = 0
     fruitless: int = 0
     failed_execution: int = 0
+    most_met: int = 0
+    setbacks: dict[str, Setback] = field(default_factory=dict)
     listeners: list[Listener] = field(default_factory=list)
     reported: list[str] = field(default_factory=list)
 

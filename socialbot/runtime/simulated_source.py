@@ -14,7 +14,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import AgentCommand, Health, Message, TraceRecord
 from socialbot.core.registry import CompletionCheck, completion_of, recorded_types
-from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, PlanExecutionInfo
+from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, LifecycleStatus, PlanExecutionInfo
 from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Graph
@@ -23,23 +23,32 @@ from socialbot.runtime.bag_source import BAG_GRAPH
 from socialbot.runtime.run import Execution, Runner, RunSource, with_speech_files
 
 STEP_S = 0.1  # simulated interval between completion checks
-QUIET_S = 3.0  # idle time before a run ends, without desires of agents or after the end of all simulators
+QUIET_S = 3.0  # time for messages on their way, after the agents or all simulators have ended
 
 
 class DesiresDone:
-    """Completion check: no agent has had a desire for `QUIET_S`, after at least one had."""
+    """Completion check: all desires have ended, and no agent is at work, for `QUIET_S`.
+
+    An agent is at work while it has a desire, stops a plan, misses a sensor, or states as the reason of its lifecycle
+    status what it waits for.
+    """
 
     def __init__(self) -> None:
-        self._wanted: dict[str, bool] = {}
+        self._busy: set[tuple[str, type[Message]]] = set()
         self._quiet_since: int | None = None
         self._any = False
 
     def observe(self, message: Message) -> None:
-        if not isinstance(message, DesireSet):
+        if isinstance(message, DesireSet):
+            busy = bool(message.value)
+            self._any = self._any or busy
+        elif isinstance(message, LifecycleStatus):
+            busy = message.status in ("ABORTING", "PAUSED") or (message.status == "SCHEDULING" and bool(message.reason))
+        else:
             return
-        self._wanted[message.agent_id] = bool(message.value)
-        self._any = self._any or bool(message.value)
-        if any(self._wanted.values()):
+        key = message.agent_id, type(message)
+        (self._busy.add if busy else self._busy.discard)(key)
+        if self._busy:
             self._quiet_since = None
         elif self._any and self._quiet_since is None:
             self._quiet_since = message.stamp
@@ -168,8 +177,8 @@ class SimulatedSource(RunSource):
 
 
 def simulation_topics(graph: Graph) -> dict[str, type[Message]]:
-    """Return the topics to observe: the trace, `replay_topics`, desires and the end of simulators."""
-    kinds = (*RECORDED, PlanExecutionInfo, DesireSet)
+    """Return the topics to observe: the trace, `replay_topics`, desires, statuses and the end of simulators."""
+    kinds = (*RECORDED, PlanExecutionInfo, DesireSet, LifecycleStatus)
     found = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
     health: dict[str, type[Message]] = {HEALTH_TOPIC: Health}
     return {**found, **replay_topics(graph), **(health if isinstance(completion_check(graph), SimulatorsDone) else {})}

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from evaluation.warehouse_runs import Kill, Result, Run, Story, play, troubled
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.carrier import Carrier
+from socialbot.agents.warehouse.demo import warehouse
 from socialbot.agents.warehouse.gripper import gripper_of
 from socialbot.agents.warehouse.scenario import GRIPPER, SIX
 from socialbot.agents.warehouse.world_node import WarehouseWorld, world_of
@@ -97,6 +99,7 @@ def test_restarted_agent_continues_from_its_file():
 
 @settings(max_examples=2, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32))
+@example(seed=254799633)  # the last carrier is asked to unload after the end of the last desire
 def test_faults_cause_no_invalid_step_and_no_deadlock(seed):
     fine(play(troubled(seed)))
 
@@ -163,3 +166,58 @@ def test_carriers_with_one_box_are_sent_off_when_no_more_come(boxes, carriers):
     assert [sorted(load[deposit]) for deposit in gripper.scenario.deposits] == [
         sorted(boxes) for boxes in gripper.scenario.loads
     ]
+
+
+def at_60_s(faults: str = "") -> InlineRunner:
+    """The warehouse with six boxes after 60 s; each carrier has one box or two."""
+    runner = InlineRunner(warehouse(6, faults=faults))
+    runner.start()
+    runner.advance(nanoseconds(60.0))
+    return runner
+
+
+def boxes_of(runner: InlineRunner, *holders: str) -> set[str]:
+    node = runner.nodes["world"]
+    assert isinstance(node, WarehouseWorld)
+    return {box for holder in holders for box in node.world.load[holder]}
+
+
+def test_carriers_deliver_their_boxes_when_the_gripper_has_died():
+    runner = at_60_s()
+    loaded = boxes_of(runner, *SIX.carriers)
+    assert loaded
+    runner.kill(GRIPPER)
+    runner.advance(nanoseconds(300.0))
+    assert boxes_of(runner, *SIX.deposits) >= loaded
+
+
+def test_a_carrier_with_one_box_waits_for_a_gripper_that_answers():
+    runner = at_60_s("60 stalls gripper_a 200")
+    waiting = {carrier for carrier in SIX.carriers if len(boxes_of(runner, carrier)) == 1}
+    assert waiting
+    node = runner.nodes["world"]
+    assert isinstance(node, WarehouseWorld)
+    runner.advance(nanoseconds(85.0))
+    assert {node.world.status(carrier).current_name for carrier in waiting} == {"base"}
+
+
+@pytest.mark.parametrize("how", ["dies", "hangs"])
+def test_boxes_that_stay_on_a_carrier_are_reported_and_end_the_run(how: str):
+    """A carrier that died, or hangs with its boxes, is asked ever more rarely, and then given up."""
+    runner = InlineRunner(warehouse(6, faults="100 stalls carrier_a 100000" if how == "hangs" else ""))
+    records: list[TraceRecord] = []
+    runner.tap(f"/{GRIPPER}/trace", lambda _, message: records.append(message))  # type: ignore[arg-type]
+    runner.start()
+    runner.advance(nanoseconds(100.0))
+    if how == "dies":
+        runner.kill("carrier_a")
+    agents = [node.deliberator for node in runner.nodes.values() if isinstance(node, Deliberating)]
+    while any(agent.is_at_work for agent in agents):
+        runner.advance(runner.clock.now() + nanoseconds(5.0))
+        assert runner.clock.now() < nanoseconds(900.0)
+    (stuck,) = [record for record in records if record.what == "unloading of carrier_a"]
+    left = boxes_of(runner, "carrier_a")
+    assert left
+    assert all(box in stuck.detail["message"] for box in left)
+    asked = [record for record in records if record.kind == "request" and "sent_off" in record.what]
+    assert 0 < len(asked) <= 7

@@ -10,6 +10,7 @@ import pytest
 
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.planning.pddl.formulas import And
+from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import Kairos
 from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import dnf, n, p
@@ -327,3 +328,71 @@ def test_the_repair_of_a_partial_plan_leaves_out_the_same_conditions():
     office.behaviour.clear()
     office.until(60)
     assert office.plans() == [("both", "failed"), ("both", "succeeded")]
+
+
+ONE_HAND = read_domain(
+    """
+    (define (domain hand)
+      (:requirements :typing :durative-actions :negative-preconditions)
+      (:types job - object)
+      (:predicates (done ?j - job) (hand))
+      (:durative-action do :parameters (?j - job) :duration (= ?duration 6)
+        :condition (and (at start (hand)) (at start (not (done ?j))))
+        :effect (and (at start (not (hand))) (at end (hand)) (at end (done ?j)))))
+    """,
+    where="hand",
+)
+
+
+def one_by_one(broken: str, **options) -> Office:
+    """An office that wants three jobs, one after the other, of which one always fails."""
+    beliefs = "instance a job; instance b job; instance c job; hand"
+    office = Office(planner=Kairos(), domain=ONE_HAND, beliefs=beliefs, partial_desires=True, **options)
+    office.behaviour[f"(do {broken})"] = Behaviour(lasts_s=0.5, fails="it is broken")
+    office.want(job("all", value=tuple(p("done", name) for name in "abc"), deadline=100.0))
+    return office
+
+
+@pytest.mark.parametrize("broken", ["a", "b", "c"])
+def test_a_step_that_keeps_failing_costs_only_its_own_condition(broken: str):
+    office = one_by_one(broken, exec_plan_tries=3)
+    ((_, how, reason),) = office.until(300)
+    assert {fact.params for fact in office.facts.facts() if fact.name == "done"} == {(n,) for n in "abc" if n != broken}
+    assert how == "dropped"
+    assert reason.endswith(f"times: (do {broken}): it is broken; missing: (done {broken})")
+
+
+def test_a_step_that_has_failed_is_tried_again_when_the_rest_is_achieved():
+    office = one_by_one("a", exec_plan_tries=3)
+    office.until(10)
+    office.behaviour.clear()
+    assert office.until(300) == [("all", "fulfilled", "")]
+
+
+CHAIN = read_domain(
+    """
+    (define (domain chain)
+      (:requirements :typing :durative-actions)
+      (:types job - object)
+      (:predicates (done ?j - job) (next ?j ?k - job))
+      (:durative-action do :parameters (?j ?k - job) :duration (= ?duration 6)
+        :condition (and (at start (done ?j)) (at start (next ?j ?k)))
+        :effect (at end (done ?k))))
+    """,
+    where="chain",
+)
+
+
+@pytest.mark.parametrize(("tries", "end"), [(3, "fulfilled"), (2, "dropped")])
+def test_failures_before_the_last_progress_do_not_count(tries: int, end: str):
+    beliefs = "instance z job; instance a job; instance b job; done z; next z a; next a b"
+    office = Office(planner=Kairos(), domain=CHAIN, beliefs=beliefs, exec_plan_tries=tries)
+    broken = Behaviour(lasts_s=0.5, fails="it is broken")
+    office.behaviour.update({"(do z a)": broken, "(do a b)": broken})
+    office.want(job("all", value=(p("done", "a"), p("done", "b")), deadline=100.0))
+    for call in ("(do z a)", "(do a b)"):  # each fails twice
+        while [begun for _, begun in office.begun()].count(call) < 2 and not office.ends:
+            office.until(office.now + 0.1)
+        del office.behaviour[call]
+    office.until(60)
+    assert office.ends[0][:2] == ("all", end)

@@ -11,7 +11,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.cli.new import write_project
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Health, Message, State, TraceRecord
-from socialbot.deliberation.messages import Desire, DesireSet
+from socialbot.deliberation.messages import Desire, DesireSet, LifecycleStatus
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.record import NOTHING_SHOWN, Observer, RunRecord
@@ -58,6 +58,21 @@ def test_a_new_desire_continues_the_run():
         check.observe(desires(seconds, "a", *names))
     assert not over(check, 5.0)
     assert over(check, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [("SCHEDULING", "carrier_a with boxes"), ("ABORTING", ""), ("PAUSED", "sensor of boxes is silent")],
+)
+def test_a_run_goes_on_while_an_agent_without_desires_is_at_work(status: Any, reason: str):
+    check = DesiresDone()
+    check.observe(desires(1.0, "a", "tea"))
+    check.observe(LifecycleStatus(stamp=nanoseconds(2.0), agent_id="a", status=status, reason=reason))
+    check.observe(desires(3.0, "a"))
+    assert not over(check, 100.0)
+    check.observe(LifecycleStatus(stamp=nanoseconds(100.0), agent_id="a", status="SCHEDULING"))
+    assert not over(check, 99.9 + QUIET_S)
+    assert over(check, 100.0 + QUIET_S)
 
 
 def health(seconds: float, node: str, state: State) -> Health:

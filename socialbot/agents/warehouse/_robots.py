@@ -94,6 +94,10 @@ class Drive:
                 merged.append((first, last))
         self._pauses = merged
 
+    def paused_until(self, time: int) -> int:
+        """Return the end (ns) of the pause at ``time``; ``time`` itself if there is none."""
+        return next((last for first, last in self._pauses if first <= time < last), time)
+
     def _leg(self, time: int) -> Leg:
         return next((leg for leg in self._legs if time < leg.finish), self._legs[-1])
 

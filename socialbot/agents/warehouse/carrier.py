@@ -7,12 +7,17 @@ from collections.abc import Iterator, Sequence
 from socialbot.agents.base.deliberating import Deliberating
 from socialbot.agents.warehouse.messages import OBEYED_NS, BoxPositions, MoveCommand, MoveStatus, UnloadCommand
 from socialbot.agents.warehouse.scenario import CARRIER_DOMAIN, CARRIER_RULES, FOLDER, carrier_beliefs, is_carried
+from socialbot.core.clock import nanoseconds
 from socialbot.deliberation.actions import PlanAction
-from socialbot.deliberation.messages import Fact
+from socialbot.deliberation.messages import AgentRequest, Fact
+from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
 from socialbot.graph.node import Input, Output, Parameter
 
 SILENT_S = 1.0
+GRIPPER_SILENT_S = 120.0  # time with the same boxes in the bay until the carrier asks whether the gripper is there
+ASK_AGAIN_S = 10.0
+GRIPPER_TRIES = 3  # questions without an answer after which it leaves
 
 
 class Place(FactSensor):
@@ -34,14 +39,15 @@ class Load(FactSensor):
 
     def __init__(self, carrier: str) -> None:
         self.carrier = carrier
+        self.boxes = 0
         self.status: MoveStatus | None = None
 
     def tell(self, percept: BoxPositions) -> Iterator[Fact] | None:
         status = self.status
         if status is None:
             return None
-        carried = [box for box in percept.boxes if is_carried(status.current_pos, box.position)]
-        return iter([fluent("moving_boxes", self.carrier, value=len(carried))])
+        self.boxes = sum(is_carried(status.current_pos, box.position) for box in percept.boxes)
+        return iter([fluent("moving_boxes", self.carrier, value=self.boxes)])
 
 
 class MoveAction(PlanAction):
@@ -103,6 +109,12 @@ class Carrier(Deliberating):
     desire_pr = Parameter("0.6", "the highest priority that each group of desire_w may give", fixed=True)
 
     status: MoveStatus | None = None
+    gripper = ""
+    """The gripper that has asked last."""
+    _asked: SentRequest | None = None
+    _boxes = 0
+    _unanswered = 0
+    _ask_at = 0
 
     def sensors(self) -> Sequence[FactSensor]:
         self.place, self.load_sensor = Place(), Load(self.name)
@@ -116,6 +128,32 @@ class Carrier(Deliberating):
     @box_positions
     def on_boxes(self, message: BoxPositions) -> None:
         self.load_sensor.push(message)
+        self.leave_without_gripper()
+
+    def on_request(self, message: AgentRequest) -> None:
+        if message.receiver == self.name:
+            self.gripper = message.sender
+        super().on_request(message)
+
+    def leave_without_gripper(self) -> None:
+        """Leave the bay with the boxes that are there, if the gripper does not answer any more."""
+        now, boxes = self.clock.now(), self.load_sensor.boxes
+        if boxes != self._boxes or not boxes or self.status is None or self.status.current_name != "base":
+            self._boxes, self._ask_at = boxes, now + nanoseconds(GRIPPER_SILENT_S)
+            self._asked, self._unanswered = None, 0
+            return
+        if now < self._ask_at or not self.gripper:
+            return
+        self._ask_at = now + nanoseconds(ASK_AGAIN_S)
+        asked = self._asked
+        if asked is not None:
+            self._unanswered = self._unanswered + 1 if asked.state == "timeout" else 0
+        if asked is not None and self._unanswered == GRIPPER_TRIES:
+            self.deliberator.facts.add(predicate("sent_off", self.name), cause=asked.request.id)
+            self._unanswered = 0
+        else:
+            load = fluent("moving_boxes", self.name, value=boxes)
+            self._asked = self.ask(self.gripper, "check", belief=load)
 
     def go(self, place: str) -> None:
         self.cmd_target.publish(MoveCommand(stamp=self.clock.now(), target=place))

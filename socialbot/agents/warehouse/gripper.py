@@ -205,6 +205,8 @@ PHRASES = {
 
 SILENT_S = 1.0  # timeout of a sensor
 SEND_OFF_S = 2.5  # unloading takes 2 s
+DRIVE_S = 20.0  # a carrier drives 6 s
+SEND_OFF_TRIES = 7  # the time between two of them doubles
 STEADY_M = 0.005  # largest movement of resting fingers between two reports
 
 
@@ -267,6 +269,8 @@ class Boxes(FactSensor):
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
+        self.riding: dict[str, tuple[str, ...]] = {}
+        """Boxes on each carrier."""
 
     def tell(self, percept: BoxPositions) -> Iterator[Fact]:
         held: dict[str, list[BoxPosition]] = {}
@@ -280,6 +284,7 @@ class Boxes(FactSensor):
             yield from self._stack(base, sorted(held.get(base, ()), key=lambda box: box.position.z))
         for carrier, _, deposit in self.scenario.routes:
             riding = held.get(carrier, ())
+            self.riding[carrier] = tuple(box.name for box in riding)
             yield fluent("moving_boxes", carrier, value=len(riding))
             for box in (*riding, *held.get(deposit, ())):
                 yield predicate("carrier_moving", carrier, box.name)
@@ -292,6 +297,17 @@ class Boxes(FactSensor):
             yield predicate("in", box, base)
         if base in self.scenario.bases or boxes:
             yield predicate("clear", names[-1])
+
+
+@dataclass
+class LoadedCarrier:
+    """A carrier that stands still with boxes: how often it was asked to unload, and when it is asked next (ns)."""
+
+    place: str
+    boxes: int
+    due: int
+    tries: int = 0
+    asked: SentRequest | None = None
 
 
 class GripperAgent(Deliberating):
@@ -314,6 +330,7 @@ class GripperAgent(Deliberating):
     pddl_file = Parameter(GRIPPER_DOMAIN.name, "the domain, PDDL 2.1", fixed=True)
     init_reactive_rules_set = Parameter("gripper_rules.yaml", "its rules (YAML)", fixed=True)
     agent_group = Parameter("grippers", "the group it belongs to", fixed=True)
+    belief_ck = Parameter("carriers", "groups that may check its beliefs, separated by commas", fixed=True)
     comp_plan_tries = Parameter(16, "plannings that fail before a desire is dropped", minimum=1, fixed=True)
     partial_desires = Parameter(True, "sort the other boxes when one is missing or out of reach", fixed=True)
     exec_plan_tries = Parameter(16, "executions that fail before a desire is dropped", minimum=1, fixed=True)
@@ -323,8 +340,8 @@ class GripperAgent(Deliberating):
     fingers_rest = False
 
     def build(self) -> Engine:
-        self._loaded_since: dict[str, tuple[str, int]] = {}
-        """Place of each carrier that stands still with boxes and gets no more, and since when (ns)."""
+        self._loaded: dict[str, LoadedCarrier] = {}
+        """Carriers that stand still with boxes and get no more."""
         return super().build()
 
     def sensors(self) -> Sequence[FactSensor]:
@@ -353,32 +370,44 @@ class GripperAgent(Deliberating):
         """Ask loaded carriers that get no more boxes, and have stood still for `SEND_OFF_S`, to unload.
 
         A carrier leaves by itself after the report of its load. This finds those that missed it, were sent away by
-        somebody else, or have a place left for which no box comes.
+        somebody else, or have a place left for which no box comes. A carrier that stays is asked ever more rarely, and
+        given up after `SEND_OFF_TRIES` with a record of its boxes.
         """
         now, coming = self.clock.now(), self._coming()
         for carrier, bay, deposit in self.scenario.routes:
-            boxes, current = self.boxes_on(carrier), self.deliberator.facts.current
-            place = next(
-                (
-                    place
-                    for place, fact in (
-                        (bay, predicate("carrier_in_base", carrier, bay)),
-                        (deposit, predicate("carrier_in_deposit", carrier, deposit)),
-                    )
-                    if current(fact) is not None
-                ),
-                "",
-            )
+            boxes, place = self.boxes_on(carrier), self._place_of(carrier, bay, deposit)
             gets_more = "RUNNING" in coming.get(carrier, ()) or (boxes < LOAD and carrier in coming)
-            if not boxes or not place or gets_more or self.is_over(bay):
-                self._loaded_since.pop(carrier, None)
+            if not boxes or gets_more or self.is_over(bay):
+                self._loaded.pop(carrier, None)
                 continue
-            before, since = self._loaded_since.setdefault(carrier, (place, now))
-            if before != place:
-                self._loaded_since[carrier] = place, now
-            elif now - since >= nanoseconds(SEND_OFF_S):
-                self._loaded_since[carrier] = place, now
-                self.ask(carrier, "add", belief=predicate("sent_off", carrier))
+            loaded = self._loaded.get(carrier)
+            if loaded is None or (loaded.place, loaded.boxes) != (place, boxes):
+                first_s = SEND_OFF_S if place else DRIVE_S
+                self._loaded[carrier] = LoadedCarrier(place, boxes, now + nanoseconds(first_s))
+            elif now >= loaded.due and loaded.tries < SEND_OFF_TRIES:
+                loaded.tries += 1
+                loaded.due = now + nanoseconds(SEND_OFF_S * 2**loaded.tries)
+                loaded.asked = self.ask(carrier, "add", belief=predicate("sent_off", carrier))
+            elif now >= loaded.due and loaded.asked is not None:
+                self._record_stuck(carrier, loaded.asked)
+                loaded.asked = None
+        full = [name for name, loaded in self._loaded.items() if loaded.tries == 0 or loaded.asked is not None]
+        self.deliberator.waits_for = f"{', '.join(full)} with boxes" if full else ""
+
+    def _place_of(self, carrier: str, bay: str, deposit: str) -> str:
+        """The place where a carrier stands, as believed; empty on its way."""
+        current = self.deliberator.facts.current
+        if current(predicate("carrier_in_base", carrier, bay)) is not None:
+            return bay
+        return deposit if current(predicate("carrier_in_deposit", carrier, deposit)) is not None else ""
+
+    def _record_stuck(self, carrier: str, asked: SentRequest) -> None:
+        """Record that boxes stay on a carrier, and why."""
+        boxes = ", ".join(self.boxes_sensor.riding[carrier])
+        message = f"{carrier} does not unload {boxes}: {asked.reason or 'it was asked, and stays'}"
+        self.engine.trace.record(
+            "failure", f"unloading of {carrier}", asked.request.id, reason="stuck", message=message
+        )
 
     def _coming(self) -> dict[str, set[str]]:
         """States of the steps to come that put a box on each carrier."""

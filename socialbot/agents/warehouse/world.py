@@ -168,6 +168,12 @@ class Warehouse(SimulatedWorld):
         status = self.crane.status(self.now)
         return replace(status, current_pos=Point(status.current_pos.x, status.current_pos.y, self.finger_z))
 
+    def stands_until(self, robot: str) -> int:
+        """End (ns) of the present stall of a robot; now if it does not stall."""
+        if robot != self.scenario.gripper:
+            return self.carriers[robot].drive.paused_until(self.now)
+        return max(self.crane.drive.paused_until(self.now), self._fingers.paused_until(self.now))
+
     def is_silent(self, sensor: str) -> bool:
         """Whether the sensor of a robot, or `BOXES`, is silent."""
         return self.now < self._silence.get(sensor, self.now)

@@ -5,14 +5,15 @@ Everything that a plan can reach is reachable. A goal that is not reachable prov
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem
+from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import (
     Add,
     And,
@@ -28,7 +29,7 @@ from socialbot.planning.pddl.formulas import (
     Predicate,
     UniversalEffect,
 )
-from socialbot.planning.pddl.semantics import Binding, fluents, holds, substitute
+from socialbot.planning.pddl.semantics import Binding, changes, fluents, ground, holds, substitute
 from socialbot.planning.pddl.state import PddlState
 
 MAX_BINDINGS = 300_000
@@ -58,6 +59,24 @@ def unreachable_goals(domain: PddlDomain, problem: PddlProblem) -> tuple[Unreach
         return ()
     missing = [goal for goal in goals if not relaxed.may_hold(goal)]
     return tuple(UnreachableGoal(goal, relaxed.reason(goal)) for goal in missing)
+
+
+def losing_step(domain: PddlDomain, problem: PddlProblem, plan: PddlPlan, goals: Iterable[Formula]) -> PlanStep | None:
+    """Return the first step of a plan after which one of some goals is out of reach that was not before it.
+
+    Raises PlanningError for a step that cannot be applied.
+    """
+    out_of_reach = {one.goal for one in unreachable_goals(domain, replace(problem, goal=And(tuple(goals))))}
+    kept = And(tuple(goal for goal in goals if goal not in out_of_reach))
+    state, steps, states = PddlState.of(problem, domain), sorted(plan.steps, key=lambda step: step.end_s), []
+    for step in steps:
+        action = ground(domain.actions[step.action], step.args)
+        for when in ("start", "end"):
+            state.apply(changes(action.effects_at(when), state, duration=step.duration_s))
+        states.append(state.copy())
+    # What is out of reach stays so.
+    first = bisect.bisect_left(states, True, key=lambda state: bool(unreachable_goals(domain, state.problem(kept))))
+    return steps[first] if first < len(steps) else None
 
 
 class _TooLargeError(Exception):

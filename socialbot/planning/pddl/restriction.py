@@ -1,4 +1,4 @@
-"""Problems without the actions that touch unavailable parts of the state, such as facts of a silent sensor."""
+"""Problems without some actions: those that touch facts of a silent sensor, and steps that keep failing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from socialbot.planning.pddl._parser import SexpGroup, Sexpression, SexpWord, read_sexpression
-from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem
-from socialbot.planning.pddl.formulas import Fluent, Key, Predicate
+from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem, PlanStep
+from socialbot.planning.pddl.formulas import Fluent, Key, Predicate, TypedName
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.pddl.semantics import GroundAction
 from socialbot.planning.pddl.state import PddlState
@@ -28,7 +28,9 @@ def touches(action: GroundAction, patterns: Sequence[Key]) -> bool:
     )
 
 
-def restricted(domain: PddlDomain, problem: PddlProblem, unavailable: Sequence[Key]) -> tuple[PddlDomain, PddlProblem]:
+def restricted(
+    domain: PddlDomain, problem: PddlProblem, unavailable: Sequence[Key], avoided: Sequence[PlanStep] = ()
+) -> tuple[PddlDomain, PddlProblem]:
     """Return the domain and problem without the actions that touch ``unavailable`` parts of the state.
 
     Each plan for the result is a plan for the original. An action that may touch such a part under a quantifier, or by
@@ -36,6 +38,7 @@ def restricted(domain: PddlDomain, problem: PddlProblem, unavailable: Sequence[K
 
     Args:
         unavailable: Predicates and functions; ``*`` stands for any object.
+        avoided: Steps whose actions are left out for their objects.
     """
     left_out: set[str] = set()
     conditions: dict[str, list[Predicate]] = {}
@@ -50,7 +53,16 @@ def restricted(domain: PddlDomain, problem: PddlProblem, unavailable: Sequence[K
                     conditions.setdefault(action.name, []).append(Predicate(mark, key.terms))
     state = PddlState.of(problem, domain)
     facts = {Predicate(mark, terms) for mark, key in marks.items() for terms in _instances(domain, state, key)}
-    text = _restricted_text(domain, left_out, conditions, marks)
+    signatures = {
+        mark: (domain.predicates if isinstance(key, Predicate) else domain.functions)[key.name].parameters
+        for mark, key in marks.items()
+    }
+    for name in dict.fromkeys(step.action for step in avoided):
+        mark, parameters = f"avoided-{name}", domain.actions[name].parameters
+        signatures[mark] = parameters
+        conditions.setdefault(name, []).append(Predicate(mark, tuple(typed.name for typed in parameters)))
+    facts |= {Predicate(f"avoided-{step.action}", step.args) for step in avoided}
+    text = _restricted_text(domain, left_out, conditions, signatures)
     return read_domain(text, where=domain.where), replace(problem, facts=problem.facts | facts, text="")
 
 
@@ -106,13 +118,12 @@ def _instances(domain: PddlDomain, state: PddlState, key: Key) -> Iterator[tuple
 
 
 def _restricted_text(
-    domain: PddlDomain, left_out: set[str], conditions: dict[str, list[Predicate]], marks: dict[str, Key]
+    domain: PddlDomain,
+    left_out: set[str],
+    conditions: dict[str, list[Predicate]],
+    signatures: dict[str, tuple[TypedName, ...]],
 ) -> str:
-    signatures = {
-        mark: (domain.predicates if isinstance(key, Predicate) else domain.functions)[key.name]
-        for mark, key in marks.items()
-    }
-    declared = tuple(_group(mark, *_typed(signature.parameters)) for mark, signature in signatures.items())
+    declared = tuple(_group(mark, *_typed(parameters)) for mark, parameters in signatures.items())
     whole, items = read_sexpression(domain.text, where=domain.where or domain.name), []
     is_declared = False
     for item in whole.items:
