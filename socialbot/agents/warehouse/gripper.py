@@ -377,10 +377,14 @@ class GripperAgent(Deliberating):
         for carrier, bay, deposit in self.scenario.routes:
             boxes, place = self.boxes_on(carrier), self._place_of(carrier, bay, deposit)
             gets_more = "RUNNING" in coming.get(carrier, ()) or (boxes < LOAD and carrier in coming)
-            if not boxes or gets_more or self.is_over(bay):
+            if not boxes:
                 self._loaded.pop(carrier, None)
                 continue
             loaded = self._loaded.get(carrier)
+            if gets_more or self.is_over(bay):
+                if loaded is not None:
+                    loaded.due = max(loaded.due, now + nanoseconds(SEND_OFF_S))
+                continue
             if loaded is None or (loaded.place, loaded.boxes) != (place, boxes):
                 first_s = SEND_OFF_S if place else DRIVE_S
                 self._loaded[carrier] = LoadedCarrier(place, boxes, now + nanoseconds(first_s))
