@@ -14,10 +14,11 @@ from threading import Thread
 from typing import Any
 
 import rclpy
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 from std_srvs.srv import SetBool
 
 try:
@@ -83,7 +84,7 @@ def main() -> None:
     node = Servers(sys.argv[1] if len(sys.argv) > 1 else "")
     executor = MultiThreadedExecutor(4)
     executor.add_node(node)
-    Thread(target=lambda: (sys.stdin.read(), rclpy.try_shutdown()), daemon=True).start()
+    Thread(target=lambda: (sys.stdin.read(), try_shutdown()), daemon=True).start()
     print("ready", flush=True)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         executor.spin()

@@ -34,7 +34,8 @@ from socialbot.planning.pddl.state import PddlState
 
 MAX_BINDINGS = 300_000
 """Number of bindings of conditions and parameters after which the search ends without a result."""
-_EDGES: tuple[Literal["start", "end"], ...] = ("start", "end")
+_Edge = Literal["start", "end"]
+_EDGES: tuple[_Edge, ...] = ("start", "end")
 MAX_REASONS = 5
 """Number of conditions that a reason lists."""
 
@@ -165,10 +166,10 @@ class _Relaxation:
 
     def _apply(self, action: PddlAction) -> bool:
         """Reach what the start and the end of an action bring about; return whether that is new."""
-        edges = [edge for edge in _EDGES if any(one.when == edge for one in action.effects)]
+        edges: list[_Edge] = [edge for edge in _EDGES if any(one.when == edge for one in action.effects)]
         return sum(self._apply_at(action, edge) for edge in edges) > 0
 
-    def _apply_at(self, action: PddlAction, edge: Literal["start", "end"]) -> bool:
+    def _apply_at(self, action: PddlAction, edge: _Edge) -> bool:
         conditions = list(_conditions(action, edge))
         atoms = [part for part in conditions if isinstance(part, Predicate) and part.name not in self.domain.derived]
         others = [part for part in conditions if part not in atoms]
@@ -277,7 +278,7 @@ def _atoms(formula: Formula) -> Iterator[Predicate]:
     return (part for part in _conjuncts(formula) if isinstance(part, Predicate))
 
 
-def _conditions(action: PddlAction, edge: Literal["start", "end"]) -> Iterator[Formula]:
+def _conditions(action: PddlAction, edge: _Edge) -> Iterator[Formula]:
     """Yield the conditions of the start or end of an action. The start only has its own: others may help it to end."""
     for condition in action.conditions:
         if edge == "end" or condition.when == "start":
