@@ -5,8 +5,10 @@ With ``--dist loadgroup`` one worker runs the tests of a file, unless they are i
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,19 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 @pytest.fixture(scope="session", autouse=True)
 def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> None:
     paths.allow(tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture(autouse=True)
+def _logging_is_enabled() -> Iterator[None]:
+    """Undo `logging.disable` and the levels that a command or another test has set for the loggers of socialbot."""
+    logging.disable(logging.NOTSET)
+    loggers = [logging.getLogger(name) for name in ("socialbot", "socialbot.bdi")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.NOTSET)
+    yield
+    for logger, level in zip(loggers, levels, strict=True):
+        logger.setLevel(level)
 
 
 @pytest.fixture(scope="session")

@@ -63,6 +63,7 @@ class Intention:
         self.body = body
         self.atomic = 0
         self.wait: Wait | None = None
+        self.plan: Plan | None = None
 
 
 def look(term: Any) -> Any:
@@ -81,6 +82,12 @@ def value(term: Any, env: Env) -> Any:
     if found is None or isinstance(found, Cell):
         raise Failed
     return found
+
+
+def is_open(term: Any) -> bool:
+    """Check whether a variable has no value."""
+    found = look(term)
+    return found is None or isinstance(found, Cell)
 
 
 def opened(literal: Literal, env: Env) -> Args:
@@ -112,6 +119,14 @@ def undo(bound: list[Cell], mark: int = 0) -> None:
     for cell in bound[mark:]:
         cell.value = None
     del bound[mark:]
+
+
+def is_goal_only(plan: Plan | None) -> bool:
+    """Check whether a goal is the only step of a plan for an event, which then starts the goal at once."""
+    if plan is None or plan.atomic or len(plan.body) != 1:
+        return False
+    (step,) = plan.body
+    return isinstance(step, Achieve) and not step.apart
 
 
 class Reference:
@@ -172,7 +187,10 @@ class Reference:
             if event.startswith("+!"):
                 self.adopt(self.pursue(event[1:], args, notes))
             else:
+                alone = not self.ready
                 self.adopt(self.react(event, args, notes, last=True))
+                if alone and self.ready and is_goal_only(self.ready[0].plan):
+                    self.proceed(self.ready.pop())
                 self.notice(event, args, notes)
         if self.atomic is None and self.ready:
             self.proceed(self.ready.pop(0))
@@ -418,6 +436,7 @@ class Reference:
     def perform(self, plan: Plan, env: Env) -> Body:
         intention = self.current
         assert intention is not None
+        intention.plan = intention.plan or plan
         if plan.atomic:
             intention.atomic += 1
             self.atomic = intention
@@ -457,7 +476,10 @@ class Reference:
         elif isinstance(step, Achieve):
             assert isinstance(step.goal, Literal)
             if step.apart:
-                args = tuple(value(arg, env) for arg in step.goal.args)
+                args = tuple(
+                    Cell() if isinstance(arg, Variable) and is_open(env.get(arg.name)) else value(arg, env)
+                    for arg in step.goal.args
+                )
                 self.events.append((f"+!{step.goal.key}", args, SELF))
             else:
                 yield from self.pursue(f"!{step.goal.key}", opened(step.goal, env))
