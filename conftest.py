@@ -1,35 +1,49 @@
-"""Each test worker has its own DDS domain, on this machine only: ROS_DOMAIN_ID and those after it.
+"""Each test worker has its own DDS domain, on this machine only: an unused one, or ROS_DOMAIN_ID and those after it.
 
 With ``--dist loadgroup`` one worker runs the tests of a file, unless they are in another group.
 """
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from socialbot.bridge.environment import own_domain
 from socialbot.core import paths
 
 # How long an example takes depends on what else the machine does.
 settings.register_profile("socialbot", deadline=None)
 settings.load_profile("socialbot")
 
-FIRST_DOMAIN = 20
+DOMAINS = range(20, 60)
+"""ROS domains for test workers, below those of isolated runs."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-    first = int(os.environ.get("ROS_DOMAIN_ID", FIRST_DOMAIN))
-    os.environ["ROS_DOMAIN_ID"] = str(first + int(worker))
+    if first := os.environ.get("ROS_DOMAIN_ID"):
+        worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+        os.environ["ROS_DOMAIN_ID"] = str(int(first) + int(worker))
+    elif not getattr(config.option, "numprocesses", None):  # with workers, the controller runs no tests
+        claim = ExitStack()
+        claim.enter_context(own_domain(domains=DOMAINS))
+        config.add_cleanup(claim.close)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
+
+
+def pytest_collection_finish() -> None:
+    """Exempt the collected tests from garbage collection, which else takes half a second now and then."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -162,8 +162,12 @@ def _unused(domains: Sequence[int]) -> Iterator[int]:
 
 
 @contextmanager
-def own_domain(domain: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
-    """Use a ROS domain within the block: ``domain``, or that of ROS_DOMAIN_ID, or else one that nobody uses.
+def own_domain(
+    domain: int | None = None,
+    environment: MutableMapping[str, str] = os.environ,
+    domains: Sequence[int] = FREE_DOMAINS,
+) -> Iterator[int]:
+    """Use a ROS domain within the block: ``domain``, or that of ROS_DOMAIN_ID, or else an unused one of ``domains``.
 
     Nobody else who calls this on the machine gets the same unused domain. Call it before rclpy starts.
 
@@ -174,7 +178,7 @@ def own_domain(domain: int | None = None, environment: MutableMapping[str, str] 
     before = environment.get("ROS_DOMAIN_ID")
     with contextlib.ExitStack() as claim:
         if domain is None:
-            unclaimed = (one for one in _unused(FREE_DOMAINS) if _claimed(one, claim))
+            unclaimed = (one for one in _unused(domains) if _claimed(one, claim))
             domain = ros_domain(environment) if before else next(unclaimed)
         environment["ROS_DOMAIN_ID"] = str(domain)
         try:
