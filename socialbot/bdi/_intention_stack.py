@@ -136,9 +136,22 @@ class IntentionStack:
             ended = running[0].gi_frame is None
             self.running = None if ended else known.get(id(running)) or self.register(running)
 
-    def intend(self, event: Request, plan: CompiledPlan, result: Any, *, first: bool = False) -> None:
-        """Create an intention with a plan for an event; ``first`` ones precede the other intentions."""
+    def intend(
+        self,
+        event: Request,
+        plan: CompiledPlan,
+        result: Any,
+        *,
+        first: bool = False,
+        began: Callable[[Intention], None] | None = None,
+    ) -> None:
+        """Create an intention with a plan for an event; ``first`` ones precede the other intentions.
+
+        ``began`` gets the intention before its first step.
+        """
         intention = self.new(event)
+        if began is not None:
+            began(intention)
         self._let_wait(intention, self._take_on(intention, None, plan, result))
         self.settle(intention, first=first)
 
@@ -263,7 +276,7 @@ class IntentionStack:
                 (plan, result), selected = selected, None
             else:
                 if trigger.key in self.waits.events:
-                    self.waits.notify(trigger.key, args, notes)
+                    self.waits.notify(trigger.key, args, notes, outside=goal is not None)
                 plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:
                 if goal is not None:

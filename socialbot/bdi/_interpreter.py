@@ -277,7 +277,7 @@ class Interpreter:
         """Execute steps of an intention; ``result`` is that of its current step, if it was executed before."""
         if intention.suspended or not intention.active:
             return
-        inbox, events, ready, heap, intentions, awaited, _, trace, _ = self._parts
+        inbox, events, ready, heap, intentions, awaited, due, trace, _ = self._parts
         intentions.running = intention
         frames = intention.frames
         self.others = events
@@ -390,7 +390,7 @@ class Interpreter:
                     return
                 if intention.suspended or intention.pause is not None:
                     return
-                if turn_may_end and (ready or events or inbox) and not intention.atomic:
+                if turn_may_end and (ready or events or inbox or (due and intention.stepwise)) and not intention.atomic:
                     ready.append(intention)
                     return
                 body, goal, plan = frame = frames[-1]

@@ -222,8 +222,8 @@ class Waits:
             if not index:
                 del self.events[pause.key]
 
-    def notify(self, key: str, args: Args, notes: Annotations) -> None:
-        """Continue the intentions that wait for this event."""
+    def notify(self, key: str, args: Args, notes: Annotations, *, outside: bool = True) -> None:
+        """Continue the intentions that wait for this event; ``outside`` is false for one of the body of a plan."""
         index = self.events.get(key)
         if index is None:
             return
@@ -248,7 +248,7 @@ class Waits:
         if len(found) > 1:
             found.sort(key=_number)
         for pause in found:
-            if pause.matches(args, notes):
+            if (outside or not pause.outside) and pause.matches(args, notes):
                 self.forget_event(pause)
                 pause.end()
 

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from socialbot.bdi._inner_plans import flattened, is_nested
 from socialbot.bdi.intentions import GENERATED_FILE
 from socialbot.bdi.literals import (
     META,
@@ -31,6 +32,9 @@ Run = Callable[[Any, tuple[Any, ...], tuple[Any, ...], Any], Any]
 
 _GIVEN = "p__"
 """Begin of the names of plans without a label, as in Jason."""
+
+_SCOPE = "scope__"
+"""Begin of the names of annotations that select inner plans."""
 
 BODY = "{body}"
 """Name of the goal whose plan is a value."""
@@ -209,6 +213,7 @@ class Library:
         self._labels: dict[str, CompiledPlan] = {}
         self._numbers: dict[Plan, int] = {}
         self._last_number = 0
+        self._scopes = itertools.count(1)
         self._open: set[str] = set()
         self._patterns: dict[str, list[Belief]] | None = None
         self.keeps_goals = False  # a last goal does not replace that of its plan, because plans look for goals
@@ -252,6 +257,8 @@ class Library:
 
     def add(self, plan: Plan, *, first: bool = False) -> CompiledPlan:
         """Add a plan. Raises RuleError for a duplicate label."""
+        if is_nested(plan):
+            return self._add_nested(plan, first=first)
         if plan.label is not None and plan.label in self._labels:
             raise RuleError(f"the label {plan.label} is already used", where=plan.place, remedy="choose another label")
         self._patterns = None
@@ -278,8 +285,19 @@ class Library:
             self.specialise(plan, trigger, first=first)
         return compiled
 
+    def _add_nested(self, plan: Plan, *, first: bool) -> CompiledPlan:
+        """Add a plan with its inner plans, which are tried before all others for their events."""
+        outer, *inner = flattened(plan, (f"{_SCOPE}{next(self._scopes)}" for _ in itertools.count()))
+        compiled = self.add(outer, first=first)
+        for each in inner:
+            self.add(each, first=True)
+        self.general[plan] = [outer, *inner]
+        return compiled
+
     def specialise(self, plan: Plan, trigger: Trigger, *, first: bool = False) -> None:
         """Add a plan whose trigger is a variable to a trigger of its kind."""
+        if is_nested(plan):
+            return
         sign = plan.event.change.value
         name = trigger.key.removeprefix(sign)
         if name == trigger.key or name[:1] in "!?" or BODY in name:
@@ -294,6 +312,7 @@ class Library:
 
     def remove(self, plan: Plan) -> bool:
         """Remove a plan; return whether it existed."""
+        plan = next((whole for whole, parts in self.general.items() if is_nested(whole) and plan in parts), plan)
         if plan in self.general:
             for special in self.general.pop(plan):
                 self.remove(special)

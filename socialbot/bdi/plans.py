@@ -28,6 +28,7 @@ from socialbot.bdi.steps import (
     Forget,
     Fork,
     If,
+    Scoped,
     Step,
     Update,
     While,
@@ -96,7 +97,8 @@ class Plan:
 
     Among the applicable plans the engine selects the first one with the highest ``priority``. A plan with a ``stage``
     only applies in that stage. An ``atomic`` plan excludes other intentions until its end. ``annotations`` are those of
-    the label without a meaning to the engine; ``text`` is its AgentSpeak source, if any.
+    the label without a meaning to the engine; ``text`` is its AgentSpeak source, if any. ``inner`` are its inner plans,
+    ``until`` is its goal condition. A ``stepwise`` plan ends its turn after each step.
     """
 
     event: Event
@@ -109,6 +111,9 @@ class Plan:
     annotations: tuple[object, ...] = ()
     origin: Origin | None = None
     text: str | None = None
+    inner: tuple[Plan, ...] = ()
+    until: Conjunction | None = None
+    stepwise: bool = False
 
     known: ClassVar[KnownPlan | None] = None
     """Set by copies that are values, such as those of ``.relevant_plans``."""
@@ -424,6 +429,10 @@ class _Checker:
             case Fork():
                 for branch in step.branches:
                     bound = bound | self.body(branch, bound)
+            case Scoped():
+                if step.until is not None:
+                    self.condition(step.until, bound)
+                return self.body(step.body, bound)
         return bound
 
     def literals(self, step: Step, known: set[str]) -> None:

@@ -210,9 +210,13 @@ class Achieve(Step):
 
 @dataclass(eq=False, repr=False)
 class Ask(Step):
-    """Test goal ``?q``, written ``ask(q)``: binds variables by beliefs, or else by a plan for ``+?q``."""
+    """Test goal ``?q``, written ``ask(q)``: binds variables by beliefs, or else by a plan for ``+?q``.
+
+    The event has the annotations ``marks``, which select inner plans.
+    """
 
     query: Condition | Variable | LiteralVariable
+    marks: tuple[Literal, ...] = ()
 
     def __str__(self) -> str:
         return f"ask({self.query!s})"
@@ -222,11 +226,13 @@ class Ask(Step):
 class Update(Step):
     """Change of a belief with the source ``self``: ``+`` adds, ``-`` removes the first match, ``-+`` replaces.
 
-    A plan for the event runs before the next step; after ``++`` and ``--`` it runs in a new intention.
+    A plan for the event runs before the next step; after ``++`` and ``--`` it runs in a new intention. The event, but
+    not the belief, has the annotations ``marks``, which select inner plans.
     """
 
     sign: str
     literal: Literal | Variable | LiteralVariable | Inference
+    marks: tuple[Literal, ...] = ()
 
     def __str__(self) -> str:
         return f"{'+' if self.sign == '++' else self.sign}{self.literal!s}"
@@ -334,6 +340,23 @@ class Fork(Nested):
 
     def __str__(self) -> str:
         return f"{'together' if self.every else 'first_of'}({', '.join(map(_list, self.branches))})"
+
+
+@dataclass(eq=False, repr=False)
+class Scoped(Nested):
+    """Body of a plan with a goal condition, or with inner plans for beliefs.
+
+    It ends when the condition ``until`` holds, or without one when the steps have ended. Meanwhile, inner plans handle
+    the ``watched`` events; ``mark`` is the annotation that they require.
+    """
+
+    body: tuple[Step, ...]
+    mark: Literal
+    watched: tuple[str, ...]
+    until: Condition | None
+
+    def __str__(self) -> str:
+        return _list(self.body)
 
 
 def when(condition: object, then: Iterable[object], otherwise: Iterable[object] = ()) -> If:

@@ -94,7 +94,7 @@ def spelled(term: Any) -> str:
 
 def spelled_item(item: Plan | Inference) -> str:
     """Format a plan or rule without braces, as `.list_plans` and `.list_rules` do."""
-    return f"{_plan(item)}." if isinstance(item, Plan) else _rule(item)
+    return f"{_plan(item)}{'' if item.inner else '.'}" if isinstance(item, Plan) else _rule(item)
 
 
 def _list(terms: Iterable[Any]) -> str:
@@ -174,7 +174,12 @@ def _plan(plan: Plan) -> str:
     text = "" if label is None else f"@{spelled(label)} "
     condition = plan.without_truth().condition
     context = f" : {_condition(condition)}" if condition.terms else ""
-    return f"{text}{_event(plan.event)}{context}{f' <- {_body(plan.body)}' if plan.body else ''}"
+    until = "" if plan.until is None else f" <: {_condition(plan.until)}"
+    body = f" <- {_body(plan.body)}" if plan.body else ""
+    if not plan.inner:
+        return f"{text}{_event(plan.event)}{context}{until}{body}"
+    inner = "".join(f"\n   {_plan(each)}{'' if each.inner else '.'}" for each in plan.inner)
+    return f"{text}{_event(plan.event)}{context}{until} {{{f'{chr(10)}  {body}.' if body else ''}{inner}\n}}"
 
 
 def label_term(plan: Plan) -> Any:

@@ -50,7 +50,6 @@ TRIGGERS = {
 }
 
 UNSUPPORTED = {
-    "<:": ("a goal condition ('<:')", "test the condition in a plan, with 'if' or 'while'"),
     "-<": ("'-<'", "write - alone"),
     "`": ("a backquote", None),
 }

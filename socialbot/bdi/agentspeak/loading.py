@@ -11,6 +11,7 @@ False
 
 from __future__ import annotations
 
+import itertools
 import operator
 import random
 import re
@@ -20,6 +21,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from socialbot.bdi._inner_plans import is_nested, parts
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
@@ -190,6 +192,10 @@ def check_plans(plans: Iterable[Plan], library: Library) -> None:
 
 
 def _check_plan(plan: Plan, library: Library) -> None:
+    if is_nested(plan):
+        for part in parts(plan):
+            _check_plan(part, library)
+        return
     plan.check()
     if not isinstance(plan.event.literal, Literal):
         pattern: Any = plan.event.literal
@@ -204,6 +210,10 @@ def _check_plan(plan: Plan, library: Library) -> None:
 
 def _check_names(plan: Plan, library: Library) -> None:
     """Check the names in a plan, without compilation, which takes twenty times as long."""
+    if is_nested(plan):
+        for part in parts(plan):
+            _check_names(part, library)
+        return
     plan.check()
     for term in plan.condition.terms:
         if isinstance(term, Literal) and "." in term.functor and term.functor not in COLLECTORS:
@@ -255,7 +265,7 @@ def warnings_of(program: Program) -> list[AgentSpeakError]:
             what = f"{agentspeak(condition)} is a condition, which is no action"
             problem = RuleError(what, remedy=f"write ?({agentspeak(condition)})")
             found.append(_placed(problem, plan, program))
-    for item in (*program.inferences, *program.plans):
+    for item in (*program.inferences, *itertools.chain(*map(parts, program.plans))):
         for names, where in unbound_in(item):
             what = f"{names} has no value in {agentspeak(where)}"
             remedy = "give it one in the event or the context" if isinstance(item, Plan) else "give it one before"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from socialbot.bdi.agentspeak._terms import TermReader
@@ -27,6 +28,9 @@ GOAL_NOTES = ("within", "hard_deadline", "source")
 LABEL_NOTES = ("atomic", "priority", "stage", "breakpoint", "all_unifs", "source")
 BELIEF_NOTES = ("held_for", "changed", "source")
 """Annotations with a meaning, of goals and actions, of labels of plans, and of added beliefs as triggers."""
+
+_PLAN_BEGINS = frozenset({"+", "-", "^", "@"})
+"""First tokens of plans."""
 
 _NESTED = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
 
@@ -89,7 +93,28 @@ class Parser(TermReader):
     # Plans
 
     def one_plan(self) -> Plan:
-        return self.plan((".", END))
+        plan = self.plan((".", END))
+        return self.with_inner(plan) if self.words[self.at] == "." else plan
+
+    def with_inner(self, plan: Plan) -> Plan:
+        """Read the dot after a plan, and its inner plans in braces, if any."""
+        self.at += 1
+        words = self.words
+        if not self.begins_inner():
+            return plan
+        start = self.at
+        self.at += 1
+        inner = []
+        while words[self.at] in _PLAN_BEGINS:
+            each = self.plan((".",))
+            inner.append(self.with_inner(each))
+        self.skip("}", f"an inner plan, or '}}' after those of '{_first_line(plan)}'")
+        text = f"{plan.text}. {self.text(start)}"
+        return replace(plan, inner=tuple(inner), text=text)
+
+    def begins_inner(self) -> bool:
+        """Check whether inner plans, which are no directive, begin here."""
+        return self.words[self.at] == "{" and self.words[self.at + 1] in _PLAN_BEGINS
 
     def plan(self, ends: tuple[str, ...]) -> Plan:
         """Read a plan up to its end token, one of ``ends``."""
@@ -105,6 +130,11 @@ class Parser(TermReader):
             self.at += 1
             condition = conjunction(self.condition())
             expected = "'<-', '.', '&' or '|' after the context"
+        until = None
+        if words[self.at] == "<:":
+            self.at += 1
+            until = conjunction(self.condition())
+            expected = "'<-', '.', '&' or '|' after the goal condition"
         if words[self.at] == "<-":
             self.at += 1
             bare = words[self.at] == "true"  # a body without steps, as in Jason
@@ -117,7 +147,7 @@ class Parser(TermReader):
         if words[self.at] not in ends:
             missing = "write '.' at the end of the plan before" if words[self.at] in ("+", "-", "@") else None
             self.fail(expected.replace("'.'", "'}'") if "}" in ends else expected, remedy=missing)
-        return Plan(event, condition, body, **options, origin=origin, text=self.text(start))
+        return Plan(event, condition, body, **options, origin=origin, text=self.text(start), until=until)
 
     def label(self, inner: bool) -> dict[str, Any]:
         """Read a label, which may be a variable in an ``inner`` plan; return the fields of the plan that it sets."""
@@ -414,6 +444,10 @@ class Parser(TermReader):
         body = self.body()
         self.skip(end, f"';' or '{end}' after a step")
         return body
+
+
+def _first_line(plan: Plan) -> str:
+    return (plan.text or "").split("\n", 1)[0]
 
 
 def _without(item: Literal, note: object) -> Literal:

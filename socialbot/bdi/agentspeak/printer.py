@@ -32,6 +32,7 @@ from socialbot.bdi.steps import (
     Fork,
     If,
     PlanBody,
+    Scoped,
     Step,
     Update,
     While,
@@ -68,7 +69,7 @@ def agentspeak(item: object) -> str:
     """Print a plan or rule with its final dot, an event, a step, a condition or a term in Jason's syntax."""
     match item:
         case Plan():
-            return f"{_plan(item)}."
+            return f"{_plan(item)}.{_inner(item)}"
         case Inference():
             return f"{_rule(item)}."
         case Event():
@@ -88,8 +89,13 @@ def _rule(rule: Inference) -> str:
 
 def _plan(plan: Plan) -> str:
     context = f" : {_condition(plan.condition)}" if plan.condition.terms else ""
+    until = "" if plan.until is None else f" <: {_condition(plan.until)}"
     body = f" <- {_body(plan.body)}" if plan.body else ""
-    return f"{_label(plan)}{_event(plan.event)}{context}{body}"
+    return f"{_label(plan)}{_event(plan.event)}{context}{until}{body}"
+
+
+def _inner(plan: Plan) -> str:
+    return f" {{ {' '.join(map(agentspeak, plan.inner))} }}" if plan.inner else ""
 
 
 def _label(plan: Plan) -> str:
@@ -167,6 +173,8 @@ def _step(step: Step) -> str:
             return f"for ({_condition(condition)}) {_block(body)}"
         case Fork(branches, every):
             return f" {'|&|' if every else '|||'} ".join(map(_branch, branches))
+        case Scoped():
+            return _body(step.body)
     raise TypeError(step)
 
 

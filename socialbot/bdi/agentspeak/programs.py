@@ -129,9 +129,7 @@ class ProgramParser(Parser):
         while (word := words[self.at]) != END:
             if word in ("+", "-", "^", "@"):
                 start = self.at
-                plan = self.plan((".",))
-                self.at += 1
-                self.add_plan(plan, start)
+                self.add_plan(self.with_inner(self.plan((".",))), start)
             elif word == "!":
                 self.goals.append(self.goal())
             elif word == "{":
@@ -192,8 +190,6 @@ class ProgramParser(Parser):
         self.at += begins
         at = self.at
         name = self.words[at]
-        if not begins and self.plans and self.words[start - 1] == "." and name in ("+", "-", "@", "^"):
-            raise self.unsupported("a plan within a plan", start, "write the inner plan after the outer one")
         directives = DIRECTIVES | PATTERNS
         if name not in directives:
             near = difflib.get_close_matches(name, directives, 1)

@@ -12,6 +12,7 @@ from socialbot.bdi.compiler._steps import (
     achieve,
     ask,
     await_,
+    condition_pause,
     constrain,
     do,
     first,
@@ -37,6 +38,7 @@ from socialbot.bdi.steps import (
     Forget,
     Fork,
     If,
+    Scoped,
     Step,
     Update,
     While,
@@ -72,7 +74,7 @@ def rests(step: Step) -> bool:
     """Check whether a step always yields to other intentions before it ends."""
     if isinstance(step, Do):
         return isinstance(step.action, Literal) and pauses(step.action)
-    return isinstance(step, (Await, Fork))
+    return isinstance(step, (Await, Fork, Scoped))
 
 
 Rest = Callable[[str], str]
@@ -86,6 +88,7 @@ class Body:
         self.unit = unit
         self.plan = plan
         self.scope = scope
+        self.switch = "yield" if plan.stepwise else SWITCH
 
     def generator(self) -> str:
         """Emit the body as a generator of engine, cause and variables; return its name."""
@@ -128,7 +131,7 @@ class Body:
         rested = begins or not nested
         for i, step in enumerate(body):
             if not rested:
-                f.line("yield" if repeats and i == 0 else SWITCH)
+                f.line("yield" if repeats and i == 0 else self.switch)
             last = i == len(body) - 1
             rested = self.write(f, step, last=last and not nested, closes=last)
 
@@ -222,12 +225,28 @@ class Body:
                 self.write_all(f, step.body, nested=True, repeats=True)
 
     def fork(self, f: Function, step: Fork) -> None:
+        with self.branches(f, step.branches) as calls:
+            f.line(f"yield ForkPause({tuple_of(calls)}, c, every={step.every})", step)
+
+    def scoped(self, f: Function, step: Scoped) -> None:
+        with self.branches(f, (step.body,)) as (body,):
+            rest = f"{body}, c, {build(f, step.mark)}, {step.watched!r}"
+            if step.until is None:
+                f.line(f"yield ScopePause({rest}, None)", step)
+            else:
+                pause = f.unit.name("p")
+                f.line(f"{pause} = {condition_pause(f, step.until)[0]}", step)
+                f.line(f"if {pause} is not None: yield ScopePause({rest}, {pause})", step)
+
+    @contextmanager
+    def branches(self, f: Function, branches: tuple[tuple[Step, ...], ...]) -> Iterator[list[str]]:
+        """Emit bodies that run beside each other; yield the calls, and take over the values that they found."""
         out = f.unit.name("out")
         f.line(f"{out} = {{}}")
         calls = []
         names = sorted(f.scope)
         found: set[str] = set()
-        for branch in step.branches:
+        for branch in branches:
             g = self.unit.function("branch", ["ag", "c", "out", *(f.local(n) for n in names)], f.scope)
             self.write_all(g, branch, nested=True, begins=True)
             for name in sorted(g.scope.keys() - f.scope.keys()):
@@ -235,7 +254,7 @@ class Body:
                 found.add(name)
             g.line("if False: yield")
             calls.append(f"{g.name}({', '.join(['ag', 'c', out, *(f.local(n) for n in names)])})")
-        f.line(f"yield ForkPause({tuple_of(calls)}, c, every={step.every})", step)
+        yield calls
         for name in sorted(found):
             f.line(f"{f.local(name)} = {out}[{name!r}] if {name!r} in {out} else Var({name!r})")
             f.scope[name] = CELL
@@ -281,4 +300,5 @@ BLOCKS: dict[type[Step], Callable[[Body, Function, Any], None]] = {
     While: Body.while_,
     For: Body.for_,
     Fork: Body.fork,
+    Scoped: Body.scoped,
 }

@@ -110,7 +110,7 @@ def chosen(f: Function, plan: Plan) -> None:
     generator = f"{body.generator()}({', '.join(['ag', 'c', *map(f.local, body.scope)])})"
     meta = plan.event.change in META
     kept = f.unit.library.keeps_goals and _ends_with_goal(plan)
-    if straight(plan.body) and not (plan.atomic or meta or kept):
+    if straight(plan.body) and not (plan.atomic or meta or kept or plan.stepwise):
         inline(f, plan, body, generator)
     else:
         f.line(f"return SpecialBody({generator}, False)" if plan.atomic or meta else f"return {generator}")

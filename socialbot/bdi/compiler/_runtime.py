@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import failure_of, matched, plans_after, reasons_against
+from socialbot.bdi._inner_plans import ScopePause
 from socialbot.bdi._open_beliefs import add_belief, remove_belief
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import (
@@ -415,7 +416,7 @@ def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: 
 
 NAMES: dict[str, Any] = {
     "ANY": Var(), "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed,
-    "ForkPause": ForkPause, "Literal": Literal,
+    "ForkPause": ForkPause, "ScopePause": ScopePause, "Literal": Literal,
     "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
     "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
     "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,

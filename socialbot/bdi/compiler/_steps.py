@@ -153,18 +153,24 @@ def await_(f: Function, step: Await, limit_s: object = None, elapsed: object = N
         f.line(f"yield {limited(f, timed.format(pause), limit_s)}", step)
         refresh(f, names_in(literal))
     else:
-        found = f.unit.name("s")
-        known = dict(f.scope)
-        name, arguments, states = query(f, step.what)
-        f.line(f"{found} = []")
-        cells = tuple_of(f.local(name) for name in sorted(names_in(step.what)) if known.get(name) == CELL)
-        beliefs = dependencies(f, step.what, known)
-        pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit}, {beliefs}, {cells})"
+        pause, found, states = condition_pause(f, step.what, limit)
         f.line(f"yield {limited(f, timed.format(pause), limit_s)}", step)
         if elapsed is None:
             unpack(f, states, f"{found}[0]")
         else:
             unpack(f, dict.fromkeys(states, CELL), f"{found}[0] if {found} else {tuple_of(['Var()'] * len(states))}")
+
+
+def condition_pause(f: Function, condition: Condition, limit: str = "None") -> tuple[str, str, Scope]:
+    """Return the expression of a pause until a condition holds, the list of its solutions, and their variables."""
+    found = f.unit.name("s")
+    known = dict(f.scope)
+    name, arguments, states = query(f, condition)
+    f.line(f"{found} = []")
+    cells = tuple_of(f.local(name) for name in sorted(names_in(condition)) if known.get(name) == CELL)
+    beliefs = dependencies(f, condition, known)
+    pause = f"await_condition(lambda: next({name}({arguments}), None), {found}, {limit}, {beliefs}, {cells})"
+    return pause, found, states
 
 
 def constrain(f: Function, step: Constrain) -> None:
@@ -250,8 +256,19 @@ def notes_of(f: Function, literal: Literal) -> str:
     return tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
 
 
+def marked(f: Function, notes: str, marks: tuple[Literal, ...]) -> str:
+    """Return the expression of the annotations of an event with the marks that select inner plans."""
+    return f"(*{notes}, *{build(f, marks)})" if marks else notes
+
+
 def update(f: Function, step: Update) -> None:
-    """Emit a belief update; except for ``++``, its local r then holds a pause or None."""
+    """Emit a belief update; except for ``++``, its local r then holds the request for a plan or None."""
+    change(f, step)
+    if step.marks:
+        f.line(f"if r is not None: r = (*r[:3], {marked(f, 'r[3]', step.marks)}, r[4])", step)
+
+
+def change(f: Function, step: Update) -> None:
     literal, sign = step.literal, step.sign
     if isinstance(literal, Inference):
         f.line(f"r = change_rule(ag, {sign!r}, {build(f, literal)})", step)
@@ -395,7 +412,8 @@ def ask(f: Function, step: Ask) -> None:
             scope = dict(f.scope)
             args = build(f, query_.args)
             trigger = f"ag.triggers[{'+?' + query_.key!r}]"
-            f.line(f"yield question(ag, {trigger}, {args}, {notes_of(f, query_)}, c)", step)
+            notes = marked(f, notes_of(f, query_), step.marks)
+            f.line(f"yield question(ag, {trigger}, {args}, {notes}, c)", step)
             for variable in sorted(names_in(query_) - {"_"}):
                 if f.scope.get(variable) == CELL:
                     f.line(f"{f.local(variable)} = known({f.local(variable)})", step)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._goal_states import pause_term
+from socialbot.bdi._inner_plans import ScopePause
 from socialbot.bdi.agentspeak._spelling import said, spelled
 from socialbot.bdi.compiler._dynamic import variables_of
 from socialbot.bdi.intentions import (
@@ -180,6 +181,11 @@ def _is_branch_parent(intention: Intention, branch: Intention | None) -> bool:
     return any(each is branch or _is_branch_parent(each, branch) for each in _branches(intention))
 
 
+def _parent(engine: Any, branch: Intention) -> Intention | None:
+    """Return the intention that a branch belongs to."""
+    return next((each for each in engine.intentions if any(inner is branch for inner in _branches(each))), None)
+
+
 def _branches(intention: Intention) -> Iterable[Intention]:
     return intention.pause.branches if isinstance(intention.pause, ForkPause) else ()
 
@@ -252,9 +258,21 @@ def succeed_goal(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".done", 0, 1, pauses=True, aware=True)
 def done(engine: Any, args: Args, trail: Trail) -> None:
-    """``.done(g)``: `.succeed_goal` in this intention only; without a goal that of this plan."""
+    """``.done(g)``: `.succeed_goal` in this intention only; without a goal that of this plan.
+
+    In an inner plan for a belief, the goal is that of the plan around it.
+    """
     intention = engine.intentions.current
-    goals = [request for request in _goals(intention) if not args or _fits(literal_of(".done", args[0]), request)]
+    goals: list[Request] = []
+    while True:
+        goals = [request for request in _goals(intention) if not args or _fits(literal_of(".done", args[0]), request)]
+        around = _parent(engine, intention)
+        if goals or around is None:
+            break
+        if not args and isinstance(around.pause, ScopePause):
+            around.pause.finish()
+            return
+        intention = around
     if not goals:
         raise Failed("ia_failed", f".done: this intention does not pursue {spelled(args[0]) if args else 'a goal'}")
     if args:

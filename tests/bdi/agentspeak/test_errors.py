@@ -155,8 +155,6 @@ UNSUPPORTED = {
     '{ include("x.asl") }': "an include in a text without a place is not supported",
     "{ begin x(1) } b. { end }": "the directive 'x' is not supported",
     "{ x }": "the directive 'x' is not supported",
-    "+b. { +c. }": "a plan within a plan is not supported",
-    "+!g : c <: d <- a.": "a goal condition ('<:') is not supported",
     "+b <- -<c.": "'-<' is not supported",
     "+b <- a(X(1)).": "a variable with arguments is not supported",
     "+b <- a(`x).": "a backquote is not supported",
