@@ -8,6 +8,7 @@ from socialbot.core.lazy import lazy_exports
 if TYPE_CHECKING:
     from socialbot.deliberation._fact_index import parse_fact, parse_facts
     from socialbot.deliberation.actions import PlanAction, register
+    from socialbot.deliberation.auctions import Auction, AuctionAction
     from socialbot.deliberation.deliberator import Deliberator, Observer
     from socialbot.deliberation.facts import FactBase
     from socialbot.deliberation.files import load_beliefs, load_desires, load_rules, restore_mind, save_mind
@@ -27,11 +28,11 @@ if TYPE_CHECKING:
     from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate, sensed_by
 
 __all__ = [
-    "DeliberationOptions", "Deliberator", "Desire", "Dnf", "FLUENT", "Fact", "FactBase", "FactCondition",
-    "FactConjunction", "FactSensor", "INSTANCE", "Observer", "PREDICATE", "PlanAction", "Policies", "ReactiveRule",
-    "RequestClient", "RequestServer", "RuleEffect", "SentRequest", "fluent", "instance", "load_beliefs",
-    "load_desires", "load_rules", "option_infos", "parse_fact", "parse_facts", "predicate", "register",
-    "restore_mind", "save_mind", "sensed_by",
+    "Auction", "AuctionAction", "DeliberationOptions", "Deliberator", "Desire", "Dnf", "FLUENT", "Fact", "FactBase",
+    "FactCondition", "FactConjunction", "FactSensor", "INSTANCE", "Observer", "PREDICATE", "PlanAction", "Policies",
+    "ReactiveRule", "RequestClient", "RequestServer", "RuleEffect", "SentRequest", "fluent", "instance",
+    "load_beliefs", "load_desires", "load_rules", "option_infos", "parse_fact", "parse_facts", "predicate",
+    "register", "restore_mind", "save_mind", "sensed_by",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)
@@ -50,6 +51,7 @@ SENTENCES.update(
     hold="it began nothing new for {}{reason:: }",
     release="it went on with {}",
     rule="its rule {} fired{effect:: }",
+    auction="it offered {} to others{winner:: got by }",
     request="{}",
     reply="the answer came from {}{reason:: }",
     asked="{}",

@@ -34,6 +34,8 @@ from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula, Key
 from socialbot.planning.pddl.restriction import touches
+from socialbot.planning.pddl.state import PddlState
+from socialbot.planning.pddl.validation import state_after
 
 How = Literal["succeeded", "failed", "aborted"]
 
@@ -124,6 +126,21 @@ class PlanExecutor:
 
     def projected(self, goal: Formula | None = None) -> PddlProblem:
         return projected(self._facts, self._facts.domain, self.running, goal)
+
+    @property
+    def remaining_s(self) -> float:
+        """Estimated time (s) until the end of the plan."""
+        execution = self._execution
+        if execution is None:
+            return 0.0
+        now = self._loop.now
+        return max(0.0, execution.estimated_end_s(now) - execution.seconds(now))
+
+    def problem_after_plan(self) -> PddlProblem:
+        """Return the predicted state after the end of the plan, without a goal."""
+        domain, execution = self._facts.domain, self._execution
+        waiting = [] if execution is None else [task.step for task in execution.tasks if task.phase == "waiting"]
+        return state_after(PddlState.of(self.projected(), domain), PddlPlan(tuple(waiting))).problem(None)
 
     def beliefs_if_aborted(self) -> tuple[Fact, ...]:
         """Return the predicted facts after an abort, in order."""

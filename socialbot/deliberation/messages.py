@@ -179,14 +179,15 @@ class CurrentIntentions(Structured, frozen=True, kw_only=True):
     actions: tuple[ActionExecutionInfo, ...] = ()
 
 
-Operation = Literal["check", "add", "del"]
+Operation = Literal["check", "add", "del", "bid"]
 
 
 class AgentRequest(Structured, frozen=True, kw_only=True):
     """Request of an agent of a ``group`` to another one about either a belief or a desire.
 
     With ``monitor`` the receiver sends a second reply with the same id at the end of the adopted desire; until then
-    the sender repeats the request. Duplicates (same sender and id) are answered again, but executed once.
+    the sender repeats the request. Duplicates (same sender and id) are answered again, but executed once. ``bid`` asks
+    for the time until a desire would be achieved, and changes nothing.
     """
 
     id: str
@@ -210,6 +211,7 @@ class AgentReply(Structured, frozen=True, kw_only=True):
         found: Whether a checked item exists, or a deleted one existed.
         priority: Priority of the desire at the receiver.
         state: ``fulfilled`` or ``dropped`` in the second reply to a monitored request.
+        bid: Time (s) until an offered desire would be achieved.
     """
 
     id: str
@@ -220,6 +222,7 @@ class AgentReply(Structured, frozen=True, kw_only=True):
     found: bool = False
     priority: float | None = None
     reason: str = ""
+    bid: float | None = None
 
 
 class LifecycleStatus(Structured, frozen=True, kw_only=True):

@@ -10,8 +10,9 @@ from typing import Any, Literal
 import msgspec
 
 from socialbot.bdi import Engine
-from socialbot.core.clock import nanoseconds
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
+from socialbot.deliberation._bidding import Bid, make_bid
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.desires import End
 from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, Fact, Operation, Priority
@@ -57,7 +58,7 @@ class Policies:
         kind = "belief" if request.belief is not None else "desire"
         groups: tuple[str, ...] = getattr(self, f"{kind}_{'ck' if request.operation == 'check' else 'w'}")
         if request.group not in groups:
-            verb = "delete" if request.operation == "del" else request.operation
+            verb = {"del": "delete", "bid": "bid for"}.get(request.operation, request.operation)
             allowed = f"these may: {', '.join(groups)}" if groups else "no group may"
             return Permission(False, f"group {request.group!r} may not {verb} {kind}s; {allowed}")
         if kind == "belief" or request.operation == "check":
@@ -98,6 +99,8 @@ class SentRequest:
             or ``dropped``, or ``refused`` by a receiver that has restarted.
         found: Whether a checked item exists, or a deleted one existed.
         priority: Priority of the desire at the receiver.
+        bid: Time (s) until the receiver would have achieved an offered desire.
+        replied_at: Time (ns) of the latest reply.
     """
 
     request: AgentRequest
@@ -105,6 +108,8 @@ class SentRequest:
     found: bool = False
     priority: float | None = None
     reason: str = ""
+    bid: float | None = None
+    replied_at: int = 0
 
     @property
     def accepted(self) -> bool:
@@ -136,8 +141,12 @@ class RequestClient:
         desire: Desire | None = None,
         monitor: bool = False,
         cause: str = "",
+        timeout_s: float | None = None,
     ) -> SentRequest:
-        """Ask another agent to check, add or delete a belief or a desire."""
+        """Ask another agent to check, add or delete a belief or a desire, or offer it a desire for a ``bid``.
+
+        ``timeout_s`` (default: that of the client) is the time to wait for the answer.
+        """
         self._count += 1
         now = self.engine.clock.now()
         request = AgentRequest(
@@ -155,7 +164,7 @@ class RequestClient:
         sent = SentRequest(request)
         self._open[request.id] = sent
         self.engine.trace.record("request", text_of(request), cause, id=request.id)
-        self._repeat(sent, now + nanoseconds(self.timeout_s))
+        self._repeat(sent, now + nanoseconds(self.timeout_s if timeout_s is None else timeout_s))
         return sent
 
     def handle(self, reply: AgentReply) -> bool:
@@ -168,6 +177,7 @@ class RequestClient:
                 self.engine.trace.record("refused", f"the reply {reply.id} of {reply.sender}", reply.id, reason=reason)
             return False
         before = sent.state, sent.found, sent.reason
+        sent.replied_at, sent.bid = self.engine.clock.now(), reply.bid
         sent.state = reply.state if reply.accepted else "refused"
         sent.found, sent.priority, sent.reason = reply.found, reply.priority, reply.reason
         if not (sent.request.monitor and reply.accepted and reply.state == "done"):
@@ -197,7 +207,8 @@ class RequestClient:
             self.engine.timers.at(min(now + nanoseconds(REPEAT_S), deadline), lambda: self._repeat(sent, deadline))
         else:
             sent.state = "timeout"
-            sent.reason = f"no answer from {sent.request.receiver} in {self.timeout_s:g} s"
+            waited_s = (now - sent.request.stamp) / SECOND
+            sent.reason = f"no answer from {sent.request.receiver} in {waited_s:g} s"
             self.forget(sent)
             self.engine.trace.record("reply", f"{sent.request.receiver}: timeout", sent.request.id, reason=sent.reason)
 
@@ -206,7 +217,8 @@ def text_of(request: AgentRequest) -> str:
     """Return a request as text for the trace."""
     about = request.belief if request.belief is not None else request.desire and request.desire.name
     kind = "belief" if request.belief is not None else "desire"
-    return f"{request.sender} asks {request.receiver} to {request.operation} {kind} {about}"
+    what = f"{'bid for' if request.operation == 'bid' else request.operation} {kind} {about}"
+    return f"{request.sender} asks {request.receiver} to {what}"
 
 
 class RequestServer:
@@ -217,6 +229,7 @@ class RequestServer:
         self._policies = policies
         self._send = send
         self._answers: OrderedDict[tuple[str, str], AgentReply] = OrderedDict()
+        self._bidding: set[tuple[str, str]] = set()
 
     def handle(self, request: AgentRequest) -> None:
         """Answer a request if this agent is its receiver."""
@@ -224,14 +237,33 @@ class RequestServer:
         if request.receiver != engine.name:
             return
         key = (request.sender, request.id)
+        if key in self._bidding:
+            return
         answer = self._answers.get(key)
         if answer is None:
             engine.trace.record("asked", text_of(request), request.id, group=request.group)
             answer = self._answer(request)
+            if answer is None:
+                self._bid(request, key)
+                return
             if not answer.accepted:
                 engine.trace.record("refused", text_of(request), request.id, reason=answer.reason)
         self._remember(key, answer)
         self._send(answer)
+
+    def _bid(self, request: AgentRequest, key: tuple[str, str]) -> None:
+        """Answer with the estimate for a desire as soon as there is one."""
+        assert request.desire is not None
+        priority = min(request.desire.priority, self._policies.may(request).max_priority)
+        self._bidding.add(key)
+
+        def on_bid(bid: Bid) -> None:
+            self._bidding.discard(key)
+            answer = self._reply(request, found=bid.seconds is not None, bid=bid.seconds, reason=bid.reason)
+            self._remember(key, answer)
+            self._send(answer)
+
+        make_bid(self._deliberator, msgspec.structs.replace(request.desire, priority=priority), on_bid)
 
     def _remember(self, key: tuple[str, str], answer: AgentReply) -> None:
         self._answers[key] = answer
@@ -239,15 +271,21 @@ class RequestServer:
         if len(self._answers) > MAX_REMEMBERED:
             self._answers.popitem(last=False)
 
-    def _answer(self, request: AgentRequest) -> AgentReply:
+    def _answer(self, request: AgentRequest) -> AgentReply | None:
+        """Execute a request and return its answer; None for the offer of a desire, which is answered later."""
         if (request.belief is None) == (request.desire is None):
             return self._refuse(request, "it has to name a belief or a desire")
+        if request.operation == "bid" and request.desire is None:
+            return self._refuse(request, "only a desire can be offered")
         permission = self._policies.may(request)
         if not permission.granted:
             return self._refuse(request, permission.reason)
         if request.belief is not None:
             return self._about_belief(request, request.belief)
         assert request.desire is not None
+        if request.operation == "bid":
+            reason = self._deliberator.objection(request.desire)
+            return self._refuse(request, reason) if reason else None
         return self._about_desire(request, request.desire, permission.max_priority)
 
     def _about_belief(self, request: AgentRequest, belief: Fact) -> AgentReply:

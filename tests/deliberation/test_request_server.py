@@ -288,3 +288,38 @@ def test_priorities_that_make_no_sense_are_refused(priorities):
     with pytest.raises(ParameterError, match="desire_pr") as caught:
         Policies.parse(desire_w="grippers", desire_pr=priorities, where="carrier_a")
     assert caught.value.where == "carrier_a"
+
+
+def test_a_bid_is_the_time_of_the_plan_and_changes_nothing(desk):
+    reply = desk.ask("bid", job("a"))
+    assert (reply.accepted, reply.found, reply.bid) == (True, True, 6.0)
+    assert desk.office.wants == []
+
+
+def test_a_bid_counts_the_rest_of_the_plan_and_the_desires_before_it(desk):
+    desk.ask("add", job("a", priority=0.6))
+    desk.office.until(2)
+    desk.ask("add", job("b", priority=0.6))
+    assert desk.ask("bid", job("c", priority=0.5)).bid == pytest.approx(4 + 6 + 6, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("about", "group", "accepted", "why"),
+    [
+        (job("a"), "readers", False, "group 'readers' may not bid for desires; these may: friends, late"),
+        (job("a", value=(p("raedy"),)), "friends", False, "there is no predicate 'raedy'"),
+        (job("a", deadline=5.0), "friends", True, "the plan lasts 6 s, longer than the 5 s there are"),
+        (job("a", value=(p("told"),)), "friends", True, "nothing brings about (told)"),
+        (job("a", value=(p("done", "z"),)), "friends", True, "there is no object 'z'"),
+        (p("lit"), "friends", False, "only a desire can be offered"),
+    ],
+)
+def test_no_bid_for_what_is_forbidden_or_impossible(desk, about, group, accepted, why):
+    reply = desk.ask("bid", about, group)
+    assert (reply.accepted, reply.bid) == (accepted, None)
+    assert why in reply.reason
+
+
+def test_a_bid_for_a_fulfilled_desire_is_zero(desk):
+    desk.ask("add", p("done", "a"))
+    assert desk.ask("bid", job("a")).bid == 0.0

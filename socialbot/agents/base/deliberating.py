@@ -33,6 +33,7 @@ from socialbot.core import paths
 from socialbot.core.errors import PlanningError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
 from socialbot.deliberation.actions import PlanAction, register
+from socialbot.deliberation.auctions import Auction
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.files import load_beliefs, load_desires, load_rules, restore_mind, save_mind
 from socialbot.deliberation.messages import (
@@ -132,6 +133,8 @@ class Deliberating(AgentNode):
         policies = Policies.parse(**{name: str(values[name]) for name in POLICIES}, where=self.name)
         self.request_client = RequestClient(engine, self.agent_group, self.requests_out.publish, self.request_timeout_s)
         self.ask = self.request_client.ask
+        self.auctions: list[Auction] = []
+        """Auctions of the agent that wait for bids."""
         self._request_server = RequestServer(self.deliberator, policies, self.replies_out.publish)
         for sensor in sensors:
             sensor.join(self.deliberator)

@@ -329,6 +329,19 @@ def validate_plan(
     return tuple(_Simulation(domain, state, plan, problem.timed, running).run(problem.goal))
 
 
+def state_after(state: PddlState, plan: PddlPlan) -> PddlState:
+    """Apply all effects of a plan to a state, whether its conditions hold or not; return the state.
+
+    Raises PlanningError for an effect on a function without a value.
+    """
+    actions = [ground(state.domain.actions[step.action], step.args) for step in plan.steps]
+    for point in time_points(plan, actions):
+        for index, edge in itertools.chain.from_iterable(point.phases):
+            effects = actions[index].effects_at(edge)
+            state.apply(changes(effects, state, duration=plan.steps[index].duration_s))
+    return state
+
+
 def _static_error(domain: PddlDomain, state: PddlState, step: PlanStep, running: bool = False) -> str | None:
     """Return an error that does not depend on the state: unknown name, wrong type or time; else None."""
     action = domain.actions.get(step.action)
