@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 
+from socialbot.agents.base.deliberating import Deliberating
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.inline import InlineRunner
@@ -133,7 +134,9 @@ def test_without_permission_nobody_bids_and_the_reason_says_so(example):
 
 def test_a_withdrawn_auction_withdraws_the_desire_of_the_winner(example):
     town = Town(example).until(2)
-    office = town.runner.nodes["office"].deliberator
+    node = town.runner.nodes["office"]
+    assert isinstance(node, Deliberating)
+    office = node.deliberator
     office.engine.call(lambda: office.drop("all_delivered"))
     town.until(8)
     assert {one.detail["reason"] for one in town.found("desire_dropped", "deliver_books")} == {"office asked for it"}
