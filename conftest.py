@@ -66,6 +66,13 @@ def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> Non
     paths.allow(tmp_path_factory.getbasetemp())
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _cache_of_tests(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """One cache for the workers of a test run, apart from that of the user."""
+    own = tmp_path_factory.getbasetemp()
+    os.environ["SOCIALBOT_CACHE"] = str((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache")
+
+
 @pytest.fixture(autouse=True)
 def _logging_is_enabled() -> Iterator[None]:
     """Undo `logging.disable` and the levels that a command or another test has set for the loggers of socialbot."""

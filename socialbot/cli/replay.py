@@ -37,6 +37,9 @@ def replay(
     pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
     out: options.OutOption = None,
+    cache: Annotated[
+        bool, typer.Option(help="Take what was seen in this bag before from the cache, and keep it there (inline).")
+    ] = True,
     video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
@@ -54,6 +57,7 @@ def replay(
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunRecord
     from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
+    from socialbot.runtime.perception_cache import PerceptionCache
     from socialbot.runtime.run import new_run_folder, run
 
     console = Console(highlight=False)
@@ -63,7 +67,8 @@ def replay(
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
     with open_bag(bag) as opened:
         chosen = image_topic or _ask_image_topic(opened.preferred_image_topics if takes_images else ())
-        source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth))
+        kept = PerceptionCache() if cache and runner == "inline" else None
+        source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth), kept)
         topic = opened.choose_image_topic(chosen).name if takes_images else None
         with RunRecord(folder, labels=options.labels_of(labels)) as record:
             if show_page:

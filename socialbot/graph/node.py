@@ -24,6 +24,7 @@ import logging
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
 
 from socialbot.core.clock import Clock, nanoseconds
@@ -112,6 +113,11 @@ class Input(Generic[M]):
     def __call__(self, handler: H) -> H:
         self._handler = handler.__name__
         return handler
+
+    @property
+    def handler(self) -> str:
+        """Name of the method that handles the messages; empty if there is none."""
+        return self._handler
 
     def deliver(self, node: Node, message: M) -> None:
         if not self.addressed_by or getattr(message, self.addressed_by) in (node.name, EVERYBODY):
@@ -330,6 +336,16 @@ class Node:
     @classmethod
     def expect_available(cls, parameters: Mapping[str, object]) -> None:
         """Raise DeviceError if a node with these parameters could not start on this machine: a file is missing."""
+
+    @classmethod
+    def external_files(cls, parameters: Mapping[str, object]) -> Sequence[Path] | None:
+        """Files that the outputs depend on, beside the input messages and ``parameters``.
+
+        None if the outputs depend on anything else, such as a device, timers, services or random numbers. The outputs
+        of other nodes may come from a cache in a replay, if the class itself defines this method. A subclass has to
+        define it again.
+        """
+        return None
 
     @property
     def clock(self) -> Clock:

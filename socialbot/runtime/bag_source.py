@@ -23,6 +23,7 @@ from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
 from socialbot.runs.record import STOPPED, Observer, RunRecord, event_log_topics, with_event_log
+from socialbot.runtime.perception_cache import PerceptionCache
 from socialbot.runtime.run import (
     Execution,
     Runner,
@@ -49,6 +50,7 @@ def replay(
     *,
     runner: Runner = "inline",
     truth: Path | None = None,
+    cache: bool = True,
 ) -> RunResult:
     """Replay a bag through a graph.
 
@@ -59,16 +61,17 @@ def replay(
         observe: Called with the topic and message of every message.
         runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
         truth: Ground truth file; by default NAME.truth.json beside the bag, if it exists.
+        cache: Whether an inline replay takes what nodes see in images from the user's cache, and keeps it there.
 
     Raises:
         SocialbotError: The bag or the graph is unusable, or the run failed.
     """
     if not isinstance(bag, Bag):
         with open_bag(Path(bag)) as opened:
-            return replay(opened, graph, folder, observe, runner=runner, truth=truth)
+            return replay(opened, graph, folder, observe, runner=runner, truth=truth, cache=cache)
     if not isinstance(graph, Graph):
         graph = graph_of(bag.path) if graph is None else load_graph(graph)
-    source = BagSource(bag, truth=find_truth(bag, truth))
+    source = BagSource(bag, truth=find_truth(bag, truth), cache=PerceptionCache() if cache else None)
     with RunRecord(new_run_folder() if folder is None else Path(folder)) as record:
         return run(graph, source, record, observe, runner=runner)
 
@@ -83,6 +86,7 @@ class BagSource(RunSource):
         rate: Speed of a ROS replay; 1 is as recorded.
         paced: Wait for slow nodes instead of skipping frames, in a ROS replay.
         truth: Ground truth, for the scores.
+        cache: Cache for what nodes see in images, in an inline replay; None for no cache.
     """
 
     bag: Bag
@@ -90,6 +94,8 @@ class BagSource(RunSource):
     rate: float = 1.0
     paced: bool = True
     truth: GroundTruth | None = None
+    cache: PerceptionCache | None = None
+    _perception: str = field(default="", init=False)
     _feeds: Mapping[str, str] = field(default_factory=dict, init=False)
     _recorded: Mapping[str, Recorded] = field(default_factory=dict, init=False)
     _decisions: list[TraceRecord] = field(default_factory=list, init=False)
@@ -136,6 +142,7 @@ class BagSource(RunSource):
                 "duration_s": bag.duration_s,
                 "topics": dict(self._feeds),
                 "damage": list(bag.damage),
+                "cache": self._perception,
                 "skipped": {topic: msgspec.to_builtins(skipped) for topic, skipped in bag.skipped.items()},
             },
             "frames": len(record.detections),
@@ -152,6 +159,9 @@ class BagSource(RunSource):
 
     def _run_inline(self, execution: Execution) -> None:
         graph, ending = execution.graph, execution.ending
+        if takes_images(graph) and self.cache is not None:
+            self._run_cached(execution, self.cache)
+            return
         messages = self.bag.messages(self._feeds, graph.topics())
         first = next(messages, None)
         if first is None:
@@ -167,6 +177,25 @@ class BagSource(RunSource):
                 stage.begin()
                 runner.start()
                 play(script, stage, ending)
+
+    def _run_cached(self, execution: Execution, cache: PerceptionCache) -> None:
+        """Run the graph with nodes that take what they see from the cache, or record it there."""
+        ending, perception = execution.ending, cache.open(self.bag, execution.graph, self._feeds)
+        complete = False
+        try:
+            messages = perception.messages()
+            first = next(messages, None)
+            if first is None:
+                raise self._unreadable()
+            topics = observed_topics(execution.graph)
+            with execution.inline(topics, first[1].stamp, self._recorded, perception.graph) as runner:
+                runner.start()
+                unread = itertools.chain([first], messages)
+                runner.run(itertools.takewhile(lambda _: not ending.asked, unread), tail_s=TAIL_S)
+                complete = not ending.asked
+        finally:
+            perception.finish(complete=complete)
+        self._perception = perception.state
 
     def _run_ros(self, execution: Execution) -> None:
         ending = execution.ending

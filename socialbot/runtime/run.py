@@ -110,13 +110,17 @@ class Execution:
 
     @contextmanager
     def inline(
-        self, topics: Mapping[str, type[Message]], start: int, recorded: Mapping[str, Recorded] | None = None
+        self,
+        topics: Mapping[str, type[Message]],
+        start: int,
+        recorded: Mapping[str, Recorded] | None = None,
+        graph: Graph | None = None,
     ) -> Iterator[InlineRunner]:
         """Create an inline runner that starts at ``start`` (ns) and observes ``topics``; not started yet.
 
-        ``recorded`` are the services with recorded answers.
+        ``recorded`` are the services with recorded answers, ``graph`` a graph to run instead of that of the run.
         """
-        runner = InlineRunner(self.graph, start=start, recorded=recorded)
+        runner = InlineRunner(graph or self.graph, start=start, recorded=recorded)
         for topic in topics:
             runner.tap(topic, self.observe)
         try:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -190,6 +192,10 @@ class ImageConverter(Node):
         CompressedImage, "/camera/image_raw/compressed", Delivery.NEWEST, deadline_s=SILENT_S, alternative_to=image_raw
     )
     image_color = Output(Image, "/camera/image_color", Delivery.NEWEST)
+
+    @classmethod
+    def external_files(cls, parameters: Mapping[str, object]) -> Sequence[Path]:
+        return ()
 
     @image_raw
     def on_image(self, image: Image) -> None:

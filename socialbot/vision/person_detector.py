@@ -194,6 +194,11 @@ class PersonDetector(Node):
         self._camera: CameraModel | None = None
         self._warned: set[str] = set()
 
+    @classmethod
+    def external_files(cls, parameters: Mapping[str, object]) -> Sequence[Path]:
+        named = (str(parameters.get(name) or "") for name in ("model", "camera_file"))
+        return tuple(Path(path).expanduser() for path in named if path)
+
     def find_spec(self) -> DetectorSpec:
         """The detector to use; override it for a detector of your own."""
         return DETECTORS[self.detector]
