@@ -37,7 +37,7 @@ class ProbeTrail(list[Any]):
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class GoalLevel:
     """One plan of an intention with its current or next ``step``.
 
     ``plan`` is None for a branch or a frame that only keeps a goal; ``goal`` is None for a plan for an event.
@@ -141,7 +141,7 @@ def _is_name(term: Literal) -> bool:
     return not (term.args or term.annotations or term.negated)
 
 
-def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Level, ...]:
+def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[GoalLevel, ...]:
     """Plans of an intention, the outermost first; ``kinds`` are the classes of goals by name."""
     levels = []
     for body, request, plan in intention.frames:
@@ -151,7 +151,7 @@ def stack_of(intention: Intention, kinds: Mapping[str, type[Goal]]) -> tuple[Lev
             goal = goal_of(later, kinds)
         passed = body is intention.frames[-1][0] and intention.pause is None
         step = step_of(body, known, passed=passed) if body is not None and known is not None else None
-        levels.append(Level(known.plan if known is not None else None, goal, step))
+        levels.append(GoalLevel(known.plan if known is not None else None, goal, step))
     return tuple(levels)
 
 

@@ -96,7 +96,7 @@ def _part_function(position: int, *path: Any) -> Callable[[Args], Any]:
     return part
 
 
-class Observer(Protocol):
+class RelationObserver(Protocol):
     """Index or other object that follows the beliefs of a relation: begins, ends, and changes of annotations."""
 
     def enter(self, args: Args) -> None: ...
@@ -212,7 +212,7 @@ class Relation:
         self.key = key
         self.base = base
         self.facts: dict[Args, Fact] = {}
-        self.indexes: dict[Any, Observer] = _NONE
+        self.indexes: dict[Any, RelationObserver] = _NONE
         self.hold_timers: dict[CompiledPlan, HoldTimer] = _NONE  # the newest timer of each plan for "held for" events
         self.added: Trigger | None = None
         self.removed: Trigger | None = None
@@ -231,7 +231,7 @@ class Relation:
             self.observe(paths, index)
         return index.table  # type: ignore[attr-defined]
 
-    def observe(self, name: Any, observer: Observer) -> None:
+    def observe(self, name: Any, observer: RelationObserver) -> None:
         """Let an index or another observer follow the beliefs from now on."""
         if self.indexes is _NONE:
             self.indexes = {}

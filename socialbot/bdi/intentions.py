@@ -12,7 +12,7 @@ from socialbot.bdi.terms import Atom, Variable
 from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
-    from socialbot.bdi._explain import Level
+    from socialbot.bdi._explain import GoalLevel
     from socialbot.bdi._interpreter import Interpreter
     from socialbot.bdi.belief_base import HeldBelief
     from socialbot.bdi.library import CompiledPlan, Trigger
@@ -193,7 +193,7 @@ class Intention:
         """Reason of the current pause, or an empty string."""
         return "" if self.pause is None else str(self.pause)
 
-    def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[Level, ...]:
+    def stack(self, kinds: Mapping[str, type[Goal]] | None = None) -> tuple[GoalLevel, ...]:
         from socialbot.bdi._explain import stack_of
 
         return stack_of(self, kinds or {})

@@ -48,7 +48,7 @@ KINDS = {INSTANCE: "an instance", PREDICATE: "a predicate", FLUENT: "a function"
 _NAME = re.compile(r"[a-z][a-z0-9_-]*\Z")
 
 
-class Table:
+class FactTable:
     """Facts of one name by their parameters; for instances, the parameter is their name."""
 
     __slots__ = ("_by", "facts")
@@ -84,7 +84,7 @@ class Table:
         return best
 
 
-_EMPTY = Table()
+_EMPTY = FactTable()
 
 
 class FactIndex:
@@ -92,7 +92,7 @@ class FactIndex:
 
     def __init__(self, domain: PddlDomain, facts: Iterable[Fact] = ()) -> None:
         self.domain = domain
-        self._tables: dict[int, dict[str, Table]] = {INSTANCE: {"": Table()}, PREDICATE: {}, FLUENT: {}}
+        self._tables: dict[int, dict[str, FactTable]] = {INSTANCE: {"": FactTable()}, PREDICATE: {}, FLUENT: {}}
         self._objects: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._sorted: tuple[Fact, ...] | None = None
         self.version = 0
@@ -142,7 +142,7 @@ class FactIndex:
             self._sorted = tuple(sorted(found, key=lambda fact: fact.identity))
         return self._sorted
 
-    def table(self, pddl_type: int, name: str = "") -> Table:
+    def table(self, pddl_type: int, name: str = "") -> FactTable:
         """Return the facts of a name; that of instances is empty."""
         return self._tables[pddl_type].get(name, _EMPTY)
 
@@ -238,7 +238,7 @@ class FactIndex:
 
     def _put(self, fact: Fact) -> None:
         name, params = _place(fact)
-        self._tables[fact.pddl_type].setdefault(name, Table()).put(params, fact)
+        self._tables[fact.pddl_type].setdefault(name, FactTable()).put(params, fact)
         self._changed(fact)
 
     def _take(self, fact: Fact) -> Fact | None:

@@ -243,7 +243,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-Observer = Callable[[str, Message], None]
+MessageObserver = Callable[[str, Message], None]
 
 EVENT_LOG_TOPIC = "told"
 """Source of derived records; not a topic of the graph."""
@@ -255,7 +255,7 @@ def event_log_topics(graph: Graph) -> dict[str, type[Message]]:
     return {} if log is None else {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, log.kinds)}
 
 
-def with_event_log(graph: Graph, observe: Observer) -> Observer:
+def with_event_log(graph: Graph, observe: MessageObserver) -> MessageObserver:
     """Return ``observe`` extended by the records that the event log of ``graph`` derives."""
     log = event_log_of(graph)
     if log is None:

@@ -22,7 +22,7 @@ from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
-from socialbot.runs.record import STOPPED, Observer, RunRecord, event_log_topics, with_event_log
+from socialbot.runs.record import STOPPED, MessageObserver, RunRecord, event_log_topics, with_event_log
 from socialbot.runtime.perception_cache import PerceptionCache
 from socialbot.runtime.run import (
     Execution,
@@ -46,7 +46,7 @@ def replay(
     bag: Bag | Path | str,
     graph: Graph | str | None = None,
     folder: Path | str | None = None,
-    observe: Observer = lambda topic, message: None,
+    observe: MessageObserver = lambda topic, message: None,
     *,
     runner: Runner = "inline",
     truth: Path | None = None,

@@ -19,7 +19,7 @@ from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.inline import InlineRunner, Recorded
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.difference import DecisionComparison
-from socialbot.runs.record import RECORDED, WELL, Observer, RunTrace, event_log_topics, versions, with_event_log
+from socialbot.runs.record import RECORDED, WELL, MessageObserver, RunTrace, event_log_topics, versions, with_event_log
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.metrics.scores import Scores
@@ -100,7 +100,7 @@ class Execution:
     runner: Runner
     composed: bool
     record: RunTrace
-    observe: Observer
+    observe: MessageObserver
     ending: Ending
     result: RunResult
 
@@ -170,7 +170,7 @@ def run(
     graph: Graph,
     source: RunSource,
     record: RunTrace,
-    observe: Observer = lambda topic, message: None,
+    observe: MessageObserver = lambda topic, message: None,
     *,
     runner: Runner = "inline",
     composed: bool = False,

@@ -14,7 +14,7 @@ from socialbot.core.messages import Health, Message, State, TraceRecord
 from socialbot.deliberation.messages import Desire, DesireSet, LifecycleStatus
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
-from socialbot.runs.record import NOTHING_SHOWN, Observer, RunRecord
+from socialbot.runs.record import NOTHING_SHOWN, MessageObserver, RunRecord
 from socialbot.runs.report import RunReport, write_report
 from socialbot.runtime.run import RunResult, run
 from socialbot.runtime.simulated_source import (
@@ -102,7 +102,9 @@ def test_agents_without_desires_run_until_their_simulator_ends(tmp_path, monkeyp
     assert list((tmp_path / "run" / "speech").glob("*.wav"))
 
 
-def simulated(graph: Graph, folder: Path, observe: Observer = lambda topic, message: None, **source: Any) -> RunResult:
+def simulated(
+    graph: Graph, folder: Path, observe: MessageObserver = lambda topic, message: None, **source: Any
+) -> RunResult:
     with RunRecord(folder) as record:
         return run(graph, SimulatedSource(**source), record, observe)
 
