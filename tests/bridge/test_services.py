@@ -260,8 +260,11 @@ class TestActions:
 
     def test_deadline_cancels_the_goal(self, servers):
         with active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(1))
+            assert only_result(hosted).ok, "the server is known from now on"
             in_thread(hosted, lambda node: node.start_count(99, deadline_s=0.4))
-            assert only_result(hosted).outcome == "timeout"
+            assert eventually(lambda: len(hosted.node.results) == 2)
+            assert hosted.node.results[1].outcome == "timeout"
             stopped: list[int] = []
 
             def is_quiet() -> bool:
