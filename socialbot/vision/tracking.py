@@ -63,6 +63,9 @@ _LEAST_FIT_UNKNOWN = 0.4  # and must fit this well.
 _FOREIGN = 0.4  # A track that looks so different shows somebody else.
 _RETURNED = 0.12  # A lost person is recognised below this distance,
 _CLEARER = 0.7  # if other known people are farther by this factor.
+_PROVEN = 0.18  # The looks of a recognised person stay below this distance,
+_PROOFS = 5  # as the median of so many,
+_PROVING_S = 3.0  # for this long.
 _DECIDING_S = 0.6  # A near new track that may show a lost person waits this long for its id.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
 _LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
@@ -114,10 +117,24 @@ class _Person:
     due: bool = False
     new: bool = False
     turned: bool = False
+    claim: _Claim | None = None
 
     @property
     def feet_hidden(self) -> bool:
         return self.hidden_s > 0
+
+
+@dataclass(eq=False)
+class _Claim:
+    """Recognition of a lost ``person`` that further ``looks`` must prove.
+
+    They are ``whole`` if they show upper body and legs; ``since`` is the stamp of the first one (ns).
+    """
+
+    person: _Person
+    since: int
+    whole: bool = False
+    looks: list[np.ndarray] = field(default_factory=list)
 
 
 class Tracker:
@@ -253,6 +270,9 @@ class Tracker:
             self._remember(each for each in persons if each.id)
 
     def _remember(self, persons: Iterable[_Person]) -> None:
+        persons = list(persons)
+        for each in persons:
+            _settle(each)
         self._lost = [*self._lost, *persons][-_MOST_REMEMBERED:]
         known = {each.id for each in (*self._persons, *self._lost)}
         for each in (*self._persons, *self._lost):
@@ -354,11 +374,39 @@ class Tracker:
             if math.isfinite(far):
                 person.others.clear()
             person.appearance.see(look)
+            self._prove(person, look)
+
+    def _prove(self, person: _Person, look: np.ndarray) -> None:
+        """Compare a recognised person with their memory, until it is proven or refuted.
+
+        A person who enters may show little of themselves, and look like somebody else at first.
+        """
+        claim, now = person.claim, self._stamp or 0
+        if claim is None:
+            return
+        whole = not np.isnan(look).any()
+        if whole and not claim.whole:
+            claim.whole, claim.since, claim.looks = True, now, []
+        if whole is claim.whole and not np.isnan(look[:, 0]).all():
+            claim.looks = [*claim.looks, look][-_PROOFS:]
+        if len(claim.looks) < _PROOFS:
+            return
+        if float(np.median(claim.person.appearance.distances(np.array(claim.looks)))) > _PROVEN:
+            self._lost.append(claim.person)
+            person.appearance = Appearance(claim.looks)
+            self._forget_id(person)
+            person.met.add(claim.person.id)
+        elif (now - claim.since) / SECOND > _PROVING_S:
+            _settle(person)
+
+    def _forget_id(self, person: _Person) -> None:
+        """Let a track show somebody else from now on, whose id is due."""
+        person.begun, person.met, person.id, person.due, person.claim = self._stamp or 0, set(), "", True, None
 
     def _replace(self, person: _Person) -> None:
         """Let a track be another person than before."""
         self._remember([replace(person, last=person.mixed)])
-        person.begun, person.met, person.id, person.due = self._stamp or 0, set(), "", True
+        self._forget_id(person)
         person.appearance = Appearance(person.others)
         person.others.clear()
 
@@ -389,8 +437,9 @@ class Tracker:
             self._persons = [each for each in self._persons if each is not before]
             self._lost = [each for each in self._lost if each is not before]
             person.id, person.new = before.id, False
-            before.appearance.learn(person.appearance)
-            person.appearance, person.met = before.appearance, person.met | before.met
+            person.claim = _Claim(before, self._stamp or 0)
+            if before.turned and before.motion.is_at(person.box, person.cut):
+                _settle(person)
         elif not person.id and self._may_return(person):
             person.due = True
             return
@@ -403,7 +452,7 @@ class Tracker:
     def _recognised(self, person: _Person) -> _Person | None:
         """The lost person whom a track shows."""
         known = [*self._lost, *(each for each in self._persons if each.id and each is not person)]
-        far = {each.id: each.appearance.distance_to(person.appearance) for each in known}
+        far = {each.id: _distance(each, person) for each in known}
         lost = [each for each in known if each.last < person.begun and each.id not in person.met]
         # Who stood still is where the camera left them.
         here = [each for each in lost if each.turned and each.motion.is_at(person.box, person.cut)]
@@ -470,6 +519,20 @@ class Tracker:
         cut = cut_off(motion.box, *size) if size else Cut()
         outward = _OUTWARD * motion.value[2]
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
+
+
+def _settle(person: _Person) -> None:
+    """Take a recognition for proven: what was remembered of the person joins what the track has shown."""
+    if person.claim is not None:
+        before, person.claim = person.claim.person, None
+        before.appearance.learn(person.appearance)
+        person.appearance, person.met = before.appearance, person.met | before.met
+
+
+def _distance(person: _Person, other: _Person) -> float:
+    """Distance of the looks of two people, with what is remembered of the first one."""
+    far = person.appearance.distance_to(other.appearance)
+    return far if person.claim is None else min(far, person.claim.person.appearance.distance_to(other.appearance))
 
 
 def _clarity(boxes: np.ndarray) -> np.ndarray:

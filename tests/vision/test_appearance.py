@@ -394,3 +394,15 @@ def test_few_pixels_explain_the_distance_between_looks_of_one_person(height):
     looks = [looks_of(picture((at(300, h=height), ANNA), seed=seed), box)[0] for seed in range(30)]
     far = Appearance(looks[:1]).distances(np.array(looks[1:]))
     assert np.quantile(far, 0.9) <= noise_of(box)[0]
+
+
+def test_person_who_shows_little_at_first_is_not_taken_for_another_for_long():
+    street, dark, bright = Street(), looks_of_one((BLACK, BLACK)), looks_of_one((BEIGE, BLUE))
+    hair = dark.copy()
+    hair[:, 1] = np.nan
+    for _ in range(10):
+        street.show(300, dark)
+    first = [street.show(200, hair, skipped=40), *(street.show(200, hair) for _ in range(3))]
+    assert first[-1] == ["t1"]
+    assert [street.show(200, bright) for _ in range(10)][-1] not in ([], ["t1"])
+    assert [street.show(400, dark, skipped=40), *(street.show(400, dark) for _ in range(10))][-1] == ["t1"]
