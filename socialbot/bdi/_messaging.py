@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._open_beliefs import add_belief, remove_belief
@@ -30,6 +31,9 @@ PERFORMATIVES = (
 TIMEOUT = Atom("timeout")
 """Answer to a question after its time limit."""
 
+RECEIVED = "+!kqml_received/4"
+"""Trigger of the plans of a program for messages: sender, performative, content and number of the message."""
+
 Reply = Callable[["Engine", Any], None]
 
 
@@ -39,14 +43,17 @@ class Messaging:
     Attributes:
         society: The other agents; None for a single agent.
         accepts: Function of sender, performative and content; returns whether the agent accepts a message.
+        questions: Questions that plans for messages may answer, by the number of the message.
     """
 
-    __slots__ = ("_engine", "accepts", "society")
+    __slots__ = ("_engine", "_numbers", "accepts", "questions", "society")
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.society: Society | None = None
         self.accepts: Callable[[str, str, Any], bool] | None = None
+        self.questions: dict[Any, tuple[str, Reply]] = {}
+        self._numbers = count(1)
 
     def send(
         self,
@@ -62,10 +69,10 @@ class Messaging:
 
         Args:
             receiver: A name, an atom, or a tuple of them.
-            performative: One of `PERFORMATIVES`.
+            performative: One of `PERFORMATIVES`, or any name for receivers that have plans for `RECEIVED`.
             content: A term; a question must be a literal.
             cause: The trace record of the cause.
-            answer: The term that has to match the answer to a question.
+            answer: The term that has to match the answer to a question, or the number of a question to answer.
             limit_s: The time after which a missing answer is ``timeout``.
 
         Returns:
@@ -74,13 +81,18 @@ class Messaging:
         Raises:
             Failed: The message is not valid, or the agent does not exist.
         """
-        act, content = str(performative), _content(str(performative), content)
+        act = str(performative)
         receivers = [self._find(each) for each in each_of(receiver)]
+        content = _content(act, content, receivers)
         trace = self._engine.trace
         if trace.sink is not None:
             names = ", ".join(agent.name for agent in receivers)
             cause = trace.record("message", f"{act} {names}: {show(content)}", cause)
         asking = None
+        question = None if answer is None or act.startswith("ask") else self.questions.pop(resolve(answer), None)
+        if question is not None:
+            self._answer(question, act, content)
+            return None
         if answer is not None and act.startswith("ask"):
             asking = AnswerPause(answer, receivers, resolve(receiver).__class__ is tuple, limit_s)
         for agent in receivers:
@@ -89,15 +101,15 @@ class Messaging:
 
     def broadcast(self, performative: str | Atom, content: Any, cause: Any = "") -> None:
         """Send a message to all other agents. Raises Failed if it is not valid."""
-        act, content = str(performative), _content(str(performative), content)
-        trace = self._engine.trace
+        act, society, trace = str(performative), self.society, self._engine.trace
+        others = [] if society is None else [agent for agent in society.agents.values() if agent is not self._engine]
+        content = _content(act, content, others)
         if trace.sink is not None:
             cause = trace.record("message", f"{act} to all: {show(content)}", cause)
-        if self.society is not None:
-            others = [agent for agent in self.society.agents.values() if agent is not self._engine]
+        if society is not None:
             literals = all(isinstance(each, (Literal, Atom)) for each in each_of(content))
             if act == "tell" and literals and detached(content) is content:
-                self.society.tell_all(self._engine, others, content, cause)
+                society.tell_all(self._engine, others, content, cause)
                 return
             for agent in others:
                 deliver(self._engine, agent, act, content, cause)
@@ -116,7 +128,19 @@ class Messaging:
     def takes_beliefs(self) -> bool:
         """Whether told beliefs need no check, record or event of the message, so that they can be added at once."""
         engine = self._engine
-        return self.accepts is None and engine.trace.sink is None and "+message/3" not in engine.library.triggers
+        triggers = engine.library.triggers
+        return (
+            self.accepts is None
+            and engine.trace.sink is None
+            and "+message/3" not in triggers
+            and RECEIVED not in triggers
+        )
+
+    @property
+    def reads(self) -> bool:
+        """Whether the program has plans for messages."""
+        trigger = self._engine.library.triggers.get(RECEIVED)
+        return trigger is not None and bool(trigger.plans)
 
     def receive(
         self, sender: Engine, performative: str, content: Any, cause: Any = "", reply: Reply | None = None
@@ -137,6 +161,8 @@ class Messaging:
                 agent.beliefs.declare(message)
             said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
             agent.beliefs.add(relation, said, said_by, cause)
+        if self.reads and self._received(name, performative, content, said_by, cause, reply):
+            return
         if performative.startswith("ask"):
             _ask(agent, sender, performative, content, said_by, cause, reply)
         else:
@@ -144,6 +170,42 @@ class Messaging:
                 _apply(agent, performative, content, said_by, cause)
             except Failed as problem:  # the sender does not wait for the effect
                 agent.trace.record_failure(f"{performative} from {name}", cause, problem)
+
+    def _received(
+        self, name: str, performative: str, content: Any, said_by: Any, cause: Any, reply: Reply | None
+    ) -> bool:
+        """Pursue the goal of a message by a plan of the program; return whether one applies."""
+        agent = self._engine
+        trigger, number = agent.library.triggers[RECEIVED], Atom(f"mid{next(self._numbers)}")
+        args = (Atom(name), Atom(performative), content, number)
+        request = subgoal(trigger, args, SELF, cause)
+        if reply is not None:
+            self.questions[number] = (performative, reply)
+        plan, result = agent.interpreter.select_plan(trigger, args, SELF, cause, bool(request[0] & OPEN))
+        if result is None:
+            self.questions.pop(number, None)
+            if performative not in PERFORMATIVES:
+                warning = f"no plan for the message {performative} from {name}: {show(content)}"
+                agent.trace.record_failure(performative, cause, Failed("no_applicable", warning))
+            return performative not in PERFORMATIVES
+        agent.intentions.adopt_with(request, plan, result)
+        return True
+
+    def _answer(self, question: tuple[str, Reply], act: str, content: Any) -> None:
+        """Answer a question by a message of a plan for messages; ``untell`` means that there is no answer."""
+        asked, reply = question
+        said = source_notes(self._engine.name)
+        found = tuple(
+            each.with_(annotations=_notes(each, said)) if isinstance(each, Literal) else each
+            for each in each_of(content)
+        )
+        if act == "untell" and asked == "askOne":
+            content = Atom("false")
+        elif resolve(content).__class__ is tuple:
+            content = found
+        else:
+            (content,) = found
+        reply(self._engine, detached(content))
 
     def _find(self, receiver: Any) -> Engine:
         if receiver.__class__ is Atom:
@@ -300,10 +362,12 @@ class AnswerPause(Pause):
         return f"waits for an answer of {self.names}"
 
 
-def _content(act: str, content: Any) -> Any:
+def _content(act: str, content: Any, receivers: list[Engine]) -> Any:
     """Check the content of a message. Raises Failed if it is not valid."""
     content = resolve(content)
     if act not in PERFORMATIVES:
+        if receivers and all(agent.messaging.reads for agent in receivers):
+            return content
         raise wrong(".send", Atom(act), f"one of {', '.join(PERFORMATIVES)}")
     if act == "askHow":
         from socialbot.bdi.stdlib.environment import event_of

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._messaging import deliver, told_beliefs
+from socialbot.bdi._messaging import RECEIVED, deliver, told_beliefs
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi._timers import Wakeup
 from socialbot.bdi.engine import Engine
@@ -136,7 +136,7 @@ class Society:
             sender.messaging.send(receiver, "tell", literal_from_key(key, args), cause)
             return
         ag = agent.interpreter
-        if ag.messaging.accepts is not None or "+message/3" in ag.triggers:
+        if ag.messaging.accepts is not None or "+message/3" in ag.triggers or RECEIVED in ag.triggers:
             deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
         relation = ag.relations.get(key) or ag.beliefs.relation(key)

@@ -346,3 +346,57 @@ def test_removing_a_source_removes_those_below_it():
     text = "p(1)[source(bob)[source(x)]]. p(1)[source(ann)]. !go."
     steps = "+!go <- -p(1)[source(bob)]; ?p(1)[source(S)]; .print(S)."
     assert Mas(a=f"{text} {steps}").until(1).lines == ["ann"]
+
+
+RECEIVER = """
+price(5)[x].
++!kqml_received(S, tell, secret(X), Id) <- .print("ignored ", X, " of ", S).
++!kqml_received(S, propose, C, _) <- .print(S, " proposes ", C); .send(S, accept, C).
++!kqml_received(S, askOne, discount(_), Id) <- .wait(10); .send(S, tell, discount(7), Id).
++!kqml_received(S, askOne, secret(_), Id) <- .send(S, untell, secret(_), Id).
++!kqml_received(S, askAll, all(_), Id) <- .send(S, tell, [all(1), all(2)], Id).
++!kqml_received(S, bad, _, _) <- .fail.
+-!kqml_received(S, bad, C, _)[error(E)] <- .print(C, " ", E).
++b(X)[source(S)] <- .print(b, X, S).
+"""
+"""Agent with plans for messages, as in Jason."""
+
+
+@pytest.mark.parametrize(
+    ("step", "answer"),
+    [
+        (".send(b, askOne, discount(_), A)", "discount(7)[source(b)]"),
+        (".send(b, askOne, secret(_), A)", "false"),
+        (".send(b, askAll, all(_), A)", "[all(1)[source(b)],all(2)[source(b)]]"),
+        (".send(b, askOne, price(_), A)", "price(5)[source(b),x]"),
+    ],
+)
+def test_a_plan_for_messages_may_answer_a_question(step, answer):
+    assert Mas(a=f"!go. +!go <- {step}; .print(A).", b=RECEIVER).until(1).lines == [answer]
+
+
+@pytest.mark.parametrize(
+    ("step", "printed"),
+    [
+        (".send(b, tell, secret(1))", ["ignored 1 of a"]),
+        (".send(b, tell, b(1))", ["b1a"]),
+        (".broadcast(tell, secret(1))", ["ignored 1 of a"]),
+        (".send(b, propose, deal(3))", ["a proposes deal(3)", "accepted deal(3)"]),
+        (".send(b, propose, f(_))", ["a proposes f(_)", "accepted f(_)"]),
+        (".broadcast(propose, all)", ["a proposes all", "accepted all"]),
+        (".send(b, bad, x)", ["x ia_failed"]),
+    ],
+)
+def test_plans_for_messages_come_before_their_usual_effect(step, printed):
+    sender = f'!go. +!go <- {step}. +!kqml_received(_, accept, C, _) <- .print("accepted ", C).'
+    assert Mas(a=sender, b=RECEIVER).until(1).lines == printed
+
+
+def test_a_message_without_a_meaning_is_recorded(caplog):
+    Mas(a="!go. +!go <- .send(b, order, f(1)).", b=RECEIVER).until(1)
+    assert "no plan for the message order from a: f(1)" in caplog.text
+
+
+def test_a_performative_that_a_receiver_does_not_know_fails_the_step():
+    text = "!go. +!go <- .send([b, c], propose, 1). -!go[error(E)] <- .print(E)."
+    assert Mas(a=text, b=RECEIVER, c="").until(1).lines == ["wrong_arguments"]
