@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from types import FrameType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from socialbot.bdi._rule_checks import check_action, check_change, check_condition, check_event, check_values
 from socialbot.bdi.aggregates import needed_names
-from socialbot.bdi.literals import Belief, Event, Goal, Literal, Structure, Symbolic
+from socialbot.bdi.literals import Belief, Change, Event, Goal, Literal, Structure, Symbolic
 from socialbot.bdi.steps import (
     Achieve,
     Action,
@@ -181,6 +181,14 @@ class Inference:
         _Checker(self, strict=self.text is None).check()
         return self
 
+    def _unjoined(self, *_: object) -> Any:
+        raise RuleError(
+            f"{self} is complete before the & or | after it",
+            remedy=f"put the whole condition in parentheses: {self.head} << (a & b)",
+        )
+
+    __and__ = __or__ = _unjoined
+
     def classes(self) -> Iterator[type[Literal]]:
         """Classes of the beliefs in the head and the condition."""
         yield from _classes(self.head)
@@ -248,6 +256,9 @@ def symbol_variables(part: object) -> set[str]:
 
 def beliefs_in(part: object) -> Iterator[Belief]:
     """Beliefs in a plan, an inference, a part of them, or a tuple of parts."""
+    if isinstance(part, Event) and part.change is Change.CHANGED:
+        changed = part.literal
+        part = changed.with_(args=changed.args[: len(changed.args) // 2])  # the others are those before
     if isinstance(part, Belief):
         yield part
     for inner in parts_of(part):

@@ -50,6 +50,12 @@ class Action(TimedLiteral):
     entry: ClassVar[str] = "execute"
     """Name of the method that takes the arguments."""
 
+    def _only_a_step(self, *_: object) -> Any:
+        raise RuleError(f"{self} is an action, which can only be a step", remedy=f"write event / condition >> [{self}]")
+
+    __pos__ = __neg__ = __invert__ = __and__ = __rand__ = __or__ = __ror__ = __lshift__ = _only_a_step
+    __truediv__ = __rshift__ = _only_a_step
+
     def execute(self, *args: Any, **kwargs: Any) -> Any:
         """Execute the action with the values of its arguments; the result False reports a failure."""
         raise RuleError(f"action {self.functor} has no execute()", remedy="override execute()")

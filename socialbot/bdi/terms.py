@@ -127,6 +127,14 @@ class Term(Pattern):
             'compute(lambda X: f"... {X} ...")',
         )
 
+    def _unknown(self, *_: object) -> Any:
+        raise RuleError(
+            f"{self!s} has no value when the rule is made",
+            remedy="compute with it in the plan: compute(lambda X: abs(X)), or a function as a condition",
+        )
+
+    __int__ = __float__ = __index__ = __abs__ = __round__ = __getitem__ = _unknown
+
     def __contains__(self, item: object) -> bool:
         raise RuleError(f"{self!s} is no collection when the rule is made", remedy="use a function as a condition")
 

@@ -16,7 +16,7 @@ from socialbot.bdi.agentspeak.loading import check, needs_of
 from socialbot.bdi.stdlib import actions
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import RuleError
-from tests.bdi.mas import does, said
+from tests.bdi.mas import Mas, does, said
 
 PRICES = {"apple": 3, "pear": 5}
 
@@ -204,3 +204,19 @@ def test_entry_point(entry_point, value):
 def test_entry_point_that_cannot_be_imported(entry_point):
     entry_point("import nothing_like_this", "farm_actions")
     assert "entry point 'farm.cows'" in str(check("+!go <- farm.cows(N).")[0])
+
+
+def test_a_result_remains_when_its_action_wakes_another_intention():
+    text = "!sleep. +!sleep <- .suspend; .print(awake). +b(N) <- wake(N, R); .print(R); .print(R)."
+    mas = Mas(me=text).until(1)
+
+    def wake(agent, number):
+        for intention in agent.intentions:
+            if intention.suspended:
+                intention.suspended = False
+                agent.interpreter.ready.append(intention)
+        return number + 6
+
+    mas.me.add_action(wake)
+    mas.me.add_text("b(1).")
+    assert sorted(mas.until(1).lines) == ["7", "7", "awake"]

@@ -170,6 +170,53 @@ def test_a_wrong_message_is_refused_when_the_rule_is_made(name: str):
     refused(make, *words)
 
 
+UNKNOWN = {
+    "abs": lambda: do(abs(X)),  # type: ignore[arg-type]
+    "int": lambda: do(int(X)),  # type: ignore[call-overload]
+    "float of an expression": lambda: do(float(X + 1)),  # type: ignore[arg-type]
+    "round": lambda: do(round(X)),  # type: ignore[call-overload]
+    "index": lambda: do(X[0]),  # type: ignore[index]
+    "index of a list": lambda: do([1, 2][X]),  # type: ignore[call-overload]
+    "range": lambda: list(range(X)),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_python_cannot_compute_with_a_variable(name: str):
+    refused(UNKNOWN[name], "has no value when the rule is made", "compute(lambda")
+
+
+ACTIONS = {
+    "trigger": lambda: do(1) >> [],  # type: ignore[operator]
+    "trigger with +": lambda: +do(1) >> [],  # type: ignore[operator]
+    "removal": lambda: go() >> [-do(1)],  # type: ignore[operator]
+    "negated condition": lambda: go() / ~do(1) >> [],  # type: ignore[operator]
+    "joined condition": lambda: go() / (p(1) & do(1)) >> [],
+    "conclusion": lambda: do(1) << p(1),  # type: ignore[operator]
+}
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_an_action_is_a_step_only(name: str):
+    refused(ACTIONS[name], "do(1)")
+
+
+def test_the_condition_of_an_inference_needs_parentheses():
+    refused(lambda: p(X) << q(X) & (X > 1), "put the whole condition in parentheses: p(X) << (a & b)")  # type: ignore[operator]
+
+
+def test_a_condition_that_binds_may_be_the_first_of_several_steps():
+    rules = [
+        go(1) >> [check(p(X)), do(X), do(X)],
+        go(2) >> [count(p(X), Y), do(Y), do(Y)],
+        go(3) >> [findall(X, p(X), Y), do(Y)],
+        go(4) >> [my_name(Y), do(Y)],
+    ]
+    lab = Lab(*rules)
+    lab.tell(+p(5), *(go(number) for number in (1, 2, 3, 4)))
+    assert sorted(map(str, lab.done)) == sorted(map(str, [5, 5, 1, 1, (5,), "lab"]))
+
+
 GOALS = {
     "+goal as an event": (lambda: +go() >> [], "go() >> [...]"),
     "+goal as a step": (lambda: +p(1) >> [+go()], "apart(go())"),
@@ -512,6 +559,12 @@ def test_a_belief_with_another_number_of_arguments_than_in_the_rules_is_reported
     lab.tell(+p(1), +p(2), +p(1, 2), +mood(1))
     assert caplog.text.count("no rule matches") == 1
     assert "no rule matches p(1): the rules have p with 2 arguments only" in caplog.text
+
+
+def test_the_event_of_a_changed_belief_has_the_arguments_of_both(caplog: pytest.LogCaptureFixture):
+    lab = Lab(p(X).changed(Y) >> [do(X, Y)])
+    lab.tell(+p(1), +p(2))
+    assert "no rule matches" not in caplog.text
 
 
 def test_several_numbers_of_arguments_may_be_used(caplog: pytest.LogCaptureFixture):

@@ -81,7 +81,8 @@ class TermReader:
             raise self.source.error(at, f"{construct} is not supported", instead)
         remedy = REMEDIES.get(word, remedy)
         if word[0] == "." and len(word) > 1 and "'.'" in expected:
-            remedy = f"leave a blank between '.' and '{word[1:]}'"
+            ended = f"leave a blank between '.' and '{word[1:]}'"
+            remedy = f"write ';' between steps; if a plan ends here, {ended}" if "';'" in expected else ended
         shown = "the end of the text" if word == END else f"'{word}'" if len(word) < 40 else f"'{word[:36]}...'"
         raise self.source.error(at, f"expected {expected}, found {shown}", remedy)
 

@@ -97,13 +97,14 @@ class Body:
         f.line("if False: yield")
         return f.name
 
-    def resumable(self) -> tuple[str, list[str]]:
-        """Emit a generator of the steps after the first; return its name and its variables.
-
-        It begins at any of these steps, optionally after a pause.
-        """
+    def resumable(self) -> tuple[Function, list[str]]:
+        """Begin a generator of the steps after the first; return it and the names of its variables."""
         names = sorted(set(self.scope) | _assigned(self.plan.body))
-        f = self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}" for n in names)], self.scope)
+        return self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}" for n in names)], {}), names
+
+    def write_rest(self, f: Function, scope: Scope) -> None:
+        """Emit the steps after the first, with the variables after it; `f` begins at any step, maybe after a pause."""
+        f.scope = dict(scope)
         with f.block("if pause is not None"):
             f.line("yield pause")
             # After a pause this plan continues; after a plan for an event other intentions run first.
@@ -113,7 +114,6 @@ class Body:
                 last = i == len(self.plan.body) - 1
                 if not self.write(f, step, last=last) and not last:
                     f.line(SWITCH)
-        return f.name, names
 
     def write_all(
         self,

@@ -123,11 +123,11 @@ def _ends_with_goal(plan: Plan) -> bool:
 def inline(f: Function, plan: Plan, body: Body, generator: str) -> None:
     """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator."""
     scope, depth = dict(f.scope), f.depth
-    resume, names = body.resumable()
+    remainder, names = body.resumable()
 
     def rest(start: int, pause: str = "None") -> str:
         state = [f.local(name) if name in f.scope else "None" for name in names]
-        return f"{resume}({', '.join(['ag', 'c', str(start), pause, *state])})"
+        return f"{remainder.name}({', '.join(['ag', 'c', str(start), pause, *state])})"
 
     # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits; if
     # more events do, only a single step is executed in place, since the others would follow after a switch.
@@ -143,6 +143,8 @@ def inline(f: Function, plan: Plan, body: Body, generator: str) -> None:
             body.write_inline(
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )
+            if i == 0:
+                body.write_rest(remainder, f.scope)
     with f.block("except Exception as problem"):
         f.line("return failure_of(ag, PLAN, problem, None, c)")
     f.line("return DONE")
