@@ -1,4 +1,4 @@
-"""Test helpers: run graphs, nodes and engines in simulated time, feed messages and check outputs.
+"""Test helpers: run graphs, nodes and engines in simulated time, check outputs, and expect behaviours of runs.
 
 ::
 
@@ -22,11 +22,51 @@ from socialbot.core.messages import Message, Structured
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.runs.expectations import (
+    Expectation,
+    achieved,
+    always,
+    anyone,
+    at_all_times,
+    began,
+    believed,
+    count,
+    did,
+    doing,
+    dropped,
+    ended,
+    evaluate,
+    eventually,
+    expect,
+    failed,
+    finished,
+    health,
+    historically,
+    in_order,
+    latest,
+    load_behaviours,
+    message,
+    never,
+    once,
+    once_per,
+    person,
+    planned,
+    recorded,
+    said,
+    told,
+    wanted,
+    wanting,
+)
 
 if TYPE_CHECKING:
     from socialbot.bdi import Engine, Society
 
-__all__ = ["SECOND", "GraphTester", "ManualClock", "Structured", "run_engine"]
+__all__ = [
+    "SECOND", "Expectation", "GraphTester", "ManualClock", "Structured", "achieved", "always", "anyone", "at_all_times",
+    "began", "believed", "count", "did", "doing", "dropped", "ended", "evaluate", "eventually", "expect", "failed",
+    "finished", "health", "historically", "in_order", "latest", "load_behaviours", "message", "never", "once",
+    "once_per", "person", "planned", "recorded", "run_engine", "said", "told", "wanted", "wanting",
+]  # fmt: skip
 
 
 class GraphTester:

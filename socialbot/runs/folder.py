@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -87,6 +87,14 @@ class RecordedRun(RunView):
         if not is_whole(path):
             self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
         return list(self._lines(path, TraceRecord))
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Message]]:
+        """Yield the recorded messages of simulators on ``topics``, in order."""
+        path = self.folder / SEEN
+        kinds = {} if self.graph is None else self.graph.topics()
+        for line in self._lines(path, _Line) if path.is_file() else ():
+            if line.topic in topics and line.topic in kinds:
+                yield line.topic, msgspec.json.decode(line.message, type=kinds[line.topic])
 
     def _read_seen(self) -> None:
         path = self.folder / SEEN

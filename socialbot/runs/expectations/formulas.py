@@ -1,0 +1,496 @@
+"""Formulas of metric temporal logic (MTL) over a finite trace.
+
+A trace has the moments 0 to ``end`` (ns). A formula holds at some of them; docs/expectations.md defines which. What
+comes after the end is unknown, so each formula has two sets of moments: those where it holds whatever comes (``must``),
+and those where it may hold (``may``). Sets reach beyond the end, to a moment from which on they do not change any more.
+Windows without a limit end with a complete trace; other windows do not.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
+
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import RuleError
+from socialbot.runs.expectations import _time_sets
+from socialbot.runs.expectations._time_sets import EMPTY, TimeSet
+
+if TYPE_CHECKING:
+    from socialbot.core.messages import TraceRecord
+
+Binding = Mapping[str, str]
+"""Values of variables, such as the track id of a person."""
+
+
+class Occurrence(NamedTuple):
+    """Event, or a state from its first to its last moment (ns from the start), with the record that shows it."""
+
+    begin: int
+    end: int
+    record: TraceRecord | None = None
+
+
+class ObservedTrace(Protocol):
+    """Observed atoms of a run, from 0 to ``end`` (ns); formulas are evaluated up to ``last``."""
+
+    @property
+    def end(self) -> int: ...
+
+    @property
+    def last(self) -> int: ...
+
+    @property
+    def complete(self) -> bool: ...
+
+    def occurrences(self, atom: AtomicFormula, binding: Binding) -> Sequence[Occurrence]:
+        """Return when an atom holds for these values of its variables, in order."""
+        ...
+
+
+class TruthSets(NamedTuple):
+    """Moments at which a formula holds for certain, and those at which it may hold."""
+
+    must: TimeSet
+    may: TimeSet
+
+
+@dataclass(frozen=True)
+class Window:
+    """Distance in time, from ``least`` to ``most`` (ns, None: without limit), both included."""
+
+    least: int = 0
+    most: int | None = None
+
+    def __str__(self) -> str:
+        if self == ALWAYS:
+            return ""
+        return f"[{self.least / SECOND:g}, {'∞' if self.most is None else f'{self.most / SECOND:g}'}]"
+
+    def ahead(self, holds: TimeSet, trace: ObservedTrace) -> TimeSet:
+        """Return the moments whose window ahead has a moment of ``holds``."""
+        holds = self.in_run(holds, trace)
+        return holds.earlier(self.least, self.most, trace.last) | self.beyond(holds, trace)
+
+    def in_run(self, holds: TimeSet, trace: ObservedTrace) -> TimeSet:
+        """Return ``holds``, without the moments after the end if this window ends with the trace."""
+        return holds.clipped(0, trace.end) if self.most is None and trace.complete else holds
+
+    def beyond(self, holds: TimeSet, trace: ObservedTrace) -> TimeSet:
+        """Return the moments whose window reaches beyond all that is known, if ``holds`` stays true there."""
+        last = trace.last
+        if last not in holds:
+            return EMPTY
+        return TimeSet.of([(0 if self.most is None else max(0, last - self.most + 1), last)])
+
+    def back(self, holds: TimeSet, trace: ObservedTrace) -> TimeSet:
+        """Return the moments whose window before has a moment of ``holds``."""
+        return holds.later(self.least, self.most, trace.last)
+
+    @property
+    def longest(self) -> int:
+        return self.least if self.most is None else self.most
+
+
+ALWAYS = Window()
+
+
+def window(seconds: float | tuple[float, float] | None) -> Window:
+    """Return the window of a duration: 0 to ``seconds``, or from the first to the second of two. Raises RuleError."""
+    least, most = seconds if isinstance(seconds, tuple) else (0.0, seconds)
+    if least < 0 or (most is not None and most < least):
+        raise RuleError(f"within={seconds!r} is no time window", remedy="give seconds: 2, or (1, 2)")
+    return Window(nanoseconds(least), None if most is None else nanoseconds(most))
+
+
+class TemporalFormula:
+    """TemporalFormula of MTL. ``&``, ``|``, ``~`` and ``implies`` combine formulas."""
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        """Return when this formula holds."""
+        raise NotImplementedError
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return ()
+
+    def atoms(self) -> Iterator[AtomicFormula]:
+        """Yield the atoms of this formula."""
+        for part in self.parts:
+            yield from part.atoms()
+
+    def onsets(self, trace: ObservedTrace, binding: Binding) -> list[int]:
+        """Return the moments at which this formula begins to hold for certain."""
+        return Rise(self).truth(trace, binding).must.starts()
+
+    @property
+    def memory(self) -> int:
+        """Time (ns) after the end of a trace from which on the truth of this formula does not change."""
+        return max((part.memory for part in self.parts), default=1)
+
+    def __and__(self, other: TemporalFormula) -> TemporalFormula:
+        return Conjunction(self, _formula(other))
+
+    def __or__(self, other: TemporalFormula) -> TemporalFormula:
+        return Disjunction(self, _formula(other))
+
+    def __invert__(self) -> TemporalFormula:
+        return Negation(self)
+
+    def implies(self, other: TemporalFormula) -> TemporalFormula:
+        """Return the formula that holds where ``other`` holds, or this one does not."""
+        return Disjunction(Negation(self), _formula(other))
+
+    def until(self, other: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+        """Return: ``other`` holds in the window ``within`` (s), and this formula at all moments before."""
+        return Until(self, _formula(other), window(within))
+
+    def since(self, other: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+        """Return: ``other`` held in the window ``within`` (s) before, and this formula at all moments since."""
+        return Since(self, _formula(other), window(within))
+
+    def held_for(self, seconds: float) -> TemporalFormula:
+        """Return: this formula has held for ``seconds`` without a break."""
+        return Conjunction(Historically(self, window(seconds)), Once(Rise(self), Window(nanoseconds(seconds))))
+
+    def __bool__(self) -> NoReturn:
+        raise RuleError("a formula is neither true nor false", where=str(self), remedy="combine with &, | and ~")
+
+
+def _formula(found: object) -> TemporalFormula:
+    if isinstance(found, TemporalFormula):
+        return found
+    remedy = "give an atom such as said('greeting') or believed('busy()'), or a formula of them"
+    raise RuleError(f"{found!r} is no formula", remedy=remedy)
+
+
+class AtomicFormula(TemporalFormula):
+    """TemporalFormula without parts: an event or a state of the run. Its ``text`` is its name in reports."""
+
+    text: str = ""
+    is_event = True
+    variables: frozenset[str] = frozenset()
+    binds: frozenset[str] = frozenset()
+    """Those of ``variables`` for which this atom gives values."""
+
+    def observer(self) -> Any:
+        """Return a new observer of this atom for `Observation`."""
+        raise NotImplementedError
+
+    def atoms(self) -> Iterator[AtomicFormula]:
+        yield self
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        found = TimeSet.of((each.begin, each.end) for each in trace.occurrences(self, binding))
+        return TruthSets(found, found | TimeSet.of([(trace.end + 1, trace.last)]))
+
+    def onsets(self, trace: ObservedTrace, binding: Binding) -> list[int]:
+        if self.is_event:  # events next to each other stay apart
+            return [each.begin for each in trace.occurrences(self, binding)]
+        return super().onsets(trace, binding)
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, eq=False)
+class Constant(TemporalFormula):
+    """TemporalFormula that always or never holds."""
+
+    value: bool
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        found = EMPTY.complement(trace.last) if self.value else EMPTY
+        return TruthSets(found, found)
+
+    def __str__(self) -> str:
+        return "true" if self.value else "false"
+
+
+@dataclass(frozen=True, eq=False)
+class Negation(TemporalFormula):
+    """Negation."""
+
+    part: TemporalFormula
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return (self.part,)
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        must, may = self.part.truth(trace, binding)
+        return TruthSets(may.complement(trace.last), must.complement(trace.last))
+
+    def __str__(self) -> str:
+        return f"not {self.part}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair(TemporalFormula):
+    left: TemporalFormula
+    right: TemporalFormula
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return self.left, self.right
+
+
+class Conjunction(_Pair):
+    """Conjunction."""
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
+        return TruthSets(left.must & right.must, left.may & right.may)
+
+    def __str__(self) -> str:
+        return f"({self.left} and {self.right})"
+
+
+class Disjunction(_Pair):
+    """Disjunction."""
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
+        return TruthSets(left.must | right.must, left.may | right.may)
+
+    def __str__(self) -> str:
+        if isinstance(self.left, Negation):
+            return f"({self.left.part} → {self.right})"
+        return f"({self.left} or {self.right})"
+
+
+@dataclass(frozen=True, eq=False)
+class _Timed(TemporalFormula):
+    part: TemporalFormula
+    window: Window = ALWAYS
+
+    symbol = ""
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return (self.part,)
+
+    def __str__(self) -> str:
+        return f"{self.symbol}{self.window} {self.part}"
+
+
+class Eventually(_Timed):
+    """The part holds at a moment of the window ahead."""
+
+    symbol = "F"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        must, may = self.part.truth(trace, binding)
+        return TruthSets(self.window.ahead(must, trace), self.window.ahead(may, trace))
+
+
+class Always(_Timed):
+    """The part holds at all moments of the window ahead."""
+
+    symbol = "G"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        return Negation(Eventually(Negation(self.part), self.window)).truth(trace, binding)
+
+
+class Once(_Timed):
+    """The part held at a moment of the window before; nothing held before the trace."""
+
+    symbol = "O"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        must, may = self.part.truth(trace, binding)
+        return TruthSets(self.window.back(must, trace), self.window.back(may, trace))
+
+    @property
+    def memory(self) -> int:
+        return self.part.memory + self.window.longest
+
+
+class Historically(_Timed):
+    """The part held at all moments of the window before, as far as the trace has them."""
+
+    symbol = "H"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        return Negation(Once(Negation(self.part), self.window)).truth(trace, binding)
+
+    @property
+    def memory(self) -> int:
+        return self.part.memory + self.window.longest
+
+
+@dataclass(frozen=True, eq=False)
+class _TimedPair(_Pair):
+    window: Window = ALWAYS
+
+    symbol = ""
+
+    def __str__(self) -> str:
+        return f"({self.left} {self.symbol}{self.window} {self.right})"
+
+
+class Until(_TimedPair):
+    """The right part holds at a moment of the window ahead, the left one at all moments before that one."""
+
+    symbol = "U"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
+        return TruthSets(*(self._holds(one, two, trace) for one, two in zip(left, right, strict=True)))
+
+    def _holds(self, left: TimeSet, right: TimeSet, trace: ObservedTrace) -> TimeSet:
+        right = self.window.in_run(right, trace)
+        found = _time_sets.until(left, right, self.window.least, self.window.most, trace.last)
+        to_the_end = TimeSet(left.intervals[-1:]) if trace.last in left else EMPTY
+        return found | (to_the_end & self.window.beyond(right, trace))
+
+
+class Since(_TimedPair):
+    """The right part held at a moment of the window before, the left one at all moments after that one."""
+
+    symbol = "S"
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
+        least, most, last = self.window.least, self.window.most, trace.last
+        return TruthSets(*(_time_sets.since(one, two, least, most, last) for one, two in zip(left, right, strict=True)))
+
+    @property
+    def memory(self) -> int:
+        return max(self.left.memory, self.right.memory) + self.window.longest
+
+
+@dataclass(frozen=True, eq=False)
+class Rise(TemporalFormula):
+    """The part begins to hold: it holds, and did not at the moment before."""
+
+    part: TemporalFormula
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return (self.part,)
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        last = trace.last
+        must, may = self.part.truth(trace, binding)
+        if isinstance(self.part, AtomicFormula) and self.part.is_event:
+            return TruthSets(must, may)
+        return TruthSets(must.without(may.later(1, 1, last), last), may.without(must.later(1, 1, last), last))
+
+    @property
+    def memory(self) -> int:
+        return self.part.memory + 1
+
+    def __str__(self) -> str:
+        return f"begin({self.part})"
+
+
+@dataclass(frozen=True, eq=False)
+class Counted(TemporalFormula):
+    """``low`` to ``high`` onsets of the part (None: any number) are in the window ahead."""
+
+    part: TemporalFormula
+    low: int = 0
+    high: int | None = None
+    window: Window = ALWAYS
+
+    @property
+    def parts(self) -> tuple[TemporalFormula, ...]:
+        return (self.part,)
+
+    def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
+        onsets, last = self.part.onsets(trace, binding), trace.last
+        least, most = self.window.least, self.window.most
+        now = _time_sets.counted(onsets, least, most, self.low, self.high, last)
+        fewer = _time_sets.counted(onsets, least, most, 0, self.high, last)
+        rises = Rise(self.part).truth(trace, binding)
+        more = self.window.ahead(rises.may.without(rises.must, last), trace)
+        return TruthSets(now if self.high is None else now.without(more, last), now | (fewer & more))
+
+    @property
+    def memory(self) -> int:
+        return self.part.memory + 1
+
+    def __str__(self) -> str:
+        if self.high is None:
+            return f"#{self.window} {self.part} ≥ {self.low}"
+        return (
+            f"#{self.window} {self.part} {f'= {self.low}' if self.low == self.high else f'in {self.low}..{self.high}'}"
+        )
+
+
+class OnsetCount:
+    """Number of times that a formula begins in a window ahead; compare it with a number."""
+
+    def __init__(self, part: TemporalFormula, window: Window) -> None:
+        self._part, self._window = part, window
+
+    def _compared(self, compare: Callable[[int, int], bool], number: int) -> TemporalFormula:
+        low, high = {
+            operator.le: (0, number),
+            operator.lt: (0, number - 1),
+            operator.ge: (number, None),
+            operator.gt: (number + 1, None),
+            operator.eq: (number, number),
+        }[compare]
+        return Counted(self._part, max(low, 0), high, self._window)
+
+    def __le__(self, number: int) -> TemporalFormula:
+        return self._compared(operator.le, number)
+
+    def __lt__(self, number: int) -> TemporalFormula:
+        return self._compared(operator.lt, number)
+
+    def __ge__(self, number: int) -> TemporalFormula:
+        return self._compared(operator.ge, number)
+
+    def __gt__(self, number: int) -> TemporalFormula:
+        return self._compared(operator.gt, number)
+
+    def __eq__(self, number: object) -> TemporalFormula:  # type: ignore[override]
+        if not isinstance(number, int):
+            raise RuleError(f"a count cannot be compared with {number!r}", remedy="give a whole number")
+        return self._compared(operator.eq, number)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+# Constructors
+
+
+def always(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+    """Return: ``part`` holds at all moments of the window ``within`` (s) ahead; without it, from then on."""
+    return Always(_formula(part), window(within))
+
+
+def eventually(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+    """Return: ``part`` holds at a moment of the window ``within`` (s) ahead; without it, at some time."""
+    return Eventually(_formula(part), window(within))
+
+
+def once(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+    """Return: ``part`` held at a moment of the window ``within`` (s) before."""
+    return Once(_formula(part), window(within))
+
+
+def historically(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
+    """Return: ``part`` held at all moments of the window ``within`` (s) before."""
+    return Historically(_formula(part), window(within))
+
+
+def began(part: TemporalFormula) -> TemporalFormula:
+    """Return: ``part`` begins to hold at this moment."""
+    return Rise(_formula(part))
+
+
+def ended(part: TemporalFormula) -> TemporalFormula:
+    """Return: ``part`` held until the moment before and does not any more."""
+    return Conjunction(Rise(Negation(_formula(part))), Once(part, Window(1, 1)))
+
+
+def count(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> OnsetCount:
+    """Return how often ``part`` begins in the window ``within`` (s) ahead: ``count(said("offer")) <= 1``."""
+    return OnsetCount(_formula(part), window(within))
