@@ -215,8 +215,8 @@ def test_formulas_combine_and_are_expectations_themselves():
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: expect("hello"), "is no formula"),
-        (lambda: expect(count(said("a"))), "compare the count"),
+        (lambda: expect("hello"), "is no formula"),  # type: ignore[arg-type]
+        (lambda: expect(count(said("a"))), "compare the count"),  # type: ignore[arg-type]
         (lambda: said("a") and said("b"), "combine with &"),
         (lambda: expect(said("a")).within(-1), "no time window"),
         (lambda: expect(said("a")).within(2).while_(anyone()), "within() has no meaning"),
