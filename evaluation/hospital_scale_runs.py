@@ -32,7 +32,8 @@ from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
 
 STILL_S = 60.0
-"""Time without any action, while a room waits, after which a run counts as stuck; no rest or charge lasts so long."""
+"""Time in which nobody acts or moves, while a room waits, after which a run is stuck; no rest or charge lasts so long.
+"""
 CHECK_S = 1.0
 
 
@@ -158,7 +159,8 @@ class Run:
         self.interrupted = 0
         self.planning_s: list[float] = []
         self.done_at = 0
-        """Time of the last action (ns)."""
+        """Time of the last action or movement (ns)."""
+        self._positions: list[object] = []
         self.runner = InlineRunner(story.graph(folder / "memory.json"))
         taps = {
             STATE: self._see,
@@ -188,6 +190,7 @@ class Run:
                 self._kill(kills.pop(0)[1])
                 continue
             self.runner.advance(min([now + nanoseconds(CHECK_S), *(time for time, _ in kills[:1])]))
+            self._note_movements()
             if now > nanoseconds(last_s) and not kills:
                 if not self._infected() and not self.open:
                     break
@@ -210,6 +213,12 @@ class Run:
         self.runner.kill(COORDINATOR)
         self.runner.advance(self.runner.clock.now() + down)
         self.runner.restart(COORDINATOR)
+
+    def _note_movements(self) -> None:
+        now, world = self.runner.clock.now(), self.world.world
+        positions: list[object] = [world.agents[name].at(now) for name in world.ward.robots]
+        if positions != self._positions:
+            self._positions, self.done_at = positions, now
 
     def _infected(self) -> list[str]:
         return [name for name, room in self.world.world.rooms.items() if not room.disinfected]

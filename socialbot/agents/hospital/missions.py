@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import chain
 from typing import ClassVar
 
 from socialbot.agents.hospital.plans import DISINFECT as NETWORK
@@ -61,7 +62,7 @@ class Disinfection(TeamDomain[WardState]):
     def changed(self, before: WardState, world: WardState) -> set[str] | None:
         if (len(before.rooms), len(before.agents)) != (len(world.rooms), len(world.agents)):
             return None  # sensors became silent, or work again
-        pairs = (*zip(before.rooms, world.rooms, strict=True), *zip(before.agents, world.agents, strict=True))
+        pairs = chain(zip(before.rooms, world.rooms, strict=True), zip(before.agents, world.agents, strict=True))
         return {one.name for old, new in pairs if old is not new and old != new for one in (old, new)}
 
     def is_done(self, world: WardState, target: str) -> bool | None:
@@ -73,7 +74,8 @@ class Disinfection(TeamDomain[WardState]):
         if state is None:
             return None
         # A free agent that is busy charges its battery.
-        return MemberState(state.busy, state.home, state.place != AWAY, (state.low_battery, bool(state.busy)))
+        rank, progress = (state.low_battery, bool(state.busy)), (state.x, state.y, state.battery)
+        return MemberState(state.busy, state.home, state.place != AWAY, rank, progress)
 
     def state(self, world: WardState, mission: Mission, *, sees: bool) -> TaskState:
         """State for the task planner: the ward as observed, and the findings of the agents of a mission.

@@ -14,12 +14,12 @@ from socialbot.agents.teams.missions import (
     FOREVER,
     AgentHomes,
     AgentPool,
+    CapableAgents,
     CoordinatorMemory,
     CoordinatorOptions,
     Mission,
     PlanProgress,
     RegisteredAgent,
-    capable_agents,
     view,
 )
 from socialbot.agents.teams.translation import initial_triggers, translate
@@ -82,13 +82,14 @@ class MissionManager:
         """Whether an agent or mission became free since the last attempt to form teams."""
         self._lacks_noted_at = -LACKS_EVERY_NS
         self._lacks_every_ns = LACKS_EVERY_NS
-        self._capable: dict[str, list[RegisteredAgent]] | None = None
-        """Capable agents by role; None after a registration."""
+        self._capable: CapableAgents | None = None
         self._homes: AgentHomes | None = None
-        """Homes of agents in the present world; None after a registration."""
+        """Homes of agents in the present world."""
         self._ended: deque[MissionView] = deque(maxlen=SHOWN)
         self._views: dict[int, MissionView] = {}
-        """Published states of open missions that have not changed since."""
+        """Published states of open missions."""
+        self._redrawn: dict[int, None] = dict.fromkeys(memory.missions)
+        """Open missions that have changed since."""
 
     # Missions
 
@@ -139,16 +140,19 @@ class MissionManager:
 
     def redraw(self, mission: Mission) -> None:
         """Publish the changed state of a mission."""
-        self._views.pop(mission.id, None)
+        self._redrawn[mission.id] = None
         self.changed = True
 
     def views(self) -> Iterator[MissionView]:
         """The latest ended missions in the order of their end, then the others."""
-        yield from self._ended
-        for mission in self.memory.missions.values():
-            if mission.id not in self._views:
-                self._views[mission.id] = view(mission, self.progress_of.get(mission.id))
-            yield self._views[mission.id]
+        for number in self._redrawn:
+            mission = self.memory.missions.get(number)
+            if mission is None:
+                self._views.pop(number, None)
+            else:
+                self._views[number] = view(mission, self.progress_of.get(number))
+        self._redrawn.clear()
+        return iter((*self._ended, *self._views.values()))
 
     # World
 
@@ -224,15 +228,18 @@ class MissionManager:
             elif is_short:
                 break
 
-    def on_registered(self) -> None:
+    def on_registered(self, member: RegisteredAgent) -> None:
         """Process a new agent, or new capabilities of one."""
-        self._capable = self._homes = None
+        if self._capable is not None:
+            self._capable.note(member)
+        if self._homes is not None:
+            self._homes.note(member.name, self.domain.member(self.world, member.name))
         self.changed = True
         self.await_team()
 
     def _pool(self) -> AgentPool:
         if self._capable is None:
-            self._capable = capable_agents(self.domain.roles, self.memory.members)
+            self._capable = CapableAgents(self.domain.roles, self.memory.members.values())
         if self._homes is None:
             self._homes = AgentHomes(self.domain, self.memory.members, self.world)
         return AgentPool(self.domain, self.memory.members, self.world, self.now, self._capable, self._homes.names)
@@ -314,8 +321,11 @@ class MissionManager:
     def follow_busy(self, mission: Mission) -> None:
         """Wait for agents that are busy with an action, and replace those that are busy with it for too long."""
         progress, domain, world = self.progress_of[mission.id], self.domain, self.world
-        for name in mission.active:
-            agent = domain.member(world, name)
+        states = {name: domain.member(world, name) for name in mission.active}
+        for name, agent in states.items():
+            if agent is not None and progress.seen.get(name) != agent.progress:
+                progress.seen[name], progress.moved_at = agent.progress, world.stamp
+        for name, agent in states.items():
             if agent is None or not agent.busy:
                 progress.busy_since.pop(name, None)
                 continue
@@ -324,12 +334,10 @@ class MissionManager:
                 since = world.stamp
                 progress.busy_since[name] = (agent.busy, since)
             action = agent.busy.partition("(")[0]
-            if world.stamp - since <= domain.action_limit(action):
+            if world.stamp - max(since, progress.moved_at) <= domain.action_limit(action):
                 mission.touched = max(mission.touched, world.stamp)
                 continue
-            stuck = sorted(
-                other for other in mission.active if (state := domain.member(world, other)) and state.busy == busy
-            )
+            stuck = sorted(other for other, state in states.items() if state and state.busy == busy)
             self._replace(mission, stuck, f"{' and '.join(stuck)} is stuck in {action}")
             return
 

@@ -88,7 +88,7 @@ class Coordinator:
         if not message.in_reply_to:
             member.aside_until = 0
         self.memory.members[name] = member
-        self.manager.on_registered()
+        self.manager.on_registered(member)
         self.manager.send(name, "agree", content, "", message.id)
         mission = self.memory.missions.get(member.mission)
         if mission is not None and not message.in_reply_to:

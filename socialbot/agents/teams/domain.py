@@ -53,12 +53,14 @@ class MemberState(NamedTuple):
         home: Place that it belongs to, for local roles.
         is_present: Whether it can work.
         rank: Sort key among free agents; the lowest is chosen first.
+        progress: Position, battery or the like: a change shows that the agent is not stuck, however long its way is.
     """
 
     busy: str = ""
     home: str = ""
     is_present: bool = True
     rank: tuple[Any, ...] = ()
+    progress: tuple[Any, ...] = ()
 
 
 class TeamDomain(ABC, Generic[W]):

@@ -108,11 +108,22 @@ class CoordinatorMemory(msgspec.Struct):
     last: int = 0
 
 
-def capable_agents(roles: Iterable[Role], members: Mapping[str, RegisteredAgent]) -> dict[str, list[RegisteredAgent]]:
-    """The agents that have all actions of a role, by its variable."""
-    return {
-        role.variable: [member for member in members.values() if role.needs <= member.capabilities] for role in roles
-    }
+class CapableAgents:
+    """The agents that have all actions of a role, by its variable and their name."""
+
+    def __init__(self, roles: Iterable[Role], members: Iterable[RegisteredAgent]) -> None:
+        self._roles = tuple(roles)
+        self.by_role: dict[str, dict[str, RegisteredAgent]] = {role.variable: {} for role in self._roles}
+        for member in members:
+            self.note(member)
+
+    def note(self, member: RegisteredAgent) -> None:
+        """Process a new agent, or new capabilities of one."""
+        for role in self._roles:
+            if role.needs <= member.capabilities:
+                self.by_role[role.variable][member.name] = member
+            else:
+                self.by_role[role.variable].pop(member.name, None)
 
 
 class AgentHomes:
@@ -147,14 +158,14 @@ class AgentPool:
         members: Mapping[str, RegisteredAgent],
         world: Any,
         now: int = 0,
-        capable: Mapping[str, Sequence[RegisteredAgent]] | None = None,
+        capable: CapableAgents | None = None,
         homes: Mapping[str, Collection[str]] | None = None,
     ) -> None:
         self._domain = domain
         self._members = members
         self._world = world
         self._now = now
-        self._capable = capable_agents(domain.roles, members) if capable is None else capable
+        self._capable = (capable or CapableAgents(domain.roles, members.values())).by_role
         self._homes = AgentHomes(domain, members, world).names if homes is None else homes
         self._able: dict[tuple[str, str], list[RegisteredAgent]] = {}
 
@@ -170,9 +181,9 @@ class AgentPool:
             self._able[key] = [member for _, member in sorted(able, key=itemgetter(0))]
         return self._able[key]
 
-    def _candidates(self, role: Role, target: str) -> Sequence[RegisteredAgent]:
+    def _candidates(self, role: Role, target: str) -> Collection[RegisteredAgent]:
         if not role.is_local:
-            return self._capable[role.variable]
+            return self._capable[role.variable].values()
         at_home = [self._members[name] for name in self._homes.get(target, ()) if name in self._members]
         return [member for member in at_home if role.needs <= member.capabilities]
 
@@ -199,7 +210,7 @@ class AgentPool:
         for role in self._domain.roles:
             if self.able(role, mission.target):
                 continue
-            capable = list(self._capable[role.variable])
+            capable = list(self._capable[role.variable].values())
             if role.is_local:
                 states = {each.name: self._state(each) for each in capable}
                 capable = [
@@ -263,6 +274,10 @@ class PlanProgress:
         self.doubted_since: int | None = None
         self.busy_since: dict[str, tuple[str, int]] = {}
         """Action that each agent is busy with, as the world shows it, and since when (ns)."""
+        self.seen: dict[str, tuple[Any, ...]] = {}
+        """Latest progress of each agent, as the world shows it."""
+        self.moved_at = 0
+        """Time (ns) of the latest progress of an agent of the team."""
         self._reached: dict[str, int] = {}
         """Number of finished actions, by agent."""
 

@@ -204,6 +204,28 @@ def test_member_that_is_stuck_in_an_action_is_replaced_and_taken_back():
     assert ward.working() == {SPOT: 2, UVD: 2, NURSE: 2}
 
 
+def test_a_robot_on_a_long_way_is_not_stuck_until_it_stops():
+    ward = started(spots=2, pace="paper", rest_s=1.0)
+    ward.agent(SPOT, busy=f"a_navigate_to({SPOT}, {ROOM})")
+    for second in range(300):
+        ward.agent(SPOT, x=float(second))
+        ward.look(1.0)
+    assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
+    for _ in range(30):
+        ward.look(1.0)
+    assert ward.view().problem == f"{SPOT} is stuck in a_navigate_to"
+
+
+def test_a_robot_that_waits_for_a_partner_on_a_long_way_is_not_stuck():
+    ward = started(uvds=2, pace="paper", rest_s=1.0)
+    ward.agent(SPOT, busy=f"a_authorize_disinfect({UVD}, {SPOT})")
+    ward.agent(UVD, busy=f"a_navigate_to({UVD}, {ROOM})")
+    for second in range(200):
+        ward.agent(UVD, x=float(second))
+        ward.look(1.0)
+    assert ward.working() == {SPOT: 1, UVD: 1, NURSE: 1}
+
+
 def test_member_that_nobody_can_replace_tries_again():
     ward = started(pace="paper")
     ward.agent(SPOT, busy=f"a_navigate_to({SPOT}, {ROOM})")

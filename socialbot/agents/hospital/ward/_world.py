@@ -87,12 +87,13 @@ class WardAgent:
     battery: float = 1.0
     activity: Activity | None = None
     journey: Journey | None = None
-    shown: AgentState | None = field(default=None, init=False)
-    """Value of its sensor until the next change; None while it moves."""
+    outdated: set[str] = field(default_factory=set, repr=False)
+    """Names of agents whose shown state has changed; shared by all agents of a ward."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
-        object.__setattr__(self, "shown", None)
+        if name != "outdated":
+            self.__dict__.get("outdated", set()).add(self.member.name)
 
     def at(self, time: int) -> Position:
         return self.journey.left(time)[0] if self.journey else self.position
@@ -100,7 +101,7 @@ class WardAgent:
     def state(self, time: int) -> AgentState:
         """Value of its sensor."""
         position = self.at(time)
-        state = AgentState(
+        return AgentState(
             name=self.member.name,
             kind=self.member.kind,
             home=self.member.home,
@@ -111,9 +112,6 @@ class WardAgent:
             battery=round(self.battery, 4),
             busy=str(self.activity or ""),
         )
-        if self.journey is None:
-            object.__setattr__(self, "shown", state)
-        return state
 
 
 class WardWorld(SimulatedWorld):
@@ -149,9 +147,12 @@ class WardWorld(SimulatedWorld):
             for room in ward.rooms
         }
         self.agents: dict[str, WardAgent] = {}
+        self._outdated: set[str] = set()
         for member in ward.members:
             home, chance = ward.room_by_name[member.home], random.Random(f"ward {seed} {member.name}")
-            self.agents[member.name] = WardAgent(member, home.name, home.centre, chance)
+            self.agents[member.name] = WardAgent(member, home.name, home.centre, chance, outdated=self._outdated)
+        self._shown = {name: agent.state(start) for name, agent in self.agents.items()}
+        """Latest values of the sensors of agents."""
         self.changes = 0
         """Number of changes of rooms and agents, without movements."""
         self._results: list[ActionResult] = []
@@ -223,8 +224,12 @@ class WardWorld(SimulatedWorld):
 
     def state(self) -> WardState:
         """True state of the ward, independent of its sensors."""
-        agents = tuple([agent.shown or agent.state(self.now) for agent in self.agents.values()])
-        return WardState(stamp=self.now, rooms=tuple(self.rooms.values()), agents=agents)
+        for name in tuple(self._outdated):
+            agent = self.agents[name]
+            self._shown[name] = agent.state(self.now)
+            if agent.journey is None:
+                self._outdated.discard(name)
+        return WardState(stamp=self.now, rooms=tuple(self.rooms.values()), agents=tuple(self._shown.values()))
 
     def change_room(self, room: str, **changes: Any) -> None:
         """Change the state of a room."""

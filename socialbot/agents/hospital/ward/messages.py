@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import msgspec
 
@@ -85,18 +85,34 @@ class WardState(Structured, frozen=True, kw_only=True, dict=True):
     agents: tuple[AgentState, ...]
 
     def room(self, name: str) -> RoomState | None:
-        return self._room_by_name.get(name)
+        return _found(self.rooms, name) or self._room_by_name.get(name)
 
     def agent(self, name: str) -> AgentState | None:
-        return self._agent_by_name.get(name)
+        return _found(self.agents, name) or self._agent_by_name.get(name)
 
     @cached_property
     def _room_by_name(self) -> dict[str, RoomState]:
-        return {room.name: room for room in self.rooms}
+        return _by_name(self.rooms)
 
     @cached_property
     def _agent_by_name(self) -> dict[str, AgentState]:
-        return {agent.name: agent for agent in self.agents}
+        return _by_name(self.agents)
+
+
+_PLACES: dict[str, int] = {}
+"""Places of rooms and agents by name in earlier states, where a state is looked at first."""
+
+Named = TypeVar("Named", RoomState, AgentState)
+
+
+def _found(values: tuple[Named, ...], name: str) -> Named | None:
+    place = _PLACES.get(name, len(values))
+    return values[place] if place < len(values) and values[place].name == name else None
+
+
+def _by_name(values: tuple[Named, ...]) -> dict[str, Named]:
+    _PLACES.update((value.name, place) for place, value in enumerate(values))
+    return {value.name: value for value in values}
 
 
 WARD_MESSAGES: tuple[type[Structured], ...] = (WardState,)
