@@ -151,8 +151,9 @@ class Interpreter:
                     if relation.care or trace.sink is not None:
                         self._take(item)
                     else:
-                        fact = (self.now() if since is None else since, notes, cause)
-                        if relation.facts.setdefault(args, fact) is fact:
+                        facts = relation.facts
+                        if args not in facts:
+                            facts[args] = (self.now() if since is None else since, notes, cause)
                             if relation.indexes:
                                 relation.enter(args)
                             trigger = relation.added
@@ -245,8 +246,9 @@ class Interpreter:
                 if relation.care or sink is not None:
                     item = (relation, args, notes, cause, since)
                 else:
-                    fact = (since, notes, cause)
-                    if relation.facts.setdefault(args, fact) is fact:
+                    facts = relation.facts
+                    if args not in facts:
+                        facts[args] = (since, notes, cause)
                         if relation.indexes:
                             relation.enter(args)
                     else:

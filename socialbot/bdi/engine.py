@@ -18,7 +18,7 @@ from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
 from socialbot.bdi.literals import SELF, SOURCES, Belief, Change, Goal, Literal, source_notes
-from socialbot.bdi.plans import Inference, Plan, flat
+from socialbot.bdi.plans import Inference, Plan, contents_of, flat
 from socialbot.bdi.sensors import Sensor, take_percept
 from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, conjunction
@@ -144,7 +144,7 @@ class Engine:
         for rule in rules:
             if isinstance(rule, Inference):
                 self.interpreter.own_library().add_inference(rule)
-                for kind in rule.classes():
+                for kind in contents_of(rule).kinds:
                     self.beliefs.declare(kind)
                 self.intentions.waits.relearn()
             else:
@@ -154,9 +154,9 @@ class Engine:
     def _add_plan(self, plan: Plan, first: bool) -> None:
         compiled, beliefs = self.interpreter.own_library().add(plan, first=first), self.beliefs
         self.intentions.watch_goals()
-        for kind in plan.classes():
+        for kind in contents_of(plan).kinds:
             beliefs.declare(kind)
-        if not isinstance(plan.event.literal, Literal):
+        if not isinstance(plan.event.literal, Literal) or plan.inner:
             beliefs.use(self.interpreter.library)
             return
         beliefs.listen(plan.event.key)

@@ -21,9 +21,18 @@ from socialbot.bdi.literals import (
     Structure,
     ground,
 )
-from socialbot.bdi.plans import Inference, Origin, Plan, beliefs_by_name, flat, open_changes, parts_of, unbound_result
+from socialbot.bdi.plans import (
+    Inference,
+    Origin,
+    Plan,
+    beliefs_by_name,
+    contents_of,
+    flat,
+    open_changes,
+    unbound_result,
+)
 from socialbot.bdi.stdlib import looks_at_goals
-from socialbot.bdi.steps import PlanBody, Step
+from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import Variable
 from socialbot.core.errors import RuleError
 
@@ -264,14 +273,14 @@ class Library:
         self._patterns = None
         compiled = CompiledPlan(plan, self)
         watches = plan.event.change in META
-        if (watches and not self.watches_goals) or (not self.keeps_goals and looks_at_goals(plan)):
+        contents = contents_of(plan)
+        if (watches and not self.watches_goals) or (not self.keeps_goals and looks_at_goals(contents.internal)):
             self.keeps_goals = True
             self.watches_goals = self.watches_goals or watches
             self.recompile()
-        for kind in plan.classes():
+        for kind in contents.kinds:
             self.declare(kind)
-        self._expect_rules(plan.body)
-        self._expect_keys(change.key for change in open_changes(plan))
+        self._expect_keys((*contents.rules, *(change.key for change in open_changes(plan))))
         if plan.label is not None:
             self._labels[plan.label] = compiled
         else:
@@ -347,14 +356,6 @@ class Library:
             self._numbers[plan] = number
         compiled.plan = plan
 
-    def _expect_rules(self, part: object) -> None:
-        """Prepare for rules that a step of a plan may add, such as ``+{b :- c}``."""
-        for inner in parts_of(part):
-            if isinstance(inner, Inference):
-                self._expect_keys([inner.head.key])
-            elif isinstance(inner, (Step, tuple, Plan, PlanBody)):
-                self._expect_rules(inner)
-
     def _expect_keys(self, keys: Iterable[str]) -> None:
         """Compile queries of these beliefs so that rules for them may be added while they run."""
         new = [key for key in keys if key not in self.inferences]
@@ -363,9 +364,10 @@ class Library:
             self.recompile()
 
     def add_inference(self, inference: Inference) -> None:
-        for kind in inference.classes():
+        contents = contents_of(inference)
+        for kind in contents.kinds:
             self.declare(kind)
-        if not self.keeps_goals and looks_at_goals(inference.condition):
+        if not self.keeps_goals and looks_at_goals(contents.internal):
             self.keeps_goals = True
             self.recompile()
         self._patterns = None

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import PurePath
 from types import FrameType
 from typing import Any, ClassVar
@@ -135,13 +136,22 @@ class Plan:
             raise RuleError(
                 f"{self.event} computes in its arguments", where=str(self), remedy="compare in the condition instead"
             )
-        _Checker(self, strict=self.text is None).check()
+        checker = _Checker(self, strict=self.text is None)
+        checker.check()
+        self.__dict__["checked"] = checker  # `open_changes` takes it
         return self
 
     @property
     def place(self) -> str:
         """Where the plan is, for error messages: its line in AgentSpeak text, or else the plan itself."""
         return str(self) if self.origin is None or self.text is None else str(self.origin)
+
+    def __copy__(self) -> Plan:
+        twin = object.__new__(type(self))
+        twin.__dict__.update(vars(self))
+        for found in ("checked", "contents"):
+            twin.__dict__.pop(found, None)  # the copy may get other parts
+        return twin
 
     def same_text(self, other: Plan) -> bool:
         """Whether another plan is written alike; two plans as terms are equal then."""
@@ -154,11 +164,6 @@ class Plan:
         """Return the plan without the condition ``true``, which says nothing."""
         always = all(isinstance(term, Truth) and term.value for term in self.condition.terms)
         return replace(self, condition=NOTHING) if always else self
-
-    def classes(self) -> Iterator[type[Literal]]:
-        """Classes of the beliefs and goals in the event, the condition and the body."""
-        for part in (self.event.literal, self.condition, self.body):
-            yield from _classes(part)
 
     def __str__(self) -> str:
         if self.text is not None:
@@ -188,11 +193,6 @@ class Inference:
         )
 
     __and__ = __or__ = _unjoined
-
-    def classes(self) -> Iterator[type[Literal]]:
-        """Classes of the beliefs in the head and the condition."""
-        yield from _classes(self.head)
-        yield from _classes(self.condition)
 
     def __str__(self) -> str:
         return self.text or f"{self.head} << ({written_condition(self.condition)})"
@@ -246,6 +246,26 @@ def parts_of(item: object) -> tuple[object, ...]:
     return tuple(vars(item).values()) if isinstance(item, (Pattern, Step, Plan, Inference)) else ()
 
 
+def nodes_of(item: object) -> list[Any]:
+    """The item and all parts of it, at any depth, that have parts themselves."""
+    found = [item]
+    for each in found:  # it grows
+        kind = each.__class__
+        if kind is tuple:
+            inner: Any = each
+        elif isinstance(each, Literal):
+            inner = each.args + each.annotations if each.annotations else each.args
+        else:
+            inner = vars(each).values()
+        found += [part for part in inner if _has_parts(part.__class__)]
+    return found
+
+
+@cache
+def _has_parts(kind: type) -> bool:
+    return kind is not Variable and issubclass(kind, (tuple, Pattern, Step, Plan, Inference))
+
+
 def symbol_variables(part: object) -> set[str]:
     """Names of the variables of a plan in places for names, such as ``S`` in ``source(S)``."""
     found = set[str]().union(*map(symbol_variables, parts_of(part)))
@@ -273,11 +293,31 @@ def beliefs_by_name(rules: tuple[object, ...]) -> dict[str, list[Belief]]:
     return found
 
 
-def _classes(part: object) -> Iterator[type[Literal]]:
-    if isinstance(part, (Belief, Goal)) and type(part) is not Structure:
-        yield type(part)
-    for inner in parts_of(part):
-        yield from _classes(inner)
+@dataclass(frozen=True)
+class Contents:
+    """What a plan or inference contains.
+
+    ``kinds`` are the classes of its beliefs and goals, ``internal`` the names of its internal actions, and ``rules``
+    the keys of the beliefs that follow from inferences in its steps.
+    """
+
+    kinds: tuple[type[Literal], ...]
+    internal: tuple[str, ...]
+    rules: tuple[str, ...]
+
+
+def contents_of(item: Plan | Inference) -> Contents:
+    """Return what a plan or inference contains."""
+    known = item.__dict__.get("contents")
+    if known is None:
+        nodes = nodes_of(item)
+        literals = [node for node in nodes if isinstance(node, Literal)]
+        known = item.__dict__["contents"] = Contents(
+            tuple(type(each) for each in literals if isinstance(each, (Belief, Goal)) and type(each) is not Structure),
+            tuple(each.functor for each in literals if each.functor[:1] == "."),
+            tuple(node.head.key for node in nodes if isinstance(node, Inference) and node is not item),
+        )
+    return known
 
 
 def unbound_in(item: Plan | Inference) -> list[tuple[str, object]]:
@@ -291,8 +331,10 @@ def open_changes(plan: Plan) -> list[Literal]:
     """Return the beliefs that a plan in AgentSpeak adds or tells with variables that have no value."""
     if plan.text is None:
         return []
-    checker = _Checker(plan, strict=False)
-    checker.check()
+    checker = plan.__dict__.pop("checked", None)
+    if checker is None:
+        checker = _Checker(plan, strict=False)
+        checker.check()
     steps = [where for _, where in checker.found if isinstance(where, Update)]
     added = [step.literal for step in steps if step.sign in ("+", "-+", "++") and isinstance(step.literal, Literal)]
     return added + checker.told

@@ -162,7 +162,6 @@ def problems_of(
     check_plan = check_plan or _check_plan
     scratch = _scratch(library, program.inferences)
     found: list[AgentSpeakError] = []
-    compute = partial(_computed, SimpleNamespace(random=random.Random(0), clock=ManualClock()))
     for inference in program.inferences:
         try:
             compile_inference(CompiledInference(inference, scratch))
@@ -175,7 +174,9 @@ def problems_of(
             check_plan(plan, scratch)
         except SocialbotError as problem:
             found.append(_placed(problem, plan, program))
-    for item in (*program.beliefs, *program.goals):
+    facts = (*program.beliefs, *program.goals)
+    compute = partial(_computed, SimpleNamespace(random=random.Random(0), clock=ManualClock())) if facts else None
+    for item in facts:
         try:
             opened((item.args, item.annotations), compute=compute)
         except (Failed, RuleError, TypeError, ValueError, ArithmeticError) as problem:

@@ -18,7 +18,7 @@ from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
 from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.intentions import SUBGOAL
 from socialbot.bdi.literals import META, Change, Literal
-from socialbot.bdi.plans import Inference, Plan, symbol_variables
+from socialbot.bdi.plans import Inference, Plan, nodes_of, symbol_variables
 from socialbot.bdi.stdlib import looks_at_goals
 from socialbot.bdi.steps import Achieve, Do
 from socialbot.bdi.terms import Call, Comparison, Conjunction, Expression, Variable, names_in
@@ -57,7 +57,13 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
     compiled.lines.update(lines)
     if lenient and not mode:
         report_confused_names(plan, compiled.library)
-    return _telling(run, plan) if looks_at_goals(plan.condition) else run
+    return _telling(run, plan) if looks_at_goals(_internal(plan.condition)) else run
+
+
+def _internal(condition: Conjunction) -> list[str]:
+    """Return the names of the internal actions in a condition."""
+    literals = [node for node in nodes_of(condition) if isinstance(node, Literal)]
+    return [each.functor for each in literals if each.functor[:1] == "."]
 
 
 def _telling(run: Any, plan: Plan) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -73,13 +73,7 @@ def called(action: Literal, *, condition: bool = False) -> Internal:
     return entry
 
 
-def looks_at_goals(part: object) -> bool:
-    """Check whether a part of a plan calls an internal action that inspects or ends goals."""
-    from socialbot.bdi.literals import Literal
-    from socialbot.bdi.plans import parts_of
-
-    if isinstance(part, Literal) and part.functor[:1] == ".":
-        entry = find(part.functor)
-        if entry is not None and entry.aware:
-            return True
-    return any(map(looks_at_goals, parts_of(part)))
+def looks_at_goals(names: Iterable[str]) -> bool:
+    """Check whether one of these internal actions inspects or ends goals."""
+    entries = map(find, names)
+    return any(entry is not None and entry.aware for entry in entries)

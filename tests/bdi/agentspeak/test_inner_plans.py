@@ -74,6 +74,11 @@ class TestGoals:
         """
         assert said(text) == ["2.5", "added6", "removed6", "outside"]
 
+    def test_plans_that_are_added_later_handle_known_beliefs(self):
+        mas = Mas(me="b(0).").until(1)
+        mas.me.add_text("!go(5). +!go(X) <- +b(1); -b(0). { +b(Y) <- .print(X + Y). -b(Y) <- .print(X - Y). }")
+        assert mas.until(2).lines == ["6", "5"]
+
     def test_goals_in_control_structures_use_inner_plans(self):
         text = """
         n(1). n(2).
