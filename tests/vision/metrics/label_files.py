@@ -121,9 +121,11 @@ FOUR = tuple(f"images/frame_{number:06}.png" for number in range(4))
 EXAMPLES: dict[str, tuple[str, Files, tuple[str, ...]]] = {
     "coco": ("coco", {"annotations/instances_val.json": coco()}, ("val/a.jpg", "val/b.jpg")),
     "coco beside its images": ("coco", {"_annotations.coco.json": coco()}, ("a.jpg", "b.jpg")),
+    "coco of Roboflow": ("coco", {"train/_annotations.coco.json": coco()}, ("train/a.jpg", "train/b.jpg")),
     "mot": ("mot", {"seqinfo.ini": SEQINFO, "gt/gt.txt": MOT}, ("img1/000001.jpg", "img1/000002.jpg")),
     "mot, only gt.txt": ("mot", {"gt.txt": MOT}, ("frame9.jpg", "frame10.jpg")),
     "kitti": ("kitti", {"training/label_2/000004.txt": KITTI}, ("training/image_2/000004.png",)),
+    "kitti of TAO": ("kitti", {"labels/000004.txt": KITTI}, ("images/000004.png",)),
     "kitti tracking": (
         "kitti", {"label_02/0001.txt": TRACKING}, tuple(f"image_02/0001/{number:06}.png" for number in range(3))
     ),
@@ -138,6 +140,8 @@ EXAMPLES: dict[str, tuple[str, Files, tuple[str, ...]]] = {
     "yolo, one folder": ("yolo", {"a.txt": YOLO, "classes.txt": "person\ncar\ndog\n"}, ("a.jpg", "b.jpg")),
     "voc": ("voc", {"Annotations/a.xml": VOC}, ("JPEGImages/a.jpg", "JPEGImages/b.jpg")),
     "voc, one folder": ("voc", {"a.xml": VOC}, ("a.jpg",)),
+    "voc of Roboflow": ("voc", {"train/a.xml": VOC}, ("train/a.jpg",)),
+    "voc of Oxford": ("voc", {"annotations/xmls/a.xml": VOC}, ("images/a.jpg",)),
     "cvat images": ("cvat", {"annotations.xml": CVAT_IMAGES}, ("images/a.jpg", "images/b.jpg")),
     "cvat video": ("cvat", {"annotations.xml": CVAT_VIDEO}, FOUR),
 }  # fmt: skip

@@ -111,6 +111,20 @@ def test_coco_crowds_areas_and_ids(tmp_path):
     assert second.persons == ()
 
 
+def test_coco_outline_without_a_box(tmp_path):
+    outline = {"id": 1, "image_id": 7, "category_id": 3, "segmentation": [[40, 20, 70, 20, 70, 100], [40, 90, 50, 100]]}
+    other = {"id": 2, "image_id": 7, "category_id": 5}
+    write(tmp_path, {"a.json": coco(annotations=[outline, other])})
+    source = one(tmp_path)
+    assert [person.box for frame in source.frames for person in frame.persons] == [BOX]
+    assert "1 boxes of class car are not used" in source.notes
+
+
+def test_impossible_box_of_another_class_is_counted_with_its_class(tmp_path):
+    write(tmp_path, {"a.xml": voc(thing("person"), thing("cat", (70, 20, 40, 100)))}, ("a.jpg",))
+    assert "1 boxes of class cat are not used" in one(tmp_path).notes
+
+
 def test_coco_videos_are_sequences(tmp_path):
     images = [
         {"id": 10 + number, "file_name": f"{number}.jpg", "video_id": 1, "frame_id": 2 - number} for number in range(3)

@@ -82,6 +82,11 @@ def test_many_mot_sequences(tmp_path):
     for name in ("MOT-02", "MOT-10"):
         write(tmp_path / "train" / name, {"gt/gt.txt": MOT}, ("img1/000001.jpg", "img1/000002.jpg"))
     assert [source.name for source in labelled_sources(tmp_path)] == ["MOT-02", "MOT-10"]
+    # Test sequences come without labels.
+    write(tmp_path / "test" / "MOT-01", {"seqinfo.ini": SEQINFO}, ("img1/000001.jpg",))
+    first, second = labelled_sources(tmp_path)
+    assert (first.name, second.name) == ("MOT-02", "MOT-10")
+    assert [note for note in first.notes if "MOT-01" in note] == ["1 sequences have no labels, the first: MOT-01"]
 
 
 @pytest.mark.parametrize(
@@ -161,6 +166,21 @@ def test_cvat_images(tmp_path):
     assert [person.box for person in first.persons] == [BOX, (90, 20, 20, 40)]
     assert second.persons == ()
     assert source.notes == ("1 boxes of class car are not used", "1 boxes of shape points are not used")
+
+
+def test_cvat_images_of_a_video(tmp_path):
+    text = CVAT_IMAGES.replace("a.jpg", "frame_000000").replace("b.jpg", "frame_000003")
+    write(tmp_path, {"annotations.xml": text}, ())
+    film = cv2.VideoWriter(str(tmp_path / "hall.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 20, (160, 120))
+    for _ in range(5):
+        film.write(np.full((120, 160, 3), 90, np.uint8))
+    film.release()
+    source = one(tmp_path)
+    assert [(frame.name, frame.stamp) for frame in source.frames] == [
+        ("frame_000000", 0),
+        ("frame_000003", 150_000_000),
+    ]
+    assert not source.identities
 
 
 def test_cvat_tracks_outside_and_between_key_frames(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from socialbot.core.errors import ParameterError
@@ -11,8 +12,8 @@ from socialbot.vision.metrics.formats._xml import root_tag
 from socialbot.vision.metrics.formats.coco import coco_files, is_coco, read_coco
 from socialbot.vision.metrics.formats.cvat import cvat_file, read_cvat
 from socialbot.vision.metrics.formats.kitti import kitti_folders, read_kitti
-from socialbot.vision.metrics.formats.mot import read_mot, sequences
-from socialbot.vision.metrics.formats.voc import read_voc, voc_folder
+from socialbot.vision.metrics.formats.mot import read_mot, sequences, unlabelled_note
+from socialbot.vision.metrics.formats.voc import read_voc, voc_folders
 from socialbot.vision.metrics.formats.yolo import is_yolo, read_yolo
 from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources
 
@@ -57,10 +58,13 @@ def _places(folder: Path, format: str) -> list[Path]:
     if format == "mot":
         return sequences(folder)
     if format == "kitti":
-        return kitti_folders(folder) or ([folder] if _first_text(folder) == "kitti" else [])
+        flat = [place for place in (folder, folder / "labels") if _first_text(place) == "kitti"]
+        return kitti_folders(folder) or flat[:1]
     if format == "yolo":
         return [folder] if is_yolo(folder) or _first_text(folder) == "yolo" else []
-    found = voc_folder(folder) if format == "voc" else cvat_file(folder)
+    if format == "voc":
+        return voc_folders(folder)
+    found = cvat_file(folder)
     return [] if found is None else [found]
 
 
@@ -125,4 +129,6 @@ def labelled_sources(
     if format == "socialbot":
         return image_sources(images if images is not None else labels.parent, truth)
     places = (_places(labels, format) if labels.is_dir() else [labels]) or [labels]
-    return [source for each in places for source in _READERS[format](each, place, people)]
+    sources = [source for each in places for source in _READERS[format](each, place, people)]
+    note = unlabelled_note(labels) if format == "mot" and labels.is_dir() else ""
+    return [replace(sources[0], notes=(*sources[0].notes, note)), *sources[1:]] if note else sources

@@ -153,12 +153,12 @@ class Labels:
         """
         role = role_of(name, self.people)
         self.classes[name] += 1
-        if not (all(abs(value) < 1e9 for value in box) and box[2] >= 0 and box[3] >= 0):
-            text = ", ".join(f"{value:g}" for value in box)
-            raise fault(f"the box {text} (x, y, width, height) is impossible", where, "correct it or remove it")
         if role == "other":
             self.skipped[f"of class {name}"] += 1
             return
+        if not (all(abs(value) < 1e9 for value in box) and box[2] >= 0 and box[3] >= 0):
+            text = ", ".join(f"{value:g}" for value in box)
+            raise fault(f"the box {text} (x, y, width, height) is impossible", where, "correct it or remove it")
         corner = dict(zip("xywh", map(float, box), strict=True))
         if role == "region" or region:
             self.regions.setdefault(key, []).append(Region(**corner))
@@ -239,6 +239,11 @@ class Entry:
 
 
 # Images
+
+
+def folders_in(folder: Path) -> list[Path]:
+    """Visible folders directly in ``folder``, in natural order."""
+    return sorted((each for each in folder.iterdir() if each.is_dir() and each.name[0] != "."), key=natural)
 
 
 def image_files(folder: Path) -> list[Path]:

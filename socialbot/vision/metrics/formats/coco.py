@@ -16,6 +16,7 @@ from socialbot.vision.metrics.formats._labels import (
     ImageFinder,
     Labels,
     fault,
+    folders_in,
     missing_images,
     role_of,
     sequence,
@@ -47,6 +48,7 @@ class _Annotation(msgspec.Struct):
     image_id: Key
     category_id: Key | None = None
     bbox: list[float] | None = None
+    segmentation: msgspec.Raw = msgspec.Raw(b"null")
     id: Key | None = None
     iscrowd: int | bool | None = 0
     ignore: int | bool | None = 0
@@ -79,7 +81,14 @@ def is_coco(path: Path) -> bool:
 
 
 def coco_files(folder: Path) -> list[Path]:
-    """COCO files in ``folder`` or its folder ``annotations``; those of boxes if there are others."""
+    """COCO files in ``folder`` or its folder ``annotations``, else in its other folders.
+
+    If there are files of boxes and others, the former.
+    """
+    return _files_in(folder) or [path for part in folders_in(folder) for path in _files_in(part)]
+
+
+def _files_in(folder: Path) -> list[Path]:
     files = [path for place in (folder / "annotations", folder) if place.is_dir() for path in place.glob("*.json")]
     found = [path for path in sorted(files, key=natural) if is_coco(path) and "caption" not in path.stem]
     boxes = [path for path in found if path.stem.startswith("instances")]
@@ -175,11 +184,15 @@ def _add_annotations(
             )
         if each.category_id not in categories:
             raise fault(f"category_id {each.category_id} is not among the categories", where, "add the category")
-        if each.bbox is None or len(each.bbox) != 4:
+        box = each.bbox or _box_around(each.segmentation)
+        if not box and role_of(categories[each.category_id], labels.people) == "other":
+            labels.skipped[f"of class {categories[each.category_id]}"] += 1
+            continue
+        if len(box) != 4:
             raise fault("no bbox of four numbers", where, "write bbox as [x, y, width, height], pixels")
         track = each.instance_id if each.instance_id is not None else each.track_id
         identities &= track is not None
-        x, y, w, h = each.bbox
+        x, y, w, h = box
         labels.add(
             each.image_id,
             categories[each.category_id],
@@ -192,6 +205,19 @@ def _add_annotations(
             distance_m=each.distance_m if each.distance_m is not None and each.distance_m >= 0 else None,
         )
     return identities
+
+
+def _box_around(segmentation: msgspec.Raw) -> list[float]:
+    """Box around the outlines of a person; empty without outlines."""
+    try:
+        outlines = msgspec.json.decode(segmentation, type=list[list[float]])
+    except msgspec.MsgspecError:
+        return []
+    across = [value for outline in outlines for value in outline[::2]]
+    down = [value for outline in outlines for value in outline[1::2]]
+    if not down:
+        return []
+    return [min(across), min(down), max(across) - min(across), max(down) - min(down)]
 
 
 def _size(image: _Image) -> tuple[int, int] | None:

@@ -67,8 +67,13 @@ def read_cvat(path: Path, images: Path | None = None, people: Sequence[str] = ()
 
 
 def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSource:
-    finder = ImageFinder(*([images] if images else [labels.path.parent / "images", labels.path.parent]))
+    places = [images] if images else [labels.path.parent / "images", labels.path.parent]
+    finder = ImageFinder(*(place for place in places if not place.is_file()))
     listed = root.findall("image")
+    if listed and not any(finder.find(each.get("name") or "") for each in listed):
+        films = _films(root, places)
+        if films:
+            return _frames(root, labels, films[0])
     found, missing = [], []
     for number, each in enumerate(listed):
         where, name = at(labels.path, each), each.get("name") or ""
@@ -86,6 +91,25 @@ def _images(root: Element, labels: Labels, images: Path | None) -> LabelledSourc
     entries = [
         Entry(number, name, stamp, None, size) for (number, name, _, size), stamp in zip(found, stamps, strict=True)
     ]
+    return labels.source(_name(root, labels.path), "cvat", pictures, entries)
+
+
+def _frames(root: Element, labels: Labels, film: Path) -> LabelledSource:
+    """Images that are frames of a video, with the number of the frame in their names."""
+    pictures, count = video(film)
+    entries, lost = [], []
+    for each in root.findall("image"):
+        name = each.get("name") or ""
+        frame = number_in(name)
+        if frame is None or frame >= count:
+            lost.append(name)
+            continue
+        size = _whole(each.get("width"), each.get("height"))
+        entries.append(Entry(frame, name, round(frame * SECOND / pictures.rate_hz), frame + 1, size))
+        for shape in each:
+            _add(labels, frame, shape, shape.get("label") or "", "")
+    missing_images(lost, len(entries) + len(lost), film, labels)
+    entries.sort(key=lambda entry: entry.stamp)
     return labels.source(_name(root, labels.path), "cvat", pictures, entries)
 
 
@@ -132,13 +156,11 @@ def _interpolate(
 def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[ImageSequence, list[tuple[int, str, int]]]:
     """The images, and frame number, name and stamp of each labelled one."""
     folder = labels.path.parent
-    source = (root.findtext("meta/source") or root.findtext("meta//source") or "").strip()
     places = [images] if images else [folder / "images", folder]
-    films = [place for place in places if place.is_file()]
-    films += [path for place in places if place.is_dir() for path in sorted(place.iterdir()) if _is_video(path)]
-    films.sort(key=lambda path: path.name != Path(source).name)
+    films = _films(root, places)
     place = first_folder(*(each for each in places if each.is_dir()))
     if place is None and not films:
+        source = _film_name(root)
         raise ImageError(
             f"no images and no video{f' {source}' if source else ''}",
             where=str(images or folder),
@@ -159,6 +181,17 @@ def _sequence(root: Element, labels: Labels, images: Path | None) -> tuple[Image
     stamps = [round((number - ordered[0][0]) * SECOND / DEFAULT_RATE_HZ) for number, _ in ordered]
     numbered = [(number, path.name, stamp) for (number, path), stamp in zip(ordered, stamps, strict=True)]
     return sequence([path for _, path in ordered], stamps), numbered
+
+
+def _films(root: Element, places: Sequence[Path]) -> list[Path]:
+    """Videos in ``places``, that of the task first."""
+    films = [place for place in places if place.is_file()]
+    films += [path for place in places if place.is_dir() for path in sorted(place.iterdir()) if _is_video(path)]
+    return sorted(films, key=lambda path: path.name != Path(_film_name(root)).name)
+
+
+def _film_name(root: Element) -> str:
+    return (root.findtext("meta/source") or root.findtext("meta//source") or "").strip()
 
 
 def _add(labels: Labels, key: int, shape: ElementTree.Element, name: str, id: str) -> None:

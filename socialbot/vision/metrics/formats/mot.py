@@ -43,11 +43,27 @@ MAX_NAME = 200
 
 def is_sequence(folder: Path) -> bool:
     """Whether ``folder`` is a MOTChallenge sequence."""
-    return any((folder / name).is_file() for name in ("seqinfo.ini", "gt/gt.txt", "gt.txt"))
+    return (folder / "seqinfo.ini").is_file() or _is_labelled(folder)
+
+
+def _is_labelled(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in ("gt/gt.txt", "gt.txt"))
 
 
 def sequences(folder: Path) -> list[Path]:
-    """Sequences in or below ``folder``."""
+    """Sequences in or below ``folder``; those with labels if there are any."""
+    found = _all_sequences(folder)
+    return [path for path in found if _is_labelled(path)] or found
+
+
+def unlabelled_note(folder: Path) -> str:
+    """Note about the sequences that `sequences` leaves out; empty if there are none."""
+    used = sequences(folder)
+    left = [path.name for path in _all_sequences(folder) if path not in used]
+    return f"{len(left)} sequences have no labels, the first: {left[0]}" if left else ""
+
+
+def _all_sequences(folder: Path) -> list[Path]:
     if is_sequence(folder):
         return [folder]
     below = [path for pattern in ("*", "*/*") for path in folder.glob(pattern) if path.is_dir() and is_sequence(path)]

@@ -12,6 +12,7 @@ from socialbot.vision.metrics.formats._labels import (
     ImageFinder,
     Labels,
     fault,
+    folders_in,
     image_files,
     missing_images,
     numbers,
@@ -23,10 +24,13 @@ from socialbot.vision.metrics.frames import LabelledSource
 REMEDY = "write name and bndbox with xmin, ymin, xmax and ymax, pixels"
 
 
-def voc_folder(folder: Path) -> Path | None:
-    """The folder of the XML files in or below ``folder``."""
-    places = [folder, folder / "Annotations", folder / "annotations", *sorted(folder.glob("**/Annotations"))[:1]]
-    return next((place for place in places if _has_voc(place)), None)
+def voc_folders(folder: Path) -> list[Path]:
+    """The folder of the XML files in or below ``folder``, or its parts with such files."""
+    below = [folder / name for name in ("Annotations", "annotations", "annotations/xmls")]
+    place = next(
+        (each for each in (folder, *below, *sorted(folder.glob("**/Annotations"))[:1]) if _has_voc(each)), None
+    )
+    return [place] if place is not None else [part for part in folders_in(folder) if _has_voc(part)]
 
 
 def _has_voc(folder: Path) -> bool:
@@ -47,7 +51,8 @@ def read_voc(path: Path, images: Path | None = None, people: Sequence[str] = ())
     """
     files = [path] if path.is_file() else sorted(path.glob("*.xml"), key=natural)
     folder = path.parent if path.is_file() else path
-    base = folder.parent if folder.name.lower() == "annotations" else folder
+    base = folder.parent if folder.name.lower() in ("annotations", "xmls") else folder
+    base = base.parent if base.name.lower() == "annotations" else base
     roots = [images] if images else [base / "JPEGImages", base / "images", folder, base]
     finder = ImageFinder(*roots)
     labels = Labels(path, people)
