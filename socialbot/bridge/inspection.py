@@ -25,9 +25,11 @@ from socialbot.core.messages import (
     CompressedImage,
     Health,
     Image,
+    Utterance,
 )
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.node import Delivery, Graph, WireForm
+from socialbot.graph.node import Delivery, Graph
+from socialbot.runs.narration import PERSON
 from socialbot.runs.run import Picture
 from socialbot.vision.images import as_jpeg
 
@@ -42,15 +44,17 @@ _KEY_MISMATCHES = {
 
 
 class CommandClient:
-    """Send commands to agents of a graph with messages in ``form``, by a spinning rclpy node; wait for their answers.
+    """Send commands to agents of ``graph``, by a spinning rclpy node; wait for their answers.
 
     ``shut`` is the mismatch of the keys of the graph and of this process, which blocks commands; empty without one.
     """
 
-    def __init__(self, ros: Any, form: WireForm = "json") -> None:
+    def __init__(self, ros: Any, graph: Graph) -> None:
         self.shut = ""
         self._keys_fit = False
-        transport = open_transport(form=form)
+        transport = open_transport(form=graph.wire)
+        spoken = {topic for each in graph.nodes for topic, port in each.subscriptions if port.message_type is Utterance}
+        self._speech = [transport.advertise(ros, topic, Utterance) for topic in sorted(spoken)]
         self._clock = WallClock()
         self._waiting: dict[str, Future[AgentAnswer]] = {}
         self._sender = transport.advertise(ros, AGENT_COMMANDS, AgentCommand)
@@ -61,7 +65,7 @@ class CommandClient:
 
     async def ask(self, agent: str, command: Command, text: str) -> AgentAnswer | None:
         """Send a command to an agent; None if it does not answer in time."""
-        id = f"person-{secrets.token_hex(4)}"
+        id = f"{PERSON}{secrets.token_hex(4)}"
         answer = self._waiting[id] = Future()
         asked = AgentCommand(stamp=self._clock.now(), id=id, agent=agent, command=command, text=text)
         try:
@@ -71,6 +75,16 @@ class CommandClient:
             return None
         finally:
             del self._waiting[id]
+
+    async def say(self, text: str) -> str:
+        """Have every speech node of the graph say a sentence; return the reason of a refusal, or an empty text."""
+        if not text.strip() or not self._speech:
+            return "there is nothing to say" if self._speech else "no node of this graph speaks"
+        id = f"{PERSON}{secrets.token_hex(4)}"
+        said = Utterance(stamp=self._clock.now(), id=id, text=text.strip(), cause=id)
+        for sender in self._speech:
+            await asyncio.to_thread(sender.publish, said)
+        return ""
 
     def _on_answer(self, answer: AgentAnswer) -> None:
         waiting = self._waiting.get(answer.id)

@@ -98,7 +98,7 @@ def client_node(graph: Graph) -> Iterator[tuple[ImageSource | None, CommandSende
 
     with spinning_node("inspector") as ros:
         topic = live_image_topic(graph)
-        yield None if topic is None else LiveImages(ros, *topic), CommandClient(ros, graph.wire)
+        yield None if topic is None else LiveImages(ros, *topic), CommandClient(ros, graph)
 
 
 @contextmanager

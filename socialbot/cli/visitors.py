@@ -48,13 +48,14 @@ def visitors(
 
 
 def _table(found: list[Visit]) -> Table:
-    table = plain_table("visitor", "came", "nearest", "engaged", "said", "left", "addressed")
+    table = plain_table("visitor", "came", "nearest", "faced", "engaged", "said", "left", "addressed")
     for visit in found:
         nearest = "" if visit.nearest_m is None else f"{visit.nearest_m:.1f} m at {visit.nearest_s:.1f} s"
         table.add_row(
             visit.person,
             f"{visit.came_s:.1f} s #{visit.came_frame}",
             nearest,
+            "" if visit.faced_s is None else f"{visit.faced_s:.1f} s",
             "" if visit.engaged_s is None else f"{visit.engaged_s:.1f} s",
             "\n".join(f"{said.at_s:.1f} s {said.text}" for said in visit.said),
             f"{visit.left_s:.1f} s #{visit.left_frame}",

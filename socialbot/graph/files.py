@@ -32,6 +32,7 @@ from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.wizard import read_wizard, wizard_page
 
 
 def load_graph(name: str) -> Graph:
@@ -52,7 +53,7 @@ def load_graph(name: str) -> Graph:
 def parse_graph(text: str, *, where: str) -> Graph:
     """Parse a graph from YAML. Errors name the source ``where``."""
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "wire", "services", "nodes", "stand_ins")
+    root.only("name", "inputs", "paced_by", "wire", "services", "nodes", "stand_ins", "wizard")
     configs, stand_ins = (
         tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
         for section in (root.section("nodes"), root.section("stand_ins", {}))
@@ -63,6 +64,7 @@ def parse_graph(text: str, *, where: str) -> Graph:
         inputs=frozenset(root.texts("inputs")),
         services=frozenset(root.texts("services")),
         stand_ins=stand_ins,
+        wizard=read_wizard(root.section("wizard", {})),
     )
     for key in ("paced_by", "wire"):
         try:
@@ -82,6 +84,7 @@ def dump_graph(graph: Graph) -> str:
         **({"services": sorted(graph.services)} if graph.services else {}),
         "nodes": _page(graph.nodes),
         **({"stand_ins": _page(graph.stand_ins)} if graph.stand_ins else {}),
+        **({"wizard": wizard_page(graph.wizard)} if graph.wizard else {}),
     }
     text = io.StringIO()
     YAML(typ="rt").dump(page, text)

@@ -33,6 +33,7 @@ from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State, is_ros_message, ros_message
 from socialbot.graph.calls import Channel
 from socialbot.graph.services import ClientPort, ServerPort, check_services, recorded_topic
+from socialbot.graph.wizard import WizardKey
 
 if TYPE_CHECKING:
     from socialbot.graph.health import HealthMonitor
@@ -494,6 +495,7 @@ class Graph:
         wire: Encoding of structured messages over ROS; invisible to nodes.
         services: Services and actions of nodes outside the graph.
         stand_ins: Nodes that offer such services where there is no robot: in replays, simulations and tests.
+        wizard: Keys of the run page for a person behind the scenes.
     """
 
     name: str
@@ -503,6 +505,7 @@ class Graph:
     wire: WireForm = "json"
     services: frozenset[str] = frozenset()
     stand_ins: tuple[NodeConfig, ...] = ()
+    wizard: tuple[WizardKey, ...] = ()
 
     placements = RenamedAttribute("nodes")
     placement = RenamedAttribute("node")
@@ -527,6 +530,11 @@ class Graph:
         if self.wire not in get_args(WireForm):
             remedy = suggestion(self.wire, get_args(WireForm))
             raise GraphError(f"no form of messages: {self.wire!r}", where=f"{self.name}.wire", remedy=remedy)
+        for each in self.wizard:
+            if each.agent and each.agent not in names:
+                raise GraphError(
+                    f"key {each.key!r}: no node {each.agent!r}", where=self.name, remedy=suggestion(each.agent, names)
+                )
         self._check_topics()
 
     def _check_topics(self) -> None:

@@ -11,6 +11,7 @@ import msgspec
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import WorldView
+from socialbot.runs.distances import distances_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.narration import log_lines
 from socialbot.runs.pages import thumbnail
@@ -25,6 +26,7 @@ MAX_EXPLANATIONS = 1500
 MAX_REJECTIONS = 20
 MAX_PICTURES = 40
 MAX_PICTURE_BYTES = 1_500_000
+MAX_SOUND_BYTES = 1_000_000
 NODE_SAMPLES = 200
 
 _MIND = ("beliefs", "desires", "goals", "plans", "actions", "ended", "paused")
@@ -50,7 +52,8 @@ def frozen(run: RecordedRun, world: WorldView | None, stamps: Iterable[int], shu
     has = msgspec.structs.replace(shown.has, pictures=bool(pictures), world=world is not None and bool(world))
     content = {
         "run": msgspec.structs.replace(shown, has=has, problems=(), results={}, since_s=history.seconds(begin)),
-        "timeline": run.timeline.lanes(),
+        "timeline": {"lanes": run.timeline.lanes(), "distances": distances_of(run)},
+        "sounds": _sounds(run, records),
         "log": log_lines(run, records),
         "tracks": _tracks(run, records),
         "trees": _trees(run, begin),
@@ -84,6 +87,25 @@ def _pictures(run: RecordedRun, stamps: Iterable[int], records: Sequence[TraceRe
             found[picture.stamp] = small.picture
             size += len(small.picture)
     return [(run.history.seconds(stamp), found[stamp]) for stamp in sorted(found)]
+
+
+def _sounds(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, str]:
+    """Return the sounds of utterances by file name, up to the limit: a data URL, or the name of an equal file."""
+    found: dict[str, str] = {}
+    known: dict[bytes, str] = {}
+    size = 0
+    for record in records:
+        name = str(record.detail.get("detail", "")) if record.kind == "speech" and record.what == "started" else ""
+        sound = run.sound(name) if name else None
+        if sound is None or name in found:
+            continue
+        if sound in known:
+            found[name] = known[sound]
+        elif size + len(sound) <= MAX_SOUND_BYTES:
+            size += len(sound)
+            known[sound] = name
+            found[name] = f"data:audio/wav;base64,{base64.b64encode(sound).decode()}"
+    return found
 
 
 def _tracks(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, Any]:

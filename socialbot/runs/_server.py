@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from http.cookies import SimpleCookie
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 from urllib.parse import urlencode, urlsplit
 
 import msgspec
@@ -31,6 +31,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Command
+from socialbot.runs.distances import distances_of
 from socialbot.runs.narration import LogLine, last_log_lines, log_lines
 from socialbot.runs.pages import PAGE, live_page
 from socialbot.runs.run import CommandSender, NoCommands, RunView, node_views, overview
@@ -62,6 +63,7 @@ POLICY = "; ".join(
         "style-src 'self'",
         "img-src 'self' blob:",
         "connect-src 'self'",
+        "media-src 'self'",
         "manifest-src 'self'",
         "base-uri 'none'",
         "form-action 'none'",
@@ -188,10 +190,10 @@ DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors
 
 
 class CommandRequest(msgspec.Struct, frozen=True):
-    """Command from a person to an agent."""
+    """Command from a person to an agent, or a sentence to say."""
 
     agent: str
-    command: Command
+    command: Command | Literal["say"]
     text: str = ""
 
 
@@ -227,6 +229,7 @@ class PageServer:
             Route("/api/command", self._command, methods=["POST"]),
             Route("/api/picture", self._picture),
             Route("/api/world", self._world),
+            Route("/api/sound/{name}", self._sound),
             Route("/api/{name}", self._answer),
             Mount("/page", StaticFiles(directory=PAGE, check_dir=False)),
         ]
@@ -296,6 +299,13 @@ class PageServer:
         headers = {**FRESH, "Content-Security-Policy": DRAWING_POLICY}
         return Response(drawing, headers=headers, media_type="image/svg+xml")
 
+    async def _sound(self, request: Request) -> Response:
+        run, name = self.run, request.path_params["name"]
+        sound = await asyncio.get_running_loop().run_in_executor(self._image_thread, run.sound, name)
+        if sound is None:
+            return Response(status_code=204, headers=FRESH)
+        return Response(sound, headers=FRESH, media_type="audio/wav")
+
     async def _live(self, request: Request) -> Response:
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return StreamingResponse(self._broadcast.listen(), media_type="text/event-stream", headers=headers)
@@ -312,6 +322,9 @@ class PageServer:
             asked = msgspec.json.decode(body, type=CommandRequest)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise HTTPException(400, f"not a valid command: {error}") from error
+        if asked.command == "say":
+            reason = await self.commands.say(asked.text)
+            return reply({"accepted": not reason, "reason": reason})
         answer = await self.commands.ask(asked.agent, asked.command, asked.text)
         if answer is None:
             raise HTTPException(504, f"{asked.agent} does not answer: it is not running, or has another key")
@@ -333,7 +346,7 @@ _ANSWERS: Mapping[str, Callable[[RunView, QueryParams], Any]] = {
     "moment": lambda run, query: run.states.at(_stamp(run, query)),
     "trees": lambda run, query: run.trees(_stamp(run, query)),
     "nodes": lambda run, query: node_views(run, _stamp(run, query)),
-    "timeline": lambda run, query: {"lanes": run.timeline.lanes()},
+    "timeline": lambda run, query: {"lanes": run.timeline.lanes(), "distances": distances_of(run)},
     "log": lambda run, query: last_log_lines(
         run, _stamp(run, query, "from", 0.0), _stamp(run, query, "to"), MOST_LINES
     ),
@@ -384,6 +397,7 @@ class Broadcast:
         self._task: asyncio.Task[None] | None = None
         self._agents: dict[str, AgentMind] = {}
         self._records = 0
+        self._late = 0
         self._last: RunState | None = None
 
     async def listen(self) -> AsyncIterator[bytes]:
@@ -458,8 +472,11 @@ class Broadcast:
         changed = tuple(agent for agent in moment.agents if self._agents.get(agent.name) != agent)
         bars = run.timeline.changed()
         history = run.history
-        fresh = min(history.forgotten + len(history) - self._records, MOST_NEW_LINES)
-        lines = log_lines(run, history.part(max(0, len(history) - fresh), len(history)))
+        late = history.late(0)
+        moved = late[self._late if self._late <= len(late) else 0 :]  # the history drops old indices
+        self._late = len(late)
+        fresh = min(self._records - history.forgotten, *moved, len(history))
+        lines = log_lines(run, history.part(max(0, fresh, len(history) - MOST_NEW_LINES), len(history)))
         self._records = history.forgotten + len(history)
         self._agents.update((agent.name, agent) for agent in changed)
         before, self._last = self._last, moment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,11 +15,13 @@ from socialbot.core.messages import Health, Message, TraceRecord
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
-from socialbot.runs.record import DIAGNOSTICS, ENDED_WELL, SCORED, SEEN, STOPPED, TRACE, NodeReport
+from socialbot.runs.record import DIAGNOSTICS, ENDED_WELL, SCORED, SEEN, SOUNDS, STOPPED, TRACE, NodeReport
 from socialbot.runs.run import ImageSource, RunView
 from socialbot.vision.metrics.scores import ScoredFrame
 
 T = TypeVar("T")
+
+_SOUND = re.compile(r"[\w-]+\.wav")
 RUNS = Path("runs")
 
 
@@ -56,6 +59,12 @@ class RecordedRun(RunView):
         bag = self.results.get("bag", {}).get("path")
         graph = str(self.results.get("graph") or "").capitalize() or super().title
         return ": ".join(filter(None, (graph, Path(bag).name if bag else self.folder.resolve().name)))
+
+    def sound(self, name: str) -> bytes | None:
+        path = self.folder / SOUNDS / name
+        if not _SOUND.fullmatch(name) or not path.is_file():
+            return None
+        return path.read_bytes()
 
     # Reading
 

@@ -20,7 +20,10 @@ REMEMBERED_CHAIN = 20
 
 
 class History:
-    """Records of a run in time order; records with the same stamp keep their order of arrival. It may grow.
+    """Records of a run in time order; it may grow.
+
+    Records with the same stamp keep their order of arrival, but a cause precedes its effects: topics of a live run
+    deliver in any order.
 
     Args:
         records: The first records.
@@ -53,9 +56,24 @@ class History:
             self._records.insert(place, record)
             self._stamps.insert(place, record.stamp)
             self._late.append(place)
+        self._put_effects_behind(record)
         self._refer(record)
         if record.kind not in OF_TOPICS:
             self._agents[record.source] = None
+
+    def _put_effects_behind(self, record: TraceRecord) -> None:
+        """Move the effects of ``record`` that arrived before it, and theirs, behind all records of the same stamp."""
+        moved: set[int] = set()
+        causes = [record]
+        while causes:
+            named = (effect for name in names_of(causes.pop()) for effect in self._by_cause.get(name, ()))
+            effects = [each for each in named if each.stamp == record.stamp and id(each) not in moved]
+            moved.update(map(id, effects))
+            causes += effects
+        if moved:
+            begin, end = bisect_left(self._stamps, record.stamp), bisect_right(self._stamps, record.stamp)
+            self._records[begin:end] = sorted(self._records[begin:end], key=lambda each: id(each) in moved)
+            self._late.append(begin)
 
     def forget(self, count: int, still: Iterable[str] = ()) -> None:
         """Drop the first ``count`` records.

@@ -6,11 +6,12 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, takewhile
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import msgspec
 
+from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.history import OF_TOPICS, History
 
@@ -222,6 +223,8 @@ class Narrator:
                 return Clause("", record.what)
             case "rule":
                 return Clause("", f"the rule {record.what} of {self.agent(record)} applied")
+            case "utterance" if record.cause.startswith(PERSON):
+                return Clause("", f'a person had the robot say "{record.what}"')
             case "step":
                 return Clause(self.agent(record), f"{past(self._text(record))}{self._place(record)}")
         return Clause(self.agent(record), past(self._text(record)))
@@ -405,23 +408,44 @@ _NOT_LOGGED = {"detection", "motion", "percept", "plan", "planning", "mail", "pr
 
 
 class LogLine(msgspec.Struct, frozen=True):
-    """Record in words; ``t`` is in seconds from the start, ``source`` the agent or topic."""
+    """Record in words; ``t`` is in seconds from the start, ``source`` the agent or topic.
+
+    Lines with the same ``decision`` come from one percept, command or other first cause.
+    """
 
     id: str
     t: float
     kind: str
     source: str
     text: str
+    decision: str = ""
+
+
+_DECISION_NS = SECOND // 5
+"""Longest time from the first cause of a decision to its last line."""
 
 
 def log_lines(run: RunView, records: Iterable[TraceRecord]) -> list[LogLine]:
     """Return the lines of the log for ``records``; kinds without information of their own are left out."""
     narrator = Narrator(run.wording, run.history)
     return [
-        LogLine(each.id, run.history.seconds(each.stamp), each.kind, each.source, narrator.clause(each).sentence())
+        LogLine(
+            each.id,
+            run.history.seconds(each.stamp),
+            each.kind,
+            each.source,
+            narrator.clause(each).sentence(),
+            _decision(run.history, each),
+        )
         for each in records
         if each.kind not in _NOT_LOGGED
     ]
+
+
+def _decision(history: History, record: TraceRecord) -> str:
+    """Return the id of the first cause of ``record`` that is not older than `_DECISION_NS`."""
+    near = takewhile(lambda each: record.stamp - each.stamp <= _DECISION_NS, history.before(record))
+    return next(reversed([record, *near])).id
 
 
 def last_log_lines(run: RunView, begin: int, end: int, most: int) -> list[LogLine]:

@@ -49,6 +49,9 @@ STOPPED = "stopped by a signal"
 
 TRACE, SEEN = "trace.jsonl", "seen.jsonl"
 
+SOUNDS = "speech"
+"""Folder of sound files of utterances in the folder of a run."""
+
 SCORED = "scored.jsonl"
 """File with found, missed and false detections by frame with ground truth."""
 

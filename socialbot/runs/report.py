@@ -13,7 +13,14 @@ from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.runs._frames import Perception, shot_at, stills, turning_points
 from socialbot.runs._frozen import frozen
-from socialbot.runs._report_tables import band_section, event_section, node_section, settings_section, story_sections
+from socialbot.runs._report_tables import (
+    band_section,
+    event_section,
+    node_section,
+    settings_section,
+    story_sections,
+    visit_section,
+)
 from socialbot.runs.bag_images import pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
@@ -105,6 +112,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
     needed = [*(shot.detection.stamp for shot in shots), *(frame.stamp for frame in perception.worst)]
     sections = [
         *story_sections(story),
+        visit_section(run),
         Section("Detection over time", charts(perception.charts()), PERCEPTION_NOTE),
         Section("Worst frames", perception.worst_stills(), WORST_NOTE),
         band_section(run.results),

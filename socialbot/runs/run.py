@@ -16,6 +16,7 @@ from socialbot.core.messages import AgentAnswer, Command, Health, Message
 from socialbot.core.registry import phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.graph.status import NodeStatus, NodeStatuses
+from socialbot.graph.wizard import WizardKey
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.plan_trees import PlanTree, trees_at
@@ -43,7 +44,10 @@ class ImageSource(Protocol):
 
 
 class NodeView(msgspec.Struct, frozen=True):
-    """Node of a graph with its machine (empty if unknown) and topics; an ``agent`` has a mind."""
+    """Node of a graph with its machine (empty if unknown) and topics; an ``agent`` has a mind.
+
+    A bag or a simulator took the place of a ``replaced`` node.
+    """
 
     name: str
     type: str
@@ -51,13 +55,15 @@ class NodeView(msgspec.Struct, frozen=True):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     agent: bool
+    replaced: bool = False
 
 
 class GraphView(msgspec.Struct, frozen=True):
-    """Nodes of a graph, and message types by topic."""
+    """Nodes of a graph, message types by topic, and the keys of the person behind the scenes."""
 
     nodes: tuple[NodeView, ...] = ()
     topics: Mapping[str, str] = {}
+    wizard: tuple[WizardKey, ...] = ()
 
 
 class RunView:
@@ -116,6 +122,10 @@ class RunView:
         """Return the newest image up to ``stamp``."""
         return None if self.images is None else self.images.at(stamp)
 
+    def sound(self, name: str) -> bytes | None:
+        """Return a sound file of an utterance by its name; None if it is not kept."""
+        return None
+
     def world(self, stamp: int) -> str | None:
         """Return the world at ``stamp`` as SVG."""
         self._update()
@@ -134,6 +144,7 @@ class RunView:
         if self.graph is None:
             return GraphView()
         self._update()
+        ran = self.results.get("nodes", {}) if "bag" in self.results else {}
         nodes = tuple(
             NodeView(
                 each.name,
@@ -142,10 +153,13 @@ class RunView:
                 tuple(topic for topic, _ in each.subscriptions),
                 tuple(topic for topic, _ in each.publications),
                 each.type.is_agent,
+                bool(ran) and each.name not in ran,
             )
             for each in self.graph.nodes
         )
-        return GraphView(nodes, {topic: kind.__name__ for topic, kind in sorted(self.graph.topics().items())})
+        return GraphView(
+            nodes, {topic: kind.__name__ for topic, kind in sorted(self.graph.topics().items())}, self.graph.wizard
+        )
 
     def _update(self) -> None:
         """Process pending messages."""
@@ -255,6 +269,10 @@ class CommandSender(Protocol):
         """Send a command and return the answer; None without one."""
         ...
 
+    async def say(self, text: str) -> str:
+        """Have the robot say a sentence; return the reason of a refusal, or an empty text."""
+        ...
+
 
 @dataclass(frozen=True)
 class NoCommands:
@@ -263,6 +281,9 @@ class NoCommands:
     shut: str
 
     async def ask(self, agent: str, command: Command, text: str) -> None: ...
+
+    async def say(self, text: str) -> str:
+        return self.shut
 
 
 class NodeHistory:

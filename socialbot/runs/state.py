@@ -34,7 +34,10 @@ class DesireView(msgspec.Struct, frozen=True):
 
 
 class GoalView(msgspec.Struct, frozen=True):
-    """Goal of the engine, ``depth`` goals below the first one, with its plan and current step."""
+    """Goal of the engine, ``depth`` goals below the first one, with its plan and current step.
+
+    ``acted`` is true once an action was carried out for it, also for goals below it.
+    """
 
     id: str
     text: str
@@ -42,6 +45,7 @@ class GoalView(msgspec.Struct, frozen=True):
     depth: int = 0
     plan: str = ""
     step: str = ""
+    acted: bool = False
 
 
 class ActivePlan(msgspec.Struct, frozen=True):
@@ -98,21 +102,31 @@ class FrameView(msgspec.Struct, frozen=True):
 
 
 class SpokenUtterance(msgspec.Struct, frozen=True):
-    """Utterance with its state: waiting, started, finished, replaced, expired or failed."""
+    """Utterance with its state: waiting, started, finished, replaced, expired or failed.
+
+    ``agent`` is the speaker, if known; ``sound`` the name of its sound file.
+    """
 
     id: str
     text: str
     since_s: float
     state: str
+    agent: str = ""
+    sound: str = ""
 
 
 class HeadView(msgspec.Struct, frozen=True):
-    """Head mode (track, centre or look) and joint targets."""
+    """Head mode (track, centre or look) and joint targets.
+
+    The head moves until ``moves_until_s``; ``agent`` gave the last command, if known.
+    """
 
     id: str
     mode: str
     since_s: float
     joints: str = ""
+    moves_until_s: float = 0.0
+    agent: str = ""
 
 
 class RunState(msgspec.Struct, frozen=True):
@@ -125,6 +139,9 @@ class RunState(msgspec.Struct, frozen=True):
     speech: tuple[SpokenUtterance, ...] = ()
     head: HeadView | None = None
 
+
+WITHOUT_ACTION = "achieved without any action"
+"""Outcome of a goal whose plan had nothing to do, such as greeting people who were greeted."""
 
 ENDED = 5
 
@@ -191,8 +208,9 @@ class MindState:
                 if goal is not None:
                     self.goals[goal.id] = replace(goal, plan=plan_name(record), step="")
             case "achieved" | "continued":
-                if self.goals.pop(record.cause, None) is not None and record.kind == "achieved":
-                    self._end(record, "goal", what, since, "achieved")
+                goal = self.goals.pop(record.cause, None)
+                if goal is not None and record.kind == "achieved":
+                    self._end(record, "goal", what, since, "achieved" if goal.acted else WITHOUT_ACTION)
             case "dropped":
                 self._drop(record, since, history)
             case "plan_start":
@@ -240,6 +258,7 @@ class MindState:
         if record.kind == "action":
             if goal is not None:
                 self.goals[goal.id] = replace(goal, step=record.what)
+                self._note_acted(goal, history)
             return
         goal_record = None if goal is None else history.find(goal.id)
         step = None if goal_record is None else self.actions.get(goal_record.cause)
@@ -250,6 +269,12 @@ class MindState:
         elif step is None:
             self.actions.pop(action.id, None)
             self._end(record, "action", action.what, since, str(record.detail.get("outcome", "finished")))
+
+    def _note_acted(self, goal: GoalView | None, history: History) -> None:
+        while goal is not None and not self.goals[goal.id].acted:
+            self.goals[goal.id] = replace(self.goals[goal.id], acted=True)
+            begun = history.find(goal.id)
+            goal = None if begun is None else self._goal_above(begun, history)
 
     def _step_end(self, record: TraceRecord, since: float, history: History, wording: Wording) -> None:
         step = history.find(record.cause)
@@ -382,16 +407,24 @@ class StateIndex:
             case "detection":
                 scene.sight = record
             case "utterance":
-                spoken = SpokenUtterance(record.id, record.what, since, "waiting")
+                spoken = SpokenUtterance(record.id, record.what, since, "waiting", self._agent(record))
                 scene.speech = (*scene.speech, spoken)[-SENTENCES:]
             case "speech":
                 changed = {"state": record.what, "since_s": since}
+                if record.what == "started":
+                    changed["sound"] = str(record.detail.get("detail", ""))
                 scene.speech = tuple(replace(x, **changed) if x.id == record.cause else x for x in scene.speech)
             case "head":
-                scene.head = HeadView(record.id, record.what, since, scene.head.joints if scene.head else "")
+                head = scene.head or HeadView(record.id, "", since)
+                scene.head = replace(head, id=record.id, mode=record.what, since_s=since, agent=self._agent(record))
             case "motion":
                 head = scene.head or HeadView(record.id, "", since)
-                scene.head = replace(head, joints=record.what)
+                until_s = round(since + float(record.detail.get("duration_s") or 0.0), 6)
+                scene.head = replace(head, joints=record.what, moves_until_s=until_s)
+
+    def _agent(self, record: TraceRecord) -> str:
+        """Return the agent behind a record of a topic; empty if unknown."""
+        return next((each.source for each in self._history.before(record) if each.kind not in OF_TOPICS), "")
 
     def _sight(self, record: TraceRecord | None) -> FrameView | None:
         if record is None:

@@ -15,9 +15,10 @@ import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, TraceRecord
+from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
-from socialbot.vision.metrics.behaviour import RECENT_S, PersonVisit, visits
+from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, visits
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
 
@@ -32,16 +33,18 @@ Outcome = Literal["in time", "late", "missed", "not due"]
 
 
 class Said(msgspec.Struct, frozen=True):
-    """Sentence to the people present at ``at_s``, in seconds of the run."""
+    """Sentence to the people present at ``at_s``, in seconds of the run, and the action that asked for it, if known."""
 
     at_s: float
     text: str
+    action: str = ""
 
 
 class Visit(msgspec.Struct, frozen=True, kw_only=True):
     """Visit of a person within the range; times in seconds of the run, frames counted from 1.
 
-    ``engaged_s`` is the begin of facing the robot, standing before it or walking up to it; None if they never did.
+    ``faced_s`` is the first time at which they faced the robot, where faces are known. ``engaged_s`` is the begin of
+    facing the robot, standing before it or walking up to it. None if they never did.
     ``delay_s`` is the time from then to the first sentence.
     """
 
@@ -52,6 +55,7 @@ class Visit(msgspec.Struct, frozen=True, kw_only=True):
     left_frame: int
     nearest_m: float | None
     nearest_s: float | None
+    faced_s: float | None = None
     engaged_s: float | None
     said: tuple[Said, ...]
     outcome: Outcome
@@ -70,7 +74,7 @@ def visits_of(run: RecordedRun, range_m: float | None = None) -> tuple[list[Visi
     """
     truth = _truth(run)
     frames = _tracked(run.history) if truth is None else _true(truth)
-    limit_m = min(_stated_ranges(run), default=RANGE_M) if range_m is None else range_m
+    limit_m = min((each.range_m for each in ranges_of(run)), default=RANGE_M) if range_m is None else range_m
     spoken = [record for record in run.history if record.kind == "utterance"]
     found = [_visit(each, frames, spoken, run.history) for each in visits(frames, limit_m, GAP_S)]
     return found, "tracks" if truth is None else "truth"
@@ -80,12 +84,6 @@ def _truth(run: RecordedRun) -> GroundTruth | None:
     path = run.results.get("bag", {}).get("path")
     found = truth_beside(Path(path)) if path else None
     return load_truth(found) if found is not None and found.is_file() else None
-
-
-def _stated_ranges(run: RecordedRun) -> Iterator[float]:
-    for parameters in run.results.get("parameters", {}).values():
-        if isinstance(parameters.get("range_m"), int | float):
-            yield float(parameters["range_m"])
 
 
 def _true(truth: GroundTruth) -> list[LabelledFrame]:
@@ -112,14 +110,16 @@ def _visit(
     visit: PersonVisit, frames: Sequence[LabelledFrame], spoken: Sequence[TraceRecord], history: History
 ) -> Visit:
     stamps = [frame.stamp for frame in frames]
-    distances = [
-        (person.distance_m, frame.stamp)
+    looks = [
+        (person, frame.stamp)
         for frame in frames
         if visit.begin <= frame.stamp <= visit.end
         for person in frame.persons
-        if person.id == visit.person and person.distance_m is not None
+        if person.id == visit.person
     ]
+    distances = [(person.distance_m, stamp) for person, stamp in looks if person.distance_m is not None]
     nearest_m, nearest = min(distances, default=(None, None))
+    faced = next((stamp for person, stamp in looks if _faces(person)), None)
     heard = [each for each in spoken if visit.begin <= each.stamp <= visit.end + nanoseconds(RECENT_S)]
     outcome, delay_s = _outcome(visit, [each.stamp for each in heard])
     return Visit(
@@ -130,11 +130,21 @@ def _visit(
         left_frame=stamps.index(visit.end) + 1,
         nearest_m=nearest_m,
         nearest_s=None if nearest is None else history.seconds(nearest),
+        faced_s=None if faced is None else history.seconds(faced),
         engaged_s=None if visit.engages is None else history.seconds(visit.engages),
-        said=tuple(Said(history.seconds(each.stamp), each.what) for each in heard),
+        said=tuple(Said(history.seconds(each.stamp), each.what, _action(history, each)) for each in heard),
         outcome=outcome,
         delay_s=delay_s,
     )
+
+
+def _faces(person: Person) -> bool:
+    facing_rad = person.facing_rad if isinstance(person, TruthPerson) else None
+    return facing_rad is not None and facing_rad <= FACES_RAD
+
+
+def _action(history: History, sentence: TraceRecord) -> str:
+    return next((each.what for each in history.before(sentence) if each.kind in ("action", "step")), "")
 
 
 def _outcome(visit: PersonVisit, heard: Sequence[int]) -> tuple[Outcome, float | None]:

@@ -19,7 +19,16 @@ from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.inline import InlineRunner, Recorded
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.difference import DecisionComparison
-from socialbot.runs.record import RECORDED, WELL, MessageObserver, RunTrace, event_log_topics, versions, with_event_log
+from socialbot.runs.record import (
+    RECORDED,
+    SOUNDS,
+    WELL,
+    MessageObserver,
+    RunTrace,
+    event_log_topics,
+    versions,
+    with_event_log,
+)
 from socialbot.runtime.launch import Launch
 from socialbot.speech.speaker import Speaker
 from socialbot.vision.metrics.scores import Scores
@@ -251,7 +260,7 @@ def observed_topics(graph: Graph, nodes: Collection[str] | None = None) -> dict[
 
 def with_speech_files(graph: Graph, folder: Path, **parameters: object) -> Graph:
     """Return ``graph`` with speakers that write .wav files below ``folder`` and have ``parameters`` set."""
-    written: dict[str, object] = {"folder": str((folder / "speech").resolve()), **parameters}
+    written: dict[str, object] = {"folder": str((folder / SOUNDS).resolve()), **parameters}
     speakers = [config.name for config in graph.nodes if issubclass(config.type, Speaker)]
     return graph.with_parameters(dict.fromkeys(speakers, written))
 

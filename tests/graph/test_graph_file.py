@@ -11,6 +11,7 @@ from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.core.registry import graph_names, node_types
 from socialbot.graph.files import dump_graph, load_graph, node_type, parse_graph
 from socialbot.graph.node import Graph, NodeConfig
+from socialbot.graph.wizard import WizardKey
 from tests.graph.test_graph import Echo, Source
 
 GOOD = """\
@@ -254,3 +255,39 @@ def test_merged_values_have_no_line():
 def test_unsupported_yaml_is_a_clear_error(text):
     with pytest.raises(GraphError):
         parse_graph(text, where="page")
+
+
+WIZARD = (
+    GOOD
+    + """\
+wizard:
+  g: {label: greet now, achieve: greet()}
+  h: {say: Good morning!, agent: echo}
+"""
+)
+
+
+def test_keys_for_the_person_behind_the_scenes():
+    graph = parse_graph(WIZARD, where="g.yaml")
+    assert graph.wizard == (
+        WizardKey("g", "greet now", "achieve", "greet()"),
+        WizardKey("h", "say Good morning!", "say", "Good morning!", "echo"),
+    )
+    assert parse_graph(dump_graph(graph), where="again").wizard == graph.wizard
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("  g:", "  w:", "g.yaml:15: no valid key: 'w'"),
+        ("  g:", "  G1:", "no valid key: 'G1'"),
+        (", achieve: greet()", "", "key 'g' needs one command"),
+        ("achieve: greet()", "achieve: greet(), say: Hello", "key 'g' needs one command"),
+        ("Good morning!", "''", "'say' is empty"),
+        ("achieve:", "acheive:", "did you mean 'achieve'"),
+        ("agent: echo", "agent: ecko", "key 'h': no node 'ecko'"),
+    ],
+)
+def test_invalid_keys_are_refused(old, new, words):
+    with pytest.raises(GraphError, match=re.escape(words)):
+        parse_graph(WIZARD.replace(old, new), where="g.yaml")

@@ -5,12 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.core.messages import (
+    AGENT_ANSWERS,
+    AGENT_COMMANDS,
+    AgentAnswer,
+    AgentCommand,
+    Command,
+    Message,
+    PersonDetection,
+    PersonDetections,
+    Utterance,
+)
 from socialbot.graph.files import load_graph, parse_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.runs.record import RunRecord, RunTrace
 from socialbot.runs.run import LiveRun
-from socialbot.runtime.run import observed_topics
+from socialbot.runtime.run import observed_topics, with_speech_files
 
 START = 1_700_000_000 * SECOND
 
@@ -40,7 +50,7 @@ def frame(tenth: int, *distances_m: float) -> PersonDetections:
 
 def greeting(folder: Path, *, comes: int = 5, tenths: int = 20) -> Path:
     """A run of Waldo, shorter than he waits for a camera: until ``comes`` (tenths of a second) nobody is there."""
-    graph = load_graph("waldo").without_sources().with_parameters({"speech": {"playback": "off"}})
+    graph = with_speech_files(load_graph("waldo").without_sources(), folder, playback="off")
     runner = InlineRunner(graph, start=START)
     with RunRecord(folder) as record:
         record.describe(graph)
@@ -97,3 +107,29 @@ def waldo_at_work(folder: Path, live: LiveRun, tenths: range, runner: InlineRunn
     for tenth in tenths:
         runner.feed("/humans/bodies/detections", frame(tenth, *([4.0] if tenth >= 5 else [])))
     return runner
+
+
+class InlineCommands:
+    """Commands of people to the agents of ``runner``."""
+
+    shut = ""
+
+    def __init__(self, runner: InlineRunner) -> None:
+        self._runner = runner
+        self._answers: list[AgentAnswer] = []
+        runner.tap(AGENT_ANSWERS, self._take)
+
+    def _take(self, topic: str, answer: Message) -> None:
+        assert isinstance(answer, AgentAnswer)
+        self._answers.append(answer)
+
+    async def ask(self, agent: str, command: Command, text: str) -> AgentAnswer:
+        now = self._runner.clock.now()
+        id = f"person-{len(self._answers)}"
+        self._runner.feed(AGENT_COMMANDS, AgentCommand(stamp=now, id=id, agent=agent, command=command, text=text))
+        return self._answers[-1]
+
+    async def say(self, text: str) -> str:
+        id = f"person-said-{text}"
+        self._runner.feed("/speech/say", Utterance(stamp=self._runner.clock.now(), id=id, text=text, cause=id))
+        return ""

@@ -121,6 +121,40 @@ def test_persons_and_speech_of_a_run(tmp_path):
     assert 'personDetected("Yes")' in [belief.text for belief in waldo.beliefs]
 
 
+def test_speech_and_motion_have_their_agent_sound_and_end():
+    records = [
+        record(1.0, "ann", "action", "speak()", id="a1"),
+        record(1.0, "/say", "utterance", "Hello", "a1", id="say-1"),
+        record(1.1, "/status", "speech", "started", "say-1", detail="001-hello.wav"),
+        record(1.2, "/head", "head", "track", "a1"),
+        record(1.3, "/joints", "motion", "head_pan_joint 0.500 rad", duration_s=0.4),
+    ]
+    history = History(records, start=100 * SECOND)
+    state = StateIndex(history).at(history.stamp(1.3))
+    (said,) = state.speech
+    assert (said.agent, said.state, said.sound) == ("ann", "started", "001-hello.wav")
+    assert state.head is not None
+    assert (state.head.agent, state.head.mode, state.head.moves_until_s) == ("ann", "track", 1.7)
+
+
+def test_a_goal_without_any_action_says_so():
+    records = [
+        record(1.0, "ann", "goal", "greet()", id="g1"),
+        record(1.0, "ann", "plan", "greet()", "g1", id="p1"),
+        record(1.0, "ann", "achieved", "greet()", "g1"),
+        record(2.0, "ann", "goal", "greet()", id="g2"),
+        record(2.0, "ann", "plan", "greet()", "g2", id="p2"),
+        record(2.0, "ann", "goal", "speak()", "p2", id="g3"),
+        record(2.0, "ann", "plan", "speak()", "g3", id="p3"),
+        record(2.0, "ann", "action", "say(hello)", "p3"),
+        record(2.0, "ann", "achieved", "speak()", "g3"),
+        record(2.0, "ann", "achieved", "greet()", "g2"),
+    ]
+    assert [end.outcome for end in agent(records, 2.0).ended] == [
+        "achieved", "achieved", "achieved without any action",
+    ]  # fmt: skip
+
+
 TEXTS = st.sampled_from(("a", "b", "c"))
 KINDS = (
     *("belief", "unbelief", "goal", "plan", "action", "achieved", "desire", "desire_dropped", "detection", "utterance"),
@@ -134,8 +168,11 @@ HAPPENINGS = st.tuples(
 
 
 def happened(happenings) -> list[TraceRecord]:
+    """Return records 0.1 s apart; utterances have no cause, as that is an action just before, never an old record."""
     return [
-        record(number / 10, who, kind, what, f"r{cause}" if cause < number else "", id=f"r{number}")
+        record(
+            number / 10, who, kind, what, f"r{cause}" if cause < number and kind != "utterance" else "", id=f"r{number}"
+        )
         for number, (who, kind, what, cause) in enumerate(happenings)
     ]
 

@@ -40,6 +40,18 @@ def test_late_records_are_sorted_by_time():
     assert (history.duration_s, history.stamp(1.0), history.seconds(two.stamp)) == (2.0, two.stamp, 1.0)
 
 
+def test_causes_precede_effects_that_arrived_before_them():
+    goal = record(1.0, "ann", "goal", "greet()", id="g")
+    action = record(1.0, "ann", "action", "speak()", cause="g", id="a")
+    other = record(1.0, "ann", "belief", "b", id="b")
+    said = record(1.0, "/speech/say", "utterance", "Hello", cause="a", id="say-a")
+    begun = record(1.0, "/speech/status", "speech", "started", cause="say-a", id="started")
+    later = record(2.0, "/speech/status", "speech", "finished", cause="say-a", id="finished")
+    history = History([said, begun, later, goal, action, other])
+    assert list(history) == [goal, action, said, begun, other, later]
+    assert min(history.late(0)) == 0
+
+
 def test_start_before_the_first_record():
     history = History([record(1.0, "ann", "belief", "b")], start=100 * SECOND)
     assert history.seconds(history.end) == 1.0

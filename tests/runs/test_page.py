@@ -245,3 +245,110 @@ def test_whole_graph_is_visible(browser, waldo):
         assert graph["x"] <= place["x"]
         assert place["x"] + place["width"] <= graph["x"] + graph["width"]
     visit.close()
+
+
+@pytest.mark.slow
+def test_speech_shows_as_done_while_it_lasts(visit):
+    said = next(t / 10 for t in range(40) if shows(visit, t / 10, "#does .what", "says “Hello! Nice to see you.”"))
+    assert COMES_S < said < COMES_S + 1.0
+    assert visit.texts("#speech") == ["“Hello! Nice to see you.”"]
+    assert not shows(visit, 3.9, "#does .what", "says “Hello! Nice to see you.”"), "it took less than 2 s"
+
+
+def shows(visit: Visit, seconds: float, selector: str, text: str) -> bool:
+    visit.seek(seconds)
+    return text in visit.texts(selector)
+
+
+@pytest.mark.slow
+def test_captions_expire(visit):
+    captions = """async () => {
+        const { caption, spoken } = await import('/page/speech.js');
+        const said = (state, since_s, text) => ({ state, since_s, text });
+        const states = ['started', 'finished', 'waiting', 'replaced'];
+        const [begun, done, sent, replaced] = states.map(state => said(state, 10, 'Hello'));
+        const later = said('waiting', 11, 'Bye');
+        const texts = [
+            [[begun, later], 11], [[begun], 60], [[done], 12], [[done], 14], [[sent], 12], [[sent], 60],
+            [[replaced], 10],
+        ];
+        return [...texts.map(([speech, at]) => caption(speech, at)?.text ?? ''), spoken([begun], 60).length];
+    }"""
+    assert visit.page.evaluate(f"({captions})()") == ["Hello", "", "Hello", "", "Hello", "", "", 0]
+
+
+@pytest.mark.slow
+def test_head_motion_shows_as_done_while_it_lasts(visit):
+    listed = """async () => {
+        const { Mind } = await import('/page/mind.js');
+        const mind = new Mind(() => {});
+        const joints = 'head_pan_joint 0.500 rad, head_tilt_joint -0.100 rad';
+        const texts = [];
+        for (const [at, agent] of [[1.5, ''], [2.5, ''], [1.5, 'other']]) {
+            const head = { id: 'h', mode: 'track', since_s: 1, joints, moves_until_s: 2, agent };
+            mind.show({ name: 'waldo' }, at, 'Waldo', { speech: [], head });
+            texts.push(document.querySelector('#does li').firstChild.textContent);
+        }
+        return texts;
+    }"""
+    assert visit.page.evaluate(f"({listed})()") == ["turns its head: pan 29°, tilt -6°", "Nothing now.", "Nothing now."]
+
+
+@pytest.mark.slow
+def test_scrubber_and_timeline_share_one_axis(visit):
+    for zoom in range(3):
+        for seconds in (1.9, 2.0, 2.1):
+            visit.seek(seconds)
+            slider, cursor = visit.place("#scrubber"), visit.place(".cursor")
+            low, high = (visit.number(f"document.querySelector('#scrubber').{end}") for end in ("min", "max"))
+            thumb = slider["x"] + 8 + (slider["width"] - 16) * (seconds - low) / (high - low)
+            assert cursor["x"] + 1 == pytest.approx(thumb, abs=1.5), f"zoomed {zoom} times"
+        visit.page.click("#closer")
+
+
+@pytest.mark.slow
+def test_lines_of_one_decision_are_folded(visit):
+    visit.seek(COMES_S + 0.7)
+    fold = visit.page.locator("#log .fold", has_text='Waldo said "Hello! Nice to see you."')
+    expect(fold).to_have_count(1)
+    expect(visit.page.locator("#log")).not_to_contain_text("Waldo wanted GreetPeople()")
+    count = visit.page.locator("#log li").count()
+    fold.locator(".unfold").click()
+    expect(visit.page.locator("#log .part", has_text="Waldo wanted GreetPeople()")).to_have_count(1)
+    fold.locator(".unfold").click()
+    expect(visit.page.locator("#log li")).to_have_count(count)
+    visit.page.locator("#log-all").check()
+    expect(visit.page.locator("#log .fold")).to_have_count(0)
+    expect(visit.page.locator("#log")).to_contain_text("Waldo wanted GreetPeople()")
+    lines = [line.partition(" s")[2] for line in visit.texts("#log li button")]
+    steps = ["Waldo wanted GreetPeople()", 'Waldo did speak("greeting")', 'Waldo said "Hello! Nice to see you."']
+    assert [line for line in lines if line in steps] == steps
+
+
+@pytest.mark.slow
+def test_distances_are_drawn_with_the_range(visit):
+    expect(visit.page.locator("#timeline .distances .range text")).to_have_text("range 6 m")
+    line, limit = (visit.place(f"#timeline .distances {part}") for part in (".track path", ".range line"))
+    zero = visit.place("#timeline .distances .axis line >> nth=0")
+    assert (zero["y"] - line["y"]) / (zero["y"] - limit["y"]) == pytest.approx(4.0 / 6.0, abs=0.05)
+    bar = visit.place("#timeline .bar.person rect")
+    assert line["x"] == pytest.approx(bar["x"], abs=2)
+
+
+@pytest.mark.slow
+def test_edges_of_the_graph_name_their_topics(visit):
+    topics = visit.texts("#graph .topic")
+    assert any(topic.startswith("detections") for topic in topics)
+    for text in visit.page.locator("#graph .topic").all():
+        place = text.bounding_box()
+        assert place is not None
+        assert place["x"] >= visit.place("#graph")["x"], text.text_content()
+
+
+@pytest.mark.slow
+def test_sound_plays_with_the_run(visit):
+    visit.seek(COMES_S)
+    with visit.page.expect_response(lambda response: "/api/sound/" in response.url) as heard:
+        visit.page.click("#play")
+    assert (heard.value.status, heard.value.headers["content-type"]) == (200, "audio/wav")
+    expect(visit.page.locator("#play")).to_have_text("Play")  # the run is over

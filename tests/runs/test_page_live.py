@@ -17,13 +17,16 @@ from playwright.sync_api import Browser, expect
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
-from socialbot.graph.files import load_graph
+from socialbot.graph.files import load_graph, parse_graph
+from socialbot.graph.inline import InlineRunner
 from socialbot.runs import run as live_run
 from socialbot.runs.folder import open_run
+from socialbot.runs.narration import last_log_lines
 from socialbot.runs.run import LiveRun
 from socialbot.runs.serving import Address, serving
+from socialbot.runtime.run import observed_topics
 from tests.runs.browsing import Visit, chromium
-from tests.runs.runs import START, greeting, waldo_at_work
+from tests.runs.runs import START, InlineCommands, greeting, waldo_at_work
 
 expect.set_options(timeout=60_000)
 
@@ -116,6 +119,93 @@ def test_beginning_of_a_long_log_is_loaded_on_demand(browser):
         visit.close()
 
 
+def test_a_late_cause_takes_its_place_in_the_log(browser):
+    live = LiveRun(load_graph("waldo"))
+
+    def observe(id: str, source: str, kind: str, what: str, cause: str = "") -> None:
+        live.observe("/trace", TraceRecord(stamp=START, id=id, source=source, kind=kind, what=what, cause=cause))
+
+    observe("b", "bdi_engine", "belief", "here")
+    with serving(live, ANY) as served:
+        visit = Visit(browser, served.url)
+        visit.page.locator("#log-all").check()
+        observe("say-a", "/speech/say", "utterance", "Hello", "a")
+        lines = visit.page.locator("#log li span")
+        expect(lines).to_have_text(["Waldo believed here", 'said "Hello"'])
+        observe("g", "bdi_engine", "goal", "greet()", "b")
+        observe("a", "bdi_engine", "action", "speak()", "g")
+        told = ["Waldo believed here", "Waldo wanted greet()", "Waldo did speak()", 'Waldo said "Hello"']
+        expect(lines).to_have_text(told)
+        visit.close()
+
+
+def test_the_person_behind_the_scenes_has_keys_and_is_told_what_came_of_it(browser, tmp_path):
+    live = LiveRun(load_graph("waldo"))
+    runner = waldo_at_work(tmp_path / "run", live, range(3))
+    with serving(live, ANY, InlineCommands(runner)) as served:
+        visit = Visit(browser, served.url)
+        visit.page.locator("#tab-ask").click()
+        expect(visit.page.locator(".wizard button")).to_have_count(5)
+        visit.page.keyboard.press("b")
+        expect(visit.page.locator("#wizard-answer")).to_have_text("say goodbye: accepted.")
+        waldo_at_work(tmp_path / "run", live, range(3, 5), runner)
+        expect(visit.page.locator("#speech")).to_have_text("“Goodbye!”")
+        goal = visit.page.locator("#ask-desire")
+        goal.fill("stayIdle")
+        goal.press("b")
+        expect(goal).to_have_value("stayIdleb")
+        goal.fill("GreetPeople()")
+        goal.press("Enter")
+        expect(visit.page.locator("#ask-desire-answer")).to_have_text("It ended: achieved.")
+        visit.close()
+    runner.close()
+    said = [line.text for line in last_log_lines(live, live.history.start, live.end, 500)]
+    assert 'a person had the robot say "Goodbye!"' in said
+    assert "Waldo was asked by a person: achieve GreetPeople()" in said
+
+
+NOTHING_TO_DO = """
+from socialbot import AgentNode, Engine
+from socialbot.bdi import Belief, Goal
+
+
+class greeted(Belief):
+    pass
+
+
+class greet(Goal):
+    pass
+
+
+class Mind(AgentNode):
+    def build(self) -> Engine:
+        engine = Engine(self.name, self.clock, robot=self, sink=self.record, wake=self.wake)
+        engine.add_rules(greet() / greeted() >> [], greet() >> [+greeted()])
+        return engine
+"""
+
+
+def test_an_asked_goal_that_needed_no_action_says_so(browser, tmp_path, monkeypatch):
+    (tmp_path / "nothing_to_do.py").write_text(NOTHING_TO_DO)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    graph = parse_graph('name: g\nnodes: {mind: {type: "nothing_to_do:Mind"}}', where="g")
+    live = LiveRun(graph)
+    runner = InlineRunner(graph, start=START)
+    for topic in observed_topics(graph):
+        runner.tap(topic, live.observe)
+    runner.start()
+    with serving(live, ANY, InlineCommands(runner)) as served:
+        visit = Visit(browser, served.url)
+        visit.page.locator("#tab-ask").click()
+        for _ in range(2):
+            visit.page.locator("#ask-desire").fill("greet")
+            visit.page.locator("#ask-desire").press("Enter")
+            answer = visit.page.locator("#ask-desire-answer")
+            expect(answer).to_contain_text("Achieved without any action")
+        visit.close()
+    runner.close()
+
+
 @dataclass
 class Jam:
     """Takes nothing to agents, and while it is not ``free`` holds up who asks whether it does: the whole server."""
@@ -129,6 +219,9 @@ class Jam:
 
     async def ask(self, agent: str, command: str, text: str) -> None:
         return None
+
+    async def say(self, text: str) -> str:
+        return self.shut
 
 
 def test_silent_server_counts_as_lost(browser, tmp_path):
@@ -188,10 +281,10 @@ def test_long_open_page_drops_old_data(browser, tmp_path, monkeypatch):
         runner.close()
         served.show(open_run(tmp_path / "run"))
         expect(visit.page.locator("#state")).to_have_text("recorded")
-        expect(slider).to_have_attribute("min", "0")
         visit.page.locator("#tab-log").click()
         visit.page.keyboard.press("Home")
         visit.wait(0.0)
+        expect(slider).to_have_attribute("min", "0")
         expect(visit.page.locator("#log li button").first).to_have_text(re.compile(r"^0\.\d\d s"))
         visit.close()
 

@@ -66,7 +66,7 @@ def test_report_holds_what_the_page_shows_at_any_time(folder):
     data = unfrozen(html)
     lines = [line["text"] for line in data["log"]]
     assert 'Waldo said "Hello! Nice to see you."' in lines
-    assert {lane["name"] for lane in data["timeline"]} >= {"people", "speech", "goals"}
+    assert {lane["name"] for lane in data["timeline"]["lanes"]} >= {"people", "speech", "goals"}
     beliefs = [[belief["text"] for belief in held] for _, held in data["tracks"]["agents"]["bdi_engine"]["beliefs"]]
     assert any('personDetected("Yes")' in texts for texts in beliefs)
     has = data["run"]["has"]
@@ -188,7 +188,7 @@ def test_worst_frames_are_apart(judged):
 def test_report_shows_the_worst_frames(judged):
     html = report_html(judged)
     words = read(html)
-    assert headings(html)[:2] == ["Detection over time", "Worst frames"]
+    assert headings(html)[:3] == ["Visits", "Detection over time", "Worst frames"]
     assert "2.00 s: 1 missed (4.0 m)" in words
     assert "5.00 s: 2 found, 1 false" in words
     assert [mark[0] for mark in charts(html)["Persons present and found"]["marks"]] == [2.0, 5.0]

@@ -54,6 +54,10 @@ class Desk:
         self.asked.append((agent, command, text))
         return self.answer
 
+    async def say(self, text: str) -> str:
+        self.asked.append(("", "say", text))
+        return "" if self.answer is DONE else "no node of this graph speaks"
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> RunView:
@@ -259,6 +263,14 @@ def test_command_is_sent_to_the_agent(run):
     assert post("/api/run").json()["has"]["commands"] is True
     assert post("/api/command", "POST", **command()).json() == {"accepted": True, "reason": ""}
     assert desk.asked == [("bdi_engine", "believe", "news")]
+
+
+def test_a_sentence_is_said_or_refused(run):
+    desk, silent = Desk(), Desk(None)
+    said = client(run, desk)("/api/command", "POST", **command(command="say", text="Good morning!"))
+    assert (said.json(), desk.asked) == ({"accepted": True, "reason": ""}, [("", "say", "Good morning!")])
+    refused = client(run, silent)("/api/command", "POST", **command(command="say", text="Good morning!"))
+    assert refused.json() == {"accepted": False, "reason": "no node of this graph speaks"}
 
 
 def test_refused_command_has_its_reason(run):

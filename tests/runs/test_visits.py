@@ -12,7 +12,10 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, PersonDetections, Utterance
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import RunRecord
+from socialbot.runs.report import report_html
 from socialbot.runs.visits import ADDRESS_S, Visit, visits_of
+from tests.runs.pages import read
+from tests.runs.runs import greeting
 from tests.system.running import socialbot_here
 
 START = 1_700_000_000 * SECOND
@@ -55,6 +58,22 @@ def test_a_visit_has_its_times_frames_and_sentences(tmp_path: Path):
     assert (visit.nearest_m, visit.nearest_s) == (1.5, 2.0)
     assert [(said.at_s, said.text) for said in visit.said] == [(1.4, "Hello!")]
     assert (visit.engaged_s, visit.outcome, visit.delay_s) == (1.0, "in time", pytest.approx(0.4))
+
+
+def test_a_visitor_may_face_the_robot_later_and_hear_the_sentence_of_an_action(tmp_path: Path):
+    visits = visits_of(open_run(greeting(tmp_path, comes=5, tenths=20)), 6.0)[0]
+    assert [(said.text, said.action) for said in visits[0].said] == [("Hello! Nice to see you.", 'speak("greeting")')]
+    assert visits[0].faced_s is None
+    seen = stays("t1", 0, 20, facing_rad=2.5) | {frame: [person("t1", 2.0, 0.3)] for frame in range(20, 40)}
+    turned = only(recorded(tmp_path / "turned", seen, {}))
+    assert (turned.came_s, turned.faced_s, turned.outcome) == (0.0, 2.0, "missed")
+
+
+def test_the_report_lists_visits_and_who_was_missed(tmp_path: Path):
+    seen = stays("t1", 10, 40, facing_rad=0.1) | stays("t2", 90, 120, facing_rad=0.1)
+    words = read(report_html(open_run(recorded(tmp_path, seen, {14: "Hello!"}))))
+    assert "t1 1.0 s, frame 11 2.0 m at 1.0 s 1.0 s 1.0 s 1.4 s “Hello!” 3.9 s, frame 40 in time" in words
+    assert "11.9 s, frame 120 missed" in words
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,8 @@ export const film = null;
 
 export const run = () => told('run');
 export const moment = (t, agent) => told('moment', agent ? { t, agent } : { t });
-export const timeline = async () => (await told('timeline')).lanes;
+export const timeline = () => told('timeline');
+export const soundAt = name => `/api/sound/${encodeURIComponent(name)}`;
 export const trees = t => told('trees', { t });
 export const nodes = t => told('nodes', { t });
 export const why = id => told('why', { id });

@@ -1,21 +1,31 @@
-// Commands from a person to the chosen agent.
+// Commands from a person to the chosen agent, also by keys, as in Wizard-of-Oz studies.
 
 import * as api from './api.js';
 import { element, find, say } from './dom.js';
 
 const THINKING = [['pause', 'Pause'], ['step', 'Step'], ['resume', 'Go on']];
 const KNOWING = [['believe', 'Add'], ['forget', 'Remove']];
+const SPEAKING = [['say', 'Say']];
 const WANTING = [['achieve', 'Add'], ['drop', 'Drop']];
 
 export class Asking {
   #agent = '';
+  #keys = [];
+  #wizard = element('div', { class: 'wizard' });
+  #done = element('p', { class: 'answer', id: 'wizard-answer', role: 'status' });
+  #awaited = null;
+  #ended = [];
   #form = element('fieldset', {});
   #reason = element('p', { class: 'note' });
   #title = element('legend');
 
-  constructor() {
+  /** `keys` are those of the graph for the person behind the scenes. */
+  constructor(keys) {
+    this.#take(keys);
     this.#form.append(
       this.#title,
+      this.#wizard,
+      this.#group('Say', SPEAKING, 'Good morning!', 'The robot says it at once; it stands in the record.'),
       this.#group('Thinking', THINKING),
       this.#group('Belief', KNOWING, 'personDetected("Yes")', 'As agents write it: personDetected("Yes"), or a fact such as (at box1 table).'),
       this.#group('Desire or goal', WANTING, 'GreetPeople()', 'A goal such as GreetPeople(), or the name of a desire.'));
@@ -29,9 +39,33 @@ export class Asking {
     this.#reason.hidden = !reason;
   }
 
-  show(name, called, paused) {
+  /** Shows an agent with its state, and how an asked goal ended. */
+  show(name, called, mind) {
     this.#agent = name;
-    say(this.#title, `Ask ${called}${paused ? ', which is paused' : ''}`);
+    say(this.#title, `Ask ${called}${mind?.paused ? ', which is paused' : ''}`);
+    const goal = this.#awaited;
+    const end = goal?.agent === name && mind?.ended.find(each => each.kind === 'goal' && same(each.text, goal.text) && !goal.before.has(each.id));
+    this.#ended = mind?.ended ?? [];
+    if (!end) return;
+    this.#awaited = null;
+    const without = end.outcome === 'achieved without any action';
+    this.#tell(null, goal.answer, without ? 'Achieved without any action: the chosen rule had nothing to do.' : `It ended: ${end.outcome}.`, without);
+  }
+
+  /** Runs the command of a key while this panel is open; returns whether there is one. */
+  press(key) {
+    const found = !this.#form.disabled && !find('pane-ask').hidden && this.#keys.find(each => each.key === key);
+    if (found) this.#send(found, this.#done);
+    return Boolean(found);
+  }
+
+  #take(keys) {
+    this.#keys = keys;
+    const buttons = keys.map(each => element('button', { type: 'button', title: `${each.command} ${each.text}`, onclick: () => this.#send(each, this.#done) },
+      element('kbd', { text: each.key }), ` ${each.label}`));
+    this.#wizard.append(element('span', { class: 'label', text: 'Behind the scenes (keys work while this panel is open)' }),
+      element('div', { class: 'line' }, ...buttons), this.#done);
+    this.#wizard.hidden = !keys.length;
   }
 
   #group(label, commands, example, hint) {
@@ -56,13 +90,23 @@ export class Asking {
       field.focus();
       return;
     }
+    const accepted = await this.#send({ command, text }, answer, field);
+    if (accepted && field) field.value = '';
+  }
+
+  /** Sends a command and shows the answer; returns whether it was accepted. */
+  async #send({ command, text, label, agent = '' }, answer, field = null) {
     say(answer, 'Asking …');
+    const name = agent || this.#agent;
+    const before = new Set(this.#ended.map(each => each.id));
     try {
-      const { accepted, reason } = await api.command(this.#agent, command, text);
-      this.#tell(field, answer, accepted ? reason || 'Done.' : reason, !accepted);
-      if (accepted && field) field.value = '';
+      const { accepted, reason } = await api.command(name, command, text);
+      this.#tell(field, answer, accepted ? reason || `${label ?? 'Asked'}: accepted.` : reason, !accepted);
+      if (accepted && command === 'achieve') this.#awaited = { agent: name, text, answer, before };
+      return accepted;
     } catch (error) {
       this.#tell(field, answer, error.message, true);
+      return false;
     }
   }
 
@@ -71,4 +115,9 @@ export class Asking {
     answer.classList.toggle('bad', bad);
     if (field) field.setAttribute('aria-invalid', String(bad));
   }
+}
+
+/** Whether two texts name the same goal, with or without empty brackets. */
+function same(one, other) {
+  return one.replace(/\(\)$/, '') === other.trim().replace(/\(\)$/, '');
 }

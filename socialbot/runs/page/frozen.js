@@ -30,6 +30,7 @@ export const { film } = data;
 
 export const run = async () => data.run;
 export const timeline = async () => data.timeline;
+export const soundAt = name => data.sounds[data.sounds[name]] ?? data.sounds[name] ?? '';
 export const trees = async t => data.trees.map(track => latest(track, t)?.[1]).filter(tree => tree);
 export const nodes = async t => Object.values(data.nodes).map(track => latest(track, t)?.[1]).filter(node => node);
 

@@ -14,6 +14,8 @@ import { Nodes } from './nodes.js';
 import { listPlans } from './plans.js';
 import { Playhead } from './playhead.js';
 import { Sight } from './sight.js';
+import { Sound } from './sound.js';
+import { caption, spoken } from './speech.js';
 import { openTab, startTabs } from './tabs.js';
 import { Timeline } from './timeline.js';
 import { showTrees } from './trees.js';
@@ -38,12 +40,15 @@ class Page {
     this.playhead = new Playhead(run.duration_s, run.live);
     this.playhead.since = run.since_s;
     const pick = record => this.pick(record.id, record.from ?? record.t);
-    this.timeline = new Timeline(find('timeline'), this.playhead, { seek: t => this.playhead.seek(t), pick, called: name => this.called(name) });
+    this.timeline = new Timeline(find('timeline'), this.playhead, {
+      seek: t => this.playhead.seek(t), pick, called: name => this.called(name), viewed: view => this.#showAxis(view),
+    });
     this.log = new Log(pick);
     this.why = new Why({ seek: (t, id) => this.#jump(t, id), open: () => openTab('why') });
     this.mind = new Mind(id => this.pick(id));
     this.agents = new Agents(run.agents, name => this.choose(name));
-    this.asking = new Asking();
+    this.asking = new Asking(run.graph.wizard ?? []);
+    this.sound = new Sound();
     this.nodes = new Nodes(run.graph);
     this.sight = this.#looks ? new Sight() : null;
     this.frames = new Latest(t => this.#fetch(t), found => this.#show(found), FRAME_MS);
@@ -104,13 +109,10 @@ class Page {
   // State at a time
 
   #moved() {
-    const { time, since, end, following, playing, live } = this.playhead;
+    const { time, following, playing, live } = this.playhead;
     const slider = find('scrubber');
-    slider.min = since;
-    slider.max = end;
     slider.value = time;
     slider.setAttribute('aria-valuetext', seconds(time));
-    slider.style.setProperty('--share', end > since ? (time - since) / (end - since) : 0);
     say(find('clock'), seconds(time));
     showDate(find('day'), this.run.began_s + time);
     say(find('play'), playing || following ? 'Pause' : 'Play');
@@ -123,6 +125,16 @@ class Page {
     if (time < this.log.oldest) reporting(() => this.#recallNow())();
     clearTimeout(this.noting);
     this.noting = setTimeout(() => this.#note(), 400);
+  }
+
+  /** Gives the scrubber the axis of the timeline: its times and its place. */
+  #showAxis({ from, to, left, width }) {
+    const slider = find('scrubber');
+    slider.min = from;
+    slider.max = to;
+    slider.value = this.playhead.time;
+    find('time').style.setProperty('--axis-left', `${left}px`);
+    find('time').style.setProperty('--axis-width', `${width}px`);
   }
 
   /** Shows the latest event. */
@@ -151,19 +163,19 @@ class Page {
     const mind = moment.agents.find(agent => agent.name === this.agent);
     await this.sight?.show(picture, moment.sight, moment.head);
     if (map) showMap(map, t);
-    this.mind.show(mind, moment.at_s, this.called(this.agent));
+    this.mind.show(mind, moment.at_s, this.called(this.agent), moment);
     this.agents.show(this.agent, moment);
-    this.asking.show(this.agent, this.called(this.agent), mind?.paused);
+    this.asking.show(this.agent, this.called(this.agent), mind);
     this.#speak(moment);
     document.body.dataset.shown = moment.at_s;
   }
 
   #speak({ speech, at_s: at }) {
-    const said = speech.at(-1);
-    const fresh = said && (['started', 'waiting'].includes(said.state) || at - said.since_s < 3);
-    find('speech').hidden = !this.#talks;
-    say(find('speech'), fresh ? `“${said.text}”` : '');
-    this.#talks ||= Boolean(said);
+    const said = caption(speech, at);
+    this.#talks ||= speech.length > 0;
+    find('speech').hidden = find('sound').hidden = !this.#talks;
+    this.sound.follow(spoken(speech, at), at, this.playhead);
+    say(find('speech'), said ? `“${said.text}”` : '');
   }
 
   #talks = false;
@@ -197,7 +209,8 @@ class Page {
     this.#older = api.log(this.playhead.end);
     this.log.clear();
     this.#tell();
-    this.timeline.load(await api.timeline());
+    const { lanes, distances } = await api.timeline();
+    this.timeline.load(lanes, distances);
     await this.#recall(() => this.log.count >= MANY_LINES && this.log.oldest <= this.playhead.time);
     document.body.dataset.loaded = true;
   }
@@ -244,6 +257,7 @@ class Page {
         this.#live = { ...moment, agents: [...minds.values()] };
         if (moment.agents.some(agent => !this.#known(agent.name))) reporting(() => this.#refresh())();
         this.timeline.take(bars);
+        this.timeline.see(moment.sight);
         if (log.length) this.log.add(log);
         this.#forget(since);
         this.playhead.extend(t);
@@ -308,6 +322,10 @@ class Page {
     find('whole').addEventListener('click', () => timeline.whole());
     find('help').addEventListener('click', () => find('keys').showModal());
     find('log-own').addEventListener('change', () => this.choose(this.agent));
+    find('log-all').addEventListener('change', event => {
+      this.log.unfold(event.target.checked);
+      this.log.show(playhead.time);
+    });
     find('side').addEventListener('opened', ({ detail }) => {
       if (detail === 'log') this.#scrollLog();
       if (detail === 'plans' && this.run.live) reporting(() => this.#refresh())();
@@ -321,7 +339,7 @@ class Page {
       '+': () => timeline.zoom(0.5), '-': () => timeline.zoom(2), 0: () => timeline.whole(),
       w: why, 1: () => openTab('log'), 2: () => openTab('why'), 3: () => openTab('plans'), 4: () => openTab('ask'),
       '?': () => find('keys').showModal(),
-    });
+    }, key => this.asking.press(key));
   }
 
   #scrollLog() {

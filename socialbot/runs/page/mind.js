@@ -1,6 +1,7 @@
 // Mind of the chosen agent: beliefs, desires, actions and results.
 
 import { ago, element, find, say, seconds, sync } from './dom.js';
+import { spoken } from './speech.js';
 
 const NEW_S = 2;
 const NOTHING = { beliefs: 'Nothing yet.', wants: 'Nothing now.', does: 'Nothing now.', ended: 'Nothing yet.' };
@@ -13,11 +14,12 @@ export class Mind {
     this.#why = why;
   }
 
-  show(agent, at, name) {
+  /** `shared` has the speech and the head, of the agent that commands them. */
+  show(agent, at, name, shared) {
     say(find('mind-title'), name + (agent?.paused ? ' (paused)' : ''));
     this.#list('beliefs', (agent?.beliefs ?? []).toReversed().map(belief => believed(belief, at)));
     this.#list('wants', [...(agent?.desires ?? []).map(want => wanted(want, at)), ...goals(agent?.goals ?? [], at)]);
-    this.#list('does', [...(agent?.plans ?? []).map(planned), ...(agent?.actions ?? []).map(doing => done(doing, at))]);
+    this.#list('does', [...(agent?.plans ?? []).map(planned), ...(agent?.actions ?? []).map(doing => done(doing, at)), ...body(agent, shared, at)]);
     this.#list('ended', (agent?.ended ?? []).map(end => over(end, at)));
   }
 
@@ -79,7 +81,20 @@ function done({ id, text, since_s, done }, at) {
   return done === null || done === undefined ? row : { ...row, share: done, shareOf: `how much of ${text} is done` };
 }
 
-const GOOD = new Set(['achieved', 'fulfilled', 'succeeded', 'successful', 'finished', 'continued']);
+/** Speech and head motion in progress, unless another agent commands them. */
+function body(agent, { speech, head }, at) {
+  const own = each => !each.agent || each.agent === agent?.name;
+  const doing = spoken(speech.filter(own), at).map(({ id, text, since_s }) => ({ key: id, id, text: `says “${text}”`, since_s }));
+  if (head && own(head) && at < head.moves_until_s) doing.push({ key: 'head', id: head.id, text: `turns its head: ${degrees(head.joints)}`, since_s: null });
+  return doing.map(({ since_s: since, ...row }) => ({ ...row, age: since === null ? '' : ago(at - since), mark: 'doing' }));
+}
+
+/** Joint targets as text, in degrees. */
+function degrees(joints) {
+  return joints.replace(/(\S+) (-?[\d.]+) rad/g, (_, joint, angle) => `${joint.replace(/^head_|_joint$/g, '')} ${(Number(angle) * 180 / Math.PI).toFixed(0)}°`);
+}
+
+const GOOD = new Set(['achieved', 'achieved without any action', 'fulfilled', 'succeeded', 'successful', 'finished', 'continued']);
 
 function over({ id, kind, text, at_s, outcome }, at) {
   const mark = GOOD.has(outcome) ? 'over' : 'over bad';

@@ -3,7 +3,9 @@
 import { drawn, element, find, say, sync } from './dom.js';
 import { connections, layers } from './layers.js';
 
-const [WIDE, HIGH, ACROSS, DOWN] = [186, 74, 28, 16];
+const [WIDE, HIGH, ACROSS, DOWN] = [160, 74, 104, 16];
+const PORT = 13;
+const LABEL = 15; // letters of a topic on an edge
 const MOST_DRAWN = 24;
 
 export class Nodes {
@@ -21,7 +23,7 @@ export class Nodes {
       const of = (node.members ?? [node.name]).map(name => known.get(name)).filter(each => each);
       const worst = of.find(each => !each.well) ?? of[0];
       rect.setAttribute('class', !of.length ? 'unknown' : worst.well ? 'well' : 'unwell');
-      say(condition, !of.length ? 'unknown' : node.members ? `${of.filter(each => each.well).length} of ${node.members.length} well` : worst.condition);
+      say(condition, !of.length ? (node.replaced ? 'replaced by a bag' : 'unknown') : node.members ? `${of.filter(each => each.well).length} of ${node.members.length} well` : worst.condition);
       say(machine, machines(of) || node.machine);
       say(figures, of.length === 1 ? rates(worst) : '');
     }
@@ -54,13 +56,32 @@ function lines(nodes, edges, places, columns) {
     const pair = [edge.from, edge.to].sort((one, other) => places[one].x - places[other].x || one - other);
     const told = `${nodes[edge.from].name} to ${nodes[edge.to].name}: ${edge.topics.join(', ')}`;
     const name = pair.join(' ');
-    if (!found.has(name)) found.set(name, { pair, told: [] });
+    if (!found.has(name)) found.set(name, { pair, told: [], topics: [] });
     found.get(name).told.push(told);
+    found.get(name).topics.push(...edge.topics);
   }
-  return [...found.values()].map(({ pair: [left, right], told }) => {
+  const all = [...found.values()];
+  return all.flatMap(({ pair: [left, right], told, topics }) => {
     const passed = columns.slice(places[left].column + 1, places[right].column).flat().map(n => places[n].y);
-    return drawn('path', { class: 'edge', d: curve(places[left], places[right], passed) }, drawn('title', { text: told.join('\n') }));
+    const beside = all.filter(edge => edge.pair[1] === right).sort((one, other) => places[one.pair[0]].y - places[other.pair[0]].y || other.pair[0] - one.pair[0]);
+    const apart = Math.min(PORT, (HIGH - PORT) / beside.length);
+    const port = (beside.findIndex(edge => edge.pair[0] === left) - (beside.length - 1) / 2) * apart;
+    const { x, y } = places[right];
+    const title = () => drawn('title', { text: told.join('\n') });
+    const path = drawn('path', { class: 'edge', d: curve(places[left], places[right], passed, port) }, title());
+    if (apart < PORT || places[left].column === places[right].column) return [path];
+    const text = labelled(topics);
+    return [path, drawn('text', { class: 'topic', x: x - 4, y: y + HIGH / 2 + port - 3, 'text-anchor': 'end', text }, title())];
   });
+}
+
+/** Topics of an edge as a short text: the end of the first one, and how many more there are. */
+function labelled([first, ...others]) {
+  const more = others.length ? ` +${others.length}` : '';
+  const parts = first.split('/').filter(part => part);
+  let text = parts.pop();
+  while (parts.length && `${parts.at(-1)}/${text}${more}`.length <= LABEL) text = `${parts.pop()}/${text}`;
+  return shortened(text, LABEL - more.length) + more;
 }
 
 /** Groups nodes of the same type and topics in large graphs. */
@@ -79,7 +100,7 @@ function grouped(nodes) {
 
 function card(node) {
   const rect = drawn('rect', { width: WIDE, height: HIGH, rx: 8 });
-  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 19) });
+  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 17) });
   const machine = drawn('text', { x: 12, y: 38, class: 'small', text: node.machine });
   const condition = drawn('text', { x: 12, y: 54, class: 'condition' });
   const figures = drawn('text', { x: 12, y: 67, class: 'small' });
@@ -88,16 +109,17 @@ function card(node) {
 }
 
 /** Line between two cards that avoids the cards between them (`passed`: their heights). */
-function curve(from, to, passed) {
-  const [x, y, end] = [from.x + WIDE, from.y + HIGH / 2, to.y + HIGH / 2];
-  const bend = ACROSS / 2;
+function curve(from, to, passed, port) {
+  const [x, y, end] = [from.x + WIDE, from.y + HIGH / 2, to.y + HIGH / 2 + port];
+  const bend = ACROSS / 4;
   if (from.column === to.column) return `M${x} ${y}C${x + bend} ${y} ${x + bend} ${end} ${x} ${end}`;
-  if (!passed.length) return `M${x} ${y}C${x + bend} ${y} ${to.x - bend} ${end} ${to.x} ${end}`;
+  const [near, enters] = [x + 2 * bend, to.x - 2 * bend];
+  if (!passed.length) return `M${x} ${y}C${x + bend} ${y} ${x} ${end} ${near} ${end}L${to.x} ${end}`;
   const above = Math.min(...passed) - DOWN / 2;
   const below = Math.max(...passed) + HIGH + DOWN / 2;
   const level = Math.abs(above - end) < Math.abs(below - end) ? above : below;
-  return `M${x} ${y}C${x + bend} ${y} ${x + bend} ${level} ${x + ACROSS} ${level}L${to.x - ACROSS} ${level}`
-    + `C${to.x - bend} ${level} ${to.x - bend} ${end} ${to.x} ${end}`;
+  return `M${x} ${y}C${x + bend} ${y} ${x} ${level} ${near} ${level}L${to.x - ACROSS} ${level}`
+    + `C${to.x - 3 * bend} ${level} ${to.x - 3 * bend} ${end} ${enters} ${end}L${to.x} ${end}`;
 }
 
 function shortened(text, most) {

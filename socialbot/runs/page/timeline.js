@@ -1,5 +1,6 @@
 // Timeline: bars in lanes with a cursor at the shown time.
 
+import { DistancePlot, PLOT } from './distances.js';
 import { byNumber, drawn, element, say, seconds, sync } from './dom.js';
 import { drawable, packed } from './rows.js';
 import { colour } from './sight.js';
@@ -25,12 +26,16 @@ export class Timeline {
   #selected = '';
   #due = false;
   #width = 0;
+  #plot = new DistancePlot();
 
-  /** Fills `host`. `seek` is called with a time, `pick` with a bar; `called` returns display names. */
-  constructor(host, playhead, { seek, pick, called }) {
-    Object.assign(this, { host, playhead, seek, pick, called });
+  /**
+   * Fills `host`. `seek` is called with a time, `pick` with a bar, `viewed` with the shown times and their place;
+   * `called` returns display names.
+   */
+  constructor(host, playhead, { seek, pick, called, viewed = () => {} }) {
+    Object.assign(this, { host, playhead, seek, pick, called, viewed });
     this.#view = playhead.live ? { from: playhead.end - LIVE_S, to: playhead.end } : { from: 0, to: playhead.end || 1 };
-    this.#chart.prepend(this.#axis);
+    this.#chart.prepend(this.#axis, this.#plot.drawing);
     this.#box.append(this.#chart, this.#cursor);
     this.host.append(this.#names, this.#box);
     this.#listen();
@@ -44,13 +49,19 @@ export class Timeline {
     this.#draw();
   }
 
-  /** Replaces all lanes. */
-  load(lanes) {
+  /** Replaces all lanes, and the distances of people. */
+  load(lanes, distances = null) {
+    this.#plot.load(distances);
     this.#lanes = new Map(lanes.map(lane => [key(lane.agent, lane.name), {
       agent: lane.agent, name: lane.name, bars: new Map(lane.bars.map(bar => [bar.id, bar])), rows: null,
     }]));
     this.#draw();
     this.#find();
+  }
+
+  /** Adds the distances of a frame of a live run. */
+  see(sight) {
+    if (this.#plot.see(sight)) this.#later();
   }
 
   /** Adds new or changed bars. */
@@ -67,6 +78,7 @@ export class Timeline {
 
   /** Drops the bars that ended before `since`. */
   forget(since) {
+    this.#plot.forget(since);
     for (const lane of this.#lanes.values()) {
       for (const [id, bar] of lane.bars) {
         if ((bar.to ?? Infinity) < since && lane.bars.delete(id)) lane.rows = null;
@@ -146,6 +158,11 @@ export class Timeline {
     const bars = [];
     let y = AXIS;
     let agent = '';
+    if (this.#plot.has) {
+      names.push({ name: 'distance', text: 'distance (m)', y, height: PLOT });
+      this.#plot.draw(this.#view, width, y, this.called);
+      y += PLOT + 6;
+    }
     for (const lane of lanes) {
       if (lane.agent !== agent) {
         agent = lane.agent;
@@ -171,6 +188,7 @@ export class Timeline {
     sync(this.#bars, bars, item => item.bar.id, makeBar, (group, item) => this.#updateBar(group, item));
     this.host.style.setProperty('--height', `${y + 6}px`);
     this.#place();
+    this.viewed({ ...this.#view, width, left: this.#box.offsetLeft + this.host.clientLeft });
   }
 
   #visible() {
