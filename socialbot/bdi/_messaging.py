@@ -5,6 +5,7 @@ Contents are terms; only plans may be sent as text. The receiver adds told belie
 
 from __future__ import annotations
 
+import difflib
 import functools
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -69,7 +70,7 @@ class Messaging:
 
         Args:
             receiver: A name, an atom, or a tuple of them.
-            performative: One of `PERFORMATIVES`, or any name for receivers that have plans for `RECEIVED`.
+            performative: One of `PERFORMATIVES`, or another name, for which the receivers need plans (`RECEIVED`).
             content: A term; a question must be a literal.
             cause: The trace record of the cause.
             answer: The term that has to match the answer to a question, or the number of a question to answer.
@@ -82,8 +83,8 @@ class Messaging:
             Failed: The message is not valid, or the agent does not exist.
         """
         act = str(performative)
+        content = _content(act, content)
         receivers = [self._find(each) for each in each_of(receiver)]
-        content = _content(act, content, receivers)
         trace = self._engine.trace
         if trace.sink is not None:
             names = ", ".join(agent.name for agent in receivers)
@@ -103,7 +104,7 @@ class Messaging:
         """Send a message to all other agents. Raises Failed if it is not valid."""
         act, society, trace = str(performative), self.society, self._engine.trace
         others = [] if society is None else [agent for agent in society.agents.values() if agent is not self._engine]
-        content = _content(act, content, others)
+        content = _content(act, content)
         if trace.sink is not None:
             cause = trace.record("message", f"{act} to all: {show(content)}", cause)
         if society is not None:
@@ -161,7 +162,13 @@ class Messaging:
                 agent.beliefs.declare(message)
             said = tuple(map(_closed, (Atom(name), Atom(performative), content)))
             agent.beliefs.add(relation, said, said_by, cause)
-        if self.reads and self._received(name, performative, content, said_by, cause, reply):
+        if self.reads and self._received(name, performative, content, cause, reply):
+            return
+        if performative not in PERFORMATIVES:
+            problem = Failed("no_applicable", f"no plan for the message {performative} from {name}: {show(content)}")
+            agent.trace.record_failure(f"+!kqml_received({name}, {performative}, ...)", cause, problem)
+            if reply is not None:
+                reply(agent, Atom("false"))
             return
         if performative.startswith("ask"):
             _ask(agent, sender, performative, content, said_by, cause, reply)
@@ -171,9 +178,7 @@ class Messaging:
             except Failed as problem:  # the sender does not wait for the effect
                 agent.trace.record_failure(f"{performative} from {name}", cause, problem)
 
-    def _received(
-        self, name: str, performative: str, content: Any, said_by: Any, cause: Any, reply: Reply | None
-    ) -> bool:
+    def _received(self, name: str, performative: str, content: Any, cause: Any, reply: Reply | None) -> bool:
         """Pursue the goal of a message by a plan of the program; return whether one applies."""
         agent = self._engine
         trigger, number = agent.library.triggers[RECEIVED], Atom(f"mid{next(self._numbers)}")
@@ -184,10 +189,7 @@ class Messaging:
         plan, result = agent.interpreter.select_plan(trigger, args, SELF, cause, bool(request[0] & OPEN))
         if result is None:
             self.questions.pop(number, None)
-            if performative not in PERFORMATIVES:
-                warning = f"no plan for the message {performative} from {name}: {show(content)}"
-                agent.trace.record_failure(performative, cause, Failed("no_applicable", warning))
-            return performative not in PERFORMATIVES
+            return False
         agent.intentions.adopt_with(request, plan, result)
         return True
 
@@ -362,13 +364,14 @@ class AnswerPause(Pause):
         return f"waits for an answer of {self.names}"
 
 
-def _content(act: str, content: Any, receivers: list[Engine]) -> Any:
+def _content(act: str, content: Any) -> Any:
     """Check the content of a message. Raises Failed if it is not valid."""
     content = resolve(content)
     if act not in PERFORMATIVES:
-        if receivers and all(agent.messaging.reads for agent in receivers):
-            return content
-        raise wrong(".send", Atom(act), f"one of {', '.join(PERFORMATIVES)}")
+        near = difflib.get_close_matches(act, PERFORMATIVES, 1, cutoff=0.75)
+        if not near:
+            return content  # for plans of the receiver
+        raise wrong(".send", Atom(act), f"'{near[0]}', or a performative that is not almost one of its own")
     if act == "askHow":
         from socialbot.bdi.stdlib.environment import event_of
 

@@ -194,7 +194,8 @@ class deed(Goal):  # noqa: N801
         (".send(nobody, tell, x)", "there is no agent nobody"),
         (".send(bo, tell, x(1))", "did you mean bob"),
         (".send([bob, nobody], tell, x)", "there is no agent nobody"),
-        (".send(bob, tel, x)", "expects one of tell, untell"),
+        (".send(bob, tel, x)", "expects 'tell', or a performative that is not almost"),
+        (".broadcast(askone, x)", "expects 'askOne'"),
         (".send(bob, askOne, [x])", "askOne expects a literal"),
         (".send(bob, tellHow, 7)", "tellHow expects a plan"),
         (".send(bob, askHow, x)", "askHow expects an event"),
@@ -397,6 +398,7 @@ def test_a_message_without_a_meaning_is_recorded(caplog):
     assert "no plan for the message order from a: f(1)" in caplog.text
 
 
-def test_a_performative_that_a_receiver_does_not_know_fails_the_step():
-    text = "!go. +!go <- .send([b, c], propose, 1). -!go[error(E)] <- .print(E)."
-    assert Mas(a=text, b=RECEIVER, c="").until(1).lines == ["wrong_arguments"]
+def test_the_sender_goes_on_when_a_receiver_has_no_plan_for_a_message(caplog):
+    text = "!go. +!go <- .send([b, c], cfp, 1); .send(c, askIf, x, A); .print(A)."
+    assert Mas(a=text, b=RECEIVER, c="").until(1).lines == ["false"]
+    assert caplog.text.count("no plan for the message cfp from a: 1") == 2

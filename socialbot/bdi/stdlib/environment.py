@@ -113,7 +113,7 @@ def list_files(engine: Any, args: Args, trail: Trail) -> bool:
 T = TypeVar("T")
 
 _WORDS = {
-    0.001: "|ms|milli|millisecond|milliseconds",
+    0.001: "|ms|msec|msecs|msecond|mseconds|milli|millis|millisecond|milliseconds",
     1.0: "s|sec|second|seconds",
     60.0: "m|min|minute|minutes",
     3600.0: "h|hour|hours",
