@@ -447,6 +447,7 @@ class Library:
         for inferences in self.inferences.values():
             for rule in inferences:
                 rule.compile()
+        self.patterns("")  # collected now, not at the first belief
 
     def recompile(self) -> None:
         """Discard the code of every plan and inference."""

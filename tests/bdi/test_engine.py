@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Engine, Sensor, ask, wait
+from socialbot.bdi import Engine, Sensor, ask, library, wait
 from socialbot.bdi._intention_stack import MAX_CHAIN
 from socialbot.bdi._interpreter import STEPS
 from socialbot.bdi.compiler._source import Unit
@@ -428,6 +428,17 @@ def test_the_first_event_compiles_nothing_after_compile_plans(compiled):
     lab.until(2)
     assert lab.done == [2, "failed"]
     assert compiled == []
+
+
+def test_the_first_belief_searches_no_rules_after_compile_plans(monkeypatch):
+    searches, search = [], library.beliefs_by_name
+    monkeypatch.setattr(library, "beliefs_by_name", lambda rules: (searches.append(rules), search(rules))[1])
+    lab = Lab(+mood(X) / ~p(X) >> [do(X)])
+    lab.engine.compile_plans()
+    assert len(searches) == 1
+    lab.tell(+mood("sad"))
+    assert lab.done == ["sad"]
+    assert len(searches) == 1
 
 
 def test_plans_that_are_added_later_are_compiled_at_their_first_event(compiled):
