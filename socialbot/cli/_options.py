@@ -109,7 +109,7 @@ def plain_table(*columns: str, right: Sequence[str] = ()) -> Table:
 
 @contextmanager
 def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show a progress bar for ``what``; call the result with the number of finished items, and perhaps a new text.
+    """Show a progress bar for ``what``; call the result with the number of finished items, and perhaps text and total.
 
     ``of`` is the name of the items, ``total`` their number, if known.
     """
@@ -121,7 +121,7 @@ def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[..., 
     columns = (texts[0], BarColumn(), MofNCompleteColumn(), texts[1], TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda done, what=None: progress.update(task, completed=done, description=what)
+        yield lambda done, what=None, total=None: progress.update(task, completed=done, description=what, total=total)
 
 
 def labels_of(texts: Sequence[str] | None) -> dict[str, str]:

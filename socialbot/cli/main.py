@@ -28,6 +28,7 @@ TAKES_ROS_ARGUMENTS = ("node", "translate")
 PANELS = (
     "Start here",
     "Run a graph",
+    "Test behaviours",
     "Look into a run",
     "Write agents and graphs",
     "Bags, cameras and scores",

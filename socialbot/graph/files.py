@@ -177,6 +177,7 @@ def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
             continue
         if not equals or not dot:
             raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")
+        node = _named(graph, node)
         declared = graph.node(node).type.parameters()
         if name not in declared:
             raise ParameterError(f"no parameter {name!r}", where=node, remedy=suggestion(name, declared))
@@ -184,6 +185,15 @@ def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
         if "/" in text:
             paths.allow(Path(text))
     return graph.with_parameters(parameters)
+
+
+def _named(graph: Graph, name: str) -> str:
+    """Return the name of a node, which may be given by its registered type if there is one node of it."""
+    if any(name == config.name for config in (*graph.nodes, *graph.stand_ins)) or not registry.node_reference(name):
+        return name
+    kind = node_type(name)
+    found = [config.name for config in graph.nodes if config.type is kind]
+    return found[0] if len(found) == 1 else name
 
 
 def _value(text: str, kind: type, where: str) -> object:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -167,10 +168,10 @@ class Difference(msgspec.Struct, frozen=True):
                 yield f"  {kind}: {one} | {other}"
 
 
-def difference(first: RunView, second: RunView) -> Difference:
-    """Compare two runs agent by agent; independent agents may act in any order."""
+def difference(first: RunView, second: RunView, names: tuple[str, str] | None = None) -> Difference:
+    """Compare two runs agent by agent; independent agents may act in any order. ``names`` replace their titles."""
     both = (first, second)
-    runs = _names(first, second)
+    runs = names or _names(first, second)
     decided = [_decisions(run.history) for run in both]
     counts = {kind: _counts(both, kind) for kind in ("detection", "belief", "desire", "plan_start")}
     counts["action"] = (len(actions(first.history)), len(actions(second.history)))
@@ -186,6 +187,14 @@ def difference(first: RunView, second: RunView) -> Difference:
     causes = tuple(_partings(first, second, agent))
     name = first.wording.name(agent)
     return Difference(False, runs, sizes, shown, settings, number + 1, name, sides, only_time, causes)
+
+
+def decision_digest(run: RunView) -> str:
+    """Return a hash that is equal for runs with the same decisions at the same times."""
+    digest = hashlib.sha256()
+    for record in _decisions(run.history):
+        digest.update(repr((_agent(run.history, record), _time(run, record), _essence(record))).encode())
+    return digest.hexdigest()
 
 
 def _decisions(history: History) -> list[TraceRecord]:

@@ -45,8 +45,9 @@ FOLDER_VARIABLE = "SOCIALBOT_CACHE"
 MEGABYTES_VARIABLE = "SOCIALBOT_CACHE_MB"
 DEFAULT_MEGABYTES = 500
 
-_ROOMS = ("core", "graph", "bags", "vision", "runtime")
-"""Packages whose code decides what an entry holds."""
+_ROOMS = ("core", "graph", "bags", "vision")
+_MODULES = ("runtime/_memory_nodes.py", "runtime/perception_cache.py")
+"""Packages and modules whose code decides what an entry holds."""
 
 _PACKAGES = ("numpy", "opencv-python-headless", "opencv-python", "onnxruntime", "rosbags", "msgspec")
 _VARIABLES = ("OMP_", "OPENCV_", "ORT_", "MKL_", "OPENBLAS_")
@@ -288,7 +289,7 @@ def _key(bag: Bag, nodes: Sequence[NodeConfig], replaced: set[str], feeds: Mappi
     topics = {topic for config in nodes for topic, _ in config.subscriptions}
     parts: list[Any] = [
         _environment(),
-        [(path.name, hash_file(path, where=str(bag.path))) for path in _bag_files(bag.path)],
+        bag_digest(bag.path),
         sorted((source, target) for source, target in feeds.items() if target in topics),
         sorted(feeds) if _only_reads(nodes, replaced, feeds) else [],
         [_node(config) for config in nodes],
@@ -315,8 +316,16 @@ def _node(config: NodeConfig) -> Any:
     ]
 
 
-def _bag_files(path: Path) -> list[Path]:
-    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+def bag_digest(path: Path) -> str:
+    """Return a hash of the content of a bag. Raises BagError if it cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    except OSError as error:
+        raise BagError(f"cannot be read: {error.strerror}", where=str(path)) from error
+    for file in files:
+        digest.update(f"{file.name}\0".encode() + hash_file(file, where=str(path)))
+    return digest.hexdigest()
 
 
 def _code_roots(kind: type[Node]) -> tuple[Path, ...] | None:
@@ -346,7 +355,7 @@ def _environment() -> list[Any]:
             versions.append((name, ""))
     variables = sorted((name, text) for name, text in os.environ.items() if name.startswith(_VARIABLES))
     folder = Path(socialbot.__file__).parent
-    code = [_source(folder / room) for room in _ROOMS]
+    code = [_source(folder / part) for part in (*_ROOMS, *_MODULES)]
     return [socialbot.__version__, sys.version, platform.machine(), _processor(), versions, variables, code]
 
 

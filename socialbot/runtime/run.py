@@ -112,6 +112,7 @@ class Execution:
     observe: MessageObserver
     ending: Ending
     result: RunResult
+    on_runner: Callable[[InlineRunner], None] | None = None
 
     @property
     def logs(self) -> Path:
@@ -132,6 +133,8 @@ class Execution:
         runner = InlineRunner(graph or self.graph, start=start, recorded=recorded)
         for topic in topics:
             runner.tap(topic, self.observe)
+        if self.on_runner is not None:
+            self.on_runner(runner)
         try:
             yield runner
         finally:
@@ -184,6 +187,7 @@ def run(
     runner: Runner = "inline",
     composed: bool = False,
     summarize: Callable[[], Mapping[str, Any]] = dict,
+    on_runner: Callable[[InlineRunner], None] | None = None,
 ) -> RunResult:
     """Run ``graph`` on ``source`` and write results.json, also after a failure.
 
@@ -195,6 +199,7 @@ def run(
         runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
         composed: Run all nodes in one process ("ros").
         summarize: Called after the run; returns additional entries of results.json.
+        on_runner: Called with the inline runner before its nodes start; it may schedule changes.
 
     Raises:
         SocialbotError: The run failed.
@@ -210,7 +215,8 @@ def run(
         observe(topic, message)
 
     with Ending().on_signals() as ending:
-        execution = Execution(graph, runner, composed, record, with_event_log(graph, note), ending, result)
+        observe_all = with_event_log(graph, note)
+        execution = Execution(graph, runner, composed, record, observe_all, ending, result, on_runner)
         try:
             source.execute(execution)
         except Exception as error:

@@ -1,0 +1,196 @@
+"""``socialbot sweep``: replay bags with many settings, and compare what is decided."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from socialbot.cli import _options as options
+from socialbot.core.errors import ParameterError
+
+if TYPE_CHECKING:
+    from socialbot.runs.difference import Difference
+    from socialbot.runs.pages import Table
+    from socialbot.runs.sweeps import Sweep, SweepCell
+    from socialbot.runtime.sweeps import SweepPlan
+
+PANEL = "Test behaviours"
+EXAMPLES = (
+    "socialbot sweep data/synthetic/corridor --set waldo.help_after_s=2:12:1 --set waldo.range_m=3,6,9",
+    "socialbot sweep data/synthetic/corridor --set waldo.help_after_s=2:12 --method bisect",
+)
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+MAX_ROWS = 40  # rows of the table in the terminal
+PAGE_WIDTH = 150  # width of the tables if the output is not a terminal
+
+
+def sweep(
+    bags: Annotated[list[Path], typer.Argument(metavar="BAG...", help="Bags to replay with each setting.")],
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NODE.PARAMETER=VALUES",
+            help="Values of a parameter: 3,6,9, LOW:HIGH:STEP or LOW:HIGH; repeatable.",
+        ),
+    ] = None,
+    expect: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Python file with expectations, as of `socialbot test`.")
+    ] = None,
+    graph: Annotated[
+        str | None,
+        typer.Option(
+            help="Built-in graph or graph file; default: the bag's own, or waldo.", autocompletion=options.graph_names
+        ),
+    ] = None,
+    method: Annotated[
+        Literal["grid", "random", "sobol", "bisect"],
+        typer.Option(help="grid: all combinations; random, sobol: samples; bisect: the threshold of the range."),
+    ] = "grid",
+    samples: Annotated[int, typer.Option(min=1, help="Number of samples (random, sobol).")] = 64,
+    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
+    compare: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Cells to compare; default: two neighbours that differ.")
+    ] = None,
+    pareto: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="Measures of the Pareto front; default: two that vary.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the sweep; an interrupted one continues; default: sweeps/TIME.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Parallel processes; default: cores.")] = CORES,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
+    as_json: options.JsonOption = False,
+) -> None:
+    """Replay bags with many settings; show what each decides, and where the outcome flips.
+
+    After Ctrl-C, the same command with --out continues.
+    """
+    import msgspec
+
+    from socialbot.runs.sweep_page import default_objectives, sweep_page
+    from socialbot.runs.sweeps import MEASURES
+    from socialbot.runtime.run import new_run_folder
+    from socialbot.runtime.sweeps import SweepPlan, SweepRunner, parse_variation
+
+    if not changes:
+        raise ParameterError("nothing to vary", where="--set", remedy="write --set NODE.PARAMETER=LOW:HIGH:STEP")
+    variations = [parse_variation(change) for change in changes]
+    objectives = _names(pareto, MEASURES, 2, "--pareto")
+    numbers = _names(compare, None, 2, "--compare")
+    plan = SweepPlan(bags, variations, graph, expect, method, samples, seed, jobs, scheduler)
+    folder = out or Path("sweeps") / new_run_folder().name
+    console = Console(highlight=False)
+    logging.getLogger("socialbot").setLevel(logging.ERROR)
+    try:
+        with options.bar("", "runs") as show:
+
+            def progress(done: int, total: int) -> None:
+                show(done, f"replaying {options.many(len(bags), 'bag')}", total)
+
+            runner = SweepRunner(plan, folder, progress)
+            found = runner.run()
+    except SystemExit:
+        Console(stderr=True).print(f"stopped; the same command with --out {folder} continues", soft_wrap=True)
+        raise
+    chosen = objectives or default_objectives(found)
+    pair = _pair(found, numbers)
+    compared = None if pair is None else _compared(plan, found, *pair)
+    page = sweep_page(found, chosen, compared).write(folder / "index.html")
+    (folder / "sweep.json").write_bytes(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
+    if as_json:
+        typer.echo((folder / "sweep.json").read_text("utf-8"), nl=False)
+        return
+    _print(console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH), found, chosen, compared)
+    reused = f", {runner.reused} of them from before" if runner.reused else ""
+    runs = len(found.cells) * len(bags)
+    console.print(f"{len(found.cells)} settings, {runs} runs{reused}; page: {page}", soft_wrap=True, markup=False)
+
+
+def _names(text: str | None, known: object, count: int, where: str) -> tuple[str, ...]:
+    """Parse a list of names."""
+    if text is None:
+        return ()
+    names = tuple(text.split(","))
+    allowed = list(known) if isinstance(known, dict) else None
+    if len(names) != count or (allowed is not None and not set(names) <= set(allowed)):
+        remedy = f"give {count} of {', '.join(allowed)}" if allowed else "give the numbers of two cells, such as 3,7"
+        raise ParameterError(f"cannot read {text!r}", where=where, remedy=remedy)
+    return names
+
+
+def _pair(found: Sweep, numbers: Sequence[str]) -> tuple[SweepCell, SweepCell] | None:
+    """The cells to compare."""
+    if not numbers:
+        return found.pair()
+    cells = {str(cell.number): cell for cell in found.cells}
+    for number in numbers:
+        if number not in cells:
+            raise ParameterError(
+                f"no cell {number!r}", where="--compare", remedy=f"they have the numbers 1 to {len(cells)}"
+            )
+    return cells[numbers[0]], cells[numbers[1]]
+
+
+def _compared(
+    plan: SweepPlan, found: Sweep, one: SweepCell, other: SweepCell
+) -> tuple[SweepCell, SweepCell, str, Difference]:
+    """Run two cells again on the first bag that they differ on, and compare the runs."""
+    from socialbot.runs.difference import difference
+    from socialbot.runs.folder import open_run
+    from socialbot.runtime.bag_source import replay
+    from socialbot.runtime.sweeps import graph_for
+
+    pairs = enumerate(zip(one.digests, other.digests, strict=True))
+    number = next((number for number, pair in pairs if pair[0] != pair[1]), 0)
+    bag = plan.bags[number]
+    with tempfile.TemporaryDirectory(prefix="socialbot-sweep-") as folder:
+        runs = []
+        for cell in (one, other):
+            place = Path(folder) / f"cell {cell.number}"
+            replay(bag, graph_for(bag, plan.graph, found.changes(cell)), place)
+            runs.append(open_run(place))
+        return one, other, bag.name, difference(runs[0], runs[1], (f"cell {one.number}", f"cell {other.number}"))
+
+
+def _print(
+    console: Console,
+    found: Sweep,
+    objectives: Sequence[str],
+    compared: tuple[SweepCell, SweepCell, str, Difference] | None,
+) -> None:
+    from socialbot.runs.sweep_page import cell_table, describe_pair, front_table, threshold_table
+
+    if found.thresholds:
+        console.print(_table(threshold_table(found)))
+    console.print(_table(cell_table(found)))
+    if objectives and (front := front_table(found, objectives)).rows:
+        console.print(f"\nPareto front of {' and '.join(objectives)}:", markup=False)
+        console.print(_table(front))
+    if compared is not None:
+        one, other, bag, difference = compared
+        console.print(f"\n{describe_pair(found, one, other)}, {bag}:", soft_wrap=True, markup=False)
+        for line in difference.text():
+            console.print(line, soft_wrap=True, markup=False)
+
+
+def _table(table: Table) -> RichTable:
+    """Return a table for the terminal, with the first `MAX_ROWS` rows."""
+    right = set(table.right())
+    made = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for number, head in enumerate(table.heads):
+        made.add_column(head, justify="right" if number in right else "left")
+    styles = {"good": "green", "bad": "red"}
+    for row in table.cells()[:MAX_ROWS]:
+        made.add_row(*(f"[{styles[style]}]{text}[/]" if style in styles else text for text, style in row))
+    if len(table.rows) > MAX_ROWS:
+        made.add_row("...", *("" for _ in table.heads[1:]))
+    return made
