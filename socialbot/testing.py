@@ -60,6 +60,7 @@ from socialbot.runs.expectations import (
 
 if TYPE_CHECKING:
     from socialbot.bdi import Engine, Society
+    from socialbot.runs.folder import RecordedRun
 
 __all__ = [
     "SECOND", "Expectation", "GraphTester", "ManualClock", "Structured", "achieved", "always", "anyone", "at_all_times",
@@ -141,6 +142,19 @@ class GraphTester:
     def times(self, topic: str) -> list[float]:
         """Times (s) at which messages on ``topic`` were published."""
         return [time / SECOND for name, time, _ in self._seen if name == topic]
+
+    def recorded(self, folder: Path) -> RecordedRun:
+        """Write what happened so far into the empty ``folder`` as a run, for `evaluate`, and open it."""
+        from socialbot.runs.folder import open_run
+        from socialbot.runs.record import WELL, RunRecord, with_event_log
+
+        with RunRecord(folder) as record:
+            record.describe(self.graph)
+            observe = with_event_log(self.graph, record.observe)
+            for topic, _, message in self._seen:
+                observe(topic, message)
+            record.write_results({"graph": self.graph.name, "ended": WELL})
+        return open_run(folder)
 
     def _note(self, topic: str, message: Message) -> None:
         self._seen.append((topic, self.clock.now(), message))

@@ -61,7 +61,7 @@ class DiagnosticsPublisher:
         for name, values in nodes.items():
             state, error = values["state"], values["last_error"]
             text = f"{state}: the process {error}" if error else state
-            statuses.append(_status(name, "STALE" if state == "ended" else "ERROR", text, values))
+            statuses.append(status_of(name, "STALE" if state == "ended" else "ERROR", text, values))
         self.publish(statuses)
 
     def _seal(self, status: Any) -> None:
@@ -286,10 +286,11 @@ class DiagnosticsReporter:
         failing = statistics.failures or statistics.refused
         summary = "refused messages" if failing else "running" if state == "active" else state
         level = "WARN" if failing or missing else "OK"
-        return _status(self._ros.get_name(), level, statistics.first_failure or summary, values)
+        return status_of(self._ros.get_name(), level, statistics.first_failure or summary, values)
 
 
-def _status(name: str, level: str, text: str, values: Mapping[str, Any]) -> Any:
+def status_of(name: str, level: str, text: str, values: Mapping[str, Any]) -> Any:
+    """Return a DiagnosticStatus with a ``level`` such as "OK" or "ERROR"."""
     kind = message_class("diagnostic_msgs/msg/DiagnosticStatus")
     pairs = [_key_value(key, value) for key, value in {"machine": machine(), **values}.items()]
     return kind(level=getattr(kind, level), name=name, message=text, hardware_id=machine(), values=pairs)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 from rich.console import Console
 from rich.text import Text
 
 from socialbot.cli._options import many
-from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.errors import SocialbotError
+from socialbot.runs.junit import TestCase, write_junit
 
 if TYPE_CHECKING:
     from socialbot.bdi.agentspeak import IncludePaths
@@ -47,7 +47,7 @@ def report_tests(
         counts.append(f"{many(len(broken), 'file')} not run")
     console.print(f"{many(len(results), 'test')}: {', '.join(counts)}")
     if junit is not None:
-        _write_junit(junit, results, broken)
+        write_junit(junit, {"socialbot asl test": _cases(results, broken)})
     return not failed and not broken and bool(results)
 
 
@@ -61,33 +61,16 @@ def _print_result(console: Console, result: TestResult, *, shows: bool) -> None:
             console.print(Text(f"        | {line}", style="dim"))
 
 
-def _write_junit(file: Path, results: list[TestResult], broken: list[tuple[Path, str]]) -> None:
-    """Write the results as JUnit XML. Raises ParameterError if the file cannot be written."""
-    failures = sum(not result.passed for result in results)
-    suite = ElementTree.Element(
-        "testsuite",
-        name="socialbot asl test",
-        tests=str(len(results) + len(broken)),
-        failures=str(failures),
-        errors=str(len(broken)),
-    )
-    for result in results:
-        case = ElementTree.SubElement(
-            suite,
-            "testcase",
-            classname=str(result.test.file),
-            name=result.test.name,
-            line=str(result.test.line),
-            time=f"{result.seconds:.3f}",
+def _cases(results: list[TestResult], broken: list[tuple[Path, str]]) -> list[TestCase]:
+    cases = [
+        TestCase(
+            str(result.test.file),
+            result.test.name,
+            result.seconds,
+            result.test.line,
+            failure=() if result.passed else result.reasons,
+            output=result.output,
         )
-        if not result.passed:
-            ElementTree.SubElement(case, "failure", message=result.reasons[0]).text = "\n".join(result.reasons)
-        if result.output:
-            ElementTree.SubElement(case, "system-out").text = "\n".join(result.output)
-    for path, problem in broken:
-        case = ElementTree.SubElement(suite, "testcase", classname=str(path), name="load")
-        ElementTree.SubElement(case, "error", message=problem.partition("\n")[0]).text = problem
-    try:
-        ElementTree.ElementTree(suite).write(file, encoding="utf-8", xml_declaration=True)
-    except OSError as problem:
-        raise ParameterError(f"cannot be written: {problem.strerror}", where=str(file)) from problem
+        for result in results
+    ]
+    return [*cases, *(TestCase(str(path), "load", error=problem) for path, problem in broken)]

@@ -40,6 +40,7 @@ NEXT: Mapping[str, str] = {
     "socialbot run graph.yaml": "run with simulated people, without a camera",
     "socialbot why": "explain its last action",
     "socialbot inspect": "show the run in the browser",
+    "socialbot test behaviours.py graph.yaml": "check that it behaves as expected",
     "python -m pytest": "run its tests; pip install pytest, if missing",
     "socialbot up camera.yaml --camera 0": "run with a camera, until Ctrl-C",
 }
@@ -48,6 +49,7 @@ NEXT_PLANNING: Mapping[str, str] = {
     "socialbot run graph.yaml --limit 60": "run in simulated time",
     "socialbot why": "explain its last action",
     "socialbot inspect": "show the run in the browser",
+    "socialbot test behaviours.py graph.yaml": "check that it behaves as expected",
     "python -m pytest": "run its tests; pip install pytest, if missing",
 }
 

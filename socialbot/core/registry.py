@@ -63,6 +63,8 @@ class AgentPackage:
         demos: Demos of ``socialbot demo``: name to a reference to a function that returns ``(title, graph)``. Its
             docstring is the help text. Its parameters are typer options of this demo; the options of every demo
             (``--runner``, ``--rate``, ``--out``, ...) are added; their names are taken.
+        behaviours: Path of a Python file with expectations, relative to the folder of ``module``, for
+            ``socialbot test``.
     """
 
     name: str
@@ -77,6 +79,7 @@ class AgentPackage:
     completion: str = ""
     terminal_view: str = ""
     demos: Mapping[str, str] = field(default_factory=dict)
+    behaviours: str = ""
 
     def is_used_by(self, types: Iterable[type]) -> bool:
         """Check whether this package defines one of the classes or a base class of one."""
@@ -236,6 +239,20 @@ def graph_text(name: str) -> str | None:
         name,
         lambda package: resources.files(package.module).joinpath(package.graphs[name]).read_text("utf-8"),
     )
+
+
+def behaviours_file(name: str) -> str | None:
+    """Return the path of the behaviour file of the package ``name``; None if there is none."""
+    for packages in (built_in_packages, agent_packages):
+        for package in packages():
+            if package.name == name and package.behaviours:
+                return str(resources.files(package.module).joinpath(package.behaviours))
+    return None
+
+
+def behaviours_names() -> list[str]:
+    """Return the names of the packages with a behaviour file."""
+    return sorted(package.name for package in agent_packages() if package.behaviours)
 
 
 def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> str | None:

@@ -75,6 +75,7 @@ def save(told: Iterable[Block], folder: Path) -> None:
             path.write_text(changed(path.read_text("utf-8"), block.text), "utf-8")
         else:
             assert not path.exists(), block.file
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text, "utf-8")
 
 
@@ -146,10 +147,12 @@ def same(printed: str, expected: str) -> bool:
 
 
 def due_codes(block: Block) -> tuple[int, ...]:
-    """The exit codes that a command may have: of mistakes, of two runs that differ, or 0."""
+    """The exit codes that a command may have: of mistakes, of runs that differ, of failed expectations, or 0."""
     if block.shows is not None and "error:" in block.shows:
         return (3, 4, 5)
-    return (1,) if block.text.startswith("socialbot diff") else (0,)
+    if block.text.startswith("socialbot diff") or (block.shows is not None and " FAILED " in block.shows):
+        return (1,)
+    return (0,)
 
 
 def follow(told: Iterable[Block], terminal: Terminal) -> int:

@@ -17,15 +17,24 @@ from tests.system.running import actions, cut, eventually, socialbot
 from tests.system.two_hosts import TwoHosts, two_hosts
 
 HOWTO = sorted(f"howto/{page.name}" for page in (DOCS / "howto").glob("*.md"))
-TUTORIALS = ["tutorial.md", "tutorial-devices.md", "tutorial-agent.md", "tutorial-machines.md"]
-AGENT, MACHINES = TUTORIALS[2:]
+TUTORIALS = [
+    "tutorial.md",
+    "tutorial-devices.md",
+    "tutorial-agent.md",
+    "tutorial-machines.md",
+    "tutorial-behaviours.md",
+]
+AGENT, MACHINES, BEHAVIOURS = TUTORIALS[2:]
 VIDEO_S = (12.0, 14.0)
+NOT_TYPED = ("howto/ci.md", "howto/teams.md")
+"""Pages with files for services elsewhere, and with excerpts of an example."""
 
 
 def test_all_howto_pages_exist() -> None:
     assert [Path(page).stem for page in HOWTO] == [
         "agentspeak",
         "cameras",
+        "ci",
         "detectors",
         "planners",
         "services",
@@ -63,7 +72,7 @@ def test_howto_pages_show_what_happens(page: str, corridor: Path, tmp_path: Path
         film(corridor, tmp_path / "visit.avi")
     if page == "howto/planners.md":
         pytest.importorskip("kairos", reason="kairos-planner is not installed")
-    assert follow(blocks(page), Terminal(tmp_path)) > 0 or page == "howto/teams.md"  # excerpts of an example
+    assert follow(blocks(page), Terminal(tmp_path)) > 0 or page in NOT_TYPED
 
 
 BEGIN = [". .venv/bin/activate", "socialbot new my_robot", "cd my_robot"]
@@ -89,6 +98,12 @@ def test_the_first_tutorial(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_tutorial_on_devices(tmp_path: Path) -> None:
     told = blocks("tutorial-devices.md")
+    assert follow(told[1:], project(told, tmp_path)) > 5
+
+
+@pytest.mark.slow
+def test_the_tutorial_on_behaviours(tmp_path: Path) -> None:
+    told = blocks(BEHAVIOURS)
     assert follow(told[1:], project(told, tmp_path)) > 5
 
 

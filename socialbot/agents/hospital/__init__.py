@@ -31,6 +31,7 @@ AGENT = AgentPackage(
     completion="socialbot.agents.hospital.result:completion",
     terminal_view="socialbot.agents.hospital.terminal:terminal_view",
     demos={"hospital": "socialbot.agents.hospital.demo:demo"},
+    behaviours="behaviours.py",
 )
 
 __all__ = [

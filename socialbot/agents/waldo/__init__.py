@@ -19,6 +19,7 @@ AGENT = AgentPackage(
         "waldo": "socialbot.agents.waldo.nodes:WaldoNode",
     },
     graphs={"waldo": "graph.yaml"},
+    behaviours="behaviours.py",
 )
 
 __all__ = ["AGENT", "Head", "Listener", "WaldoNode", "personDetected", "speak"]  # fmt: skip

@@ -16,4 +16,5 @@ AGENT = AgentPackage(
     messages=("socialbot.agents.warehouse.messages:WAREHOUSE_MESSAGES",),
     world_view="socialbot.agents.warehouse.drawing:world_view",
     demos={"warehouse": "socialbot.agents.warehouse.demo:demo"},
+    behaviours="behaviours.py",
 )

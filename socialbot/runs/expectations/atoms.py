@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
+from itertools import islice
 from typing import Any
 
 from socialbot.bdi.terms import Variable
@@ -19,7 +20,7 @@ from socialbot.runs.expectations._observation import (
 )
 from socialbot.runs.expectations._patterns import TextPattern, call_of, names_in, pattern_of
 from socialbot.runs.expectations.formulas import AtomicFormula
-from socialbot.runs.history import History
+from socialbot.runs.history import NEAR_NS, History
 
 _FACES_RAD = 1.0
 _GAP_S = 0.5
@@ -162,6 +163,8 @@ def said(what: str = "*", *, to: Variable | str | None = None, by: str | None = 
         to: Person whom it concerns: the reasons of the utterance name them.
         by: Agent that speaks.
     """
+    if to is not None and not isinstance(to, (str, Variable)):
+        raise RuleError(f"to={to!r} is no person", where="said()", remedy="give person, a variable, or a track id")
     variable = to.name if isinstance(to, Variable) else None
 
     def select(record: TraceRecord, history: History) -> Iterator[Mapping[str, str]]:
@@ -218,7 +221,7 @@ def _event(
 
     return ObservedAtom(
         _title(function, pattern.text, by=by),
-        lambda: EventObserver(select, kinds=kinds),
+        lambda: EventObserver(select, kinds=kinds, later=True),
         is_event=True,
         variables=pattern.variables,
     )
@@ -228,14 +231,11 @@ def _first_of(record: TraceRecord, history: History) -> bool:
     """Whether an action is none that only carries out a step of a plan, which is recorded, too."""
     if record.kind != "action":
         return True
-    return not any(each.kind == "step" for each in _nearest(history, record, 4))
-
-
-def _nearest(history: History, record: TraceRecord, count: int) -> Iterator[TraceRecord]:
-    for number, each in enumerate(history.before(record)):
-        if number >= count:
-            return
-        yield each
+    if any(each.kind == "step" for each in islice(history.before(record), 4)):
+        return False
+    call = call_of(record.what)
+    near = history.between(record.stamp, record.stamp + NEAR_NS)
+    return not any(each.kind == "step" and each.source == record.source and call_of(each.what) == call for each in near)
 
 
 def did(what: object, *, by: str | None = None) -> AtomicFormula:

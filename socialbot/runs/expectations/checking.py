@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import RuleError, SocialbotError
+from socialbot.core.registry import behaviours_file, behaviours_names
 from socialbot.runs.expectations._observation import Observation, observe_run
 from socialbot.runs.expectations.expectations import Expectation, as_expectation
 from socialbot.runs.expectations.formulas import (
@@ -101,13 +102,17 @@ class Verdict:
 def load_behaviours(path: Path | str) -> list[Expectation]:
     """Return the expectations at the top level of a Python file, in order, named by their variables.
 
+    Args:
+        path: The file, or the name of an agent package that has one.
+
     Raises:
         RuleError: The file cannot be read or run, or has no expectation.
     """
-    path = Path(path)
+    path = Path(behaviours_file(str(path)) or path)
     remedy = "give a Python file with expectations, such as greets = expect(said('greeting')).in_total()"
     if not path.is_file():
-        raise RuleError("there is no such file", where=str(path), remedy=remedy)
+        known = ", ".join(behaviours_names())
+        raise RuleError("there is no such file", where=str(path), remedy=f"{remedy}, or one of {known}")
     spec = importlib.util.spec_from_file_location(f"behaviours_{path.stem}_{next(_NUMBERS)}", path)
     if spec is None or spec.loader is None:
         raise RuleError("this is no Python file", where=str(path), remedy=remedy)

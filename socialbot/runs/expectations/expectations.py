@@ -18,7 +18,6 @@ from socialbot.core.errors import RuleError
 from socialbot.runs.expectations.formulas import (
     ALWAYS,
     Always,
-    AtomicFormula,
     Conjunction,
     Constant,
     Counted,
@@ -289,7 +288,10 @@ def _checked(what: object, where: str) -> TemporalFormula:
 
 
 def as_expectation(found: object, name: str) -> Expectation | None:
-    """Return a value of a behaviour file as an expectation with its name; None for other values."""
+    """Return a value of a behaviour file as an expectation with its name; None for other values.
+
+    Formulas are parts of expectations, except for ``always(...)``.
+    """
     if isinstance(found, ExpectationClause):
         if found.mode == "some":
             found = found.in_total()
@@ -297,8 +299,6 @@ def as_expectation(found: object, name: str) -> Expectation | None:
             found = found.throughout()
     elif isinstance(found, Always) and found.window == ALWAYS:
         found = Expectation(f"always {found.part}", found.part, "throughout", subject=found.part)
-    elif isinstance(found, TemporalFormula) and not isinstance(found, AtomicFormula):
-        found = Expectation(str(found), found, "begin")
     if not isinstance(found, Expectation):
         return None
     return found if found.name else found.named(name)

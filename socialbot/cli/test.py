@@ -1,0 +1,169 @@
+"""``socialbot test``: check the behaviour of runs, bags and simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from socialbot.cli import _options as options
+
+if TYPE_CHECKING:
+    from socialbot.runs.expectations import Expectation
+    from socialbot.runs.expectations.reporting import Checked
+    from socialbot.runtime.trials import Trial
+
+PANEL = "Look into a run"
+EXAMPLES = (
+    "socialbot test behaviours.py runs/my_run",
+    "socialbot test waldo data/synthetic/corridor",
+    "socialbot test behaviours.py bags/* --set bdi_engine.help_after_s=5 --junit results.xml",
+    "socialbot test behaviours.py graph.yaml",
+    "socialbot test behaviours.py --live waldo",
+)
+_STYLES = {"passed": "green", "failed": "bold red", "open": "yellow", "untested": "yellow"}
+
+
+def test(
+    context: typer.Context,
+    behaviours: Annotated[
+        Path, typer.Argument(help="Python file with expectations, or waldo, warehouse or hospital for theirs.")
+    ],
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="RUN|BAG|GRAPH...",
+            help="Folder of a run, bag to replay, or graph with a simulated world.",
+            autocompletion=options.run_folders,
+        ),
+    ] = None,
+    only: Annotated[str, typer.Option("-k", metavar="TEXT", help="Only expectations with this in their name.")] = "",
+    graph: Annotated[
+        str | None,
+        typer.Option(help="Graph for bags; default: the bag's own, or waldo.", autocompletion=options.graph_names),
+    ] = None,
+    runner: options.RunnerOption = "inline",
+    domain: options.DomainOption = None,
+    changes: options.SetOption = None,
+    limit: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Limit of simulated time.")] = 1800.0,
+    out: Annotated[Path | None, typer.Option(help="Folder for new runs and the page; default: runs/TIME.")] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Undecided and untested expectations fail, too.")] = False,
+    nearest: Annotated[
+        bool, typer.Option("--nearest", help="Look for the nearest change of an agent's parameter that would pass.")
+    ] = False,
+    live: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|GRAPH", help="Monitor this running graph until Ctrl-C, on /diagnostics, too."),
+    ] = None,
+    machine: options.MachineOption = None,
+) -> None:
+    """Check what is expected of an agent on recorded runs, replays, simulations, or a running graph.
+
+    Exit code 1: an expectation failed.
+    """
+    from socialbot.core.errors import ParameterError
+    from socialbot.runs.expectations.checking import load_behaviours
+
+    expectations = [each for each in load_behaviours(behaviours) if only in each.name]
+    if not expectations:
+        raise ParameterError(f"no expectation has {only!r} in its name", where="-k", remedy="leave it out")
+    if live is not None:
+        from socialbot.cli._monitoring import monitor
+
+        if sources:
+            raise ParameterError("a running graph is tested alone", where="--live", remedy="leave out the others")
+        raise typer.Exit(monitor(expectations, live, machine, changes or []))
+    if not sources:
+        remedy = "give the folder of a run, a bag, or a graph with a simulated world"
+        raise ParameterError("there is nothing to test", where="RUN|BAG|GRAPH", remedy=remedy)
+    from socialbot.cli._runs import enter_domain
+    from socialbot.runtime.run import new_run_folder
+    from socialbot.runtime.trials import Trial
+
+    console = Console(highlight=False, soft_wrap=True)
+    enter_domain(context, console, domain, runner, ("domain",))
+    trials = [Trial(each, graph, tuple(changes or ()), runner, limit) for each in sources]
+    folder = out or new_run_folder()
+    with ExitStack() as stack:
+        checked = [
+            _check(console, expectations, trial, folder, name, nearest, stack)
+            for trial, name in zip(trials, _names(trials), strict=True)
+        ]
+    _finish(console, checked, behaviours, folder, junit)
+    failing = {"failed", "open", "untested"} if strict else {"failed"}
+    if any(verdict.outcome in failing for each in checked for verdict in each.verdicts):
+        raise typer.Exit(1)
+
+
+def _names(trials: Sequence[Trial]) -> list[str]:
+    """Return short names of trials; those of the same name get a number."""
+    names: list[str] = []
+    for trial in trials:
+        same = sum(each.partition("~")[0] == trial.name for each in names)
+        names.append(f"{trial.name}~{same + 1}" if same else trial.name)
+    return names
+
+
+def _check(
+    console: Console,
+    expectations: Sequence[Expectation],
+    trial: Trial,
+    folder: Path,
+    name: str,
+    nearest: bool,
+    stack: ExitStack,
+) -> Checked:
+    from socialbot.runs.expectations import evaluate
+    from socialbot.runs.expectations.reporting import Checked
+    from socialbot.runs.report import PAGE, write_report
+
+    console.print(Text(f"{name}  ({trial.source})"))
+    run = trial.obtain(folder / name)
+    for problem in run.problems:
+        console.print(f"  warning: {problem}", style="yellow", markup=False)
+    verdicts = evaluate(expectations, run)
+    failed = [each for each in verdicts if not each.passed]
+    page = run.folder / PAGE
+    if failed and not page.is_file():
+        page = write_report(run.folder)
+    found = _nearest([each.expectation for each in failed], trial) if nearest and failed else {}
+    checked = Checked(name, run, page if page.is_file() else None, verdicts, found)
+    _print(console, checked)
+    return checked
+
+
+def _nearest(expectations: Sequence[Expectation], trial: Trial) -> dict[str, str]:
+    from socialbot.runtime.nearest import nearest_changes
+
+    with options.bar("looking for the nearest change", "runs") as advance:
+        return nearest_changes(expectations, trial, advance)
+
+
+def _print(console: Console, checked: Checked) -> None:
+    from socialbot.runs.expectations.reporting import WORDS, summary, text_of
+
+    width = max(len(each.name) for each in checked.verdicts)
+    for verdict in checked.verdicts:
+        word = (f"  {WORDS[verdict.outcome]:<9}", _STYLES[verdict.outcome])
+        console.print(Text.assemble(word, f"{verdict.name:<{width}}  ", (summary(verdict), "dim")))
+        for line in text_of(checked, verdict):
+            console.print(Text(f"           {line}"))
+
+
+def _finish(console: Console, checked: Sequence[Checked], behaviours: Path, folder: Path, junit: Path | None) -> None:
+    from socialbot.runs.expectations.reporting import write_results, write_results_page
+
+    outcomes = [verdict.outcome for each in checked for verdict in each.verdicts]
+    counts = [f"{outcomes.count(each)} {each}" for each in ("passed", "failed", "open", "untested")]
+    counts = [each for each in counts if not each.startswith("0 ")]
+    console.print(f"{options.many(len(checked), 'run')}: {', '.join(counts)}")
+    if junit is not None:
+        write_results(junit, checked, behaviours.stem)
+    page = write_results_page(folder / "behaviours.html", checked, behaviours.stem)
+    console.print(f"The page of the verdicts: {page}", markup=False)

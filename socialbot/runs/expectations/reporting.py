@@ -1,0 +1,180 @@
+"""Reports on expectations: reasons of failures as text, JUnit XML, and a page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import escape
+
+from socialbot.core.clock import SECOND
+from socialbot.runs.expectations.checking import Instance, Verdict
+from socialbot.runs.expectations.formulas import Eventually
+from socialbot.runs.junit import TestCase, write_junit
+from socialbot.runs.narration import rejected_plans
+from socialbot.runs.pages import Cell, Page, Section, folded, table
+from socialbot.runs.why import explain
+
+if TYPE_CHECKING:
+    from socialbot.runs.folder import RecordedRun
+
+MOST_FAILURES = 5
+MOST_REJECTED = 3
+WORDS = {"passed": "passed", "failed": "FAILED", "open": "open", "untested": "untested"}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Verdicts on one run.
+
+    Args:
+        name: Name of the run in reports.
+        run: The run.
+        page: Page of the run, if it was written.
+        verdicts: One for each expectation.
+        nearest: By name of an expectation, the nearest change of a parameter that would pass, if one is known.
+    """
+
+    name: str
+    run: RecordedRun
+    page: Path | None
+    verdicts: Sequence[Verdict]
+    nearest: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        return all(each.passed for each in self.verdicts)
+
+
+def summary(verdict: Verdict) -> str:
+    """Return how many instances there were, in a few words."""
+    count = len(verdict.instances)
+    if verdict.outcome == "untested":
+        return "nothing in this run puts it to the test"
+    counted = f"{count} {'instance' if count == 1 else 'instances'}"
+    if verdict.outcome == "failed":
+        return f"{len(verdict.failures)} of {counted}"
+    if verdict.outcome == "open":
+        undecided = sum(each.outcome == "open" for each in verdict.instances)
+        return f"{undecided} of {counted} undecided when the run ended"
+    return counted
+
+
+def headline(verdict: Verdict, failure: Instance) -> str:
+    """Return the moment of a failure and what was expected there."""
+    who = f", {failure.text}" if failure.text else ""
+    text = f"at {failure.at_s:.2f} s{who}: {verdict.expectation.text}"
+    return f"{text}; {late}" if (late := lateness(verdict, failure)) else text
+
+
+def lateness(verdict: Verdict, failure: Instance) -> str:
+    """Return by how much an event missed its time window, and the window that would pass."""
+    holds = verdict.expectation.holds
+    if failure.came is None or not isinstance(holds, Eventually) or holds.window.most is None:
+        return ""
+    after_s = (failure.came - failure.at) / SECOND
+    limit_s = holds.window.most / SECOND
+    if after_s <= limit_s:
+        return f"it came {after_s:.2f} s after it, too early"
+    return f"it came {after_s:.2f} s after it, {after_s - limit_s:.2f} s too late; within({_up(after_s)}) would pass"
+
+
+def _up(seconds: float) -> str:
+    """Round up to hundredths."""
+    return f"{-(-seconds * 1000 // 10) / 100:g}"
+
+
+def reasons(failure: Instance, run: RecordedRun) -> list[str]:
+    """Return why the moment of a failure came about, and which plans were rejected around it."""
+    lines: list[str] = []
+    if failure.record is not None:
+        explained = explain(run.history, run.wording, failure.record)
+        lines += explained.text().splitlines()
+        lines += [f"    not by {each.plan}: {each.because}" for each in explained.rejected[:MOST_REJECTED]]
+    if failure.record is None or failure.record.kind == "detection":
+        start = run.history.start + failure.at
+        until = run.history.between(start, start + 3 * SECOND)
+        found = [(plan, why) for record in until for plan, why in rejected_plans(record)]
+        lines += [f"  the plan {plan} was rejected: {why}" for plan, why in dict.fromkeys(found[:MOST_REJECTED])]
+    return lines
+
+
+def moment_link(page: Path, failure: Instance, start: Path | None = None) -> str:
+    """Return the address of a moment in the page of a run, relative to the folder ``start``."""
+    path = page if start is None else Path(os.path.relpath(page, start))
+    return f"{path}#t={failure.at_s:g}"
+
+
+def text_of(checked: Checked, verdict: Verdict) -> Iterator[str]:
+    """Yield the failures of a verdict as lines, with their moments and reasons."""
+    for failure in verdict.failures[:MOST_FAILURES]:
+        yield headline(verdict, failure)
+        if checked.page is not None:
+            yield f"  {moment_link(checked.page, failure)}"
+        yield from (f"  {line}" for line in reasons(failure, checked.run))
+    if len(verdict.failures) > MOST_FAILURES:
+        yield f"and {len(verdict.failures) - MOST_FAILURES} more"
+    if verdict.name in checked.nearest:
+        yield f"nearest change that passes: {checked.nearest[verdict.name]}"
+    if verdict.failures and verdict.expectation.reason:
+        yield f"it matters because {verdict.expectation.reason}"
+
+
+def write_results(path: Path, checked: Sequence[Checked], behaviours: str) -> None:
+    """Write JUnit XML: one test suite for each run. Raises ParameterError if the file cannot be written."""
+    suites = {
+        each.name: [
+            TestCase(
+                f"{behaviours}.{each.name}",
+                verdict.name,
+                failure=list(text_of(each, verdict)) if not verdict.passed else [],
+                skipped=summary(verdict) if verdict.outcome in ("untested", "open") else "",
+            )
+            for verdict in each.verdicts
+        ]
+        for each in checked
+    }
+    write_junit(path, suites)
+
+
+def write_results_page(path: Path, checked: Sequence[Checked], behaviours: str) -> Path:
+    """Write the page of the verdicts, which links to the moments in the pages of the runs. Raises SocialbotError."""
+    count = sum(len(each.verdicts) for each in checked)
+    wrong = sum(not verdict.passed for each in checked for verdict in each.verdicts)
+    page = Page(
+        f"Behaviours: {behaviours}",
+        "What was expected of each run, and what came.",
+        "all passed" if not wrong else f"{wrong} failed",
+        good=not wrong,
+        tiles=[(str(len(checked)), "runs"), (str(count), "expectations checked"), (str(wrong), "failed")],
+        sections=[Section(each.name, _run_section(each, path.parent)) for each in checked],
+    )
+    return page.write(path)
+
+
+def _run_section(checked: Checked, folder: Path) -> str:
+    rows: list[Sequence[Cell]] = [
+        (
+            verdict.name,
+            (WORDS[verdict.outcome].lower(), {"passed": "good", "failed": "bad"}.get(verdict.outcome, "")),
+            summary(verdict),
+            verdict.expectation.text,
+        )
+        for verdict in checked.verdicts
+    ]
+    parts = [str(table(("expectation", "verdict", "instances", "meaning"), rows))]
+    for verdict in checked.verdicts:
+        for failure in verdict.failures[:MOST_FAILURES]:
+            lines = "\n".join(reasons(failure, checked.run)) or "no record shows a reason"
+            link = "" if checked.page is None else moment_link(checked.page, failure, folder)
+            moment = f'<p><a href="{escape(link)}">Show this moment in the run</a></p>' if link else ""
+            summary_line = f"{verdict.name}: {headline(verdict, failure)}"
+            parts.append(str(folded(summary_line, f"{moment}<pre>{escape(lines)}</pre>", opened=True)))
+        if verdict.name in checked.nearest:
+            parts.append(
+                f"<p>{escape(verdict.name)}: nearest change that passes: {escape(checked.nearest[verdict.name])}</p>"
+            )
+    return "".join(parts)
