@@ -119,6 +119,12 @@ class _Search:
                 passes = middle
             else:
                 fails = middle
+        for digits in (1, 2):  # a short number, if it passes, too
+            short = round(passes, digits)
+            if abs(short - setting.value) >= abs(passes - setting.value) and (
+                short == passes or expectation.name in self._passed(setting, short)
+            ):
+                return short
         return passes
 
     def _is_beaten(self, expectation: Expectation, setting: _Setting, value: float) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import escape
 
-from socialbot.core.clock import SECOND
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.runs.expectations.checking import Instance, Verdict
 from socialbot.runs.expectations.formulas import Eventually
 from socialbot.runs.junit import TestCase, write_junit
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 MOST_FAILURES = 5
 MOST_REJECTED = 3
+AFTERWARDS_S = 3.0
+"""Time after a trigger in which events without a plan may explain why nothing came."""
+
 WORDS = {"passed": "passed", "failed": "FAILED", "open": "open", "untested": "untested"}
 
 
@@ -88,7 +91,7 @@ def _up(seconds: float) -> str:
 
 
 def reasons(failure: Instance, run: RecordedRun) -> list[str]:
-    """Return why the moment of a failure came about, and which plans were rejected around it."""
+    """Return why the moment of a failure came about, and which plans did not apply then."""
     lines: list[str] = []
     if failure.record is not None:
         explained = explain(run.history, run.wording, failure.record)
@@ -96,9 +99,9 @@ def reasons(failure: Instance, run: RecordedRun) -> list[str]:
         lines += [f"    not by {each.plan}: {each.because}" for each in explained.rejected[:MOST_REJECTED]]
     if failure.record is None or failure.record.kind == "detection":
         start = run.history.start + failure.at
-        until = run.history.between(start, start + 3 * SECOND)
-        found = [(plan, why) for record in until for plan, why in rejected_plans(record)]
-        lines += [f"  the plan {plan} was rejected: {why}" for plan, why in dict.fromkeys(found[:MOST_REJECTED])]
+        near = run.history.between(start, start + nanoseconds(AFTERWARDS_S))
+        found = [plan for record in near if record.kind == "unhandled" for plan in rejected_plans(record)]
+        lines += [f"  no plan applied; not {plan}: {why}" for plan, why in dict.fromkeys(found[:MOST_REJECTED])]
     return lines
 
 
