@@ -37,6 +37,8 @@ from socialbot.runtime.run import run as run_graph
 ROOT = Path(__file__).parents[1]
 FAULTS = Path(__file__).with_name("behaviours_faults.yaml")
 BAGS = ("data/synthetic/corridor", "data/synthetic/visitors_tune")
+HOSPITAL = ("hospital", "--set", "world.rate=100.0", "--set", "coordinator.proactive=false")
+"""Each mission meets a problem, which the coordinator does not see before."""
 DETECTIONS = "/humans/bodies/detections"
 QUICK_REPEATS = 2
 TIMEOUT_S = 600.0
@@ -91,7 +93,7 @@ def scenes(folder: Path) -> dict[str, Scene]:
     return {
         "waldo": Scene("waldo", tuple(bags)),
         "warehouse": Scene("warehouse", ("warehouse", "--limit", "300")),
-        "hospital": Scene("hospital", ("hospital", "--set", "world.rate=100.0", "--limit", "120")),
+        "hospital": Scene("hospital", (*HOSPITAL, "--limit", "120")),
     }
 
 

@@ -233,6 +233,7 @@ def run(
                 "parameters": parameters_of(graph),
                 "labels": record.labels,
                 "ended": result.ended,
+                "seconds": round(result.seconds, 6),
                 **summarize(),
                 **source.results(execution),
                 "nodes": {name: msgspec.to_builtins(node) for name, node in result.nodes.items()},

@@ -41,4 +41,6 @@ disinfects_only_when_admitted = (
 )
 disinfects_each_room_once = expect(finished("a_disinfect_room(_, Room)", DONE)).at_most(1).in_total()
 stays_while_it_disinfects = never(did("a_navigate_to(Uvd, _)")).while_(doing("a_disinfect_room(Uvd, _)"))
-opens_the_door_before_it_enters = expect(did("a_open_door(Spot, Room)")).before(did("a_approach_nurse(Spot, _)"))
+opens_the_door_before_it_enters = expect(finished("a_open_door(Spot, Room)", DONE)).before(
+    did("a_approach_nurse(Spot, _)")
+)
