@@ -32,17 +32,8 @@ from socialbot.runs.expectations.expectations import (
     never,
     once_per,
 )
-from socialbot.runs.expectations.formulas import (
-    AtomicFormula,
-    TemporalFormula,
-    always,
-    began,
-    count,
-    ended,
-    eventually,
-    historically,
-    once,
-)
+from socialbot.runs.expectations.formulas import AtomicFormula, TemporalFormula
+from socialbot.runs.expectations.words import always, began, count, ended, eventually, historically, once
 
 __all__ = [
     "AtomicFormula", "Expectation", "ExpectationClause", "Instance", "TemporalFormula", "Verdict", "achieved",

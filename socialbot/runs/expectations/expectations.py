@@ -26,13 +26,13 @@ from socialbot.runs.expectations.formulas import (
     Historically,
     Negation,
     Once,
-    OnsetCount,
     Rise,
     TemporalFormula,
     Until,
     Window,
     window,
 )
+from socialbot.runs.expectations.words import OnsetCount
 
 When = Literal["each", "throughout", "begin"]
 Mode = Literal["some", "never", "all"]

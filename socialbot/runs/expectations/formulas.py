@@ -8,8 +8,7 @@ Windows without a limit end with a complete trace; other windows do not.
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
 
@@ -131,25 +130,25 @@ class TemporalFormula:
         return max((part.memory for part in self.parts), default=1)
 
     def __and__(self, other: TemporalFormula) -> TemporalFormula:
-        return Conjunction(self, _formula(other))
+        return Conjunction(self, as_formula(other))
 
     def __or__(self, other: TemporalFormula) -> TemporalFormula:
-        return Disjunction(self, _formula(other))
+        return Disjunction(self, as_formula(other))
 
     def __invert__(self) -> TemporalFormula:
         return Negation(self)
 
     def implies(self, other: TemporalFormula) -> TemporalFormula:
         """Return the formula that holds where ``other`` holds, or this one does not."""
-        return Disjunction(Negation(self), _formula(other))
+        return Disjunction(Negation(self), as_formula(other))
 
     def until(self, other: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
         """Return: ``other`` holds in the window ``within`` (s), and this formula at all moments before."""
-        return Until(self, _formula(other), window(within))
+        return Until(self, as_formula(other), window(within))
 
     def since(self, other: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
         """Return: ``other`` held in the window ``within`` (s) before, and this formula at all moments since."""
-        return Since(self, _formula(other), window(within))
+        return Since(self, as_formula(other), window(within))
 
     def held_for(self, seconds: float) -> TemporalFormula:
         """Return: this formula has held for ``seconds`` without a break."""
@@ -159,7 +158,8 @@ class TemporalFormula:
         raise RuleError("a formula is neither true nor false", where=str(self), remedy="combine with &, | and ~")
 
 
-def _formula(found: object) -> TemporalFormula:
+def as_formula(found: object) -> TemporalFormula:
+    """Return a formula unchanged. Raises RuleError for anything else."""
     if isinstance(found, TemporalFormula):
         return found
     remedy = "give an atom such as said('greeting') or believed('busy()'), or a formula of them"
@@ -420,77 +420,3 @@ class Counted(TemporalFormula):
         return (
             f"#{self.window} {self.part} {f'= {self.low}' if self.low == self.high else f'in {self.low}..{self.high}'}"
         )
-
-
-class OnsetCount:
-    """Number of times that a formula begins in a window ahead; compare it with a number."""
-
-    def __init__(self, part: TemporalFormula, window: Window) -> None:
-        self._part, self._window = part, window
-
-    def _compared(self, compare: Callable[[int, int], bool], number: int) -> TemporalFormula:
-        low, high = {
-            operator.le: (0, number),
-            operator.lt: (0, number - 1),
-            operator.ge: (number, None),
-            operator.gt: (number + 1, None),
-            operator.eq: (number, number),
-        }[compare]
-        return Counted(self._part, max(low, 0), high, self._window)
-
-    def __le__(self, number: int) -> TemporalFormula:
-        return self._compared(operator.le, number)
-
-    def __lt__(self, number: int) -> TemporalFormula:
-        return self._compared(operator.lt, number)
-
-    def __ge__(self, number: int) -> TemporalFormula:
-        return self._compared(operator.ge, number)
-
-    def __gt__(self, number: int) -> TemporalFormula:
-        return self._compared(operator.gt, number)
-
-    def __eq__(self, number: object) -> TemporalFormula:  # type: ignore[override]
-        if not isinstance(number, int):
-            raise RuleError(f"a count cannot be compared with {number!r}", remedy="give a whole number")
-        return self._compared(operator.eq, number)
-
-    __hash__ = None  # type: ignore[assignment]
-
-
-# Constructors
-
-
-def always(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
-    """Return: ``part`` holds at all moments of the window ``within`` (s) ahead; without it, from then on."""
-    return Always(_formula(part), window(within))
-
-
-def eventually(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
-    """Return: ``part`` holds at a moment of the window ``within`` (s) ahead; without it, at some time."""
-    return Eventually(_formula(part), window(within))
-
-
-def once(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
-    """Return: ``part`` held at a moment of the window ``within`` (s) before."""
-    return Once(_formula(part), window(within))
-
-
-def historically(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> TemporalFormula:
-    """Return: ``part`` held at all moments of the window ``within`` (s) before."""
-    return Historically(_formula(part), window(within))
-
-
-def began(part: TemporalFormula) -> TemporalFormula:
-    """Return: ``part`` begins to hold at this moment."""
-    return Rise(_formula(part))
-
-
-def ended(part: TemporalFormula) -> TemporalFormula:
-    """Return: ``part`` held until the moment before and does not any more."""
-    return Conjunction(Rise(Negation(_formula(part))), Once(part, Window(1, 1)))
-
-
-def count(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> OnsetCount:
-    """Return how often ``part`` begins in the window ``within`` (s) ahead: ``count(said("offer")) <= 1``."""
-    return OnsetCount(_formula(part), window(within))

@@ -89,7 +89,7 @@ def formula_of(term: Term) -> mtl.TemporalFormula:
     if kind == "not":
         return ~parts[0]
     if kind == "rise":
-        return mtl.began(parts[0])
+        return mtl.Rise(parts[0])
     return {"and": parts[0] & parts[-1], "or": parts[0] | parts[-1], "implies": parts[0].implies(parts[-1])}[kind]
 
 
