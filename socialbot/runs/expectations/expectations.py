@@ -98,6 +98,10 @@ def _seconds(found: Window | None) -> str:
     return f" within {f'{found.least / 1e9:g} to ' if found.least else ''}{text} s"
 
 
+def _times(number: int) -> str:
+    return "once" if number == 1 else f"{number} times"
+
+
 @dataclass(frozen=True, eq=False)
 class ExpectationClause:
     """Beginning of an expectation, from `expect`, `never` or `always_expect`; the methods complete it."""
@@ -150,7 +154,8 @@ class ExpectationClause:
             holds = Historically(self.what, Window(max(reach.least, 1), reach.most))
         else:
             holds = Negation(Once(self.what, Window(max(reach.least, 1), reach.most)))
-        return self._made(f"{_seconds(self.window)} before {trigger}", holds, "each", trigger)
+        rest = f"{_seconds(self.window)} before {trigger}" if reach.most != 0 else f" when {trigger} begins"
+        return self._made(rest, holds, "each", trigger)
 
     def while_(self, state: TemporalFormula) -> Expectation:
         """Expect it at all times at which ``state`` holds; counts are for each time that ``state`` holds."""
@@ -217,9 +222,11 @@ class ExpectationClause:
     ) -> Expectation:
         how_many = ""
         if self.low is not None:
-            how_many = f" {self.low} times" if self.low == self.high else f" at least {self.low} times"
-            if self.high is not None and self.low != self.high:
-                how_many = f" at most {self.high} times" if not self.low else f" {self.low} to {self.high} times"
+            how_many = f" at least {_times(self.low)}"
+            if self.high is not None:
+                how_many = f" {self.low} to {_times(self.high)}" if self.low else f" at most {_times(self.high)}"
+            if self.low == self.high:
+                how_many = f" {_times(self.low)}"
         word = {"some": "expect", "never": "never", "all": "always"}[self.mode]
         return Expectation(f"{word} {self.what}{how_many}{rest}", holds, when, trigger, subject=self.what)
 

@@ -152,7 +152,8 @@ class TemporalFormula:
 
     def held_for(self, seconds: float) -> TemporalFormula:
         """Return: this formula has held for ``seconds`` without a break."""
-        return Conjunction(Historically(self, window(seconds)), Once(Rise(self), Window(nanoseconds(seconds))))
+        since = Once(Rise(self), Window(nanoseconds(seconds)))
+        return Conjunction(Historically(self, window(seconds)), since, f"{self} held for {seconds:g} s")
 
     def __bool__(self) -> NoReturn:
         raise RuleError("a formula is neither true nor false", where=str(self), remedy="combine with &, | and ~")
@@ -237,15 +238,18 @@ class _Pair(TemporalFormula):
         return self.left, self.right
 
 
+@dataclass(frozen=True, eq=False)
 class Conjunction(_Pair):
-    """Conjunction."""
+    """Conjunction. ``text`` is a shorter name for it in reports."""
+
+    text: str = ""
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         left, right = self.left.truth(trace, binding), self.right.truth(trace, binding)
         return TruthSets(left.must & right.must, left.may & right.may)
 
     def __str__(self) -> str:
-        return f"({self.left} and {self.right})"
+        return self.text or f"({self.left} and {self.right})"
 
 
 class Disjunction(_Pair):

@@ -174,8 +174,9 @@ def _run_section(checked: Checked, folder: Path) -> str:
             lines = "\n".join(reasons(failure, checked.run)) or "no record shows a reason"
             link = "" if checked.page is None else moment_link(checked.page, failure, folder)
             moment = f'<p><a href="{escape(link)}">Show this moment in the run</a></p>' if link else ""
-            summary_line = f"{verdict.name}: {headline(verdict, failure)}"
-            parts.append(str(folded(summary_line, f"{moment}<pre>{escape(lines)}</pre>", opened=True)))
+            who = f", {failure.text}" if failure.text else ""
+            content = f"<p>{escape(headline(verdict, failure))}</p>{moment}<pre>{escape(lines)}</pre>"
+            parts.append(str(folded(f"{verdict.name} at {failure.at_s:.2f} s{who}", content, opened=True)))
         if verdict.name in checked.nearest:
             parts.append(
                 f"<p>{escape(verdict.name)}: nearest change that passes: {escape(checked.nearest[verdict.name])}</p>"

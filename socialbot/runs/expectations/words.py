@@ -85,7 +85,7 @@ def began(part: TemporalFormula) -> TemporalFormula:
 
 def ended(part: TemporalFormula) -> TemporalFormula:
     """Return: ``part`` held until the moment before and does not any more."""
-    return Conjunction(Rise(Negation(as_formula(part))), Once(part, Window(1, 1)))
+    return Conjunction(Rise(Negation(as_formula(part))), Once(part, Window(1, 1)), f"the end of {part}")
 
 
 def count(part: TemporalFormula, within: float | tuple[float, float] | None = None) -> OnsetCount:
