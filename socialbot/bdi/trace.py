@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
@@ -77,8 +78,9 @@ class TraceWriter:
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
         """Log an exception of user code and write a record of it; return its id."""
-        log().warning("%s: %s: %s", self.name, what, problem)
-        return self.record("failure", what, cause, reason=type(problem).__name__, message=str(problem))
+        message = described(problem)
+        log().warning("%s: %s: %s", self.name, what, message)
+        return self.record("failure", what, cause, reason=type(problem).__name__, message=message)
 
     def explain(self, record: str) -> list[Record]:
         """Return the causes of a record, from the record back to the percept. The sink must be a `Trace`."""
@@ -86,6 +88,14 @@ class TraceWriter:
         if chain is None:
             raise RuleError("no trace is kept", where=self.name, remedy="give the engine sink=Trace()")
         return chain(record)
+
+
+def described(problem: Exception) -> str:
+    """Message of an exception of user code."""
+    if isinstance(problem, RecursionError):
+        limit = sys.getrecursionlimit()
+        return f"inferences or calls are nested too deeply for the limit of {limit} calls (sys.setrecursionlimit)"
+    return str(problem)
 
 
 class Trace:

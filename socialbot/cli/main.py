@@ -23,6 +23,7 @@ from typer.core import TyperGroup
 
 from socialbot import __version__
 from socialbot.core.errors import SocialbotError
+from socialbot.core.process import allow_deep_recursion
 
 TAKES_ROS_ARGUMENTS = ("node", "translate")
 PANELS = (
@@ -102,6 +103,7 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
 
 def main() -> None:
     """The entry point of the ``socialbot`` command."""
+    allow_deep_recursion()
     arguments, ros_args = sys.argv[1:], []
     if arguments[:1] and arguments[0] in TAKES_ROS_ARGUMENTS:
         from socialbot.bridge.environment import split_ros_args

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import os
+import resource
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -67,6 +68,20 @@ class Ending:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+FRAMES = 6_000
+"""Limit of nested calls in processes of socialbot; a call takes about 0.6 kB of the stack of its thread."""
+
+_STACK = 8 << 20
+"""Stack (bytes) that threads need for `FRAMES`, the usual one on Linux."""
+
+
+def allow_deep_recursion() -> None:
+    """Raise Python's limit of nested calls if stacks have their usual size; inferences that use themselves need it."""
+    size = resource.getrlimit(resource.RLIMIT_STACK)[0]
+    if size == resource.RLIM_INFINITY or size >= _STACK:
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), FRAMES))
 
 
 def with_parent(command: Sequence[str], *, limits: tuple[int, int] | None = None) -> list[str]:

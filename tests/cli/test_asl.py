@@ -62,6 +62,19 @@ def test_failures_are_warnings_with_line_numbers(written):
     ]
 
 
+def test_rules_that_use_themselves_may_be_deep(written):
+    text = """
+    sum([], 0). sum([H|T], S) :- sum(T, R) & S = H + R. endless :- endless.
+    !go.
+    +!go <- .findall(X, .range(X, 1, 1000), L); ?sum(L, S); .print(S); ?endless.
+    -!go[error_msg(M)] <- .print(M).
+    """
+    ended = socialbot("run", *written(ann=text))
+    first, second = ended.stdout.splitlines()
+    assert first == "[ann] 500500"
+    assert "nested too deeply for the limit of 6000 calls" in second
+
+
 def test_echo_prints_unknown_actions(written):
     ended = socialbot("run", *written(ann="!b. +!b <- turn(left, 2 / 1); stop."), "--echo")
     assert ended.stdout.splitlines() == ["[ann] does turn(left,2)", "[ann] does stop"]

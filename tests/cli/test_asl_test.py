@@ -84,6 +84,11 @@ def test_assertions_of_an_included_library_report_failures(tests):
     }
 
 
+def test_an_assertion_without_its_library_names_the_remedy(tests):
+    ((_, (reason,)),) = tests("@[test] +!sums <- !assert_equals(3, 1 + 2).").items()
+    assert "no plan for assert_equals(3, 3); include the library with the assertions" in reason
+
+
 def test_a_test_can_create_agents(tests):
     found = tests(
         """@[test] +!a <- .create_agent(helper, "helper.asl"); .send(helper, askOne, name(_), name(N)); N = bob.

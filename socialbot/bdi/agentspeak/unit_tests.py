@@ -148,6 +148,8 @@ class _Run:
         if failure is not None:
             printed = [line for line in self.result.output if "FAILED" in line]
             message = printed[-1] if printed else failure.message
+            if failure.reason == "no_relevant" and "assert" in failure.step:
+                message += "; include the library with the assertions, or write a comparison as a step, such as X == 3"
             self.result.reasons.append(f"{message}{f' ({failure.where})' if failure.where else ''}")
 
     def _asserted(self, args: tuple[Any, ...], held: bool, cause: Any) -> None:
