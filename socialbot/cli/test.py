@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from socialbot.runs.expectations.reporting import Checked
     from socialbot.runtime.trials import Trial
 
-PANEL = "Look into a run"
+PANEL = "Test behaviours"
 EXAMPLES = (
     "socialbot test behaviours.py runs/my_run",
     "socialbot test waldo data/synthetic/corridor",
