@@ -16,9 +16,13 @@ from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Delivery, Input, Node, Output
 
 Pixels = np.ndarray
-_BYTES = {"bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "8UC4": 4, "rgba8": 4, "mono8": 1, "8UC1": 1,
-          "mono16": 2, "16UC1": 2, "yuv422": 2, "uyvy": 2, "yuv422_yuy2": 2, "yuyv": 2,
-          "bayer_rggb8": 1, "bayer_bggr8": 1, "bayer_gbrg8": 1, "bayer_grbg8": 1}  # fmt: skip
+_EIGHT_BITS = {"bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "8UC4": 4, "rgba8": 4, "mono8": 1, "8UC1": 1,
+               "bayer_rggb8": 1, "bayer_bggr8": 1, "bayer_gbrg8": 1, "bayer_grbg8": 1}  # fmt: skip
+_SIXTEEN_BITS = {re.sub("^8|8$", "16", name): name for name in _EIGHT_BITS}
+_SUBSAMPLED = {"yuv422": 2, "uyvy": 2, "yuv422_yuy2": 2, "yuyv": 2}
+_PLANAR = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}
+_BYTES = {**_EIGHT_BITS, **{name: 2 * _EIGHT_BITS[alike] for name, alike in _SIXTEEN_BITS.items()},
+          **_SUBSAMPLED, **dict.fromkeys(_PLANAR, 1)}  # fmt: skip
 _CODES = {"rgb8": cv2.COLOR_RGB2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "8UC4": cv2.COLOR_BGRA2BGR,
           "rgba8": cv2.COLOR_RGBA2BGR, "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR,
           "yuv422": cv2.COLOR_YUV2BGR_UYVY, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
@@ -26,7 +30,6 @@ _CODES = {"rgb8": cv2.COLOR_RGB2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "8UC4": cv2.CO
           # OpenCV's older two-letter names describe the second row; these describe the first, as ROS does.
           "bayer_rggb8": cv2.COLOR_BayerRGGB2BGR, "bayer_bggr8": cv2.COLOR_BayerBGGR2BGR,
           "bayer_gbrg8": cv2.COLOR_BayerGBRG2BGR, "bayer_grbg8": cv2.COLOR_BayerGRBG2BGR}  # fmt: skip
-_SUBSAMPLED = frozenset({"yuv422", "uyvy", "yuv422_yuy2", "yuyv"})
 
 ENCODINGS = tuple(_BYTES)
 """Every encoding that `bgr_from_image` takes."""
@@ -47,19 +50,21 @@ def bgr_from_image(image: Image) -> Pixels:
     A bgr8 image is not copied: the pixels are a view of its data. Raises ImageError for an unknown encoding or a size
     that the data does not fill.
     """
-    rows = _rows(image)
-    if image.encoding in ("bgr8", "8UC3"):
+    rows, encoding = _rows(image), image.encoding
+    if encoding in _PLANAR:
+        return cv2.cvtColor(rows, _PLANAR[encoding])
+    if encoding in _SIXTEEN_BITS:
+        encoding = _SIXTEEN_BITS[encoding]
+        rows = np.ascontiguousarray(rows[:, 0::2] if image.is_bigendian else rows[:, 1::2])
+    if encoding in ("bgr8", "8UC3"):
         return rows.reshape(image.height, image.width, 3)
-    if image.encoding in ("mono16", "16UC1"):
-        upper = rows[:, 0::2] if image.is_bigendian else rows[:, 1::2]
-        return cv2.cvtColor(np.ascontiguousarray(upper), cv2.COLOR_GRAY2BGR)
-    samples = _BYTES[image.encoding]
+    samples = _BYTES[encoding]
     shape = (image.height, image.width) if samples == 1 else (image.height, image.width, samples)
-    return cv2.cvtColor(rows.reshape(shape), _CODES[image.encoding])
+    return cv2.cvtColor(rows.reshape(shape), _CODES[encoding])
 
 
 def _rows(image: Image) -> Pixels:
-    """The bytes of ``image`` without padding: (height, width * bytes per pixel)."""
+    """The bytes of ``image`` without padding: (height, width * bytes per pixel), and half as many planar rows again."""
 
     def refused(what: str, remedy: str) -> ImageError:
         return ImageError(what, where=f"{image.encoding} image of {image.width}x{image.height}", remedy=remedy)
@@ -68,22 +73,25 @@ def _rows(image: Image) -> Pixels:
         raise refused(f"unknown encoding {image.encoding!r}", f"have the camera publish one of {', '.join(ENCODINGS)}")
     if image.width <= 0 or image.height <= 0:
         raise refused("no pixels", "check the camera driver's width and height")
-    if image.encoding in _SUBSAMPLED and image.width % 2:
-        remedy = f"set the driver to a width of {image.width - 1} or {image.width + 1}, or to bgr8"
-        raise refused("two pixels share their colour, so the width must be even", remedy)
+    sides = {"width": image.width, "height": image.height if image.encoding in _PLANAR else 0}
+    for name, side in sides.items() if image.encoding in (*_SUBSAMPLED, *_PLANAR) else ():
+        if side % 2:
+            remedy = f"set the driver to a {name} of {side - 1} or {side + 1}, or to bgr8"
+            raise refused(f"two pixels share their colour, so the {name} must be even", remedy)
     if image.encoding.startswith("bayer") and min(image.width, image.height) < 3:
         raise refused("too small to interpolate colours", "use 3x3 pixels or more")
     used = image.width * _BYTES[image.encoding]
     if image.step < used:
         raise refused(f"a row has {image.step} bytes (step) but needs {used}", "check the driver's encoding")
     # Some drivers leave out the padding of the last row.
-    needed = (image.height - 1) * image.step + used
+    height = image.height * 3 // 2 if image.encoding in _PLANAR else image.height
+    needed = (height - 1) * image.step + used
     flat = np.asarray(image.data).reshape(-1)
     if flat.dtype != np.uint8 or flat.size < needed:
         what = f"{flat.size} values of type {flat.dtype} where {needed} bytes are needed"
         raise refused(what, "check the driver's encoding, width, height and step")
     return np.lib.stride_tricks.as_strided(
-        flat, (image.height, used), (image.step * flat.strides[0], flat.strides[0]), writeable=flat.flags.writeable
+        flat, (height, used), (image.step * flat.strides[0], flat.strides[0]), writeable=flat.flags.writeable
     )
 
 

@@ -85,6 +85,35 @@ def test_sixteen_bits_keep_their_upper_eight_in_either_byte_order(encoding, heig
 
 
 @pytest.mark.parametrize(
+    ("encoding", "alike"),
+    [
+        ("bgr16", "bgr8"), ("rgb16", "rgb8"), ("bgra16", "bgra8"), ("rgba16", "rgba8"), ("16UC3", "8UC3"),
+        ("16UC4", "8UC4"), ("bayer_rggb16", "bayer_rggb8"), ("bayer_gbrg16", "bayer_gbrg8"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("big", [False, True])
+def test_colours_of_sixteen_bits_are_those_of_the_upper_eight(encoding, alike, big):
+    values = np.random.default_rng(1).integers(0, 65536, (7, 9 * 4), dtype=np.uint16)
+    rows = values.astype(">u2" if big else "<u2").view(np.uint8)
+    expected = bgr_from_image(message((values >> 8).astype(np.uint8), alike, 9))
+    np.testing.assert_array_equal(bgr_from_image(message(rows, encoding, 9, pad=3, big=big)), expected)
+
+
+@pytest.mark.parametrize(("encoding", "first"), [("nv12", "u"), ("nv21", "v")])
+@pytest.mark.parametrize("pad", [0, 6])
+def test_colours_in_a_plane_of_their_own_are_those_of_interleaved_ones(encoding, first, pad):
+    rng = np.random.default_rng(3)
+    y = rng.integers(16, 236, (8, 12)).astype(np.uint8)
+    u, v = (rng.integers(16, 241, (4, 6)).astype(np.uint8) for _ in range(2))
+    plane = np.stack((u, v) if first == "u" else (v, u), axis=2).reshape(4, 12)
+    image = message(np.vstack([y, plane]), encoding, 12, pad=pad)
+    image = Image(**{**{name: getattr(image, name) for name in image.__struct_fields__}, "height": 8})
+    double_u, double_v = (np.repeat(each, 2, axis=0) for each in (u, v))
+    interleaved = np.stack([double_u, y[:, 0::2], double_v, y[:, 1::2]], axis=2).reshape(8, -1)
+    np.testing.assert_allclose(bgr_from_image(image), bgr_from_image(message(interleaved, "uyvy", 12)), atol=2)
+
+
+@pytest.mark.parametrize(
     ("encoding", "order"), [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")]
 )
 @pytest.mark.parametrize("pad", [0, 6])
@@ -135,8 +164,8 @@ def test_last_row_may_lack_its_padding():
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_every_encoding_is_converted_and_refuses_too_little_data(encoding):
-    # 8 bytes a pixel are enough for any.
-    image = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(6 * 64))
+    # 8 bytes a pixel, and half as many rows again for planes of colours, are enough for any.
+    image = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(9 * 64))
     assert bgr_from_image(image).shape == (6, 8, 3)
     cut = Image(stamp=1, frame_id="c", height=6, width=8, encoding=encoding, step=64, data=noise(5 * 64 + 7))
     with pytest.raises(ImageError, match=f"{encoding} image of 8x6.*bytes are needed"):
@@ -154,6 +183,7 @@ def test_every_encoding_is_converted_and_refuses_too_little_data(encoding):
         ({"data": np.empty(0, np.uint8)}, ["0 values", "72 bytes are needed"]),
         ({"data": np.zeros(72, np.float32)}, ["float32"]),
         ({"encoding": "uyvy", "width": 5}, ["uyvy image of 5x4", "even", "4 or 6"]),
+        ({"encoding": "nv12", "height": 3}, ["nv12 image of 6x3", "even", "2 or 4"]),
         ({"encoding": "bayer_rggb8", "width": 2}, ["2x4", "too small"]),
     ],
 )
