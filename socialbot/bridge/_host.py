@@ -6,6 +6,7 @@ time, and always gets the newest message of a stream.
 
 from __future__ import annotations
 
+import functools
 import time
 import uuid
 from collections import Counter, defaultdict, deque
@@ -22,6 +23,8 @@ from rclpy.node import Node as RosNode
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock as RosClock
 from std_msgs.msg import String
 
 from socialbot.bridge._callback_queue import IdleState
@@ -40,22 +43,22 @@ from socialbot.bridge.diagnostics import (
     Connection,
     DiagnosticsReporter,
     NodeStatistics,
-    publisher_connection,
-    subscription_connection,
+    listener_connections,
+    sender_connections,
 )
-from socialbot.bridge.sim_clock import KEPT_TOPIC, ROUND_TOPIC, Round, StepReport
+from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, StepReport
 from socialbot.bridge.transport import (
     QUEUE_DEPTH,
+    Listener,
     Receiver,
     Sender,
     open_transport,
-    publisher_qos,
     refusal_reason,
     subscription_qos,
 )
 from socialbot.core.clock import Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
-from socialbot.core.messages import Health, Message, Transforms
+from socialbot.core.messages import Health, Message, Structured, Transforms
 from socialbot.graph.health import health_topics
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 
@@ -127,6 +130,7 @@ class NodeHost:
         self._supervisor = supervisor
         self._intra_process = intra_process or IntraProcess()
         self._transport = open_transport(form=graph.wire)
+        self._clock_transport = open_transport()
         sealed = self._transport.sealed  # disables services, which have no seals
         self._ros = LifecycleHost(
             config.name,
@@ -147,6 +151,7 @@ class NodeHost:
         self._senders: dict[str, Sender] = {}
         self._health_senders: list[Sender] = []
         self._connections: list[Connection] = []
+        self._listeners: list[Listener] = []
         self._latched: dict[Input[Any], Message] = {}
         self._ports = list(config.type.inputs())
         self._reliable: dict[Input[Any], str] = {}
@@ -158,9 +163,11 @@ class NodeHost:
         if self._simulated:
             every_step = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
             self._jumps = ros_clock.create_jump_callback(every_step, post_callback=self._time_changed)
-            self._report_publisher = self._ros.create_publisher(String, KEPT_TOPIC, publisher_qos(Delivery.LATCHED))
+            self._time = self._listen_to_clock() if sealed else None
+            self._reports = self._clock_transport.advertise(self._ros, KEPT_TOPIC, Structured, Delivery.LATCHED)
+            receiver = self._clock_transport.receiver(ROUND_TOPIC, latched=True)
             self._rounds = self._ros.create_subscription(
-                String, ROUND_TOPIC, self._start_round, subscription_qos(Delivery.LATCHED)
+                String, ROUND_TOPIC, functools.partial(self._start_round, receiver), subscription_qos(Delivery.LATCHED)
             )
         self._instance = uuid.uuid4().hex
         self._sent: Counter[str] = Counter()
@@ -171,7 +178,7 @@ class NodeHost:
         )
         if sealed:
             period_s = self._transport.renewal_s
-            self._renewal = self._ros.create_timer(period_s, lambda: self._transport.renew(), clock=STEADY)
+            self._renewal = self._ros.create_timer(period_s, self._renew, clock=STEADY)
         if supervisor is not None:
             self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
@@ -230,10 +237,10 @@ class NodeHost:
         for topic, port in self._config.publications:
             sender = self._transport.advertise(self._ros, topic, port.message_type, port.delivery)
             self._senders[port.name] = sender
-            self._connections.append(publisher_connection(self._graph, topic, sender.publisher))
+            self._connections += sender_connections(self._graph, topic, sender)
         for topic, port in self._config.subscriptions:
             try:
-                kind = self._transport.message_class(port.message_type)
+                self._transport.message_class(port.message_type)
             except InstallationError as error:
                 if not port.optional:
                     raise
@@ -243,17 +250,22 @@ class NodeHost:
             outside = topic in self._graph.inputs or (port.optional and port.message_type is not Transforms)
             qos = subscription_qos(port.delivery, outside=outside)
             name = self._ros.resolve_topic_name(topic)
-            receiver = self._transport.receiver(name, latched=port.delivery is Delivery.LATCHED)
-            subscription = self._ros.create_subscription(kind, topic, self._receiving(port, receiver), qos)
-            self._connections.append(subscription_connection(self._graph, topic, subscription))
+            listener = self._transport.listen(
+                self._ros,
+                topic,
+                port.message_type,
+                functools.partial(self._receive, port),
+                functools.partial(self._refuse, port),
+                qos=qos,
+                latched=port.delivery is Delivery.LATCHED,
+                now=self._clock.now,
+            )
+            self._listeners.append(listener)
+            self._connections += listener_connections(self._graph, topic, listener)
             self._intra_process.add(name, self, port)
             if qos.reliability is ReliabilityPolicy.RELIABLE:
                 self._reliable[port] = name
         self._services.open()
-
-    def _receiving(self, port: Input[Any], receiver: Receiver) -> Any:
-        # rclpy passes the information on a message only to a function with two parameters, which a partial hides.
-        return lambda ros_message, info: self._receive(port, receiver, ros_message, info)
 
     def activate(self) -> None:
         """Start the node with the latched messages and those received while inactive."""
@@ -274,12 +286,16 @@ class NodeHost:
         self._forget_thread()
         self._services.close()
         self._intra_process.remove(self)
-        for connection in self._connections:
-            if not isinstance(connection.endpoint, Publisher):
-                self._ros.destroy_subscription(connection.endpoint)
-        for sender in (*self._senders.values(), *self._health_senders):
-            self._ros.destroy_publisher(sender.publisher)
-        for kept in (self._health_senders, self._connections, self._senders, self._latched, self._reliable):
+        for endpoint in (*self._listeners, *self._senders.values(), *self._health_senders):
+            endpoint.destroy(self._ros)
+        for kept in (
+            self._health_senders,
+            self._listeners,
+            self._connections,
+            self._senders,
+            self._latched,
+            self._reliable,
+        ):
             kept.clear()
         self._transport = open_transport(form=self._graph.wire)
 
@@ -327,17 +343,13 @@ class NodeHost:
         """Whether a simulation clock says when messages are handled."""
         return self._simulated and self._rounds.get_publisher_count() > 0
 
-    def _receive(self, port: Input[Any], receiver: Receiver, ros_message: Any, info: Any) -> None:
-        try:
-            message = receiver.decode(port.message_type, ros_message, stamp=self._clock.now())
-        except MessageError as error:
-            reason = refusal_reason(error)
-            self.statistics.refusals[reason] += 1
-            log_failure(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
-            self._pass_over(port)
-            return
-        if message is None:
-            return
+    def _refuse(self, port: Input[Any], error: MessageError) -> None:
+        reason = refusal_reason(error)
+        self.statistics.refusals[reason] += 1
+        log_failure(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
+        self._pass_over(port)
+
+    def _receive(self, port: Input[Any], message: Message, info: Any) -> None:
         if port.delivery is Delivery.LATCHED:
             self._latched[port] = message
         if self.active_thread is not None:
@@ -356,12 +368,33 @@ class NodeHost:
         if self._thread is not None:
             self._thread.queue.recheck()
 
-    def _start_round(self, message: String) -> None:
+    def _listen_to_clock(self) -> Listener:
+        """Subscribe to /clock with seals, in place of the subscription of rclpy."""
+        source = self._ros._time_source
+        if source._clock_sub is not None:
+            self._ros.destroy_subscription(source._clock_sub)
+
+        def take(cdr: bytes, _: Any) -> None:
+            source.clock_callback(deserialize_message(cdr, RosClock))
+
+        qos = subscription_qos(Delivery.NEWEST)
+        refuse = functools.partial(self._refuse_time, CLOCK_TOPIC)
+        listener = self._clock_transport.listen_bytes(self._ros, CLOCK_TOPIC, RosClock, take, refuse, qos=qos)
+        source._clock_sub = listener.endpoint
+        return listener
+
+    def _refuse_time(self, topic: str, error: MessageError) -> None:
+        self.statistics.refusals[refusal_reason(error)] += 1
+        log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refused)
+
+    def _start_round(self, receiver: Receiver, message: String) -> None:
         try:
-            round = Round.decode(message.data)
+            opened = receiver.open(message)
+            if opened is None:
+                return
+            round = Round.decode(opened.data)
         except MessageError as error:
-            self.statistics.refusals[refusal_reason(error)] += 1
-            log_failure(self.name, f"refused a message on {ROUND_TOPIC}", error, self.statistics.refused)
+            self._refuse_time(ROUND_TOPIC, error)
             return
         if self._thread is not None:
             self._thread.queue.release(round.number, round.repeat)
@@ -380,7 +413,11 @@ class NodeHost:
             count = self._passed_over[port] + idle.arrived.get(port, 0)
             taken[topic] = min(count, taken.get(topic, count))
         report = StepReport(self.name, self._instance, idle.time, self._sent, taken, idle.held, idle.round, idle.repeat)
-        self._report_publisher.publish(String(data=report.encode()))
+        self._reports.forward(String(data=report.encode()))
+
+    def _renew(self) -> None:
+        self._transport.renew()
+        self._clock_transport.renew()
 
     def _publish_health(self, health: Health) -> None:
         for sender in self._health_senders:

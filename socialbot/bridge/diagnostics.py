@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node as RosNode
 
     from socialbot.bridge._callback_queue import InputQueue
+    from socialbot.bridge.transport import Listener, Sender
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"  # key of the sealed copy of name and values
@@ -149,9 +150,21 @@ def subscription_connection(graph: Graph, topic: str, subscription: Any) -> Conn
     return Connection(topic, publishers, subscription.get_publisher_count, subscription)
 
 
+def sender_connections(graph: Graph, topic: str, sender: Sender) -> list[Connection]:
+    """Connections of the publishers of ``sender``: of messages, and of detached seals."""
+    publishers = [sender.publisher] if sender.seals is None else [sender.publisher, sender.seals]
+    return [publisher_connection(graph, topic, each) for each in publishers]
+
+
+def listener_connections(graph: Graph, topic: str, listener: Listener) -> list[Connection]:
+    """Connections of the subscriptions of ``listener``: to messages, and to detached seals."""
+    endpoints = [listener.endpoint] if listener.seals is None else [listener.endpoint, listener.seals]
+    return [subscription_connection(graph, topic, each) for each in endpoints]
+
+
 def unconnected(connections: Iterable[Connection]) -> str:
     """Topics without a peer, separated by commas."""
-    return ", ".join(one.topic for one in connections if one.count() < one.wanted)
+    return ", ".join(dict.fromkeys(one.topic for one in connections if one.count() < one.wanted))
 
 
 def _last_values() -> deque[float]:

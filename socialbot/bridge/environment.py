@@ -39,6 +39,11 @@ PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 KEYS_VARIABLE = "SOCIALBOT_KEYS"
 """Variable with the key folder, and the name of the own key if there are several: FOLDER or FOLDER:NAME."""
 
+OPEN_TOPICS_VARIABLE = "SOCIALBOT_OPEN_TOPICS"
+"""Variable with topics of standard types, separated by colons, that need no seal: those of drivers without keys."""
+
+TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
 

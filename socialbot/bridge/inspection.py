@@ -13,7 +13,14 @@ from typing import Any
 
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import message_class, open_transport, refusal_reason, subscription_qos
+from socialbot.bridge.transport import (
+    Listener,
+    log_refusal,
+    message_class,
+    open_transport,
+    refusal_reason,
+    subscription_qos,
+)
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (
@@ -116,7 +123,9 @@ class LiveImages:
         self._topic = topic
         self._kind = kind
         self._ros_class = message_class(ros_type(kind))
-        self._subscription: Any = None
+        self._transport = open_transport()
+        self._subscription: Listener | None = None
+        self._refused = 0
         self._requested_at = 0.0
         self._converted_at = 0.0
         self._images: deque[Picture] = deque(maxlen=MAX_IMAGES)
@@ -128,8 +137,13 @@ class LiveImages:
         with self._changed:
             self._requested_at = time.monotonic()
             if self._subscription is None:
-                self._subscription = self._ros.create_subscription(
-                    self._ros_class, self._topic, self._take, subscription_qos(Delivery.NEWEST, outside=True), raw=True
+                self._subscription = self._transport.listen_bytes(
+                    self._ros,
+                    self._ros.resolve_topic_name(self._topic),
+                    self._ros_class,
+                    self._take,
+                    self._refuse,
+                    qos=subscription_qos(Delivery.NEWEST, outside=True),
                 )
                 self._changed.wait(FIRST_IMAGE_TIMEOUT_S)
             images = list(self._images)
@@ -137,7 +151,11 @@ class LiveImages:
         count = bisect_right([image.stamp for image in images], stamp + SECOND // 2)
         return images[count - 1] if count else None
 
-    def _take(self, data: bytes) -> None:
+    def _refuse(self, error: MessageError) -> None:
+        self._refused += 1
+        log_refusal(self._topic, self._refused, error)
+
+    def _take(self, data: bytes, _: Any) -> None:
         from rclpy.serialization import deserialize_message
 
         now = time.monotonic()
@@ -157,7 +175,7 @@ class LiveImages:
     def _unsubscribe_if_unwatched(self) -> None:
         with self._changed:
             if self._subscription is not None and time.monotonic() - self._requested_at > UNWATCHED_S:
-                self._ros.destroy_subscription(self._subscription)
+                self._subscription.destroy(self._ros)
                 self._subscription = None
 
 

@@ -18,20 +18,19 @@ from socialbot.bags.cameras import depth_first
 from socialbot.bags.codec import ROS_TYPES, STRING, decode, message_type_of, raw_stamp, with_stamp
 from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
 from socialbot.bags.reader import IMAGE_TYPES, MEASURED, SENSOR_TYPES, Bag, RosbagsTypes
-from socialbot.bridge.diagnostics import Connection, publisher_connection, subscription_connection
+from socialbot.bridge.diagnostics import Connection, sender_connections, subscription_connection
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import await_graph, not_connected
-from socialbot.bridge.sim_clock import SimClock
+from socialbot.bridge.sim_clock import CLOCK_TOPIC, SimClock
 from socialbot.bridge.transport import (
     Sender,
     Subscription,
     message_class,
     open_transport,
-    publisher_qos,
 )
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import InstallationError, MessageError
-from socialbot.core.messages import CameraInfo, Health, Message, Transforms
+from socialbot.core.messages import CameraInfo, Health, Message, Structured, Transforms
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
 from socialbot.graph.node import Delivery, Graph
@@ -100,7 +99,7 @@ class BagPlayer:
         graph = playing.await_graph
         self._transport = open_transport(form="json" if graph is None else graph.wire)
         self._clock_type = Clock
-        self._clock = ros.create_publisher(Clock, "/clock", 10)
+        self._clock = open_transport().advertise_class(ros, CLOCK_TOPIC, Clock, standard=True)
         self._senders: dict[str, Sender] = {}
         self._encoded: set[str] = set()
         kinds = {} if graph is None else graph.topics()
@@ -115,9 +114,12 @@ class BagPlayer:
         for name, topic in topics.items():
             recorded = bag.topic(name).type
             wanted = self._transport.message_class(kinds[topic]) if topic in kinds else message_class(recorded)
-            publisher = ros.create_publisher(wanted, topic, publisher_qos(_delivery(topic, recorded)))
-            self._senders[topic] = self._transport.sender(publisher)
-            if wanted is not message_class(recorded) or (self._transport.sealed and recorded == STRING):
+            structured = wanted is message_class(STRING) and issubclass(kinds.get(topic, Structured), Structured)
+            delivery = _delivery(topic, recorded)
+            self._senders[topic] = self._transport.advertise_class(
+                ros, topic, wanted, delivery, standard=not structured
+            )
+            if wanted is not message_class(recorded) or (self._transport.sealed and structured):
                 self._encoded.add(topic)
         self._health = self._transport.advertise(ros, HEALTH_TOPIC, Health)
         self._answers = _Answers()
@@ -172,7 +174,7 @@ class BagPlayer:
     def _publish(self, topic: str, name: str, cdr: bytes, at: int) -> None:
         """Publish the recorded bytes. Encode messages again that need a seal or another form."""
         if topic not in self._encoded:
-            self._senders[topic].publisher.publish(cdr)
+            self._senders[topic].publish_encoded(bytes(cdr))
         elif self._transport.sealed and name == STRING:
             from rclpy.serialization import deserialize_message
 
@@ -195,7 +197,7 @@ class BagPlayer:
             time.sleep(max(0.0, least, due - time.monotonic()))
             message = self._clock_type()
             message.clock.sec, message.clock.nanosec = divmod(self._now, SECOND)
-            self._clock.publish(message)
+            self._clock.publish_encoded(message)
             if self._now >= until:
                 return
 
@@ -270,7 +272,7 @@ def _connections(
     graph: Graph, senders: Mapping[str, Sender], subscriptions: Mapping[str, Subscription[Any]]
 ) -> list[Connection]:
     return [
-        *(publisher_connection(graph, topic, one.publisher) for topic, one in senders.items()),
+        *(each for topic, one in senders.items() for each in sender_connections(graph, topic, one)),
         *(subscription_connection(graph, topic, one.endpoint) for topic, one in subscriptions.items()),
     ]
 

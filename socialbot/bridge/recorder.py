@@ -1,10 +1,11 @@
 """Record ROS topics into a bag, as serialized bytes.
 
-Only seals are opened, so that a bag holds verified payloads and no refused messages.
+With keys, seals are opened, so that a bag holds verified payloads and no refused messages.
 """
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import time
@@ -14,10 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from socialbot.bags.codec import STRING
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.topics import AdaptiveSubscription, is_hidden, observer_node
+from socialbot.bridge.topics import AdaptiveSubscription, is_hidden, observer_node, verified_subscriptions
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
@@ -81,6 +81,7 @@ def record(
                 executor.spin_once(timeout_sec=_SPIN_S)
         finally:
             executor.shutdown()
+        recorder.close()
         return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
 
 
@@ -101,6 +102,10 @@ class _TopicRecorder:
         self._clock = clock
         self._known: set[tuple[str, str]] = set()
         self._subscriptions: list[AdaptiveSubscription] = []
+
+    def close(self) -> None:
+        """Refuse the messages that still wait for a seal."""
+        self._transport.close()
 
     def refusals(self) -> dict[str, str]:
         """Missing or incomplete topics, with the reason."""
@@ -136,29 +141,15 @@ class _TopicRecorder:
             now, latched = self._clock.now(), subscription.latched
             self._bag.write_raw(topic, type_name, data, now, latched=latched, type_hash=type_hash)
 
-        sealed = self._transport.sealed and type_name == STRING
-        take = self._verified(topic, write) if sealed else write
-        subscription = AdaptiveSubscription(self._node, topic, kind, take, raw=not sealed)
-        subscription.adapt()
-        self._subscriptions.append(subscription)
+        refuse = functools.partial(self._count_invalid, topic)
+        *seals, subscription = verified_subscriptions(self._node, self._transport, topic, kind, write, refuse)
+        for each in (*seals, subscription):
+            each.adapt()
+        self._subscriptions += (*seals, subscription)
         log.info("recording %s (%s)", topic, type_name)
 
-    def _verified(self, topic: str, write: Callable[[bytes], None]) -> Callable[[Any], None]:
-        """Return a callback that verifies sealed Strings of ``topic`` and writes their payload."""
-        from rclpy.serialization import serialize_message
-
-        receiver = self._transport.receiver(topic, latched=True)
-
-        def take(ros_message: Any) -> None:
-            try:
-                opened = receiver.open(ros_message)
-            except MessageError as error:
-                reasons = self._invalid.setdefault(topic, Counter())
-                if not reasons:
-                    log.warning("%s is not recorded in full: %s", topic, error)
-                reasons[refusal_reason(error)] += 1
-                return
-            if opened is not None:
-                write(serialize_message(opened))
-
-        return take
+    def _count_invalid(self, topic: str, error: MessageError) -> None:
+        reasons = self._invalid.setdefault(topic, Counter())
+        if not reasons:
+            log.warning("%s is not recorded in full: %s", topic, error)
+        reasons[refusal_reason(error)] += 1

@@ -26,7 +26,7 @@ from xml.etree import ElementTree
 
 from socialbot.bridge import environment
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, spinning_node, stale_locks, wait_for
-from socialbot.bridge.transport import open_transport
+from socialbot.bridge.transport import open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
 
 State = Literal["ok", "warning", "error"]
@@ -155,9 +155,11 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
     if has_keys(variables):
         try:
             open_transport(variables)
+            unsealed = sorted(open_topics(variables))
         except SocialbotError as error:
             return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
-        return Finding(name, "ok", f"messages are sealed; {f'open by {way}' if way else 'this machine only'}")
+        text = f"messages are sealed; {f'open by {way}' if way else 'this machine only'}"
+        return Finding(name, "ok", f"{text}; need no seal: {', '.join(unsealed)}" if unsealed else text)
     if way:
         text = f"open to the network ({way}) without keys: anybody there can command the robot"
         remedy = f"make keys and set {KEYS_VARIABLE}: docs/security.md; or keep others off by a firewall or VPN"

@@ -2,166 +2,30 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import os
-import re
 import secrets
-import stat
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import msgspec
-from cryptography.exceptions import InternalError, InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    NoEncryption,
-    PrivateFormat,
-    PublicFormat,
-    load_pem_private_key,
-    load_pem_public_key,
-)
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
+from socialbot.bridge.keys import KeyRing as KeyRing
+from socialbot.bridge.keys import Keys as Keys
+from socialbot.bridge.keys import SecurityError as SecurityError
+from socialbot.bridge.keys import begin_rotation as begin_rotation
+from socialbot.bridge.keys import fingerprint as fingerprint
+from socialbot.bridge.keys import finish_rotation as finish_rotation
+from socialbot.bridge.keys import load_keys as load_keys
+from socialbot.bridge.keys import load_private_key as load_private_key
+from socialbot.bridge.keys import load_public_keys as load_public_keys
+from socialbot.bridge.keys import load_successors as load_successors
+from socialbot.bridge.keys import new_key as new_key
+from socialbot.bridge.keys import private_names as private_names
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import MessageError, SocialbotError
-
-NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
-PRIVATE, PUBLIC = ".key", ".pub"
-MAX_KEY_BYTES = 10_000
-
-
-class SecurityError(SocialbotError):
-    """Invalid key or security setting."""
-
-    exit_code = 4
-
-
-@dataclass(frozen=True)
-class Keys:
-    """Own name and private key, and the trusted public keys by name, including the own one."""
-
-    name: str
-    private: Ed25519PrivateKey = field(repr=False)
-    trusted: Mapping[str, Ed25519PublicKey]
-
-
-def new_key(name: str, folder: Path) -> tuple[Path, Path]:
-    """Create a key pair in ``folder``, and the folder if needed; return the private and the public file.
-
-    Raises:
-        SecurityError: A key of that name exists, or the files cannot be written.
-    """
-    _check_name(name)
-    secret, public = folder / f"{name}{PRIVATE}", folder / f"{name}{PUBLIC}"
-    key = Ed25519PrivateKey.generate()
-    try:
-        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
-        if not (folder / ".gitignore").exists():
-            (folder / ".gitignore").write_text(f"*{PRIVATE}\n", "utf-8")
-        if public.exists():
-            raise FileExistsError(None, "it exists already")
-        _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
-        _write_new(public, _pem(key.public_key()), 0o644)
-    except OSError as error:
-        what = f"cannot create the key {name!r}: {error.strerror}"
-        raise SecurityError(what, where=str(folder), remedy="choose another name or folder") from error
-    return secret, public
-
-
-def load_keys(folder: Path, name: str = "") -> Keys:
-    """Load the keys in ``folder``. The own key is that of ``name``, or the only private one.
-
-    Raises:
-        SecurityError: Keys are missing, damaged, do not form a pair, or other users can read or change them.
-    """
-    if not name:
-        found = private_names(folder)
-        if len(found) != 1:
-            what = f"several private keys: {', '.join(found)}" if found else "no private key"
-            remedy = "name one: FOLDER:NAME" if found else f"make one: socialbot key new NAME --folder {folder}"
-            raise SecurityError(what, where=str(folder), remedy=remedy)
-        name = found[0]
-    _check_name(name)
-    trusted = load_public_keys(folder)
-    private = load_private_key(folder / f"{name}{PRIVATE}")
-    if name not in trusted:
-        raise SecurityError(f"there is no {name}{PUBLIC}", where=str(folder), remedy="copy the public key there, too")
-    if _pem(private.public_key()) != _pem(trusted[name]):
-        remedy = "copy the public key from the machine of the private one"
-        raise SecurityError(f"{name}{PRIVATE} and {name}{PUBLIC} are not a pair", where=str(folder), remedy=remedy)
-    return Keys(name, private, trusted)
-
-
-def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
-    """Load the public keys in ``folder`` by name. Raises SecurityError for an invalid one."""
-    if not folder.is_dir():
-        raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
-    _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
-    keys = {}
-    for path in sorted(folder.glob(f"*{PUBLIC}")):
-        _check_name(path.stem)
-        _refuse_mode(path, 0o002, "anybody can change this key", "chmod o-w")
-        key = _loaded(path, load_pem_public_key)
-        if not isinstance(key, Ed25519PublicKey):
-            raise SecurityError("not a public Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
-        keys[path.stem] = key
-    return keys
-
-
-def load_private_key(path: Path) -> Ed25519PrivateKey:
-    """Load the private key at ``path``. Raises SecurityError if it is invalid, or other users can read it."""
-    key = _loaded(path, lambda data: load_pem_private_key(data, None))
-    _refuse_mode(path, 0o077, "other users can read or change this private key", "chmod 600")
-    if not isinstance(key, Ed25519PrivateKey):
-        raise SecurityError("not a private Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
-    return key
-
-
-def private_names(folder: Path) -> list[str]:
-    """Names of the private keys in ``folder``."""
-    return sorted(path.stem for path in folder.glob(f"*{PRIVATE}"))
-
-
-def fingerprint(key: Ed25519PublicKey) -> str:
-    """Short text for the visual comparison of keys."""
-    digest = hashlib.sha256(key.public_bytes(Encoding.Raw, PublicFormat.Raw)).digest()
-    return base64.b32encode(digest[:15]).decode().lower()
-
-
-def _check_name(name: str) -> None:
-    if not NAME.fullmatch(name):
-        raise SecurityError(f"{name!r} is not a valid key name", remedy="use up to 64 letters, digits, _ and -")
-
-
-def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
-    try:
-        with path.open("rb") as file:
-            return load(file.read(MAX_KEY_BYTES))
-    except OSError as error:
-        what, remedy = f"cannot be read: {error.strerror}", "see docs/security.md"
-        raise SecurityError(what, where=str(path), remedy=remedy) from error
-    except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
-        remedy = "copy it again, or make a new key"
-        raise SecurityError("the file holds no usable key", where=str(path), remedy=remedy) from error
-
-
-def _refuse_mode(path: Path, bits: int, what: str, remedy: str) -> None:
-    if stat.S_IMODE(path.stat().st_mode) & bits:
-        raise SecurityError(what, where=str(path), remedy=f"{remedy} {path}")
-
-
-def _write_new(path: Path, data: bytes, mode: int) -> None:
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-        file.write(data)
-
-
-def _pem(key: Ed25519PublicKey) -> bytes:
-    return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
-
+from socialbot.core.errors import MessageError
 
 MAX_STREAMS = 256  # number of streams above which expired ones are removed
 
@@ -277,7 +141,7 @@ class SealError(MessageError):
 class Stream:
     """Seals the messages of one publisher on one ``topic``, in the order of publication."""
 
-    keys: Keys
+    keys: Keys | KeyRing
     realm: str
     topic: str
     now: Callable[[], int] = time.time_ns
@@ -292,8 +156,9 @@ class Stream:
         now = self.now()
         # The time distinguishes renewed seals.
         self._time = now if now != self._time else now + 1
+        keys = self.keys.latest()
         blank = Sealed(
-            sender=self.keys.name,
+            sender=keys.name,
             stream=self._id,
             number=self._number,
             time=self._time,
@@ -301,7 +166,7 @@ class Stream:
             payload=text,
             signature=b"",
         )
-        signature = self.keys.private.sign(blank.signed(self.realm))
+        signature = keys.private.sign(blank.signed(self.realm))
         return msgspec.json.encode(msgspec.structs.replace(blank, signature=signature)).decode()
 
 
@@ -309,7 +174,7 @@ class Stream:
 class Opener:
     """Verifier for the messages of one receiver on one ``topic``."""
 
-    keys: Keys
+    keys: Keys | KeyRing
     realm: str
     topic: str
     freshness: Freshness
@@ -324,19 +189,25 @@ class Opener:
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
 
     def _verify(self, sealed: Sealed) -> None:
-        key = self.keys.trusted.get(sealed.sender)
-        if key is None:
+        keys = self.keys.latest().of(sealed.sender)
+        if not keys:
             raise SealError("unknown sender", repr(sealed.sender[:LONGEST_SHOWN]))
-        try:
-            key.verify(sealed.signature, sealed.signed(self.realm))
-        except (InvalidSignature, UnicodeError) as error:
-            raise SealError("forged", f"the seal is not {sealed.sender!r}'s, or it was altered") from error
+        if not any(_is_signed_by(key, sealed, self.realm) for key in keys):
+            raise SealError("forged", f"the seal is not {sealed.sender!r}'s, or it was altered")
         if sealed.topic != self.topic:
             raise SealError("moved", f"from {sealed.sender!r}, sealed for {sealed.topic}")
 
     def _age(self, sealed: Sealed) -> str:
         seconds = (self.freshness.now() - sealed.time) / SECOND
         return f"{seconds:.3f} s ago" if seconds >= 0 else f"{-seconds:.3f} s ahead of our clock"
+
+
+def _is_signed_by(key: Ed25519PublicKey, sealed: Sealed, realm: str) -> bool:
+    try:
+        key.verify(sealed.signature, sealed.signed(realm))
+    except (InvalidSignature, UnicodeError):
+        return False
+    return True
 
 
 def read(text: str) -> Sealed:
@@ -352,7 +223,7 @@ def read(text: str) -> Sealed:
 class Seal:
     """Factory of streams and openers with the keys of a process, valid in one ``realm``."""
 
-    keys: Keys
+    keys: Keys | KeyRing
     realm: str
     window_s: float = WINDOW_S
 

@@ -18,14 +18,17 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from socialbot.bridge.transport import Sender, Subscription, log_refusal, observer_qos, publisher_qos
+from socialbot.bridge.transport import Sender, Subscription, log_refusal, observer_qos, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
+from socialbot.core.messages import Structured
 from socialbot.graph.node import Delivery
 
 T = TypeVar("T")
 
 log = logging.getLogger("socialbot.sim_clock")
+
+CLOCK_TOPIC = "/clock"
 
 KEPT_TOPIC = "/clock_kept"
 """Topic of the reports of nodes (std_msgs/String with a `StepReport`)."""
@@ -143,8 +146,10 @@ class SimClock:
         self._working: set[str] = set()  # nodes that had messages for this round
         self._string_type = String
         self._clock_type = Clock
-        self._clock = ros.create_publisher(Clock, "/clock", publisher_qos(Delivery.EVERY))
-        self._rounds = ros.create_publisher(String, ROUND_TOPIC, publisher_qos(Delivery.LATCHED))
+        transport = open_transport()
+        self._clock = transport.advertise_class(ros, CLOCK_TOPIC, Clock, standard=True)
+        self._rounds = transport.advertise(ros, ROUND_TOPIC, Structured, Delivery.LATCHED)
+        self._receiver = transport.receiver(KEPT_TOPIC, latched=True)
         self._reports = ros.create_subscription(String, KEPT_TOPIC, self._note, observer_qos(latched=True))
         for subscription in self._subscriptions:
             subscription.on_taken = self._notify
@@ -169,7 +174,10 @@ class SimClock:
 
     def _note(self, message: Any) -> None:
         try:
-            report = StepReport.decode(message.data)
+            opened = self._receiver.open(message)
+            if opened is None:
+                return
+            report = StepReport.decode(opened.data)
         except MessageError as error:
             self._refused += 1
             log_refusal(KEPT_TOPIC, self._refused, error)
@@ -226,10 +234,10 @@ class SimClock:
     def _publish_time(self) -> None:
         message = self._clock_type()
         message.clock.sec, message.clock.nanosec = divmod(self.now, SECOND)
-        self._clock.publish(message)
+        self._clock.publish_encoded(message)
 
     def _publish_round(self) -> None:
-        self._rounds.publish(self._string_type(data=Round(self._round, self._repeat).encode()))
+        self._rounds.forward(self._string_type(data=Round(self._round, self._repeat).encode()))
 
     @property
     def _subscribers(self) -> set[str]:

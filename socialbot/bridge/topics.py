@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import io
+import itertools
 import math
 import os
 import sys
@@ -20,10 +21,18 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
-from socialbot.bags.codec import decode, ros_type
+from socialbot.bags.codec import STRING, decode, ros_type
 from socialbot.bridge import environment
+from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
-from socialbot.bridge.transport import matching_qos, message_class, open_transport
+from socialbot.bridge.transport import (
+    Transport,
+    is_sealed,
+    log_refusal,
+    matching_qos,
+    message_class,
+    open_transport,
+)
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, Structured
 from socialbot.core.registry import message_types
@@ -228,16 +237,13 @@ def merged_messages(
     from rclpy.executors import SingleThreadedExecutor
 
     arrived: deque[tuple[str, Message]] = deque()
-
-    def subscription(name: str, kind: type[Message]) -> AdaptiveSubscription:
-        def take(message: Any) -> None:
-            with suppress(MessageError):
-                arrived.append((name, decode(kind, message)))
-
+    transport = open_transport()
+    subscriptions: list[AdaptiveSubscription] = []
+    for name, kind in topics.items():
+        ros_class = message_class(ros_type(kind))
+        take = _decoding(name, kind, ros_class, lambda name, message: arrived.append((name, message)))
         depth = 1 if name in newest else DEPTH
-        return AdaptiveSubscription(ros, name, message_class(ros_type(kind)), take, raw=False, depth=depth)
-
-    subscriptions = [subscription(name, kind) for name, kind in topics.items()]
+        subscriptions += verified_subscriptions(ros, transport, name, ros_class, take, log_refusals(name), depth=depth)
     executor = SingleThreadedExecutor(context=ros.context)
     executor.add_node(ros)
     try:
@@ -248,6 +254,24 @@ def merged_messages(
             yield arrived.popleft() if arrived else None
     finally:
         executor.shutdown()
+
+
+def _decoding(
+    name: str, kind: type[Message], ros_class: Any, take: Callable[[str, Message], None]
+) -> Callable[[bytes], None]:
+    from rclpy.serialization import deserialize_message
+
+    def take_bytes(cdr: bytes) -> None:
+        with suppress(MessageError):
+            take(name, decode(kind, deserialize_message(cdr, ros_class)))
+
+    return take_bytes
+
+
+def log_refusals(topic: str) -> Callable[[MessageError], None]:
+    """Return a function that logs refused messages of ``topic``."""
+    counts = itertools.count(1)
+    return lambda error: log_refusal(topic, next(counts), error)
 
 
 @dataclass
@@ -293,6 +317,51 @@ class AdaptiveSubscription:
             raw=self.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
+
+
+def verified_subscriptions(
+    ros: Any,
+    transport: Transport,
+    topic: str,
+    ros_class: Any,
+    take: Callable[[bytes], None],
+    refuse: Callable[[MessageError], None],
+    *,
+    depth: int = DEPTH,
+) -> list[AdaptiveSubscription]:
+    """Subscribe to a topic of a standard type, and to its seals if there are keys.
+
+    Strings may be structured messages with seals of their own, without which ``take`` gets them.
+    """
+    name = ros.resolve_topic_name(topic)
+    matcher = transport.matcher(name, lambda cdr, _: take(cdr), refuse, latched=True)
+    if matcher is None:
+        return [AdaptiveSubscription(ros, name, ros_class, lambda cdr: take(cdr), raw=True, depth=depth)]
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    text_class = message_class(STRING)
+    receiver = transport.receiver(name, latched=True)
+
+    def take_message(cdr: bytes) -> None:
+        text = deserialize_message(cdr, ros_class) if ros_class is text_class else None
+        if text is None or not is_sealed(text.data):
+            matcher.take_message(cdr)
+            return
+        try:
+            opened = receiver.open(text)
+        except MessageError as error:
+            refuse(error)
+            return
+        if opened is not None:
+            take(serialize_message(opened))
+
+    def take_seal(text: Any) -> None:
+        matcher.take_seal(text.data)
+
+    return [
+        AdaptiveSubscription(ros, seal_topic(name), text_class, take_seal, raw=False),
+        AdaptiveSubscription(ros, name, ros_class, take_message, raw=True, depth=depth),
+    ]
 
 
 @dataclass(frozen=True)

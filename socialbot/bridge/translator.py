@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
-from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
+from socialbot.bridge.transport import RclpyTypes, Sender, message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import JointTrajectory, Message, PersonDetections
@@ -76,13 +76,19 @@ class Translator:
         self._neck = neck or Neck("", "")
         self._mounting = mounting_of(graph)
         self._joints = Joints((self._neck.pan, self._neck.tilt))
-        self._of_persons: dict[str, dict[str, Any]] = {topic: {} for topic in PERSON_TYPES}
+        self._transport = open_transport()
+        self._of_persons: dict[str, dict[str, Sender]] = {topic: {} for topic in PERSON_TYPES}
         self._faces: dict[str, int] = {}
         self._lock = threading.Lock()
         self.missing: set[str] = set()
-        self._publishers: dict[str, Any] = {}
+        self._publishers: dict[str, Sender] = {}
         for topic, kind in (*TYPES.items(), *(HEAD_TYPES.items() if head else ())):
             self._create_publisher(topic, kind, Delivery.LATCHED if topic == TF_STATIC else Delivery.EVERY)
+        if self._transport.sealed:
+            from rclpy.clock import Clock
+            from rclpy.clock_type import ClockType
+
+            ros.create_timer(self._transport.renewal_s, self._renew, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if head:
             self._publish_camera()
             ros.create_timer(1 / HEAD_HZ, self._publish_head)
@@ -143,17 +149,23 @@ class Translator:
         """Publish ``messages`` by id, one topic for each of those who are ``there``, and remove the others."""
         publishers = self._of_persons[topic]
         for gone in publishers.keys() - set(there):
-            self._ros.destroy_publisher(publishers.pop(gone))
+            sender = publishers.pop(gone)
+            self._transport.forget(sender)
+            sender.destroy(self._ros)
         for name, message in messages.items():
             if name not in publishers:
                 # Latched, so that late subscribers get the current state.
-                publishers[name] = self._ros.create_publisher(
-                    message_class(PERSON_TYPES[topic]), topic.format(name), publisher_qos(Delivery.LATCHED)
+                publishers[name] = self._transport.advertise_class(
+                    self._ros, topic.format(name), message_class(PERSON_TYPES[topic]), Delivery.LATCHED, standard=True
                 )
-            publishers[name].publish(message)
+            publishers[name].publish_encoded(message)
 
     def _publish_camera(self) -> None:
         self._publish(TF_STATIC, lambda: self._messages.camera(self._now(), self._mounting))
+
+    def _renew(self) -> None:
+        with self._lock:
+            self._transport.renew()
 
     def _publish_head(self) -> None:
         with self._lock:
@@ -166,7 +178,7 @@ class Translator:
         """Publish a message if the type of ``topic`` is installed."""
         publisher = self._publishers.get(topic)
         if publisher is not None:
-            publisher.publish(make())
+            publisher.publish_encoded(make())
 
     def _pose(self, stamp: int) -> HeadPose:
         return HeadPose(self._joints.at(self._neck.pan, stamp), self._joints.at(self._neck.tilt, stamp))
@@ -182,7 +194,7 @@ class Translator:
             if topic == TRACKED:
                 for each in PERSON_TYPES.values():
                     message_class(each)
-            self._publishers[topic] = self._ros.create_publisher(found, topic, publisher_qos(delivery))
+            self._publishers[topic] = self._transport.advertise_class(self._ros, topic, found, delivery, standard=True)
         except (InstallationError, UnsupportedTypeSupport):
             # UnsupportedTypeSupport: the libraries of the package are not found.
             self.missing.add(kind.partition("/")[0])

@@ -7,24 +7,29 @@ import functools
 import importlib
 import math
 import os
-import threading
 from collections.abc import Callable, Collection, MutableMapping
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 from logging import getLogger
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+from weakref import WeakSet
 
 import numpy as np
 
-from socialbot.bags.codec import ROS_TYPES, STRING, TypeFactory, decode, encode, ros_type
+from socialbot.bags.codec import ROS_TYPES, STRING, TypeFactory, decode, ros_type
 from socialbot.bags.types import PACKAGE, field_types, own_types
-from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, ros_domain
+from socialbot.bridge._endpoints import Listener, Receiver, Sender, Subscription
+from socialbot.bridge._endpoints import is_power_of_ten as is_power_of_ten
+from socialbot.bridge._endpoints import is_sealed as is_sealed
+from socialbot.bridge._endpoints import log_refusal as log_refusal
+from socialbot.bridge._endpoints import refusal_reason as refusal_reason
+from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, TOPIC_NAME, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import Delivery, WireForm
 
 if TYPE_CHECKING:
+    from socialbot.bridge.detached_seals import SealMatcher
     from socialbot.bridge.security import Opener, Seal, Stream
 
 M = TypeVar("M", bound=Message)
@@ -94,135 +99,33 @@ class RclpyTypes:
 
 
 WINDOW_VARIABLE = "SOCIALBOT_KEYS_WINDOW_S"
-_SEALED_PREFIX = '{"schema":"socialbot/Sealed/'
-"""Prefix of every sealed message, which processes without keys recognise without a cryptography library."""
-
 MIN_WINDOW_S, MAX_WINDOW_S = 0.1, 60.0
 RENEWALS_PER_WINDOW = 2
 """Number of renewals of latched messages per window, so that they stay valid for late subscribers."""
-
-
-@dataclass
-class Sender:
-    """Thread-safe sender of messages through one rclpy ``publisher``. ``sent`` counts them, without renewals."""
-
-    publisher: Any
-    types: TypeFactory
-    stream: Stream | None
-    form: WireForm = "json"
-    sent: int = 0
-    _last: str | None = field(default=None, init=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
-
-    def publish(self, message: Message) -> None:
-        """Encode, seal if there are keys, and publish ``message``."""
-        ros_message = encode(message, self.types, self.form)
-        if isinstance(message, Structured):
-            self.forward(ros_message)
-        else:
-            self.publisher.publish(ros_message)
-            self.sent += 1
-
-    def forward(self, ros_message: Any) -> None:
-        """Publish an encoded structured message: a String, if it has to be sealed."""
-        if self.stream is None:
-            self.publisher.publish(ros_message)
-        else:
-            with self._lock:
-                self._last = text = ros_message.data
-                ros_message.data = self.stream.seal(text)
-                self.publisher.publish(ros_message)
-        self.sent += 1
-
-    def renew(self) -> None:
-        """Publish the last message again with a new seal. Receivers ignore a known message."""
-        with self._lock:
-            if self.stream is not None and self._last is not None:
-                self.publisher.publish(self.types.make(STRING, data=self.stream.seal(self._last, renew=True)))
-
-
-@dataclass
-class Receiver:
-    """Decoder of the verified messages of one subscription."""
-
-    types: TypeFactory
-    opener: Opener | None
-
-    def decode(self, message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M | None:
-        """Decode ``ros_message`` as `codec.decode` does; None for a known message with a renewed seal.
-
-        Raises:
-            MessageError: The message does not fit the type.
-            SealError: The seal is missing or invalid.
-        """
-        if issubclass(message_type, Structured):
-            ros_message = self.open(ros_message)
-            if ros_message is None:
-                return None
-        return decode(message_type, ros_message, stamp=stamp)
-
-    def open(self, ros_message: Any) -> Any | None:
-        """Return the String without its seal, if a seal is required. None and errors are those of `decode`."""
-        text = getattr(ros_message, "data", None)
-        if self.opener is None:
-            if isinstance(text, str) and text.startswith(_SEALED_PREFIX):
-                from socialbot.bridge.security import SealError
-
-                raise SealError("sealed", "this process has no key")
-            return ros_message
-        if not isinstance(text, str):
-            raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
-        payload = self.opener.open(text)
-        return None if payload is None else self.types.make(STRING, data=payload)
-
-
-@dataclass
-class Subscription(Generic[M]):
-    """Subscription that passes valid messages to ``take``; see `Transport.subscribe`.
-
-    Attributes:
-        endpoint: The rclpy subscription.
-        refused: Number of invalid messages.
-        taken: Number of messages, without renewals. ``on_taken`` is called after each.
-    """
-
-    topic: str
-    kind: type[M]
-    receiver: Receiver
-    take: Callable[[M], None]
-    endpoint: Any = None
-    refused: int = 0
-    taken: int = 0
-    on_taken: Callable[[], None] | None = None
-
-    def receive(self, ros_message: Any) -> None:
-        try:
-            message = self.receiver.decode(self.kind, ros_message)
-        except MessageError as error:
-            self.refused += 1
-            log_refusal(self.topic, self.refused, error)
-        else:
-            if message is None:
-                return
-            self.take(message)
-        self.taken += 1
-        if self.on_taken is not None:
-            self.on_taken()
 
 
 class Transport:
     """Factory of the senders and receivers of one node.
 
     Args:
-        seal: Signs and verifies structured messages; without it they are unsealed.
+        seal: Signs and verifies messages; without it they are unsealed.
         form: The form of structured messages: JSON or ROS types.
+        open_topics: Fully qualified topics of standard types that need no seal.
     """
 
-    def __init__(self, types: TypeFactory, seal: Seal | None = None, form: WireForm = "json") -> None:
+    def __init__(
+        self,
+        types: TypeFactory,
+        seal: Seal | None = None,
+        form: WireForm = "json",
+        open_topics: Collection[str] = (),
+    ) -> None:
         self._types = types
         self._form: WireForm = form
         self._seal = seal
+        self._open_topics = frozenset(open_topics)
         self._latched: list[Sender] = []
+        self._matchers: WeakSet[SealMatcher] = WeakSet()
 
     @property
     def sealed(self) -> bool:
@@ -237,10 +140,38 @@ class Transport:
         """Return the rclpy class for ``message_type``. Raises InstallationError when it is not installed."""
         return message_class(ros_type(message_type, self._form))
 
+    def has_detached_seals(self, topic: str) -> bool:
+        """Whether messages of standard types on the fully qualified ``topic`` need a seal."""
+        return self._seal is not None and topic not in self._open_topics
+
     def advertise(self, ros: Any, topic: str, kind: type[Message], delivery: Delivery = Delivery.EVERY) -> Sender:
         """Make a publisher of the rclpy node ``ros``, and its sender."""
-        publisher = ros.create_publisher(self.message_class(kind), topic, publisher_qos(delivery))
-        return self.sender(publisher, latched=delivery is Delivery.LATCHED)
+        standard = not issubclass(kind, Structured)
+        return self.advertise_class(ros, topic, self.message_class(kind), delivery, standard=standard)
+
+    def advertise_class(
+        self, ros: Any, topic: str, ros_class: Any, delivery: Delivery = Delivery.EVERY, *, standard: bool
+    ) -> Sender:
+        """Make a publisher of messages of ``ros_class``: of a ``standard`` type, or structured."""
+        qos = publisher_qos(delivery)
+        publisher = ros.create_publisher(ros_class, topic, qos)
+        seals = None
+        if standard and self.has_detached_seals(publisher.topic_name):
+            from socialbot.bridge.detached_seals import seal_topic
+
+            seals = ros.create_publisher(message_class(STRING), seal_topic(publisher.topic_name), qos)
+        return self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
+
+    def sender(self, publisher: Any, *, latched: bool = False, standard: bool = False, seals: Any = None) -> Sender:
+        """Make the sender of an rclpy publisher, and of one for detached ``seals`` if its type is ``standard``.
+
+        `renew` includes it if it is ``latched``. Without ``seals`` messages of standard types are open.
+        """
+        stream = None if self._seal is None or (standard and seals is None) else self._seal.stream(publisher.topic_name)
+        sender = Sender(publisher, self._types, stream, self._form, seals)
+        if latched:
+            self._latched.append(sender)
+        return sender
 
     def subscribe(
         self,
@@ -256,19 +187,101 @@ class Transport:
 
         ``take`` gets the valid messages in the thread that spins the node; refused ones are logged.
         """
-        subscription = Subscription(topic, kind, self.receiver(topic, latched=latched), take)
-        subscription.endpoint = ros.create_subscription(
-            self.message_class(kind), topic, subscription.receive, qos or subscription_qos(Delivery.EVERY)
-        )
-        return subscription
+        made = Subscription(topic, take)
+        qos = qos or subscription_qos(Delivery.EVERY)
+        made.listener = self.listen(ros, topic, kind, made.receive, made.refuse, qos=qos, latched=latched)
+        return made
 
-    def sender(self, publisher: Any, *, latched: bool = False) -> Sender:
-        """Make the sender of an rclpy publisher. `renew` includes it if it is ``latched``."""
-        stream = None if self._seal is None else self._seal.stream(publisher.topic_name)
-        sender = Sender(publisher, self._types, stream, self._form)
-        if latched:
-            self._latched.append(sender)
-        return sender
+    def listen(
+        self,
+        ros: Any,
+        topic: str,
+        kind: type[M],
+        take: Callable[[M, Any], None],
+        refuse: Callable[[MessageError], None],
+        *,
+        qos: Any,
+        latched: bool = False,
+        now: Callable[[], int] = lambda: 0,
+    ) -> Listener:
+        """Subscribe the rclpy node ``ros`` to ``topic``, in the thread that spins it.
+
+        Args:
+            take: Gets each valid message and its information from rclpy.
+            refuse: Gets the reason for each other message.
+            latched: Accept messages that are older than the subscription.
+            now: Stamp (ns) of messages without one.
+
+        Raises:
+            InstallationError: The ROS type of ``kind`` is not installed.
+        """
+        name, ros_class = ros.resolve_topic_name(topic), self.message_class(kind)
+        if not issubclass(kind, Structured) and self.has_detached_seals(name):
+            from rclpy.serialization import deserialize_message
+
+            def take_bytes(cdr: bytes, info: Any) -> None:
+                try:
+                    message = decode(kind, deserialize_message(cdr, ros_class), stamp=now())
+                except MessageError as error:
+                    refuse(error)
+                else:
+                    take(message, info)
+
+            return self.listen_bytes(ros, name, ros_class, take_bytes, refuse, qos=qos, latched=latched)
+        receiver = self.receiver(name, latched=latched)
+
+        def receive(ros_message: Any, info: Any) -> None:
+            try:
+                message = receiver.decode(kind, ros_message, stamp=now())
+            except MessageError as error:
+                refuse(error)
+            else:
+                if message is not None:
+                    take(message, info)
+
+        return Listener(ros.create_subscription(ros_class, name, receive, qos))
+
+    def listen_bytes(
+        self,
+        ros: Any,
+        topic: str,
+        ros_class: Any,
+        take: Callable[[bytes, Any], None],
+        refuse: Callable[[MessageError], None],
+        *,
+        qos: Any,
+        latched: bool = False,
+    ) -> Listener:
+        """Subscribe to serialised messages of a standard type, as `listen` does to decoded ones."""
+        matcher = self.matcher(topic, take, refuse, latched=latched)
+        if matcher is None:
+            return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
+        from socialbot.bridge.detached_seals import seal_topic
+
+        seal_qos = _qos(QUEUE_DEPTH[Delivery.EVERY], latched=latched)
+        return Listener(
+            ros.create_subscription(ros_class, topic, lambda cdr, info: matcher.take_message(cdr, info), qos, raw=True),
+            ros.create_subscription(
+                message_class(STRING), seal_topic(topic), lambda text: matcher.take_seal(text.data), seal_qos
+            ),
+        )
+
+    def matcher(
+        self,
+        topic: str,
+        take: Callable[[bytes, Any], None],
+        refuse: Callable[[MessageError], None],
+        *,
+        latched: bool = False,
+    ) -> SealMatcher | None:
+        """Make the matcher of messages of a standard type with their seals; None if the topic needs none."""
+        if self._seal is None or not self.has_detached_seals(topic):
+            return None
+        from socialbot.bridge.detached_seals import SealMatcher
+
+        matcher = SealMatcher(self._seal.opener(topic, joins_late=latched), take, refuse)
+        self._matchers.add(matcher)
+        return matcher
 
     def receiver(self, topic: str, *, latched: bool = False) -> Receiver:
         """Make the receiver of a subscription to the fully qualified ``topic``.
@@ -286,10 +299,21 @@ class Transport:
         """Make the verifier of such text; None without keys."""
         return None if self._seal is None else self._seal.opener(topic)
 
+    def forget(self, sender: Sender) -> None:
+        """Renew the messages of ``sender`` no more."""
+        self._latched = [each for each in self._latched if each is not sender]
+
     def renew(self) -> None:
-        """Publish the last messages of latched senders again with new seals."""
+        """Publish the last messages of latched senders again with new seals, and refuse messages without a seal."""
         for sender in self._latched:
             sender.renew()
+        for matcher in tuple(self._matchers):
+            matcher.expire()
+
+    def close(self) -> None:
+        """Refuse the messages that still wait for a seal."""
+        for matcher in tuple(self._matchers):
+            matcher.close()
 
 
 def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Transport:
@@ -308,23 +332,21 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
                 remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
             )
         _check_own_types()
-    return Transport(RclpyTypes(), _seal(environment) if has_keys(environment) else None, form)
+    seal = _seal(environment) if has_keys(environment) else None
+    return Transport(RclpyTypes(), seal, form, open_topics(environment))
 
 
-def refusal_reason(error: MessageError) -> str:
-    """Refusal reason in one or two words, as a key for counts."""
-    return getattr(error, "reason", "unfit")
-
-
-def log_refusal(topic: str, count: int, error: MessageError) -> None:
-    """Log the first, tenth, hundredth, ... refused message of a topic."""
-    if is_power_of_ten(count):
-        log.warning("%s: refused %d messages (%s): %s", topic, count, refusal_reason(error), error)
-
-
-def is_power_of_ten(count: int) -> bool:
-    """Whether ``count`` is 1, 10, 100, ...; repeated failures are logged at these counts."""
-    return str(count).strip("0") == "1"
+def open_topics(environment: MutableMapping[str, str] = os.environ) -> frozenset[str]:
+    """Topics of `OPEN_TOPICS_VARIABLE`. Raises ParameterError if one is not a fully qualified name."""
+    names = [name for name in environment.get(OPEN_TOPICS_VARIABLE, "").split(":") if name]
+    for name in names:
+        if not TOPIC_NAME.fullmatch(name):
+            raise ParameterError(
+                f"{name!r} is not a full topic name",
+                where=OPEN_TOPICS_VARIABLE,
+                remedy="write names such as /camera/image_raw, separated by colons",
+            )
+    return frozenset(names)
 
 
 def split_keys(text: str) -> tuple[str, str]:
@@ -334,7 +356,7 @@ def split_keys(text: str) -> tuple[str, str]:
 
 
 def _seal(environment: MutableMapping[str, str]) -> Seal:
-    from socialbot.bridge.security import WINDOW_S, Seal, SecurityError, load_keys
+    from socialbot.bridge.security import WINDOW_S, KeyRing, Seal, SecurityError
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
     if not folder:
@@ -352,7 +374,7 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
             remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
     domain = ros_domain(environment)
-    return Seal(load_keys(Path(folder), name), realm=f"ROS domain {domain}", window_s=window_s)
+    return Seal(KeyRing(Path(folder), name), realm=f"ROS domain {domain}", window_s=window_s)
 
 
 QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}

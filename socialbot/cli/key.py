@@ -42,14 +42,38 @@ def new(
 @key.command(name="list")
 def list_keys(folder: FolderOption = None) -> None:
     """List trusted keys by name and fingerprint."""
-    from socialbot.bridge.security import fingerprint, load_public_keys, private_names
+    from socialbot.bridge.security import fingerprint, load_public_keys, load_successors, private_names
 
     chosen = _folder(folder)
     private = private_names(chosen)
     table = plain_table("name", "fingerprint", "")
     for name, public in load_public_keys(chosen).items():
         table.add_row(name, fingerprint(public), "its private key is here" if name in private else "")
+    for name, public in load_successors(chosen).items():
+        table.add_row(name, fingerprint(public), "the next key")
     Console(highlight=False).print(table if table.row_count else f"no keys in {chosen}")
+
+
+@key.command()
+def rotate(
+    name: Annotated[str, typer.Argument(help="Name of the key.")],
+    folder: FolderOption = None,
+    finish: Annotated[
+        bool, typer.Option("--finish", help="Replace the key, after all machines have the next.")
+    ] = False,
+) -> None:
+    """Replace a key while graphs run: make the next one, and replace the present one with --finish."""
+    from socialbot.bridge.security import begin_rotation, finish_rotation
+
+    chosen = _folder(folder)
+    console = Console(highlight=False, soft_wrap=True)
+    if finish:
+        public = finish_rotation(name, chosen)
+        console.print(f"{name} signs with its next key", markup=False)
+        console.print(f"copy {public} to all machines, and delete {name}.next.pub there", markup=False)
+        return
+    _, public = begin_rotation(name, chosen)
+    console.print(f"copy {public} to all machines; then: socialbot key rotate {name} --finish", markup=False)
 
 
 @key.command()

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from socialbot.bridge.environment import HIGHEST_DOMAIN, Across
+from socialbot.bridge.environment import HIGHEST_DOMAIN, TOPIC_NAME, Across
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.messages import Image
@@ -105,6 +105,7 @@ class Deployment:
         server: Discovery server; without it machines use their addresses.
         pictures: Transport by image topic.
         keys: Folder of the keys.
+        open_topics: Topics of standard types that need no seal.
         minds: Folder where agents save their state for a restart.
     """
 
@@ -116,6 +117,7 @@ class Deployment:
     pictures: Mapping[str, Pictures] = field(default_factory=dict)
     restart: RestartPolicy = field(default_factory=RestartPolicy)
     keys: Path | None = None
+    open_topics: tuple[str, ...] = ()
     minds: Path | None = None
 
     def __post_init__(self) -> None:
@@ -268,7 +270,8 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
             server=_server(root),
             pictures=_pictures(root.section("pictures", {})),
             restart=_restart(root.section("restart", {})),
-            keys=folder / _only(root.section("security"), "keys") if "security" in root.page else None,
+            open_topics=_open_topics(root),
+            keys=folder / root.section("security").text("keys") if "security" in root.page else None,
             minds=folder / root.text("minds") if "minds" in root.page else None,
         )
     except (GraphError, ParameterError) as error:
@@ -308,6 +311,20 @@ def _only(section: YamlSection, key: str) -> str:
     """The text of ``key``, the only key of ``section``."""
     section.only(key)
     return section.text(key)
+
+
+def _open_topics(root: YamlSection) -> tuple[str, ...]:
+    section = root.section("security", {})
+    section.only("keys", "open")
+    names = section.texts("open") if "open" in section.page else []
+    for name in names:
+        if not TOPIC_NAME.fullmatch(name):
+            raise GraphError(
+                f"{name!r} is not a full topic name",
+                where=section.line("open"),
+                remedy="write a list such as [/camera/image_raw]",
+            )
+    return tuple(names)
 
 
 def _server(root: YamlSection) -> Server | None:

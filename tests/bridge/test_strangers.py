@@ -14,10 +14,14 @@ import pytest
 
 from socialbot.agents.waldo.nodes import Listener
 from socialbot.bridge import transport as wires
+from socialbot.bridge.detached_seals import seal_topic
+from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
-from socialbot.bridge.topics import observer_node, publish_once
-from socialbot.core.messages import HeadCommand, Utterance
+from socialbot.bridge.topics import list_topics, observer_node, publish_once
+from socialbot.core.messages import HeadCommand, Structured, Utterance
+from socialbot.graph.files import load_graph
+from socialbot.graph.health import HEALTH_TOPIC
 from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
@@ -203,3 +207,24 @@ def test_keys_disable_parameter_services(keys):
     with hosted(Listener) as (host,):
         names = [name for name, _ in host.ros_node.get_service_names_and_types_by_node(host.name, "/")]
         assert [name for name in names if "parameter" in name] == []
+
+
+def test_a_graph_with_keys_has_no_other_endpoints(keys):
+    """Each topic of a running graph is sealed, or one of those that docs/security.md calls harmless."""
+    graph = load_graph("waldo")
+    unread = {"/rosout", "/parameter_events", *(f"/{config.name}/transition_event" for config in graph.nodes)}
+    with node_hosts(graph, sim_time=True) as host, observer_node() as ros:
+        hosts = [host(config.name) for config in graph.nodes]
+        names = {host.name for host in hosts}
+        assert eventually(lambda: names <= set(ros.get_node_names()))
+        assert eventually(lambda: all(host.ros_node.get_name() and host.active_thread for host in hosts))
+        structured = {topic for topic, kind in graph.topics().items() if issubclass(kind, Structured)}
+        structured |= {"/clock_kept", "/clock_round", HEALTH_TOPIC}
+        standard = set(graph.topics()) - structured | {"/clock"}
+        expected = structured | standard | {seal_topic(topic) for topic in standard} | unread | {DIAGNOSTICS_TOPIC}
+        found = {topic.name for topic in list_topics(ros)}
+        assert found <= expected, sorted(found - expected)
+        assert [topic.name for topic in list_topics(ros) if topic.name in unread and topic.subscribers] == []
+        assert {seal_topic(topic) for topic in found & standard} <= found
+        services = {name.rpartition("/")[2] for name, _ in ros.get_service_names_and_types()}
+        assert services <= {"get_type_description"}

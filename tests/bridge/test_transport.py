@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from socialbot.bags.codec import STRING, encode
@@ -17,7 +16,7 @@ from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if
 from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
-from socialbot.core.messages import CompressedImage, HeadCommand, Utterance
+from socialbot.core.messages import HeadCommand, Utterance
 
 TOPIC = "/speech/say"
 WORD = Utterance(stamp=7, id="u1", text="Good morning")
@@ -74,13 +73,6 @@ def test_structured_messages_are_sealed_with_keys(sealed):
     with pytest.raises(SealError) as caught:
         receiver.decode(Utterance, publisher.sent[0])
     assert refusal_reason(caught.value) == "replayed"
-
-
-def test_images_are_never_sealed(sealed):
-    picture = CompressedImage(stamp=7, frame_id="camera", format="jpeg", data=np.zeros(3, np.uint8))
-    publisher = Publisher("/camera")
-    sealed.sender(publisher).publish(picture)
-    assert sealed.receiver("/camera").decode(CompressedImage, publisher.sent[0]).frame_id == "camera"
 
 
 def test_refuses_unsealed_messages_with_keys(sealed):

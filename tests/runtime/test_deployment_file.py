@@ -8,11 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bridge.environment import Across
+from socialbot.bridge.transport import open_topics
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Deployment, Server, is_address, is_own, load_deployment, parse_deployment
+from socialbot.runtime.machine import enter
 from socialbot.vision.camera_node import Camera
 from tests.runtime.deployments import PAGE, deployment
 
@@ -32,6 +34,14 @@ def test_most_keys_are_optional():
     page = PAGE.replace("domain: 42\ndiscovery: peers\n", "").partition("pictures:")[0]
     read = parse_deployment(page, where="d.yaml", folder=Path("/here"))
     assert (read.domain, read.keys, read.restart) == (0, None, RestartPolicy())
+
+
+def test_topics_of_drivers_may_be_open():
+    read = deployment(("{keys: keys}", "{keys: keys, open: [/camera/image_raw, /tf]}"))
+    variables: dict[str, str] = {}
+    enter(read, "robot", variables)
+    assert variables["SOCIALBOT_KEYS"] == "/here/keys:robot"
+    assert open_topics(variables) == {"/camera/image_raw", "/tf"}
 
 
 @pytest.mark.parametrize(("written", "port"), [("robot", 11811), ("robot:7000", 7000)])
@@ -85,6 +95,8 @@ def test_a_graph_may_be_beside_the_file(tmp_path: Path):
         ("times: 3", "times: -1", 20, ["'times' must be a whole number from 0"]),
         ("first_s: 0.5", "first_s: .nan", 20, ["'first_s' must be a number"]),
         ("{keys: keys}", "{key: keys}", 21, ["unknown key 'key'", "did you mean 'keys'?"]),
+        ("{keys: keys}", "{keys: keys, open: /camera}", 21, ["'open' must be a list of texts"]),
+        ("{keys: keys}", "{keys: keys, open: [camera]}", 21, ["'camera' is not a full topic name"]),
         ("{keys: keys}", "{}", 21, ["'keys' must be a text"]),
         ("  bdi_engine:\n", "  bdi_engin:\n", 23, ["no node 'bdi_engin'", "did you mean 'bdi_engine'?"]),
         ("    greeting: Hallo", "    greetin: Hallo", 24, ["no parameter 'greetin'", "did you mean 'greeting'?"]),

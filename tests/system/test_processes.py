@@ -17,6 +17,7 @@ import psutil
 import pytest
 
 from socialbot.bags.reader import BagWriter
+from socialbot.bridge.keys import new_key
 from socialbot.core.clock import SECOND
 from tests.system.nodes import detector_graph
 from tests.system.running import PATIENCE_S, cut, eventually, results, running, socialbot, socialbot_here
@@ -156,6 +157,19 @@ class TestParameters:
         assert result_of(client.set_parameters([Parameter("help_after_s", value=4.0)])).results[0].successful
         assert result_of(client.get_parameters(["help_after_s"])).values[0].double_value == 4.0
         assert speech_and_mind.poll() is None
+
+
+@pytest.mark.slow
+def test_a_replay_with_keys_refuses_nothing(short_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between processes DDS fills up messages to whole words, of which seals must not depend."""
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    done = socialbot("replay", short_bag, "--runner", "ros", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    logs = "".join(path.read_text() for path in (tmp_path / "run" / "log").glob("*.log"))
+    assert "refused" not in logs
+    records = [json.loads(line) for line in (tmp_path / "run" / "seen.jsonl").read_text().splitlines()]
+    assert len(records) >= 10
 
 
 def test_an_error_at_the_start_of_a_node_ends_the_replay(short_bag: Path, tmp_path: Path) -> None:

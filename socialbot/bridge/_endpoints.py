@@ -1,0 +1,208 @@
+"""Senders and receivers of the messages of one topic, sealed or plain."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from logging import getLogger
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from socialbot.bags.codec import STRING, TypeFactory, decode, encode
+from socialbot.core.errors import MessageError
+from socialbot.core.messages import Message, Structured
+from socialbot.graph.node import WireForm
+
+if TYPE_CHECKING:
+    from socialbot.bridge.security import Opener, Stream
+
+M = TypeVar("M", bound=Message)
+
+log = getLogger("socialbot.transport")
+
+_SEALED_PREFIX = '{"schema":"socialbot/Sealed/'
+"""Prefix of every sealed message, which processes without keys recognise without a cryptography library."""
+
+
+@dataclass
+class Sender:
+    """Thread-safe sender of messages through one rclpy ``publisher``.
+
+    Attributes:
+        stream: Seals the messages; None without keys.
+        seals: Publisher of detached seals, for messages of standard types; None for structured messages.
+        sent: Number of messages, without renewals.
+    """
+
+    publisher: Any
+    types: TypeFactory
+    stream: Stream | None
+    form: WireForm = "json"
+    seals: Any = None
+    sent: int = 0
+    _last: str | None = field(default=None, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
+
+    def publish(self, message: Message) -> None:
+        """Encode, seal if there are keys, and publish ``message``."""
+        ros_message = encode(message, self.types, self.form)
+        if self.seals is None and isinstance(message, Structured):
+            self.forward(ros_message)
+        else:
+            self.publish_encoded(ros_message)
+
+    def publish_encoded(self, ros_message: Any) -> None:
+        """Publish a message of a standard type, encoded or serialised; with a detached seal if there are keys."""
+        if self.stream is None:
+            self.publisher.publish(ros_message)
+        else:
+            from socialbot.bridge.detached_seals import digest, padded
+
+            cdr = padded(ros_message if isinstance(ros_message, bytes) else _serialized(ros_message))
+            with self._lock:
+                self._last = text = digest(cdr)
+                # The seal comes first, so that receivers seldom have to keep messages.
+                self.seals.publish(self.types.make(STRING, data=self.stream.seal(text)))
+                self.publisher.publish(cdr)
+        self.sent += 1
+
+    def forward(self, ros_message: Any) -> None:
+        """Publish an encoded structured message: a String, if it has to be sealed."""
+        if self.stream is None:
+            self.publisher.publish(ros_message)
+        else:
+            with self._lock:
+                self._last = text = ros_message.data
+                ros_message.data = self.stream.seal(text)
+                self.publisher.publish(ros_message)
+        self.sent += 1
+
+    def renew(self) -> None:
+        """Publish the last message again with a new seal. Receivers ignore a known message."""
+        with self._lock:
+            if self.stream is not None and self._last is not None:
+                publisher = self.publisher if self.seals is None else self.seals
+                publisher.publish(self.types.make(STRING, data=self.stream.seal(self._last, renew=True)))
+
+    def destroy(self, ros: Any) -> None:
+        """Remove the publishers from the rclpy node ``ros``."""
+        ros.destroy_publisher(self.publisher)
+        if self.seals is not None:
+            ros.destroy_publisher(self.seals)
+
+
+def _serialized(ros_message: Any) -> bytes:
+    from rclpy.serialization import serialize_message
+
+    return serialize_message(ros_message)
+
+
+@dataclass
+class Receiver:
+    """Decoder of the verified messages of one subscription."""
+
+    types: TypeFactory
+    opener: Opener | None
+
+    def decode(self, message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M | None:
+        """Decode ``ros_message`` as `codec.decode` does; None for a known message with a renewed seal.
+
+        Raises:
+            MessageError: The message does not fit the type.
+            SealError: The seal is missing or invalid.
+        """
+        if issubclass(message_type, Structured):
+            ros_message = self.open(ros_message)
+            if ros_message is None:
+                return None
+        return decode(message_type, ros_message, stamp=stamp)
+
+    def open(self, ros_message: Any) -> Any | None:
+        """Return the String without its seal, if a seal is required. None and errors are those of `decode`."""
+        text = getattr(ros_message, "data", None)
+        if self.opener is None:
+            if isinstance(text, str) and is_sealed(text):
+                from socialbot.bridge.security import SealError
+
+                raise SealError("sealed", "this process has no key")
+            return ros_message
+        if not isinstance(text, str):
+            raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
+        payload = self.opener.open(text)
+        return None if payload is None else self.types.make(STRING, data=payload)
+
+
+@dataclass
+class Listener:
+    """Subscription to valid messages of one topic; see `Transport.listen`.
+
+    Attributes:
+        endpoint: The rclpy subscription.
+        seals: The rclpy subscription to detached seals, if the topic has them.
+    """
+
+    endpoint: Any
+    seals: Any = None
+
+    def destroy(self, ros: Any) -> None:
+        """Remove the subscriptions from the rclpy node ``ros``."""
+        ros.destroy_subscription(self.endpoint)
+        if self.seals is not None:
+            ros.destroy_subscription(self.seals)
+
+
+@dataclass
+class Subscription(Generic[M]):
+    """Subscription that passes valid messages to ``take``; see `Transport.subscribe`.
+
+    Attributes:
+        endpoint: The rclpy subscription.
+        refused: Number of invalid messages.
+        taken: Number of messages, without renewals. ``on_taken`` is called after each.
+    """
+
+    topic: str
+    take: Callable[[M], None]
+    listener: Listener | None = None
+    refused: int = 0
+    taken: int = 0
+    on_taken: Callable[[], None] | None = None
+
+    @property
+    def endpoint(self) -> Any:
+        return None if self.listener is None else self.listener.endpoint
+
+    def receive(self, message: M, info: Any = None) -> None:
+        self.take(message)
+        self._count()
+
+    def refuse(self, error: MessageError) -> None:
+        self.refused += 1
+        log_refusal(self.topic, self.refused, error)
+        self._count()
+
+    def _count(self) -> None:
+        self.taken += 1
+        if self.on_taken is not None:
+            self.on_taken()
+
+
+def is_sealed(text: str) -> bool:
+    """Whether ``text`` claims to be a sealed message."""
+    return text.startswith(_SEALED_PREFIX)
+
+
+def refusal_reason(error: MessageError) -> str:
+    """Refusal reason in one or two words, as a key for counts."""
+    return getattr(error, "reason", "unfit")
+
+
+def log_refusal(topic: str, count: int, error: MessageError) -> None:
+    """Log the first, tenth, hundredth, ... refused message of a topic."""
+    if is_power_of_ten(count):
+        log.warning("%s: refused %d messages (%s): %s", topic, count, refusal_reason(error), error)
+
+
+def is_power_of_ten(count: int) -> bool:
+    """Whether ``count`` is 1, 10, 100, ...; repeated failures are logged at these counts."""
+    return str(count).strip("0") == "1"

@@ -1,0 +1,117 @@
+"""Seals of messages of standard ROS types, on a topic of their own.
+
+An image, a transform or a time of ``/clock`` has no field for a signature. Its publisher sends a sealed digest of the
+serialised message on ``TOPIC/_seal`` first. Tools without keys read the message as usual. A receiver with keys passes a
+message on when it has both, and refuses it otherwise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from socialbot.core.errors import MessageError
+
+if TYPE_CHECKING:
+    from socialbot.bridge.security import Opener
+
+SEAL_SUFFIX = "/_seal"
+
+MAX_SEALS = 256  # seals that wait for their message; best-effort messages may be lost
+MAX_WAITING = 64  # messages that wait for their seal
+MAX_WAITING_BYTES = 64 * 2**20
+WORD_BYTES = 4
+
+
+def seal_topic(topic: str) -> str:
+    """Topic of the seals of messages on the fully qualified ``topic``."""
+    return topic + SEAL_SUFFIX
+
+
+def digest(cdr: bytes) -> str:
+    """Digest of a serialised message, which is sealed. Padding at its end does not count as far as the last word."""
+    return hashlib.sha256(padded(cdr)).hexdigest()
+
+
+def padded(cdr: bytes) -> bytes:
+    """The serialised message with a whole number of words, as DDS delivers it: it fills up the last one."""
+    return cdr + bytes(-len(cdr) % WORD_BYTES)
+
+
+@dataclass(eq=False)
+class SealMatcher:
+    """Match of messages with their seals, for one subscription. Not thread-safe.
+
+    One waits for the other for the time window of the keys.
+
+    Attributes:
+        opener: Verifies the seals.
+        deliver: Gets each sealed message once, and its information from rclpy.
+        refuse: Gets the reason for each invalid seal, and for each message without one.
+        clock: Steady clock (s).
+    """
+
+    opener: Opener
+    deliver: Callable[[bytes, Any], None]
+    refuse: Callable[[MessageError], None]
+    clock: Callable[[], float] = time.monotonic
+    _seals: deque[tuple[float, str]] = field(default_factory=deque, init=False)
+    _waiting: deque[tuple[float, str, bytes, Any]] = field(default_factory=deque, init=False)
+    _bytes: int = field(default=0, init=False)
+
+    def take_message(self, cdr: bytes, info: Any = None) -> None:
+        """Deliver a serialised message if its seal is known; else keep it until then."""
+        self.expire()
+        name = digest(cdr)
+        for place, (_, sealed) in enumerate(self._seals):
+            if sealed == name:
+                del self._seals[place]
+                self.deliver(cdr, info)
+                return
+        self._waiting.append((self.clock(), name, cdr, info))
+        self._bytes += len(cdr)
+        while len(self._waiting) > MAX_WAITING or (self._bytes > MAX_WAITING_BYTES and len(self._waiting) > 1):
+            self._give_up()
+
+    def take_seal(self, text: str) -> None:
+        """Verify a seal, and deliver its message if it is here."""
+        self.expire()
+        try:
+            name = self.opener.open(text)
+        except MessageError as error:
+            self.refuse(error)
+            return
+        if name is None:
+            return
+        for place, (_, waiting, cdr, info) in enumerate(self._waiting):
+            if waiting == name:
+                del self._waiting[place]
+                self._bytes -= len(cdr)
+                self.deliver(cdr, info)
+                return
+        self._seals.append((self.clock(), name))
+        if len(self._seals) > MAX_SEALS:
+            self._seals.popleft()
+
+    def expire(self) -> None:
+        """Refuse messages that have waited too long for a seal, and forget old seals."""
+        oldest = self.clock() - self.opener.freshness.window_s
+        while self._seals and self._seals[0][0] < oldest:
+            self._seals.popleft()
+        while self._waiting and self._waiting[0][0] < oldest:
+            self._give_up()
+
+    def close(self) -> None:
+        """Refuse all messages that wait."""
+        while self._waiting:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        from socialbot.bridge.security import SealError
+
+        self._bytes -= len(self._waiting.popleft()[2])
+        self.refuse(SealError("unsealed", f"no seal on {seal_topic(self.opener.topic)}"))

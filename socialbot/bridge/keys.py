@@ -1,0 +1,308 @@
+"""Keys of machines: files, rotation, and changes while a process runs."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import logging
+import os
+import re
+import stat
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cryptography.exceptions import InternalError, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+    load_pem_private_key,
+    load_pem_public_key,
+)
+
+from socialbot.core.errors import SocialbotError
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,63}")
+PRIVATE, PUBLIC = ".key", ".pub"
+NEXT = ".next"
+"""Before the suffix of the files of a successor."""
+
+MAX_KEY_BYTES = 10_000
+
+log = logging.getLogger("socialbot.security")
+
+
+class SecurityError(SocialbotError):
+    """Invalid key or security setting."""
+
+    exit_code = 4
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Own name and private key, and the trusted public keys by name, including the own one.
+
+    ``successors`` are trusted, too: the next keys of some names, while keys are rotated.
+    """
+
+    name: str
+    private: Ed25519PrivateKey = field(repr=False)
+    trusted: Mapping[str, Ed25519PublicKey]
+    successors: Mapping[str, Ed25519PublicKey] = field(default_factory=dict)
+
+    def latest(self) -> Keys:
+        """These keys; see `KeyRing.latest`."""
+        return self
+
+    def of(self, name: str) -> list[Ed25519PublicKey]:
+        """Trusted keys of ``name``."""
+        return [keys[name] for keys in (self.trusted, self.successors) if name in keys]
+
+
+def new_key(name: str, folder: Path) -> tuple[Path, Path]:
+    """Create a key pair in ``folder``, and the folder if needed; return the private and the public file.
+
+    Raises:
+        SecurityError: A key of that name exists, or the files cannot be written.
+    """
+    _check_name(name)
+    return _write_pair(name, name, folder)
+
+
+def begin_rotation(name: str, folder: Path) -> tuple[Path, Path]:
+    """Create the next key pair of ``name``, beside the present one; return the private and the public file.
+
+    Raises:
+        SecurityError: There is no usable key of that name, a rotation has begun already, or files cannot be written.
+    """
+    load_keys(folder, name)
+    return _write_pair(name, name + NEXT, folder)
+
+
+def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = time.sleep) -> Path:
+    """Replace the key pair of ``name`` by the next one; return the public file.
+
+    Running processes on this machine trust the next key before one of them signs with it, and sign with it before one
+    of them no longer trusts the last key.
+
+    Raises:
+        SecurityError: No rotation has begun, or files cannot be written.
+    """
+    _check_name(name)
+    secret, public = folder / f"{name}{NEXT}{PRIVATE}", folder / f"{name}{NEXT}{PUBLIC}"
+    if _pem(load_private_key(secret).public_key()) != _pem(_load_public_key(public, name)):
+        remedy = "delete both files and begin again: socialbot key rotate NAME"
+        raise SecurityError(f"{secret.name} and {public.name} are not a pair", where=str(folder), remedy=remedy)
+    try:
+        pause(2 * RELOAD_PERIOD_S)
+        secret.replace(folder / f"{name}{PRIVATE}")
+        pause(2 * RELOAD_PERIOD_S)
+        return public.replace(folder / f"{name}{PUBLIC}")
+    except OSError as error:
+        what = f"cannot replace the key {name!r}: {error.strerror}"
+        raise SecurityError(what, where=str(folder), remedy="make the folder writable") from error
+
+
+def _write_pair(name: str, stem: str, folder: Path) -> tuple[Path, Path]:
+    secret, public = folder / f"{stem}{PRIVATE}", folder / f"{stem}{PUBLIC}"
+    key = Ed25519PrivateKey.generate()
+    try:
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
+        if not (folder / ".gitignore").exists():
+            (folder / ".gitignore").write_text(f"*{PRIVATE}\n", "utf-8")
+        if public.exists():
+            raise FileExistsError(None, "it exists already")
+        _write_new(secret, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
+        _write_new(public, _pem(key.public_key()), 0o644)
+    except OSError as error:
+        what = f"cannot create the key {name!r}: {error.strerror}"
+        raise SecurityError(what, where=str(folder), remedy="choose another name or folder") from error
+    return secret, public
+
+
+def load_keys(folder: Path, name: str = "") -> Keys:
+    """Load the keys in ``folder``. The own key is that of ``name``, or the only private one.
+
+    Raises:
+        SecurityError: Keys are missing, damaged, do not form a pair, or other users can read or change them.
+    """
+    if not name:
+        found = private_names(folder)
+        if len(found) != 1:
+            what = f"several private keys: {', '.join(found)}" if found else "no private key"
+            remedy = "name one: FOLDER:NAME" if found else f"make one: socialbot key new NAME --folder {folder}"
+            raise SecurityError(what, where=str(folder), remedy=remedy)
+        name = found[0]
+    _check_name(name)
+    trusted, successors = load_public_keys(folder), load_successors(folder)
+    private = load_private_key(folder / f"{name}{PRIVATE}")
+    if name not in trusted:
+        raise SecurityError(f"there is no {name}{PUBLIC}", where=str(folder), remedy="copy the public key there, too")
+    keys = Keys(name, private, trusted, successors)
+    if _pem(private.public_key()) not in map(_pem, keys.of(name)):
+        remedy = "copy the public key from the machine of the private one"
+        raise SecurityError(f"{name}{PRIVATE} and {name}{PUBLIC} are not a pair", where=str(folder), remedy=remedy)
+    return keys
+
+
+def load_public_keys(folder: Path) -> dict[str, Ed25519PublicKey]:
+    """Load the public keys in ``folder`` by name, without successors. Raises SecurityError for an invalid one."""
+    _check_folder(folder)
+    paths = sorted(path for path in folder.glob(f"*{PUBLIC}") if not path.stem.endswith(NEXT))
+    return {path.stem: _load_public_key(path, path.stem) for path in paths}
+
+
+def load_successors(folder: Path) -> dict[str, Ed25519PublicKey]:
+    """Load the next public keys in ``folder`` by name. Raises SecurityError for an invalid one."""
+    _check_folder(folder)
+    paths = {path.stem.removesuffix(NEXT): path for path in sorted(folder.glob(f"*{NEXT}{PUBLIC}"))}
+    return {name: _load_public_key(path, name) for name, path in paths.items()}
+
+
+def _check_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
+    _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
+
+
+def _load_public_key(path: Path, name: str) -> Ed25519PublicKey:
+    _check_name(name)
+    _refuse_mode(path, 0o002, "anybody can change this key", "chmod o-w")
+    key = _loaded(path, load_pem_public_key)
+    if not isinstance(key, Ed25519PublicKey):
+        raise SecurityError("not a public Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
+    return key
+
+
+def load_private_key(path: Path) -> Ed25519PrivateKey:
+    """Load the private key at ``path``. Raises SecurityError if it is invalid, or other users can read it."""
+    key = _loaded(path, lambda data: load_pem_private_key(data, None))
+    _refuse_mode(path, 0o077, "other users can read or change this private key", "chmod 600")
+    if not isinstance(key, Ed25519PrivateKey):
+        raise SecurityError("not a private Ed25519 key", where=str(path), remedy="make one: socialbot key new NAME")
+    return key
+
+
+def private_names(folder: Path) -> list[str]:
+    """Names of the private keys in ``folder``."""
+    return sorted(path.stem for path in folder.glob(f"*{PRIVATE}") if not path.stem.endswith(NEXT))
+
+
+def fingerprint(key: Ed25519PublicKey) -> str:
+    """Short text for the visual comparison of keys."""
+    digest = hashlib.sha256(key.public_bytes(Encoding.Raw, PublicFormat.Raw)).digest()
+    return base64.b32encode(digest[:15]).decode().lower()
+
+
+def _check_name(name: str) -> None:
+    if not NAME.fullmatch(name):
+        raise SecurityError(f"{name!r} is not a valid key name", remedy="use up to 64 letters, digits, _ and -")
+
+
+def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
+    try:
+        with path.open("rb") as file:
+            return load(file.read(MAX_KEY_BYTES))
+    except OSError as error:
+        what, remedy = f"cannot be read: {error.strerror}", "see docs/security.md"
+        raise SecurityError(what, where=str(path), remedy=remedy) from error
+    except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
+        remedy = "copy it again, or make a new key"
+        raise SecurityError("the file holds no usable key", where=str(path), remedy=remedy) from error
+
+
+def _refuse_mode(path: Path, bits: int, what: str, remedy: str) -> None:
+    if stat.S_IMODE(path.stat().st_mode) & bits:
+        raise SecurityError(what, where=str(path), remedy=f"{remedy} {path}")
+
+
+def _write_new(path: Path, data: bytes, mode: int) -> None:
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+        file.write(data)
+
+
+def _pem(key: Ed25519PublicKey) -> bytes:
+    return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+
+
+RELOAD_PERIOD_S = 0.25
+"""Time (s) after which a change in the folder of keys counts, while messages are signed or verified."""
+
+
+class KeyRing:
+    """Keys in ``folder``, which follow its changes while the process runs. Thread-safe.
+
+    A removed or unusable public key is not trusted any more. The last usable private key signs.
+
+    Raises:
+        SecurityError: The keys cannot be used; see `load_keys`.
+    """
+
+    def __init__(self, folder: Path, name: str = "", steady: Callable[[], float] = time.monotonic) -> None:
+        self._folder = folder
+        self._steady = steady
+        self._state = self._read_state()
+        self._keys = load_keys(folder, name)
+        self._checked = steady()
+        self._lock = threading.Lock()
+
+    def latest(self) -> Keys:
+        """The keys of at most `RELOAD_PERIOD_S` ago."""
+        if self._steady() - self._checked >= RELOAD_PERIOD_S and self._lock.acquire(blocking=False):
+            try:
+                self._reload()
+                self._checked = self._steady()
+            finally:
+                self._lock.release()
+        return self._keys
+
+    def _reload(self) -> None:
+        state = self._read_state()
+        if state == self._state:
+            return
+        self._state = state
+        before, name = self._keys, self._keys.name
+        try:
+            self._keys = load_keys(self._folder, name)
+        except SecurityError as error:
+            trusted = _usable_keys(self._folder)
+            successors = {name: key for (name, later), key in trusted.items() if later}
+            self._keys = Keys(
+                name, before.private, {n: key for (n, later), key in trusted.items() if not later}, successors
+            )
+            log.error("keys: %s", error)
+        removed = sorted(before.trusted.keys() - self._keys.trusted.keys())
+        added = sorted(self._keys.trusted.keys() - before.trusted.keys())
+        log.warning("keys have changed: trusts %s", ", ".join(sorted(self._keys.trusted)) or "nobody")
+        if removed or added:
+            log.warning("keys removed: %s; added: %s", ", ".join(removed) or "none", ", ".join(added) or "none")
+
+    def _read_state(self) -> object:
+        """Names, sizes, modes and times of the files of keys; None if the folder cannot be read."""
+        try:
+            folder = self._folder.stat().st_mode
+            with os.scandir(self._folder) as entries:
+                files = [(each.name, each.stat()) for each in entries if each.name.endswith((PRIVATE, PUBLIC))]
+        except OSError:
+            return None
+        return folder, sorted((name, one.st_ino, one.st_size, one.st_mode, one.st_mtime_ns) for name, one in files)
+
+
+def _usable_keys(folder: Path) -> dict[tuple[str, bool], Ed25519PublicKey]:
+    """Usable public keys in ``folder`` by name and whether they are successors."""
+    try:
+        _check_folder(folder)
+    except SecurityError:
+        return {}
+    keys = {}
+    for path in sorted(folder.glob(f"*{PUBLIC}")):
+        name = path.stem.removesuffix(NEXT)
+        with contextlib.suppress(SecurityError):
+            keys[name, name != path.stem] = _load_public_key(path, name)
+    return keys

@@ -1,0 +1,133 @@
+"""Detached seals: the match of messages of standard types with the seals of their digests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from socialbot.bridge import detached_seals
+from socialbot.bridge.detached_seals import MAX_SEALS, MAX_WAITING, SealMatcher, digest, padded
+from socialbot.bridge.security import Keys, Seal, Stream, load_keys, new_key
+
+TOPIC = "/camera/image_raw"
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Keys:
+    new_key("robot", tmp_path)
+    return load_keys(tmp_path)
+
+
+class Receiving:
+    """A matcher, what it delivers and refuses, and its clock (s)."""
+
+    def __init__(self, keys: Keys, *, joins_late: bool = True) -> None:
+        self.now = 100.0
+        self.got: list[bytes] = []
+        self.refused: list[str] = []
+        opener = Seal(keys, "here").opener(TOPIC, joins_late=joins_late)
+        self.matcher = SealMatcher(
+            opener,
+            lambda cdr, _: self.got.append(cdr),
+            lambda error: self.refused.append(getattr(error, "reason", "unfit")),
+            lambda: self.now,
+        )
+
+
+@pytest.fixture
+def receiving(keys: Keys) -> Receiving:
+    return Receiving(keys)
+
+
+@pytest.fixture
+def stream(keys: Keys) -> Stream:
+    return Seal(keys, "here").stream(TOPIC)
+
+
+def test_delivers_a_message_after_its_seal_or_before(receiving, stream):
+    receiving.matcher.take_seal(stream.seal(digest(b"one")))
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.take_message(b"two")
+    assert receiving.got == [b"one"]
+    receiving.matcher.take_seal(stream.seal(digest(b"two")))
+    assert (receiving.got, receiving.refused) == ([b"one", b"two"], [])
+
+
+def test_delivers_a_sealed_message_once(receiving, stream):
+    receiving.matcher.take_seal(stream.seal(digest(b"one")))
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.close()
+    assert (receiving.got, receiving.refused) == ([b"one"], ["unsealed"])
+
+
+def test_equal_messages_need_a_seal_each(receiving, stream):
+    for _ in range(2):
+        receiving.matcher.take_seal(stream.seal(digest(b"one")))
+    for _ in range(3):
+        receiving.matcher.take_message(b"one")
+    assert receiving.got == [b"one", b"one"]
+
+
+@pytest.mark.parametrize("size", range(8))
+def test_dds_may_fill_up_the_last_word(size: int):
+    word = bytes(range(size))
+    assert len(padded(word)) % 4 == 0
+    assert padded(word)[:size] == word
+    assert digest(word) == digest(padded(word)) != digest(padded(word) + bytes(4))
+
+
+def test_refuses_replayed_seals(receiving, stream):
+    seal = stream.seal(digest(b"one"))
+    receiving.matcher.take_seal(seal)
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.take_seal(seal)
+    receiving.matcher.take_message(b"one")
+    assert (receiving.got, receiving.refused) == ([b"one"], ["replayed"])
+
+
+def test_refuses_seals_of_other_topics_and_altered_messages(receiving, keys):
+    receiving.matcher.take_seal(Seal(keys, "here").stream("/other").seal(digest(b"one")))
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.take_seal("no seal")
+    receiving.matcher.close()
+    assert (receiving.got, receiving.refused) == ([], ["moved", "unsealed", "unsealed"])
+
+
+def test_a_renewed_seal_delivers_nothing_again_but_serves_a_late_receiver(receiving, stream, keys):
+    receiving.matcher.take_seal(stream.seal(digest(b"one")))
+    receiving.matcher.take_message(b"one")
+    renewed = stream.seal(digest(b"one"), renew=True)
+    receiving.matcher.take_seal(renewed)
+    receiving.matcher.take_message(b"one")
+    assert receiving.got == [b"one"]
+    late = Receiving(keys)
+    late.matcher.take_message(b"one")
+    late.matcher.take_seal(renewed)
+    assert late.got == [b"one"]
+
+
+def test_a_message_and_a_seal_wait_for_the_time_window(receiving, stream):
+    receiving.matcher.take_message(b"one")
+    receiving.matcher.take_seal(stream.seal(digest(b"two")))
+    receiving.now += 5.1
+    receiving.matcher.take_seal(stream.seal(digest(b"one")))
+    receiving.matcher.take_message(b"two")
+    assert (receiving.got, receiving.refused) == ([], ["unsealed"])
+
+
+def test_memory_is_bounded_in_a_flood(receiving, stream, monkeypatch):
+    for number in range(3 * MAX_WAITING):
+        receiving.matcher.take_message(b"%d" % number)
+    assert receiving.refused == 2 * MAX_WAITING * ["unsealed"]
+    for number in range(MAX_SEALS + 1):
+        receiving.matcher.take_seal(stream.seal(digest(b"seal %d" % number)))
+    receiving.matcher.take_message(b"seal 0")
+    assert receiving.got == []
+    receiving.matcher.take_message(b"seal 1")
+    assert receiving.got == [b"seal 1"]
+    monkeypatch.setattr(detached_seals, "MAX_WAITING_BYTES", 10)
+    receiving.matcher.take_message(20 * b"x")
+    receiving.matcher.take_seal(stream.seal(digest(20 * b"x")))
+    assert receiving.got[1:] == [20 * b"x"]

@@ -1,0 +1,231 @@
+"""Changes of keys while processes run: removal, damage, and rotation without refused messages."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.bridge.keys import RELOAD_PERIOD_S, KeyRing, SecurityError, begin_rotation, finish_rotation, new_key
+from socialbot.bridge.security import Seal, SealError
+from socialbot.bridge.topics import observer_node
+from socialbot.bridge.transport import open_transport
+from socialbot.cli.key import key
+from socialbot.core.messages import Utterance
+from socialbot.graph.node import Graph, NodeConfig
+from tests.bridge.hosting import node_hosts
+from tests.bridge.test_strangers import TOPIC, Mouth
+from tests.system.running import eventually
+
+
+class Machine:
+    """A folder of keys of one machine, and the clock (s) of a process with them."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder, self.name, self.now = folder / name, name, 0.0
+        new_key(name, self.folder)
+
+    def start(self) -> None:
+        self.ring = KeyRing(self.folder, self.name, lambda: self.now)
+        self.seal = Seal(self.ring, "here")
+        self.stream, self.opener = self.seal.stream("/say"), self.seal.opener("/say", joins_late=True)
+
+    def copy_to(self, other: Machine, *names: str) -> None:
+        for name in names:
+            shutil.copy(self.folder / name, other.folder / name)
+
+    def wait(self) -> None:
+        self.now += RELOAD_PERIOD_S
+
+
+@pytest.fixture
+def machines(tmp_path: Path) -> tuple[Machine, Machine]:
+    robot, desk = Machine(tmp_path, "robot"), Machine(tmp_path, "desk")
+    robot.copy_to(desk, "robot.pub")
+    desk.copy_to(robot, "desk.pub")
+    robot.start()
+    desk.start()
+    return robot, desk
+
+
+def reason(sender: Machine, receiver: Machine) -> str:
+    """Why a message is refused; empty if it is accepted."""
+    try:
+        receiver.opener.open(sender.stream.seal("word"))
+    except SealError as error:
+        return error.reason
+    return ""
+
+
+def test_a_removed_key_is_refused_after_the_reload_period(machines: tuple[Machine, Machine]) -> None:
+    robot, desk = machines
+    assert reason(desk, robot) == ""
+    (robot.folder / "desk.pub").unlink()
+    assert reason(desk, robot) == ""
+    robot.wait()
+    assert reason(desk, robot) == "unknown sender"
+    desk.copy_to(robot, "desk.pub")
+    robot.wait()
+    assert reason(desk, robot) == ""
+
+
+def test_a_replaced_key_makes_the_old_one_forged(machines: tuple[Machine, Machine], tmp_path: Path) -> None:
+    robot, desk = machines
+    new_key("desk", tmp_path / "other")
+    shutil.copy(tmp_path / "other" / "desk.pub", robot.folder)
+    robot.wait()
+    assert reason(desk, robot) == "forged"
+
+
+@pytest.mark.parametrize("damage", ["text", "mode", "folder", "mode of the folder"])
+def test_unusable_keys_are_not_trusted_and_said(
+    damage: str, machines: tuple[Machine, Machine], caplog: pytest.LogCaptureFixture
+) -> None:
+    robot, desk = machines
+    public = robot.folder / "desk.pub"
+    if damage == "text":
+        public.write_text("damaged")
+    elif damage == "mode":
+        public.chmod(0o666)
+    elif damage == "folder":
+        shutil.rmtree(robot.folder)
+    else:
+        robot.folder.chmod(0o777)
+    robot.wait()
+    assert reason(desk, robot) == "unknown sender"
+    assert reason(robot, robot) == ("" if damage in ("text", "mode") else "unknown sender")
+    assert "keys removed: desk" in caplog.text or "trusts nobody" in caplog.text
+    assert reason(robot, desk) == ""  # the private key of the running process signs
+
+
+def test_a_damaged_private_key_does_not_stop_a_running_process(machines: tuple[Machine, Machine]) -> None:
+    robot, desk = machines
+    (robot.folder / "robot.key").write_text("damaged")
+    robot.wait()
+    assert reason(robot, desk) == reason(desk, robot) == ""
+    with pytest.raises(SecurityError):
+        KeyRing(robot.folder, "robot")
+
+
+def test_a_rotation_refuses_no_message(machines: tuple[Machine, Machine]) -> None:
+    robot, desk = machines
+    slow = Machine.__new__(Machine)  # another process of the robot, which has not read its keys again yet
+    slow.folder, slow.name, slow.now = robot.folder, "robot", 0.0
+    slow.start()
+
+    def check() -> None:
+        pairs = [(robot, desk), (desk, robot), (robot, slow), (slow, robot), (slow, desk)]
+        assert [reason(*pair) for pair in pairs] == [""] * 5
+
+    begin_rotation("robot", robot.folder)
+    check()
+    robot.copy_to(desk, "robot.next.pub")
+    for each in machines:
+        each.wait()
+        check()
+
+    def pause(seconds: float) -> None:
+        assert seconds >= RELOAD_PERIOD_S
+        robot.wait()
+        check()
+        slow.wait()
+        check()
+
+    before = robot.ring.latest().private.private_bytes_raw()
+    finish_rotation("robot", robot.folder, pause)
+    assert robot.ring.latest().private.private_bytes_raw() != before
+    check()
+    robot.copy_to(desk, "robot.pub")
+    check()
+    (desk.folder / "robot.next.pub").unlink()
+    for each in (robot, slow, desk):
+        each.wait()
+        check()
+    assert desk.ring.latest().successors == robot.ring.latest().successors == {}
+
+
+def test_the_old_key_is_worthless_after_a_rotation(machines: tuple[Machine, Machine], tmp_path: Path) -> None:
+    robot, desk = machines
+    shutil.copytree(robot.folder, tmp_path / "stolen")
+    begin_rotation("robot", robot.folder)
+    finish_rotation("robot", robot.folder, lambda _: None)
+    robot.copy_to(desk, "robot.pub")
+    desk.wait()
+    thief = Machine.__new__(Machine)
+    thief.folder, thief.name, thief.now = tmp_path / "stolen", "robot", 0.0
+    thief.start()
+    assert reason(thief, desk) == "forged"
+
+
+def test_mistakes_in_a_rotation(tmp_path: Path) -> None:
+    with pytest.raises(SecurityError, match="no such folder"):
+        begin_rotation("robot", tmp_path / "none")
+    new_key("robot", tmp_path)
+    with pytest.raises(SecurityError, match="cannot be read"):
+        finish_rotation("robot", tmp_path)
+    begin_rotation("robot", tmp_path)
+    with pytest.raises(SecurityError, match="it exists already"):
+        begin_rotation("robot", tmp_path)
+    new_key("other", tmp_path)
+    shutil.copy(tmp_path / "other.pub", tmp_path / "robot.next.pub")
+    with pytest.raises(SecurityError, match="are not a pair"):
+        finish_rotation("robot", tmp_path)
+
+
+def test_the_command_tells_what_to_copy(tmp_path: Path) -> None:
+    def run(*arguments: object) -> str:
+        result = CliRunner().invoke(key, [str(one) for one in arguments], catch_exceptions=False)
+        assert result.exit_code == 0
+        return result.output
+
+    new_key("robot", tmp_path)
+    assert f"copy {tmp_path}/robot.next.pub" in run("rotate", "robot", "--folder", tmp_path)
+    assert "the next key" in run("list", "--folder", tmp_path)
+    assert f"copy {tmp_path}/robot.pub" in run("rotate", "robot", "--folder", tmp_path, "--finish")
+    assert sorted(path.name for path in tmp_path.glob("robot*")) == ["robot.key", "robot.pub"]
+    assert "signs as robot" in run("check", "--folder", tmp_path)
+
+
+@pytest.mark.ros
+def test_running_nodes_follow_their_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, desk = Machine(tmp_path, "robot"), Machine(tmp_path, "desk")
+    robot.copy_to(desk, "robot.pub")
+    desk.copy_to(robot, "desk.pub")
+    graph = Graph("g", (NodeConfig("mouth", Mouth),), inputs=frozenset({TOPIC}))
+    number = 0
+    with observer_node() as ros:
+        monkeypatch.setenv(KEYS_VARIABLE, str(desk.folder))
+        transport = open_transport()
+        sender = transport.advertise(ros, TOPIC, Utterance)
+        monkeypatch.setenv(KEYS_VARIABLE, str(robot.folder))
+        with node_hosts(graph) as host:
+            mouth = host("mouth")
+            assert eventually(lambda: sender.publisher.get_subscription_count() == 1)
+
+            def say() -> bool:
+                nonlocal number
+                number += 1
+                before = len(mouth.node.said), mouth.statistics.refusals.total()
+                sender.publish(Utterance(stamp=1, id="u", text=str(number)))
+                assert eventually(lambda: (len(mouth.node.said), mouth.statistics.refusals.total()) != before)
+                return len(mouth.node.said) > before[0]
+
+            assert say()
+            begin_rotation("desk", desk.folder)
+            desk.copy_to(robot, "desk.next.pub")
+            assert all(say() for _ in range(20))
+            finishing = threading.Thread(target=finish_rotation, args=("desk", desk.folder))
+            finishing.start()
+            while finishing.is_alive():
+                assert say()
+            desk.copy_to(robot, "desk.pub")
+            os.unlink(robot.folder / "desk.next.pub")
+            assert all(say() for _ in range(20))
+            (robot.folder / "desk.pub").unlink()
+            assert eventually(lambda: not say())
+            assert mouth.statistics.refusals == {"unknown sender": 1}
