@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from socialbot.bridge.diagnostics import (
     unconnected,
 )
 from socialbot.bridge.environment import free_domain, ros_domain, spinning_node, wait_for
+from socialbot.bridge.run_announcer import locked_runs
 from socialbot.bridge.transport import Subscription, observer_qos, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
@@ -122,6 +124,7 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     a valid seal, so that an intruder cannot block the start.
     """
     names = {config.name for config in graph.nodes if only is None or config.name in only}
+    others = {run: pid for run, pid in locked_runs().items() if pid != os.getpid()}
     alive: set[str] = set()
 
     def note(name: str, _: Mapping[str, str]) -> None:
@@ -133,8 +136,10 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
     while time.monotonic() - begun < wait_s:
         known = names & set(ros.get_node_names())
         if taken := known & alive:
+            here = ", ".join(f"process {pid}" for pid in sorted(others.values()))
             raise NodeError(
-                f"nodes with these names are running already: {', '.join(sorted(taken))}",
+                f"nodes with these names are running already: {', '.join(sorted(taken))}"
+                + (f"; `up` runs here: {here}" if here else ""),
                 where=f"ROS domain {ros_domain()}",
                 remedy=f"stop them, or write ROS_DOMAIN_ID={free_domain()} before the command",
             )

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, ScalarNode
 from ruamel.yaml.scanner import RoundTripScanner, Scanner, ScannerError
 
 from socialbot.core.errors import GraphError, suggestion
 
 DEPTH = 50
-"""Maximum nesting depth of lists and mappings."""
+"""Maximum nesting depth of lists and mappings, with aliases in full."""
+
+GROWTH = 100_000
+"""Maximum number of values and characters that aliases add to a text, as nine aliases of nine aliases of nine do."""
 
 _BRACKET = re.compile(r"[][{}]")
 
@@ -22,6 +28,7 @@ _BRACKET = re.compile(r"[][{}]")
 def load_yaml(loader: YAML, text: str) -> Any:
     """Parse ``text`` with ``loader``. Raises YAMLError, or MarkedYAMLError with a position if it is known."""
     loader.Scanner = _RoundTripScanner if loader.Scanner is RoundTripScanner else _Scanner
+    loader.Composer = _Composer
     try:
         return loader.load(text)
     except YAMLError:
@@ -64,6 +71,37 @@ class _Scanner(_Shallow, Scanner):
 
 class _RoundTripScanner(_Shallow, RoundTripScanner):
     pass
+
+
+class _Composer(Composer):
+    """Limit for aliases, before values are made of them."""
+
+    def compose_document(self) -> Any:
+        node = super().compose_document()
+        mark = self.parser.scanner.reader.get_mark()
+        _expanded(node, 0, mark.index + GROWTH, {})
+        return node
+
+
+def _expanded(node: Any, level: int, limit: int, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
+    """Size and height of a node with all aliases in full. Raises ComposerError beyond the limits."""
+    size, height = known.get(id(node), (0, 0))
+    if level + height > DEPTH:
+        raise ComposerError(problem=f"nested more than {DEPTH} deep", problem_mark=node.start_mark)
+    if size:
+        return size, height
+    size = 1
+    if isinstance(node, ScalarNode):
+        size += len(node.value)
+    else:
+        parts = itertools.chain(*node.value) if isinstance(node, MappingNode) else node.value
+        for part in parts:
+            part_size, part_height = _expanded(part, level + 1, limit, known)
+            size, height = size + part_size, max(height, 1 + part_height)
+            if size > limit:
+                raise ComposerError(problem="aliases make it too large", problem_mark=node.start_mark)
+    known[id(node)] = size, height
+    return size, height
 
 
 def read_page(text: str, *, where: str) -> YamlSection:

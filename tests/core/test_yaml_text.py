@@ -49,3 +49,36 @@ def test_the_depth_can_be_checked_before_loading() -> None:
     check_depth("a: {b: [c]}\n" * 1000)
     with pytest.raises(YAMLError, match="nested more than"):
         check_depth("[{" * DEPTH)
+
+
+def levels(first: str, more: str) -> str:
+    """Nine levels, each with nine aliases of the one before: 9 ** 9 values in 400 bytes."""
+    parts = [f"a0: &a0 {first}"]
+    parts += [f"a{n}: &a{n} {more.format(', '.join([f'*a{n - 1}'] * 9))}" for n in range(1, 9)]
+    return "\n".join(parts)
+
+
+@pytest.mark.parametrize("loader", loaders())
+@pytest.mark.parametrize(
+    "text",
+    [
+        levels("[x, x, x, x, x, x, x, x, x]", "[{}]"),
+        levels("{k: 1, l: 2}", "{{<<: [{}]}}"),
+        "- &a [" + ", ".join("x" * 10_000) + "]\n- [" + ", ".join(["*a"] * 20) + "]",
+        "&a [*a]",
+        "a: &a {b: *a}",
+        "- &b0 []\n" + "\n".join(f"- &b{n} [*b{n - 1}]" for n in range(1, 2000)),
+    ],
+)
+def test_aliases_that_explode_are_refused_with_the_line(loader: YAML, text: str) -> None:
+    begun = time.process_time()
+    with pytest.raises(MarkedYAMLError, match=r"aliases make it too large|nested more than") as caught:
+        load_yaml(loader, text)
+    assert time.process_time() - begun < 2.0
+    assert caught.value.problem_mark is not None
+
+
+@pytest.mark.parametrize("loader", loaders())
+def test_usual_aliases_are_allowed(loader: YAML) -> None:
+    page = load_yaml(loader, "base: &base {rate: 3, names: &names [a, b]}\nnode: {<<: *base, more: *names}")
+    assert dict(page["node"]) == {"rate": 3, "names": ["a", "b"], "more": ["a", "b"]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from onnx import NodeProto, ValueInfoProto, helper, numpy_helper
+from onnx import ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 
 PICTURE = (1, 3, "height", "width")
 
@@ -37,10 +37,25 @@ def constant_network(
     return model(nodes, [tensor("picture", shape, dtype)], outputs, constants)
 
 
-def echo_network(*, shape: Sequence[int | str] = PICTURE, dtype: str = "float32") -> bytes:
-    """A network that returns its input image."""
-    node = helper.make_node("Identity", ["picture"], ["echo"])
+def echo_network(*, shape: Sequence[int | str] = PICTURE, dtype: str = "float32", domain: str = "") -> bytes:
+    """A network that returns its input image, by an operator of a ``domain``."""
+    node = helper.make_node("Identity", ["picture"], ["echo"], domain=domain)
     return model([node], [tensor("picture", shape, dtype)], [tensor("echo", shape, dtype)])
+
+
+def model_with_external_data(location: str) -> bytes:
+    """A network whose constant is in another file."""
+    node = helper.make_node("Add", ["picture", "known"], ["sum"])
+    known = np.zeros((1, 3, 2, 2), np.float32)
+    loaded = ModelProto.FromString(
+        model([node], [tensor("picture", PICTURE)], [tensor("sum", PICTURE)], {"known": known})
+    )
+    (constant,) = loaded.graph.initializer
+    constant.ClearField("raw_data")
+    constant.data_location = TensorProto.EXTERNAL
+    constant.external_data.add(key="location", value=location)
+    constant.external_data.add(key="length", value=str(known.nbytes))
+    return loaded.SerializeToString()
 
 
 def strict_network(width: int, height: int) -> bytes:

@@ -12,7 +12,7 @@ import pytest
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.vision.detectors import FILE, SHA256
 from socialbot.vision.network import OnnxModel, included_model
-from tests.vision.networks import echo_network, strict_network
+from tests.vision.networks import echo_network, model_with_external_data, strict_network
 
 
 def picture(width: int = 4, height: int = 3) -> np.ndarray:
@@ -38,6 +38,21 @@ def test_network_is_read_from_a_file_or_from_memory(tmp_path):
 )
 def test_size_of_the_image_is_that_of_the_model(shape, size):
     assert OnnxModel(echo_network(shape=shape)).size == size
+
+
+@pytest.mark.parametrize("place", ["../secret.bin", "/proc/self/environ", "{folder}/secret.bin"])
+def test_model_reads_no_file_outside_of_its_folder(tmp_path, place):
+    (tmp_path / "secret.bin").write_bytes(bytes(64))
+    (tmp_path / "model").mkdir()
+    file = tmp_path / "model" / "model.onnx"
+    file.write_bytes(model_with_external_data(place.format(folder=tmp_path)))
+    with pytest.raises(ParameterError, match="not a network that onnxruntime"):
+        OnnxModel(file)
+
+
+def test_model_with_operators_of_others_is_refused():
+    with pytest.raises(ParameterError, match="not a network that onnxruntime"):
+        OnnxModel(echo_network(domain="com.example"))
 
 
 def test_channels_may_come_last_and_numbers_may_be_small():
