@@ -51,6 +51,9 @@ def test(
     domain: options.DomainOption = None,
     changes: options.SetOption = None,
     limit: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Limit of simulated time.")] = 1800.0,
+    cache: Annotated[
+        bool, typer.Option(help="Take what was seen in a bag before from the cache, and keep it there (inline).")
+    ] = True,
     out: Annotated[Path | None, typer.Option(help="Folder for new runs and the page; default: runs/TIME.")] = None,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Undecided and untested expectations fail, too.")] = False,
@@ -88,7 +91,7 @@ def test(
 
     console = Console(highlight=False, soft_wrap=True)
     enter_domain(context, console, domain, runner, ("domain",))
-    trials = [Trial(each, graph, tuple(changes or ()), runner, limit) for each in sources]
+    trials = [Trial(each, graph, tuple(changes or ()), runner, limit, cache) for each in sources]
     folder = out or new_run_folder()
     with ExitStack() as stack:
         checked = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from socialbot.bags.reader import open_bag
@@ -13,6 +13,7 @@ from socialbot.graph.node import Graph
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
+from socialbot.runtime.perception_cache import PerceptionCache
 from socialbot.runtime.run import Runner, run
 from socialbot.runtime.simulated_source import SimulatedSource
 
@@ -30,6 +31,7 @@ class Trial:
         changes: Parameters to change, as ``NODE.PARAMETER=VALUE``.
         runner: "inline" or "ros".
         limit_s: Limit of simulated time.
+        cache: Whether an inline replay takes what nodes see in images from the user's cache, and keeps it there.
     """
 
     source: str
@@ -37,6 +39,7 @@ class Trial:
     changes: tuple[str, ...] = ()
     runner: Runner = "inline"
     limit_s: float = LIMIT_S
+    cache: bool = True
 
     @property
     def is_recorded(self) -> bool:
@@ -65,7 +68,9 @@ class Trial:
                 run(graph, SimulatedSource(0.0, self.limit_s), record, runner=self.runner).check()
         else:
             with open_bag(Path(self.source)) as bag, RunRecord(folder) as record:
-                run(graph, BagSource(bag, truth=find_truth(bag)), record, runner=self.runner).check()
+                cache = PerceptionCache() if self.cache and self.runner == "inline" else None
+                source = BagSource(bag, truth=find_truth(bag), cache=cache)
+                run(graph, source, record, runner=self.runner).check()
         return open_run(folder)
 
     @property
@@ -87,9 +92,9 @@ class Trial:
     def changed(self, changes: Sequence[str]) -> Trial | None:
         """Return this trial with further changed parameters; None for a recorded run whose bag or graph is gone."""
         if not self.is_recorded:
-            return Trial(self.source, self.graph, (*self.changes, *changes), self.runner, self.limit_s)
+            return replace(self, changes=(*self.changes, *changes))
         bag = open_run(Path(self.source)).results.get("bag", {}).get("path")
         graph = Path(self.source) / "graph.yaml"
         if bag is None or not Path(bag).exists() or not graph.is_file():
             return None
-        return Trial(bag, str(graph), tuple(changes), self.runner, self.limit_s)
+        return replace(self, source=bag, graph=str(graph), changes=tuple(changes))
