@@ -199,8 +199,21 @@ class ScopePause(ForkPause):
             self.branches.clear()
             self.end()
 
-    def react(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...]) -> None:
-        """Run the first applicable inner plan for an event."""
+    def is_within_another(self, key: str) -> bool:
+        """Whether a plan further outside in the same intention has inner plans for an event, too."""
+        around = None if self.intention is None else self.intention.parent
+        while around is not None:
+            if isinstance(around.pause, ScopePause) and any(each.key == key for each in around.pause._watchers):
+                return True
+            around = around.parent
+        return False
+
+    def react(self, key: str, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
+        """Run the first applicable inner plan for an event, the innermost first; return whether there is one."""
+        if any(inner.react(key, args, notes) for branch in list(self.branches) for inner in _scopes_in(branch)):
+            return True
+        if all(each.key != key for each in self._watchers):
+            return False
         interpreter = self.interpreter
         trigger = interpreter.triggers[key]
         notes = (*notes, self.mark)
@@ -214,19 +227,30 @@ class ScopePause(ForkPause):
                 interpreter.trace.record_failure(str(plan.plan), self.cause, problem)
                 continue
             if result is DONE:
-                return
+                return True
             if result is not None:
                 request = (EVENT, trigger, args, notes, self.cause)
                 interpreter.intentions.intend(request, plan, result, began=self._began)
-                return
+                return True
+        return False
 
     def _began(self, inner: Intention) -> None:
         self.branches.append(inner)
+        inner.parent = self.intention
         inner.stepwise = self.until is not None
         inner.ended = lambda _: self.branches.remove(inner) if inner in self.branches else None
 
     def __str__(self) -> str:
         return "runs its steps and inner plans"
+
+
+def _scopes_in(branch: Intention) -> Iterator[ScopePause]:
+    """Yield the outermost plans with inner plans in a branch."""
+    if isinstance(branch.pause, ScopePause):
+        yield branch.pause
+    elif isinstance(branch.pause, ForkPause):
+        for inner in branch.pause.branches:
+            yield from _scopes_in(inner)
 
 
 class _Watcher(Pause):
@@ -244,5 +268,6 @@ class _Watcher(Pause):
         self.key = key
 
     def matches(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
-        self.scope.react(self.key, args, notes)
+        if not self.scope.is_within_another(self.key):
+            self.scope.react(self.key, args, notes)
         return False

@@ -197,6 +197,7 @@ class IntentionStack:
         intention.ended = lambda failure: ended(intention, failure)
         intention.frames.append((body, None, None))
         intention.atomic = parent.atomic
+        intention.parent = parent
         self.ready.append(intention)
         return intention
 

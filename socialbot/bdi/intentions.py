@@ -161,7 +161,7 @@ SHOWN_LEVELS = 8
 class Intention:
     """Stack of plans for one event or goal; each plan serves the one below it."""
 
-    __slots__ = ("active", "atomic", "ended", "event", "frames", "number", "pause", "stepwise", "suspended")
+    __slots__ = ("active", "atomic", "ended", "event", "frames", "number", "parent", "pause", "stepwise", "suspended")
 
     def __init__(self, number: int, event: Request | None = None) -> None:
         self.number = number
@@ -171,6 +171,7 @@ class Intention:
         self.active = True
         self.suspended = False
         self.atomic = False
+        self.parent: Intention | None = None  # of a branch
         self.stepwise = False  # a condition that holds can end it after each step
         self.ended: Callable[[Failure | None], None] | None = None
 

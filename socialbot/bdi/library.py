@@ -301,7 +301,13 @@ class Library:
         for each in inner:
             self.add(each, first=True)
         self.general[plan] = [outer, *inner]
+        if outer in self._numbers:
+            self._numbers[plan] = self._numbers[outer]
         return compiled
+
+    def written(self, plan: Plan) -> Plan:
+        """Return a plan as it was written: with its inner plans and its goal condition, if it has some."""
+        return next((whole for whole, parts in self.general.items() if is_nested(whole) and plan in parts), plan)
 
     def specialise(self, plan: Plan, trigger: Trigger, *, first: bool = False) -> None:
         """Add a plan whose trigger is a variable to a trigger of its kind."""
@@ -321,7 +327,7 @@ class Library:
 
     def remove(self, plan: Plan) -> bool:
         """Remove a plan; return whether it existed."""
-        plan = next((whole for whole, parts in self.general.items() if is_nested(whole) and plan in parts), plan)
+        plan = self.written(plan)
         if plan in self.general:
             for special in self.general.pop(plan):
                 self.remove(special)

@@ -240,7 +240,7 @@ def relevant(engine: Any, term: Any) -> tuple[Plan, ...]:
         trail: Trail = []
         head = opened(ready.plan.event.literal)
         if unify(head.args, event.literal.args, trail) and annotations_match(head.annotations, notes, trail):
-            found.append(ready.plan)
+            found.append(engine.library.written(ready.plan))
         undo(trail, 0)
     return tuple(found)
 

@@ -120,6 +120,19 @@ class TestBeliefs:
         """
         assert said(text) == ["11", "13", "23"]
 
+    @pytest.mark.parametrize(("event", "plan"), [("e(1)", "inner121"), ("e(9)", "outer19"), ("f(1)", "outer11")])
+    def test_the_innermost_plan_that_applies_reacts_alone(self, event: str, plan: str):
+        text = """
+        !go. !a(1).
+        +!go <- .wait(10); ++EVENT.
+        +!a(X) <: false <- { !b(2) } |&| { .wait(100) }. {
+            +!b(Y) <: false <- .wait(1). { +e(Z) : Z < 5 <- .print(inner, X, Y, Z). +g. }
+            +e(Z) <- .print(outer, X, Z).
+            +f(Z) <- .print(outer, X, Z).
+        }
+        """
+        assert said(text.replace("EVENT", event)) == [plan]
+
     def test_an_event_of_the_body_of_another_plan_is_not_for_the_inner_plan(self):
         text = "!work. !go. +!go <- .wait(10); +a; .print(end). +!work <: false. { +a <- .print(inner). }"
         assert said(text) == ["end"]
@@ -206,6 +219,12 @@ class TestTexts:
         engine.library.remove(plan)
         assert not list(engine.library)
         assert engine.library.labelled("m") is None
+
+    def test_the_plans_for_an_event_are_printed_as_they_were_written(self):
+        text = "!go. +!go <- .relevant_plans({+!g(_)}, [P]); .print(P). @l +!g(X) <: a(X) <- !s. { +!s <- .print(s). }"
+        assert said(text) == [
+            '{ @l[source(self),url("file:me.asl")] +!g(_1) <: a(_1) {\n   <- !s.\n   +!s <- .print(s).\n} }'
+        ]
 
     def test_a_removed_label_removes_the_inner_plans(self):
         text = "!go. +!go <- !g; .remove_plan(l); !g. @l +!g <- !s. { +!s <- .print(s). } -!go[error(E)] <- .print(E)."
