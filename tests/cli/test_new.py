@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import random
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal, get_args
 
+import msgspec
 import pytest
 
 from socialbot.cli.new import AgentKind, project_files, write_project
+from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
+from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
 from socialbot.graph.files import load_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph
 from socialbot.runtime.deployment import load_deployment
-from tests.system.running import socialbot
+from socialbot.vision.metrics.behaviour import DETECTIONS
+from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, load_truth, truth_beside
+from tests.system.running import socialbot, socialbot_here
 
 NUMBERS = itertools.count()
 KINDS: tuple[Literal["python", "asl"], ...] = get_args(AgentKind)
@@ -73,6 +83,92 @@ def check_tests_pass(project: Path) -> None:
     assert len(tests) == 2
     for test in tests:
         test()
+
+
+VISITORS = Path(__file__).parents[2] / "data" / "synthetic" / "visitors_tune"
+NEAR_M, SLACK_M = 3.0, 0.3
+
+
+def greeter(project: Path) -> Graph:
+    """Return the graph of a project for a camera, with its mind and its voice alone, fed with detections."""
+    nodes = tuple(each for each in load_graph(str(project / "camera.yaml")).nodes if each.name in ("mind", "speech"))
+    graph = Graph(project.name, nodes, inputs=frozenset({DETECTIONS}))
+    return graph.with_parameters({"speech": {"playback": "off"}})
+
+
+def said(graph: Graph, frames: Iterable[PersonDetections]) -> list[tuple[int, str]]:
+    """Return the stamps and texts of the sentences for these detections."""
+    found: list[tuple[int, str]] = []
+    runner = None
+    for frame in frames:
+        if runner is None:
+            runner = InlineRunner(graph, start=frame.stamp)
+            runner.tap("/speech/say", lambda _, message: found.append((message.stamp, message.text)))
+            runner.start()
+        runner.feed(DETECTIONS, frame)
+    assert runner is not None
+    runner.close()
+    return found
+
+
+def near(frame: TruthFrame, within_m: float = NEAR_M) -> set[str]:
+    return {one.id for one in frame.persons if one.distance_m is not None and one.distance_m <= within_m}
+
+
+def shown(truth: GroundTruth, rng: random.Random) -> Iterator[PersonDetections]:
+    """Yield the true people with inexact distances; each is missed for 3 to 6 s while near, again and again."""
+    missed: dict[str, int] = {}
+    for frame in truth.frames:
+        for who in near(frame):
+            if frame.stamp >= missed.get(who, 0) and rng.random() < 0.1:
+                missed[who] = frame.stamp + nanoseconds(rng.uniform(3.0, 6.0))
+        persons = [one for one in frame.persons if one.id not in near(frame) or frame.stamp >= missed.get(one.id, 0)]
+        yield PersonDetections(
+            stamp=frame.stamp, frame_id="camera", width=640, height=480,
+            persons=tuple(
+                PersonDetection(
+                    x=one.x, y=one.y, w=one.w, h=one.h, score=0.9, track_id=one.id,
+                    distance_m=None if one.distance_m is None else max(0.0, one.distance_m + rng.gauss(0.0, 0.1)),
+                )
+                for one in persons
+            ),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_visitor_gets_one_goodbye_when_they_leave_although_detections_have_gaps(project: Path, seed: int) -> None:
+    truth = load_truth(truth_beside(VISITORS))
+    sentences = said(greeter(project), shown(truth, random.Random(seed)))
+    visitors = set().union(*(near(frame) for frame in truth.frames))
+    goodbyes = [stamp for stamp, text in sentences if text == "Goodbye!"]
+    assert len(sentences) - len(goodbyes) == len(visitors) == 6
+    assert len(goodbyes) == 6, "D comes twice, and I stays"
+    check_goodbyes(truth, goodbyes)
+
+
+def check_goodbyes(truth: GroundTruth, goodbyes: list[int]) -> None:
+    """Check that each goodbye is said when somebody walks away who was near in the last 3 s."""
+    for stamp in goodbyes:
+        before = [frame for frame in truth.frames if stamp - nanoseconds(3.0) <= frame.stamp <= stamp]
+        left = set().union(*(near(frame, NEAR_M + SLACK_M) for frame in before)) - near(before[-1])
+        assert left, f"nobody left at {stamp}"
+
+
+@pytest.mark.slow
+def test_people_on_a_video_get_goodbyes_only_when_they_leave(project: Path, tmp_path: Path) -> None:
+    bag, graph = copied(VISITORS, tmp_path), project / "camera.yaml"
+    done = socialbot_here("replay", bag, "--graph", graph, "--out", tmp_path / "run", "--no-video")
+    assert done.returncode == 0, done.stderr
+    truth = load_truth(truth_beside(VISITORS))
+    records = [msgspec.json.decode(line, type=TraceRecord) for line in (tmp_path / "run/trace.jsonl").open("rb")]
+    goodbyes = [each.stamp for each in records if (each.kind, each.what) == ("utterance", "Goodbye!")]
+    assert 5 <= len(goodbyes) <= 6
+    check_goodbyes(truth, goodbyes)
+
+
+def copied(bag: Path, folder: Path) -> Path:
+    """Copy a bag without its ground truth."""
+    return Path(shutil.copytree(bag, folder / bag.name))
 
 
 @pytest.mark.slow
