@@ -33,10 +33,12 @@ from socialbot.bridge.transport import (
     message_class,
     open_transport,
 )
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
-from socialbot.core.messages import Message, Structured
+from socialbot.core.messages import Message, RosMessage, Structured, ros_message
 from socialbot.core.registry import message_types
 from socialbot.core.yaml import load_yaml
+from socialbot.graph.calls import fill_message
 from socialbot.graph.node import WireForm
 
 T = TypeVar("T")
@@ -414,21 +416,31 @@ CONNECT_TIMEOUT_S = 3.0  # timeout of connections to subscribers: a killed proce
 ACKNOWLEDGE_TIMEOUT_S = 5.0
 
 
-def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
-    """Parse a message of a ``schema``, such as DesireItem, from YAML or JSON. ``stamp`` (ns) is the default stamp.
+def parse_message(schema: str, text: str, *, stamp: int) -> Structured | RosMessage:
+    """Parse a message from YAML or JSON. ``stamp`` (ns) is the default stamp.
+
+    Args:
+        schema: Message of socialbot, such as DesireItem, or ROS type, such as std_msgs/msg/Float32.
+        text: Fields with their values.
+        stamp: Stamp of a message that states none, ns.
 
     Raises:
         MessageError: The schema is unknown, or the text does not fit it.
+        GraphError: The schema is no valid name of a ROS type.
+        InstallationError: The package of the ROS type is not installed.
     """
     kinds = {kind.__name__: kind for kind in message_types()}
-    if schema not in kinds:
-        raise MessageError(f"there is no schema {schema!r}", remedy=suggestion(schema, kinds))
+    if schema not in kinds and "/" not in schema:
+        remedy = f"{suggestion(schema, kinds)}; or a ROS type, such as std_msgs/msg/Float32"
+        raise MessageError(f"there is no schema {schema!r}", remedy=remedy)
     try:
         fields = load_yaml(YAML(typ="safe", pure=True), text)
     except YAMLError as error:
         raise MessageError(f"not valid YAML: {error}", where=schema) from error
     if not isinstance(fields, dict):
         raise MessageError(f"expected names with values, got {text!r}", where=schema)
+    if schema not in kinds:
+        return _ros_message(ros_message(schema), fields, stamp)
     kind = kinds[schema]
     known = {field.encode_name for field in msgspec.structs.fields(kind)}
     for name in fields:
@@ -442,7 +454,18 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured:
     return message
 
 
-def publish_once(ros: Any, name: str, message: Structured, *, timeout_s: float, ended: Ended = lambda: False) -> None:
+def _ros_message(kind: type[RosMessage], fields: dict[Any, Any], stamp: int) -> RosMessage:
+    ros = message_class(kind.ros_type)()
+    fill_message(ros, fields, kind.ros_type)
+    header = getattr(ros, "header", None)
+    if header is not None and not (header.stamp.sec or header.stamp.nanosec):
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
+    return kind.of(ros, stamp)
+
+
+def publish_once(
+    ros: Any, name: str, message: Structured | RosMessage, *, timeout_s: float, ended: Ended = lambda: False
+) -> None:
     """Publish ``message`` once in the form of the subscribers of the topic ``name``, and wait for its arrival.
 
     Raises:
@@ -472,7 +495,7 @@ def publish_once(ros: Any, name: str, message: Structured, *, timeout_s: float, 
         raise NodeError(f"the message was not acknowledged after {ACKNOWLEDGE_TIMEOUT_S:.0f} s", where=name)
 
 
-def _subscribed_form(ros: Any, name: str, kind: type[Structured]) -> WireForm | None:
+def _subscribed_form(ros: Any, name: str, kind: type[Message]) -> WireForm | None:
     taken = {each.topic_type for each in ros.get_subscriptions_info_by_topic(name)}
     return next((form for form in get_args(WireForm) if ros_type(kind, form) in taken), None)
 

@@ -108,12 +108,19 @@ def hz(
 @topic.command()
 def pub(
     name: TopicArgument,
-    schema: Annotated[str, typer.Argument(metavar="SCHEMA", help="Message type in docs/schemas, such as DesireItem.")],
+    schema: Annotated[
+        str,
+        typer.Argument(
+            metavar="TYPE",
+            help="ROS type, such as std_msgs/msg/Float32, or message of docs/schemas, such as DesireItem.",
+        ),
+    ],
     fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Fields of the message as YAML or JSON.")],
     timeout: TimeoutOption = 10.0,
 ) -> None:
     """Publish one message, and wait until it is received.
 
+    socialbot topic pub /battery sensor_msgs/msg/BatteryState '{percentage: 0.15}'
     socialbot topic pub /gripper_a/del_desire DesireItem '{desire: {name: sort_boxes}}'
     """
     from socialbot.bridge.topics import observer_node, parse_message, publish_once

@@ -63,7 +63,7 @@ class Interface:
                 raise MessageError(f"not a {part} of {self.name}: {type(content).__name__}")
             return content
         message = OpenMessage() if owner is None else getattr(owner, part)()
-        _fill(message, content or {}, f"{part} of {self.name}")
+        fill_message(message, content or {}, f"{part} of {self.name}")
         return message
 
 
@@ -80,18 +80,28 @@ def _is_installed(message: Any) -> bool:
     return hasattr(message, "get_fields_and_field_types")
 
 
-def _fill(message: Any, fields: Fields, what: str) -> None:
+def fill_message(message: Any, fields: Fields, what: str) -> None:
+    """Set the fields of a ROS message from a mapping, nested ones too.
+
+    Raises:
+        MessageError: A field is unknown, or a value does not fit its type.
+    """
     known = message.get_fields_and_field_types() if _is_installed(message) else None
+    if known is not None:
+        message._check_fields = True  # else rclpy takes any value and sends the wrong bytes
     for name, value in fields.items():
         if known is not None and name not in known:
             raise MessageError(f"no field {name!r}", where=what, remedy=suggestion(name, known))
+        part: Any = value
         if isinstance(value, Mapping):
             part = OpenMessage() if known is None else getattr(message, name)
-            _fill(part, value, f"{name} of {what}")
-            value = part
-        elif known is not None and isinstance(getattr(message, name), float):
-            value = float(value)  # rclpy reads the bytes of an int as those of a float
-        setattr(message, name, value)
+            fill_message(part, value, f"{name} of {what}")
+        try:
+            if known is not None and isinstance(getattr(message, name), float):
+                part = float(part)  # rclpy reads the bytes of an int as those of a float
+            setattr(message, name, part)
+        except (AssertionError, TypeError, ValueError) as error:
+            raise MessageError(f"{name!r} does not fit: {error}", where=what) from error
 
 
 def interface(kind: type | str, folder: Literal["srv", "action"]) -> Interface:

@@ -30,7 +30,9 @@ from socialbot.bridge.topics import (
     topic_rate,
 )
 from socialbot.cli.topic import rate_line, topic
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, InstallationError, MessageError
+from socialbot.core.messages import RosMessage
 from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
 from tests.system.running import eventually
 
@@ -49,6 +51,7 @@ import array, json, time
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
+from socialbot.core.messages import RosMessage
 from socialbot.core.process import Ending
 from socialbot.bridge.environment import spinning_node
 
@@ -132,9 +135,23 @@ def test_parses_yaml_and_json_and_adds_the_stamp():
     assert parse_message("Belief", json, stamp=7) == Belief(stamp=3, belief=held)
 
 
+def test_parses_any_ros_type_and_adds_the_stamp_to_its_header():
+    battery = parse_message("sensor_msgs/BatteryState", "{percentage: 1, header: {frame_id: pack}}", stamp=7 * SECOND)
+    assert isinstance(battery, RosMessage)
+    assert (battery.ros_type, battery.stamp, battery.percentage) == ("sensor_msgs/msg/BatteryState", 7 * SECOND, 1.0)
+    assert (battery.header.frame_id, battery.header.stamp.sec) == ("pack", 7)
+    level = parse_message("std_msgs/msg/Float32", "{data: 0.25}", stamp=7)
+    assert isinstance(level, RosMessage)
+    assert (level.stamp, level.data) == (7, 0.25)
+
+
 @pytest.mark.parametrize(
     ("schema", "fields", "complaint"),
     [
+        ("std_msgs/msg/Float32", "{date: 1}", "did you mean 'data'?"),
+        ("std_msgs/msg/Float32", "{data: much}", "does not fit"),
+        ("std_msgs/msg/Int32", "{data: 0.5}", "does not fit"),
+        ("Float32", "{data: 1}", "or a ROS type, such as std_msgs/msg/Float32"),
         ("DesireItm", "{}", "did you mean 'DesireItem'?"),
         ("Belief", "{believe: {name: a}}", "did you mean 'belief'?"),
         ("Belief", "{}", "missing required field `belief`"),
