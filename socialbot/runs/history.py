@@ -227,7 +227,7 @@ DEEDS = {"message", "failure", "action_end", "action", "plan"}
 
 
 class Hints:
-    """Derive unrecorded causes: the action behind a step, the plan or action behind a message."""
+    """Derive unrecorded causes: the action behind a step or a sentence, the plan or action behind a message."""
 
     def __init__(self, history: History) -> None:
         self._history = history
@@ -240,6 +240,8 @@ class Hints:
                 call = record.what.strip("()").split()
                 text = f"{call[0]}({', '.join(call[1:])})" if call else ""
                 return self._latest(record, lambda each: each.kind == "action" and text in ("", each.what))
+            case "utterance" if not record.cause:
+                return next((each for each in self._before(record) if _quotes(each, record.what)), None)
             case "said" if not record.cause:
                 return self._plan(record, mission) or self._latest(record, lambda each: each.kind in DEEDS)
             case "plan_start" if mission:
@@ -266,3 +268,8 @@ class Hints:
     def _before(self, record: TraceRecord) -> Iterator[TraceRecord]:
         near = self._history.back(record.stamp - NEAR_NS, record.stamp)
         return (each for each in near if each is not record)
+
+
+def _quotes(record: TraceRecord, text: str) -> bool:
+    """Return whether a record is an action with ``text`` as an argument."""
+    return record.kind == "action" and bool(text) and f'"{text}"' in record.what

@@ -52,6 +52,16 @@ def test_causes_precede_effects_that_arrived_before_them():
     assert min(history.late(0)) == 0
 
 
+def test_a_sentence_without_a_cause_has_the_action_that_quotes_it():
+    other = record(1.0, "ann", "action", 'speak("Hello")', id="a1")
+    action = record(1.2, "ann", "action", 'speak("Bye")', id="a2")
+    said = record(1.2, "/speech/say", "utterance", "Bye", id="u1")
+    late = record(3.0, "/speech/say", "utterance", "Bye", id="u2")
+    unknown = record(1.2, "/speech/say", "utterance", "Good morning", id="u3")
+    history = History([other, action, said, unknown, late])
+    assert [history.cause(each) for each in (said, unknown, late)] == [action, None, None]
+
+
 def test_start_before_the_first_record():
     history = History([record(1.0, "ann", "belief", "b")], start=100 * SECOND)
     assert history.seconds(history.end) == 1.0
