@@ -18,7 +18,7 @@ import pytest
 from socialbot.cli.new import AgentKind, project_files, write_project
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
+from socialbot.core.messages import Message, PersonDetection, PersonDetections, TraceRecord, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph
@@ -100,10 +100,15 @@ def said(graph: Graph, frames: Iterable[PersonDetections]) -> list[tuple[int, st
     """Return the stamps and texts of the sentences for these detections."""
     found: list[tuple[int, str]] = []
     runner = None
+
+    def note(topic: str, message: Message) -> None:
+        assert isinstance(message, Utterance)
+        found.append((message.stamp, message.text))
+
     for frame in frames:
         if runner is None:
             runner = InlineRunner(graph, start=frame.stamp)
-            runner.tap("/speech/say", lambda _, message: found.append((message.stamp, message.text)))
+            runner.tap("/speech/say", note)
             runner.start()
         runner.feed(DETECTIONS, frame)
     assert runner is not None

@@ -176,7 +176,7 @@ def _opener() -> Opener:
     return Opener(_keys(), "ROS domain 42", "/speech/say", freshness)
 
 
-def _by_hand(data: bytes) -> Structured:
+def _by_hand(data: bytes) -> Message:
     schema, _, text = text_of(data).partition("\n")
     return parse_message(schema, text, stamp=STAMP)
 
