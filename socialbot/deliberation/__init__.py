@@ -51,6 +51,7 @@ SENTENCES.update(
     hold="it began nothing new for {}{reason:: }",
     release="it went on with {}",
     rule="its rule {} fired{effect:: }",
+    doubt="it looked for another plan for {}{reason:: }",
     auction="it offered {} to others{winner:: got by }",
     request="{}",
     reply="the answer came from {}{reason:: }",

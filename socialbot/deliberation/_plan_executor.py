@@ -27,6 +27,7 @@ from socialbot.deliberation._action_executor import ActionExecutor, IsSensed, fa
 from socialbot.deliberation._execution import PlanExecution, PlanTask, merged, projected, with_expected
 from socialbot.deliberation._fact_index import FactIndex
 from socialbot.deliberation._matching import fitting
+from socialbot.deliberation._outlook import PlanOutlook
 from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.messages import INSTANCE, Desire, Fact, PlanExecutionInfo
@@ -34,7 +35,7 @@ from socialbot.deliberation.options import DeliberationOptions
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
 from socialbot.planning.pddl.formulas import Formula, Key
 from socialbot.planning.pddl.restriction import touches
-from socialbot.planning.pddl.state import PddlState
+from socialbot.planning.pddl.state import PddlState, Projection
 from socialbot.planning.pddl.validation import state_after
 
 How = Literal["succeeded", "failed", "aborted"]
@@ -69,6 +70,7 @@ class PlanExecutor:
     Args:
         is_sensed: Whether sensors report a fact.
         ended: Called with the outcome of each plan, and of each further failed step.
+        doubted: Called with a condition of a later step that does not hold and that no step makes true; once for each.
         changed: Called when `info` has changed.
     """
 
@@ -80,12 +82,14 @@ class PlanExecutor:
         *,
         is_sensed: IsSensed = lambda name, objects: False,
         ended: Callable[[PlanOutcome], object] = lambda outcome: None,
+        doubted: Callable[[str], object] = lambda reason: None,
         changed: Callable[[], object] = lambda: None,
     ) -> None:
         self.options = options or DeliberationOptions()
         self._engine = engine
         self._facts = facts
         self._ended = ended
+        self._doubted = doubted
         self._changed = changed
         self._loop = WakeupLoop(engine, self._check, _TRACE_NAME)
         self._actions = ActionExecutor(engine, facts, self.options, is_sensed, self._loop, self._on_step_failed)
@@ -95,11 +99,20 @@ class PlanExecutor:
         self._outcomes: list[PlanOutcome] = []
         self.finishing_steps = False
         """Whether running steps may end before the abort."""
+        self.revising = False
+        """Whether another plan is being made for the same desire; no step starts meanwhile."""
         self._keep_effects = False
         self._hold_reason = ""
         self._published = ""
         self._report_due = 0
-        facts.watch(lambda fact, held, cause: None if self.idle else self._loop.wake())
+        self._outlook: PlanOutlook | None = None
+        facts.watch(self._on_fact)
+
+    def _on_fact(self, fact: Fact, held: bool, cause: str) -> None:
+        if self._outlook is not None:
+            self._outlook.note(fact.name)
+        if not self.idle:
+            self._loop.wake()
 
     @property
     def idle(self) -> bool:
@@ -214,6 +227,7 @@ class PlanExecutor:
             makespan_s=round(plan.makespan_s, 3),
         )
         self._execution = execution
+        self._outlook = PlanOutlook(tasks, self._facts.domain)
         if problem:
             self._fail_plan(execution, problem)
         self._loop.wake()
@@ -315,6 +329,7 @@ class PlanExecutor:
             self._actions.check(task)
         self._actions.check_stopping()
         if execution is not None and execution.status == "RUNNING":
+            self._look_ahead()
             self._start_steps(execution)
             if all(task.status == "SUCCESSFUL" for task in execution.tasks):
                 self._end_plan(execution, "succeeded")
@@ -323,6 +338,19 @@ class PlanExecutor:
         if execution is not None and execution.status == "SUCCESSFUL":
             self._execution = None
             self._publish()
+
+    def _look_ahead(self) -> None:
+        """Report a condition of a later step that has not held for ``patience_s`` and that the plan does not change."""
+        if self._outlook is None or self._hold_reason:
+            return
+        for doubt, since in list(self._outlook.unmet(self._beliefs(), self._loop.now)):
+            if self._loop.is_due(since + nanoseconds(self.options.patience_s)):
+                self._outlook.raise_doubt(doubt)
+                self._guarded(lambda doubt=doubt: self._doubted(f"{doubt[0]} cannot start: {doubt[1]} does not hold"))
+                return
+
+    def _beliefs(self) -> Projection:
+        return Projection(self._facts, self._facts.domain)
 
     def _check_desire(self, execution: PlanExecution) -> None:
         factor, desire = self.options.rtc_deadline, execution.desire
@@ -339,7 +367,7 @@ class PlanExecutor:
         self.abort(reason, aborted)
 
     def _start_steps(self, execution: PlanExecution) -> None:
-        if self._hold_reason or self._actions.stopping:
+        if self._hold_reason or self.revising or self._actions.stopping:
             for task in execution.released():
                 task.unmet_since = None
             return

@@ -45,8 +45,8 @@ class PlanRequest:
     """A request for a plan of at most ``max_makespan_s`` (s).
 
     A desire that preempts another is planned for from the state after an abort, or ``after_steps``: after the end of
-    the running steps. The plan leaves out the conditions ``without``, which nothing can make true, and the steps
-    ``avoided``, which have failed.
+    the running steps. With a ``doubt`` about the running plan, another one replaces it. The plan leaves out the
+    conditions ``without``, which nothing can make true, and the steps ``avoided``, which have failed.
     """
 
     state: DesireState
@@ -54,6 +54,7 @@ class PlanRequest:
     max_makespan_s: float
     cause: str
     after_steps: bool = False
+    doubt: str = ""
     without: tuple[FactCondition, ...] = ()
     avoided: tuple[PlanStep, ...] = ()
     problem: PddlProblem | None = None
@@ -121,6 +122,16 @@ class DesirePursuit:
         avoided = tuple(one.step for one in state.setbacks.values() if one.times >= AVOIDED_AFTER)
         self._send(PlanRequest(state, self.facts.domain, makespan_s, cause, avoided=avoided))
 
+    def revise_plan(self, doubt: str) -> None:
+        """Request another plan for the current desire, while the running one goes on; without one nothing changes."""
+        state = self.current
+        if state is None or self.problem or self._request is not None or self.plan_executor.aborting:
+            return
+        makespan_s, _ = self._max_makespan(state)
+        record = self.engine.trace.record("doubt", state.name, state.record, reason=doubt)
+        avoided = tuple(one.step for one in state.setbacks.values() if one.times >= AVOIDED_AFTER)
+        self._send(PlanRequest(state, self.facts.domain, makespan_s, record, doubt=doubt, avoided=avoided))
+
     def _send(self, request: PlanRequest) -> None:
         try:
             problem = self._planning_problem(request)
@@ -128,6 +139,7 @@ class DesirePursuit:
             self._take(request, PlannerAnswer(PlannerVerdict.REFUSED, message=error.what))
             return
         domain, request.problem = request.domain, problem
+        self.plan_executor.revising = bool(request.doubt)
         if self.unavailable or request.avoided:
             domain, problem = restricted(domain, problem, self.unavailable, request.avoided)
         self._request = request
@@ -153,6 +165,7 @@ class DesirePursuit:
         if self._request is not None:
             self._request.cancelled.set()
             self._request = None
+            self.plan_executor.revising = False
 
     def _planning_problem(self, request: PlanRequest) -> PddlProblem:
         """Return the initial state and goal; that of a preempting desire is predicted.
@@ -181,6 +194,7 @@ class DesirePursuit:
         if request is not self._request:
             return
         self._request = None
+        self.plan_executor.revising = False
         if not isinstance(answer, PlannerAnswer):
             message = "the planner returned no answer" if answer is None else f"{type(answer).__name__}: {answer}"
             answer = PlannerAnswer(PlannerVerdict.FAILED, message=message)
@@ -213,6 +227,9 @@ class DesirePursuit:
                 return
             if request.avoided:  # nothing else is left to do
                 self._send(replace(request, without=(), avoided=()))
+                return
+            if request.doubt and not self.problem:
+                self.wake()
                 return
             if self._preempts(state) and not request.after_steps and self.plan_executor.running:
                 self._send(replace(request, after_steps=True, without=()))

@@ -94,6 +94,7 @@ class Deliberator:
             self.options,
             is_sensed=is_sensed,
             ended=lambda outcome: self.pursuit.on_plan_ended(outcome),
+            doubted=lambda reason: self.pursuit.revise_plan(reason),
             changed=self._plan_changed,
         )
         self._loop = WakeupLoop(engine, self.think, "deliberator")

@@ -57,6 +57,21 @@ def test_run_2_replans_after_lost_carrier():
     assert "(carrier_in_base carrier_c base_c)" in failed.detail["message"]
 
 
+def test_a_vanished_box_is_left_out_before_the_gripper_goes_there():
+    records: list[TraceRecord] = []
+    runner = InlineRunner(warehouse(6, faults="20 vanishes box_c1"))
+    runner.tap(f"/{GRIPPER}/trace", lambda topic, message: records.append(message))  # type: ignore[arg-type]
+    runner.start()
+    runner.advance(nanoseconds(60.0))
+    (doubt,) = [one for one in records if one.kind == "doubt"]
+    assert "box_c1" in doubt.detail["reason"]
+    assert nanoseconds(22.0) <= doubt.stamp < nanoseconds(23.0)
+    plans = [one for one in records if one.kind == "plan_start"]
+    assert len(plans) == 2
+    assert not any("box_c1" in step for step in plans[1].detail["steps"])
+    assert not [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
+
+
 @pytest.mark.parametrize("faults", ["1 vanishes box_a1", "7 vanishes box_b2", "50 vanishes box_b1"])
 def test_a_vanished_box_costs_no_other_box(tmp_path, faults):
     run = Run(Story(seed=4, faults=faults), tmp_path)

@@ -1,0 +1,126 @@
+"""Outlook of a running plan: conditions of later steps that do not hold and that none of its steps makes true."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+
+from socialbot.deliberation._execution import PlanTask
+from socialbot.planning.pddl.domain import PddlDomain
+from socialbot.planning.pddl.formulas import (
+    Add,
+    And,
+    ConditionalEffect,
+    Delete,
+    Effect,
+    Fluent,
+    Formula,
+    Not,
+    NumericEffect,
+    PddlWorld,
+    Predicate,
+    UniversalEffect,
+)
+from socialbot.planning.pddl.semantics import atoms, holds
+
+_COUNTED = {"waiting": 0, "over": 1}
+"""Phases of a step in which its conditions matter, and in which its effects have happened."""
+
+Doubt = tuple[str, Formula]
+"""Call of a step, and a condition of it."""
+
+
+class PlanOutlook:
+    """Watches the conditions that only the present facts can satisfy.
+
+    Args:
+        tasks: Steps of the plan.
+    """
+
+    def __init__(self, tasks: tuple[PlanTask, ...], domain: PddlDomain) -> None:
+        self._tasks = tasks
+        self._domain = domain
+        self._phases: tuple[int | None, ...] = ()
+        self._needs: dict[str, list[Doubt]] = {}
+        """Conditions by the names of the predicates and functions that they read."""
+        self._all: set[Doubt] = set()
+        self._changed: set[str] = set()
+        self._unmet: dict[Doubt, int] = {}
+        self._raised: set[Doubt] = set()
+
+    def note(self, name: str) -> None:
+        """Note a change of a predicate or function."""
+        self._changed.add(name)
+
+    def unmet(self, world: PddlWorld, now: int) -> Iterator[tuple[Doubt, int]]:
+        """Yield the conditions that do not hold, with the time (ns) since when, except those raised before."""
+        phases = tuple(map(_COUNTED.get, (task.phase for task in self._tasks)))
+        if phases != self._phases:
+            self._phases, self._needs = phases, self._needed(world)
+            self._changed.update(self._needs)
+            self._unmet = {doubt: since for doubt, since in self._unmet.items() if doubt in self._all}
+        for name in self._changed:
+            for doubt in self._needs.get(name, ()):
+                if holds(doubt[1], world):
+                    self._unmet.pop(doubt, None)
+                    self._raised.discard(doubt)
+                else:
+                    self._unmet.setdefault(doubt, now)
+        self._changed.clear()
+        yield from ((doubt, since) for doubt, since in self._unmet.items() if doubt not in self._raised)
+
+    def raise_doubt(self, doubt: Doubt) -> None:
+        """Do not yield a condition again before it has held."""
+        self._raised.add(doubt)
+
+    def _needed(self, world: PddlWorld) -> dict[str, list[Doubt]]:
+        added, deleted, changed = set[Predicate](), set[Predicate](), set[str]()
+        for task in self._tasks:
+            if task.phase != "over":
+                _collect((one.effect for one in task.action.effects), added, deleted, changed)
+        found: defaultdict[str, list[Doubt]] = defaultdict(list)
+        self._all = set()
+        for task in self._tasks:
+            if task.phase != "waiting":
+                continue
+            for formula in (part for one in task.action.conditions for part in _parts(one.formula)):
+                names = {atom.name for atom in atoms(formula, world, {})}
+                match formula:
+                    case Predicate():
+                        provided = formula in added or formula.name in changed
+                    case Not(Predicate() as inner):
+                        provided = inner in deleted or inner.name in changed
+                    case _:
+                        provided = not names.isdisjoint(changed | {one.name for one in added | deleted})
+                if not provided and names.isdisjoint(self._domain.derived):
+                    doubt = (task.step.call, formula)
+                    self._all.add(doubt)
+                    for name in names:
+                        found[name].append(doubt)
+        return dict(found)
+
+
+def _parts(formula: Formula) -> Iterator[Formula]:
+    if isinstance(formula, And):
+        for part in formula.parts:
+            yield from _parts(part)
+    else:
+        yield formula
+
+
+def _collect(effects: Iterable[Effect], added: set[Predicate], deleted: set[Predicate], changed: set[str]) -> None:
+    """Collect ground predicates that effects change, and the names of functions and of quantified predicates."""
+    for effect in effects:
+        match effect:
+            case Add(predicate):
+                added.add(predicate)
+            case Delete(predicate):
+                deleted.add(predicate)
+            case NumericEffect(_, Fluent(name)):
+                changed.add(name)
+            case ConditionalEffect(_, inside):
+                _collect(inside, added, deleted, changed)
+            case UniversalEffect(_, inside):
+                some: set[Predicate] = set()
+                _collect(inside, some, some, changed)
+                changed.update(predicate.name for predicate in some)
