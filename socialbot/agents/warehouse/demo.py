@@ -11,6 +11,7 @@ import typer
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24, LayoutGripper
 from socialbot.agents.warehouse.layout import load_layout
+from socialbot.agents.warehouse.physics import PhysicalLayoutWorld, PhysicalWorld, PhysicalWorld12, PhysicalWorld24
 from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Scenario
 from socialbot.agents.warehouse.world_node import LayoutWorld, World, World12, World24
 from socialbot.core import paths
@@ -18,6 +19,10 @@ from socialbot.graph.node import Graph, NodeConfig
 
 KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)}
 """Node types of the world and the gripper, by the number of boxes."""
+PHYSICAL = {6: PhysicalWorld, 12: PhysicalWorld12, 24: PhysicalWorld24}
+"""Node types of the world with physics."""
+
+Simulation = Literal["kinematic", "physics"]
 
 
 def scenario_with(boxes: int) -> Scenario:
@@ -25,7 +30,9 @@ def scenario_with(boxes: int) -> Scenario:
     return KINDS[boxes][1].scenario
 
 
-def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "") -> Graph:
+def warehouse(
+    boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "", world: Simulation = "kinematic"
+) -> Graph:
     """The graph of a warehouse.
 
     Args:
@@ -33,18 +40,22 @@ def warehouse(boxes: int = 6, *, run: Literal[1, 2] = 1, seed: int = 0, faults: 
         run: In run 2 one carrier leaves as soon as it has one box.
         seed: Seed of the world.
         faults: Faults of the world; see its parameter.
+        world: ``physics`` needs the extra ``sim``.
     """
-    world, gripper = KINDS[boxes]
+    kinematic, gripper = KINDS[boxes]
+    kind = kinematic if world == "kinematic" else PHYSICAL[boxes]
     files = {"init_bset": "gripper_beliefs.yaml", "init_dset": "gripper_desires.yaml"} if boxes == 6 else {}
     return _graph(
         gripper.scenario.carriers,
-        NodeConfig("world", world, {"seed": seed, "faults": faults}),
+        NodeConfig("world", kind, {"seed": seed, "faults": faults}),
         [NodeConfig(GRIPPER, gripper, files)],
         run,
     )
 
 
-def warehouse_of(layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "") -> Graph:
+def warehouse_of(
+    layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults: str = "", world: Simulation = "kinematic"
+) -> Graph:
     """The graph of a warehouse from a layout file, which its nodes may read.
 
     Args:
@@ -52,6 +63,7 @@ def warehouse_of(layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults:
         run: In run 2 the last carrier leaves as soon as it has one box.
         seed: Seed of the world.
         faults: Faults of the world; see its parameter.
+        world: ``physics`` needs the extra ``sim``.
 
     Raises:
         GraphError: The file cannot be read, or is no layout.
@@ -59,9 +71,10 @@ def warehouse_of(layout: Path, *, run: Literal[1, 2] = 1, seed: int = 0, faults:
     paths.allow(layout)
     file = {"layout": str(layout.resolve())}
     aisles = load_layout(layout)
+    kind = LayoutWorld if world == "kinematic" else PhysicalLayoutWorld
     return _graph(
         [carrier for aisle in aisles for carrier in aisle.carriers],
-        NodeConfig("world", LayoutWorld, {"seed": seed, "faults": faults, **file}),
+        NodeConfig("world", kind, {"seed": seed, "faults": faults, **file}),
         [NodeConfig(aisle.gripper, LayoutGripper, file) for aisle in aisles],
         run,
     )
@@ -82,13 +95,14 @@ def demo(
         str, typer.Option(metavar="TEXT", help="Faults: '30 leaves carrier_c; 40 slips; 50 silent carrier_a 10'.")
     ] = "",
     layout: Annotated[Path | None, typer.Option(metavar="FILE", help="Layout file (YAML) instead of --boxes.")] = None,
+    world: Annotated[Simulation, typer.Option(help="physics: MuJoCo, of the extra 'sim'.")] = "kinematic",
 ) -> tuple[str, Graph]:
     """A gripper sorts boxes onto carriers, which take them away.
 
     Exit codes beside the usual ones: 10 not all goals were reached.
     """
     if layout is not None:
-        graph = warehouse_of(layout, run=2 if run == 2 else 1, seed=seed, faults=faults)
+        graph = warehouse_of(layout, run=2 if run == 2 else 1, seed=seed, faults=faults, world=world)
         return f"The warehouse of {layout.name}, run {run}", graph
-    graph = warehouse(int(boxes), run=2 if run == 2 else 1, seed=seed, faults=faults)
+    graph = warehouse(int(boxes), run=2 if run == 2 else 1, seed=seed, faults=faults, world=world)
     return f"The warehouse, run {run}" + ("" if boxes == "6" else f", {boxes} boxes"), graph

@@ -39,6 +39,7 @@ class WarehouseWorld(Node):
 
     boxes: ClassVar[int] = 6
     carriers: ClassVar[int] = 3
+    warehouse_type: ClassVar[type[Warehouse]] = Warehouse
 
     cmd_motors_pose = Input(MoveCommand, f"/{GRIPPER}/cmd_motors_pose")
     cmd_gripper_pose = Input(GripperPose, f"/{GRIPPER}/cmd_gripper_pose")
@@ -58,7 +59,7 @@ class WarehouseWorld(Node):
         scenarios = self.initial_scenarios()
         faults = parse_faults(self.faults, *scenarios)
         self.worlds = {
-            scenario.gripper: Warehouse(
+            scenario.gripper: self.warehouse_type(
                 scenario,
                 seed=self.seed,
                 noise=self.noise,

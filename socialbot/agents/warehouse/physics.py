@@ -1,0 +1,379 @@
+"""Warehouse with physics, in MuJoCo (extra ``sim``): gantry, carriers and boxes as bodies with mass and friction.
+
+Actuators drive the crane, its tool, the carriers and their pushers along the motions of the kinematic warehouse.
+Boxes are free: they rest on each other, ride on decks by friction, and can slip or topple. The tool holds a box by
+suction, a constraint that is active while it is closed. A carrier pushes its boxes onto the shelf of its deposit.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.warehouse.messages import BoxPosition, Point
+from socialbot.agents.warehouse.scenario import (
+    BASE_Y,
+    BOX_M,
+    BOX_WIDTH_M,
+    COLUMN_M,
+    DECK_M,
+    FOOTPRINT,
+    HIGH_M,
+    SIX,
+    START,
+    FloorLayout,
+    Scenario,
+    flat_distance,
+    is_over,
+)
+from socialbot.agents.warehouse.world import FLOOR, REACH_M, UNLOAD_S, Warehouse
+from socialbot.agents.warehouse.world_node import LayoutWorld, World, World12, World24
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import ParameterError
+
+STEP_S = 0.004
+CONTROL_NS = nanoseconds(0.02)
+"""Period of the targets of actuators."""
+BOX_KG = 0.8
+SUCTION_M = 0.03
+"""Largest distance of the tool from the top of a box that it can hold."""
+GONE = Point(0.0, 0.0, -20.0)
+"""Position of boxes that have vanished, below the floor."""
+PUSH_M = 1.02
+"""Way of the pusher of a carrier, to the edge of its deck."""
+RAIL_Z = 2.1
+COLOURS = ("0.85 0.33 0.24 1", "0.23 0.51 0.80 1", "0.30 0.66 0.38 1", "0.90 0.66 0.22 1", "0.55 0.39 0.73 1")
+
+
+def load_mujoco() -> Any:
+    """Import MuJoCo. Raises ParameterError with the remedy if it is not installed."""
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise ParameterError(
+            f"the warehouse with physics needs MuJoCo: {error}", remedy="pip install 'socialbot[sim]'"
+        ) from error
+
+
+def scene_xml(scenario: Scenario) -> str:
+    """Return the scene of a scenario in MuJoCo's format, with all boxes at their first places."""
+    layout = FloorLayout(scenario)
+    start = layout.places[START]
+    left, right = start.x - 0.4, max(place.x for place in layout.places.values()) + 0.7
+    low, high = min(place.y for place in layout.places.values()) - 0.5, BASE_Y + 0.7
+    middle, half = (left + right) / 2, (right - left) / 2
+    half_x, half_y = FOOTPRINT[0] / 2, FOOTPRINT[1] / 2
+    bodies = [f'<geom class="frame" size="{half} 0.04 0.05" pos="{middle} {y} {RAIL_Z}"/>' for y in (low, high)] + [
+        f'<geom class="frame" size="0.05 0.05 {RAIL_Z / 2}" pos="{x} {y} {RAIL_Z / 2}"/>'
+        for x in (left, right)
+        for y in (low, high)
+    ]
+    bodies += [
+        f'<geom class="mark" size="0.2 0.2 0.001" pos="{layout.places[base].x} {layout.places[base].y} 0.001"/>'
+        for base in (START, *scenario.bases)
+    ]
+    bodies.append(
+        f'<body name="bridge" pos="{start.x} 0 {RAIL_Z}"><joint name="x" type="slide" axis="1 0 0"/>'
+        f'<geom class="frame" size="0.06 {(high - low) / 2} 0.06" pos="0 {(low + high) / 2} 0" mass="8"/>'
+        f'<body name="trolley" pos="0 {start.y} 0"><joint name="y" type="slide" axis="0 1 0"/>'
+        '<geom class="machine" size="0.12 0.12 0.09" mass="3"/>'
+        f'<body name="tool" pos="0 0 {HIGH_M - RAIL_Z}"><joint name="z" type="slide" axis="0 0 1"/>'
+        '<geom class="frame" type="cylinder" size="0.025 0.5" pos="0 0 0.55" mass="0.5"/>'
+        '<geom name="pad" class="pad" type="cylinder" size="0.07 0.02" pos="0 0 0.02" mass="1"/></body></body></body>'
+    )
+    actuators = [_servo("x", 4000, 9), _servo("y", 2500, 4), _servo("z", 2500, 3)]
+    for number, (carrier, bay, deposit) in enumerate(scenario.routes):
+        bay_at, stop = layout.bays[bay], layout.deposits[deposit]
+        colour = COLOURS[number % len(COLOURS)]
+        shelf = max(len(scenario.loads[number]), 2) * 0.16 + 0.25
+        shelf_y = stop.y + half_y + 0.02 + shelf
+        bodies += [
+            f'<geom class="lane" size="0.02 {(stop.y - bay_at.y) / 2 + 0.5} 0.004" '
+            f'pos="{bay_at.x + side} {(stop.y + bay_at.y) / 2} 0.004"/>'
+            for side in (-0.2, 0.2)
+        ]
+        bodies.append(
+            f'<body name="{carrier}" pos="{stop.x} {stop.y} 0">'
+            f'<joint name="{carrier}" type="slide" axis="0 1 0"/>'
+            f'<geom class="deck" size="{half_x} {half_y} 0.03" pos="0 0 {DECK_M - 0.03}" mass="12"/>'
+            f'<geom class="machine" size="{half_x - 0.05} {half_y - 0.08} 0.06" pos="0 0 {DECK_M - 0.12}" mass="8"/>'
+            + "".join(
+                f'<geom class="wheel" size="0.07 0.03" pos="{x} {y} 0.07" euler="0 1.5708 0"/>'
+                for x in (-half_x + 0.05, half_x - 0.05)
+                for y in (-0.34, 0.34)
+            )
+            + f'<geom class="mark" size="{half_x} 0.02 0.05" pos="0 {half_y} {DECK_M - 0.06}" rgba="{colour}"/>'
+            + f'<body name="{carrier} pusher" pos="0 {-half_y + 0.03} {DECK_M + 0.07}">'
+            f'<joint name="{carrier} pusher" type="slide" axis="0 1 0"/>'
+            f'<geom class="pusher" size="{half_x - 0.03} 0.02 0.06" rgba="{colour}" mass="1.5"/></body></body>'
+        )
+        bodies += [
+            f'<geom class="shelf" size="{half_x} {shelf} 0.02" pos="{stop.x} {shelf_y} {DECK_M - 0.03}"/>',
+            f'<geom class="shelf" size="0.01 {shelf} 0.06" pos="{stop.x - half_x} {shelf_y} {DECK_M + 0.03}"/>',
+            f'<geom class="shelf" size="0.01 {shelf} 0.06" pos="{stop.x + half_x} {shelf_y} {DECK_M + 0.03}"/>',
+            f'<geom class="mark" size="{half_x} 0.02 0.09" pos="{stop.x} {shelf_y + shelf} {DECK_M}" rgba="{colour}"/>',
+        ]
+        actuators += [_servo(carrier, 9000, 24), _servo(f"{carrier} pusher", 900, 2)]
+    owner = {box: number for number, load in enumerate(scenario.loads) for box in load}
+    for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
+        at = layout.places[base]
+        bodies += [
+            f'<body name="{box}" pos="{at.x} {at.y} {(level + 0.5) * BOX_M}"><freejoint name="{box}"/>'
+            f'<geom class="box" rgba="{COLOURS[owner[box] % len(COLOURS)]}"/></body>'
+            for level, box in enumerate(stack)
+        ]
+    welds = "".join(
+        f'<weld name="{box}" body1="tool" body2="{box}" active="false" solref="0.01 1"/>' for box in scenario.boxes
+    )
+    cross = COLUMN_M * max(len(scenario.carriers), 3)
+    return f"""<mujoco model="warehouse">
+  <option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic" impratio="5"/>
+  <statistic center="{middle} 1.8 0.5" extent="14"/>
+  <visual>
+    <headlight ambient="0.35 0.35 0.38" diffuse="0.35 0.35 0.35"/><quality shadowsize="8192" offsamples="4"/>
+    <global offwidth="1280" offheight="720"/><map znear="0.01"/>
+  </visual>
+  <asset>
+    <texture type="skybox" builtin="gradient" rgb1="0.80 0.86 0.93" rgb2="0.97 0.98 1" width="64" height="384"/>
+    <texture name="floor" type="2d" builtin="checker" rgb1="0.80 0.81 0.82" rgb2="0.76 0.77 0.78" width="256"
+      height="256"/>
+    <material name="floor" texture="floor" texrepeat="12 12"/>
+  </asset>
+  <default>
+    <geom type="box" friction="0.8 0.01 0.001"/>
+    <default class="frame"><geom contype="0" conaffinity="0" rgba="0.95 0.72 0.15 1"/></default>
+    <default class="machine"><geom contype="0" conaffinity="0" rgba="0.25 0.28 0.33 1"/></default>
+    <default class="mark"><geom contype="0" conaffinity="0" rgba="0.30 0.36 0.45 1"/></default>
+    <default class="lane"><geom contype="0" conaffinity="0" rgba="0.55 0.58 0.62 1"/></default>
+    <default class="wheel"><geom type="cylinder" contype="0" conaffinity="0" rgba="0.1 0.1 0.1 1" mass="0.5"/></default>
+    <default class="pad"><geom contype="0" conaffinity="0" rgba="0.15 0.15 0.18 1"/></default>
+    <default class="deck"><geom contype="2" conaffinity="1" rgba="0.42 0.46 0.52 1" friction="0.9"/></default>
+    <default class="shelf"><geom contype="2" conaffinity="1" rgba="0.72 0.60 0.44 1" friction="0.3"/></default>
+    <default class="pusher"><geom contype="2" conaffinity="1" friction="0.2"/></default>
+    <default class="box"><geom size="{BOX_WIDTH_M / 2} {BOX_WIDTH_M / 2} {BOX_M / 2}" mass="{BOX_KG}" contype="1"
+      conaffinity="3" friction="0.6 0.01 0.001" solref="0.008 1"/></default>
+  </default>
+  <worldbody>
+    <light type="directional" pos="{middle} 1.5 8" dir="-0.35 0.3 -1" diffuse="0.55 0.55 0.52" castshadow="true"/>
+    <geom name="floor" type="plane" size="{cross + 6} 12 0.1" material="floor" contype="2" conaffinity="1"/>
+    <camera name="film" fovy="42" {_look_at((middle + 0.9 * cross + 1.0, -3.3, 3.9), (middle - 0.1, 1.7, 0.3))}/>
+    {"".join(bodies)}
+  </worldbody>
+  <equality>{welds}</equality>
+  <actuator>{"".join(actuators)}</actuator>
+</mujoco>"""
+
+
+def _look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> str:
+    """Position and axes of a camera."""
+    ahead = np.subtract(target, eye)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    numbers = (*right, *np.cross(right, ahead))
+    return f'pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{" ".join(f"{number:.4f}" for number in numbers)}"'
+
+
+def _servo(joint: str, stiffness: float, kilograms: float) -> str:
+    """A position servo with critical damping for the mass that it moves."""
+    damping = 2 * (stiffness * kilograms) ** 0.5
+    return f'<position name="{joint}" joint="{joint}" kp="{stiffness}" kv="{damping:.1f}"/>'
+
+
+class PhysicalWarehouse(Warehouse):
+    """Warehouse whose boxes obey physics. Commands, states and faults are those of `Warehouse`.
+
+    Raises ParameterError without MuJoCo.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario = SIX,
+        *,
+        seed: int = 0,
+        noise: float = 0.1,
+        faults: tuple[WorldFault, ...] = (),
+        start: int = 0,
+    ) -> None:
+        super().__init__(scenario, seed=seed, noise=noise, faults=faults, start=start)
+        mujoco = self._mujoco = load_mujoco()
+        self.model = mujoco.MjModel.from_xml_string(scene_xml(scenario))
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self._body = {box: self.model.body(box).id for box in scenario.boxes}
+        self._weld = {box: self.model.equality(box).id for box in scenario.boxes}
+        self._gone: set[str] = set()
+        self._begin = start
+        self._gripped = ""
+        self._refresh()
+
+    def advance(self, time: int) -> None:
+        """Run events and physics until ``time``."""
+        if not hasattr(self, "data"):  # before the scene exists
+            super().advance(time)
+            return
+        while self.now < time:
+            super().advance(min(self.now + CONTROL_NS, time))
+            self._step()
+        super().advance(time)
+
+    def boxes(self) -> tuple[BoxPosition, ...]:
+        """Positions of all boxes that have not vanished, sorted by name."""
+        holders = {box: holder for holder, boxes in self.load.items() for box in boxes}
+        return tuple(BoxPosition(name=box, position=self.box_at(box), holder=holders[box]) for box in sorted(holders))
+
+    def box_at(self, box: str) -> Point:
+        """Position of the middle of a box, m."""
+        x, y, z = self.data.xpos[self._body[box]]
+        return Point(float(x), float(y), float(z))
+
+    @property
+    def tool_z(self) -> float:
+        """Height of the tool, m."""
+        return float(self.data.body("tool").xpos[2])
+
+    @property
+    def held(self) -> str:
+        return self._gripped
+
+    def _step(self) -> None:
+        """Set the targets of all actuators, and let the physics follow up to the present time."""
+        crane, start = self.crane.drive.position(self.now), self.layout.places[START]
+        control = {"x": crane.x - start.x, "y": crane.y - start.y, "z": self.finger_z - HIGH_M}
+        for carrier, _, deposit in self.scenario.routes:
+            at = self.carriers[carrier].drive.position(self.now)
+            control[carrier] = at.y - self.layout.deposits[deposit].y
+            control[f"{carrier} pusher"] = self._push(carrier)
+        for name, value in control.items():
+            self.data.actuator(name).ctrl = value
+        goal_s = (self.now - self._begin) / SECOND
+        while self.data.time + STEP_S / 2 < goal_s:
+            self._mujoco.mj_step(self.model, self.data)
+        self._refresh()
+
+    def _push(self, carrier: str) -> float:
+        """Position of the pusher of a carrier, m: out for most of the unloading, then back."""
+        due = self._unloading.get(carrier)
+        if due is None:
+            return 0.0
+        share = 1.0 - (due - self.now) / nanoseconds(UNLOAD_S)
+        return PUSH_M * min(max(share, 0.0) / 0.75, 1.0)
+
+    def _refresh(self) -> None:
+        """Sort the boxes to their holders, by their positions."""
+        tops = sorted((self.box_at(box).z, box) for box in self._body if box not in self._gone)
+        for boxes in self.load.values():
+            boxes.clear()
+        for _, box in tops:
+            self.load[self._holder(box)].append(box)
+
+    def _holder(self, box: str) -> str:
+        at = self.box_at(box)
+        if box == self._gripped:
+            return self.scenario.gripper
+        for carrier in self.scenario.carriers:
+            if is_over(self._deck(carrier), at) and at.z > DECK_M:
+                return carrier
+        for deposit, stop in self.layout.deposits.items():
+            if abs(at.x - stop.x) <= COLUMN_M / 2 and at.y > stop.y + FOOTPRINT[1] / 2:
+                return deposit
+        near = ((flat_distance(self.layout.places[name], at), name) for name in self._stands())
+        distance, place = min(near)
+        return place if distance <= REACH_M else FLOOR
+
+    def _stands(self) -> tuple[str, ...]:
+        return (START, *self.scenario.bases, *self.scenario.bays)
+
+    def _deck(self, carrier: str) -> Point:
+        """Position of the deck of a carrier, m."""
+        x, y, _ = self.data.body(carrier).xpos
+        return Point(float(x), float(y), 0.0)
+
+    def _surface(self, at: Point) -> tuple[float, str, str]:
+        below = [
+            (box.position.z + BOX_M / 2, box.name, box.holder)
+            for box in self.boxes()
+            if box.name != self._gripped
+            and abs(box.position.x - at.x) < BOX_WIDTH_M / 2
+            and abs(box.position.y - at.y) < BOX_WIDTH_M / 2
+        ]
+        if below:
+            return max(below)
+        carrier = next((name for name in self.scenario.carriers if is_over(self._deck(name), at)), "")
+        return (DECK_M, "", carrier) if carrier else (0.0, "", FLOOR)
+
+    def _grasp(self) -> None:
+        if self.is_closed:
+            return
+        self.is_closed = True
+        height, box, _ = self._surface(self.crane.drive.position(self.now))
+        if not box or not self.crane.rests(self.now) or abs(self.tool_z - height) > SUCTION_M:
+            return
+        if self._slips:
+            self._slips -= 1
+            return
+        # The constraint holds the box where it is relative to the tool.
+        mujoco, weld = self._mujoco, self._weld[box]
+        tool, body = self.data.body("tool"), self.data.body(box)
+        inverse, turn, offset = np.zeros(4), np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(inverse, tool.xquat)
+        mujoco.mju_mulQuat(turn, inverse, body.xquat)
+        mujoco.mju_rotVecQuat(offset, body.xpos - tool.xpos, inverse)
+        self.model.eq_data[weld][:3] = 0.0
+        self.model.eq_data[weld][3:6] = offset
+        self.model.eq_data[weld][6:10] = turn
+        self.data.eq_active[weld] = 1
+        self._gripped = box
+        place = next((name for name, boxes in self.load.items() if box in boxes), "")
+        self._refresh()
+        self._update_carrier(place)
+
+    def _release_box(self) -> None:
+        self.is_closed = False
+        if not self._gripped:
+            return
+        box, self._gripped = self._gripped, ""
+        self.data.eq_active[self._weld[box]] = 0
+        self._refresh()
+        self._update_carrier(self._holder(box))
+
+    def _put_into_deposit(self, carrier: str, due: int) -> None:
+        if self._unloading.get(carrier) == due:
+            del self._unloading[carrier]  # the pusher goes back
+
+    def _remove(self, box: str) -> None:
+        place = self._holder(box)
+        self._gone.add(box)
+        if self._gripped == box:
+            self._gripped = ""
+            self.data.eq_active[self._weld[box]] = 0
+        joint = self.data.joint(box)
+        joint.qpos[:3] = (GONE.x + len(self._gone), GONE.y, GONE.z)
+        joint.qvel[:] = 0.0
+        self._refresh()
+        self._update_carrier(place)
+
+
+class PhysicalWorld(World):
+    """Simulator of the warehouse with physics, for six boxes. It needs the extra ``sim``."""
+
+    warehouse_type = PhysicalWarehouse
+
+
+class PhysicalWorld12(World12):
+    """Simulator of the warehouse with physics, for twelve boxes."""
+
+    warehouse_type = PhysicalWarehouse
+
+
+class PhysicalWorld24(World24):
+    """Simulator of the warehouse with physics, for 24 boxes."""
+
+    warehouse_type = PhysicalWarehouse
+
+
+class PhysicalLayoutWorld(LayoutWorld):
+    """Simulator of the warehouse of a layout file with physics. It needs the extra ``sim``."""
+
+    warehouse_type = PhysicalWarehouse
