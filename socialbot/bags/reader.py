@@ -23,7 +23,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
-from socialbot.bags import codec
+from socialbot.bags import _decompression, codec
 from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets, salvage
 from socialbot.bags.types import RosbagsTypes, deserialize, is_known, to_cdr
@@ -60,6 +60,8 @@ MEASURED = (DepthImage, CompressedDepth, PointCloud)
 
 SHORTEST_S = 0.01
 """Shortest duration of a bag from which rates are computed: one frame and its camera_info arrive together."""
+
+_decompression.install()
 
 _STORAGE = (".mcap", ".db3")
 _REPAIRS = {

@@ -131,6 +131,45 @@ class AccessGuard:
         return reply_error(401, "the token is missing or wrong: open the printed address")
 
 
+MAX_BODY_BYTES = 64 * 1024
+BODY_WITHIN_S = 5.0  # time for the body of a request
+
+
+class BodyLimit:
+    """Middleware that refuses large bodies, and slow ones."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or scope["method"] in ("GET", "HEAD"):
+            await self._app(scope, receive, send)
+            return
+        try:
+            body = await asyncio.wait_for(_body(receive), BODY_WITHIN_S)
+        except asyncio.TimeoutError:
+            await reply_error(408, f"the body did not arrive in {BODY_WITHIN_S:.0f} s")(scope, receive, send)
+            return
+        if len(body) > MAX_BODY_BYTES:
+            await reply_error(413, f"the body is larger than {MAX_BODY_BYTES} bytes")(scope, receive, send)
+            return
+        parts = iter([{"type": "http.request", "body": body, "more_body": False}])
+
+        async def receive_again() -> Message:
+            return next(parts, None) or await receive()
+
+        await self._app(scope, receive_again, send)
+
+
+async def _body(receive: Receive) -> bytes:
+    """The body of a request, or its beginning if it is too large."""
+    body, more = b"", True
+    while more and len(body) <= MAX_BODY_BYTES:
+        message = await receive()
+        body, more = body + message.get("body", b""), message.get("more_body", False)
+    return body
+
+
 def is_own_name(host: str) -> bool:
     """Return whether a Host header is an address, ``localhost``, or the name of this machine."""
     try:
@@ -235,6 +274,7 @@ class PageServer:
         ]
         middleware = [
             Middleware(AccessGuard, token=token),
+            Middleware(BodyLimit),
             Middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=1),
         ]
         handlers: dict[Any, Any] = {HTTPException: _http_error, RunError: _run_error}

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from socialbot.core.errors import ParameterError
 from socialbot.runs._server import PageServer
@@ -24,6 +25,8 @@ PORT = 8765
 
 STARTED_WITHIN_S = 10.0
 ENDED_WITHIN_S = 3.0
+REQUEST_WITHIN_S = 5.0  # time for the head of a request
+MAX_CONNECTIONS = 100  # number of open connections; further requests get the status 503
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
                 server_header=False,
                 timeout_graceful_shutdown=1,
                 ws="none",
+                http=_PunctualProtocol,
+                limit_concurrency=MAX_CONNECTIONS,
             )
         )
         thread = threading.Thread(target=_serve, args=(loop, served, listener), name="inspect", daemon=True)
@@ -113,6 +118,34 @@ def serving(run: RunView, address: Address, commands: CommandSender | None = Non
                 asyncio.run_coroutine_threadsafe(server.close(), loop).result(ENDED_WITHIN_S)
             served.should_exit = True
             thread.join(ENDED_WITHIN_S)
+
+
+class _PunctualProtocol(H11Protocol):
+    """HTTP connection that ends if it has no whole request in time, so that idle clients take no place for long."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._await_request()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._await_request()
+
+    def _await_request(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self._deadline = self.loop.call_later(REQUEST_WITHIN_S, self._close_without_request)
+
+    def _close_without_request(self) -> None:
+        if (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing():
+            self.transport.close()
 
 
 class _Uvicorn(uvicorn.Server):
