@@ -16,10 +16,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.intentions import DONE, EVENT, ConditionPause, Failed, ForkPause, Intention, Pause
-from socialbot.bdi.literals import Change, Literal, literal
+from socialbot.bdi.literals import ATOMIC, Change, Literal, literal
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.steps import Achieve, Ask, For, Fork, If, Scoped, Step, Update, While
 from socialbot.bdi.terms import Variable
+from socialbot.bdi.unification import Var, resolve
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -77,12 +78,15 @@ def _flattened(
     depth = len(around)
     stepwise = stepwise or plan.until is not None
     inner: tuple[Plan, ...] = ()
-    watched: tuple[str, ...] = ()
+    watched: tuple[tuple[str, tuple[object, ...]], ...] = ()
     known = sorted((plan.event.literal.names() | plan.condition.names()) - {"_"})
     mark = literal(next(names), tuple(map(Variable, known)))
     if plan.inner:
         events = frozenset(_kind(each) + each.event.literal.key for each in plan.inner)
-        watched = tuple(sorted(event for event in events if event[0] in "+-"))
+        heads = {
+            key: [_args(each) for each in plan.inner if _kind(each) + each.event.literal.key == key] for key in events
+        }
+        watched = tuple((key, _common(heads[key], set(known))) for key in sorted(events) if key[0] in "+-")
         around = (_Around(mark, events), *around)
         inner = tuple(_marked_trigger(each, mark) for each in plan.inner)
     body = tuple(_marked(step, around) for step in plan.body)
@@ -91,6 +95,20 @@ def _flattened(
     yield depth, replace(plan, body=body, inner=(), until=None, stepwise=stepwise)
     for each in reversed(inner):
         yield from _flattened(each, around, names, stepwise)
+
+
+def _args(plan: Plan) -> tuple[object, ...]:
+    return plan.event.literal.args
+
+
+def _common(heads: list[tuple[object, ...]], known: set[str]) -> tuple[object, ...]:
+    """Return the arguments that several events share: constants and ``known`` variables, elsewhere ``_``."""
+    found: list[object] = []
+    for first, *others in zip(*heads, strict=True):
+        given = first.name in known if isinstance(first, Variable) else first.__class__ in ATOMIC
+        same = given and all(str(other) == str(first) and type(other) is type(first) for other in others)
+        found.append(first if same else Variable("_"))
+    return tuple(found)
 
 
 def _kind(plan: Plan) -> str:
@@ -146,17 +164,22 @@ class ScopePause(ForkPause):
         body: The steps of the plan.
         cause: Trace record of the plan.
         mark: Annotation that the inner plans require.
-        watched: Keys of the events with inner plans.
+        watched: Keys of the events with inner plans, each with the arguments that all of these share.
         until: Pause until the goal condition holds; None without one.
     """
 
     def __init__(
-        self, body: Body, cause: Any, mark: Literal, watched: tuple[str, ...], until: ConditionPause | None
+        self,
+        body: Body,
+        cause: Any,
+        mark: Literal,
+        watched: tuple[tuple[str, tuple[Any, ...]], ...],
+        until: ConditionPause | None,
     ) -> None:
         super().__init__((body,), cause, every=False)
         self.mark = mark
         self.until = until
-        self._watchers = [_Watcher(self, key) for key in watched]
+        self._watchers = [_Watcher(self, key, args) for key, args in watched]
 
     def begin(self, interpreter: Interpreter, intention: Intention) -> None:
         super().begin(interpreter, intention)
@@ -199,11 +222,11 @@ class ScopePause(ForkPause):
             self.branches.clear()
             self.end()
 
-    def is_within_another(self, key: str) -> bool:
+    def is_within_another(self, key: str, args: tuple[Any, ...]) -> bool:
         """Whether a plan further outside in the same intention has inner plans for an event, too."""
         around = None if self.intention is None else self.intention.parent
         while around is not None:
-            if isinstance(around.pause, ScopePause) and any(each.key == key for each in around.pause._watchers):
+            if isinstance(around.pause, ScopePause) and any(each.awaits(key, args) for each in around.pause._watchers):
                 return True
             around = around.parent
         return False
@@ -254,20 +277,29 @@ def _scopes_in(branch: Intention) -> Iterator[ScopePause]:
 
 
 class _Watcher(Pause):
-    """Waiter for all events of a key; it remains, and starts inner plans."""
+    """Waiter for the events of inner plans; it remains, and starts them.
 
-    args = None
-    notes = ()
+    Its ``notes`` are those of no event, so that it is asked for each event (`matches`).
+    """
+
     number = 0
     place: Any = None
     outside = True
     """Only events from elsewhere matter: the body of the plan chooses its inner plans itself."""
 
-    def __init__(self, scope: ScopePause, key: str) -> None:
+    def __init__(self, scope: ScopePause, key: str, args: tuple[Any, ...]) -> None:
         self.scope = scope
         self.key = key
+        self.args = tuple(arg if arg.__class__ in ATOMIC else Var() for arg in resolve(args))
+        self.notes = (scope.mark,)
+
+    def awaits(self, key: str, args: tuple[Any, ...]) -> bool:
+        """Check whether inner plans may match an event."""
+        return key == self.key and all(
+            mine.__class__ is Var or mine == other for mine, other in zip(self.args, args, strict=True)
+        )
 
     def matches(self, args: tuple[Any, ...], notes: tuple[Any, ...]) -> bool:
-        if not self.scope.is_within_another(self.key):
+        if not self.scope.is_within_another(self.key, args):
             self.scope.react(self.key, args, notes)
         return False

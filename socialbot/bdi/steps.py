@@ -353,12 +353,12 @@ class Scoped(Nested):
     """Body of a plan with a goal condition, or with inner plans for beliefs.
 
     It ends when the condition ``until`` holds, or without one when the steps have ended. Meanwhile, inner plans handle
-    the ``watched`` events; ``mark`` is the annotation that they require.
+    the ``watched`` events, given by keys and shared arguments; ``mark`` is the annotation that they require.
     """
 
     body: tuple[Step, ...]
     mark: Literal
-    watched: tuple[str, ...]
+    watched: tuple[tuple[str, tuple[object, ...]], ...]
     until: Condition | None
 
     def __str__(self) -> str:

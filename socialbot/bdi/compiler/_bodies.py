@@ -230,7 +230,8 @@ class Body:
 
     def scoped(self, f: Function, step: Scoped) -> None:
         with self.branches(f, (step.body,)) as (body,):
-            rest = f"{body}, c, {build(f, step.mark)}, {step.watched!r}"
+            watched = tuple_of(f"({key!r}, {build(f, args)})" for key, args in step.watched)
+            rest = f"{body}, c, {build(f, step.mark)}, {watched}"
             if step.until is None:
                 f.line(f"yield ScopePause({rest}, None)", step)
             else:

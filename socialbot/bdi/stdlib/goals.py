@@ -181,11 +181,6 @@ def _is_branch_parent(intention: Intention, branch: Intention | None) -> bool:
     return any(each is branch or _is_branch_parent(each, branch) for each in _branches(intention))
 
 
-def _parent(engine: Any, branch: Intention) -> Intention | None:
-    """Return the intention that a branch belongs to."""
-    return next((each for each in engine.intentions if any(inner is branch for inner in _branches(each))), None)
-
-
 def _branches(intention: Intention) -> Iterable[Intention]:
     return intention.pause.branches if isinstance(intention.pause, ForkPause) else ()
 
@@ -266,7 +261,7 @@ def done(engine: Any, args: Args, trail: Trail) -> None:
     goals: list[Request] = []
     while True:
         goals = [request for request in _goals(intention) if not args or _fits(literal_of(".done", args[0]), request)]
-        around = _parent(engine, intention)
+        around = intention.parent
         if goals or around is None:
             break
         if not args and isinstance(around.pause, ScopePause):

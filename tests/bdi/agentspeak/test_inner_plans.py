@@ -137,6 +137,20 @@ class TestBeliefs:
         text = "!work. !go. +!go <- .wait(10); +a; .print(end). +!work <: false. { +a <- .print(inner). }"
         assert said(text) == ["end"]
 
+    @pytest.mark.parametrize("head", ["e(I)", "e(J) : J == I"])
+    def test_known_arguments_of_inner_plans_select_their_intentions(self, head: str):
+        text = f"!go. +!go <- for (.range(I, 1, 3)) {{ !!w(I) }}; .wait(10); ++e(2); ++e(1). \
+            +!w(I) <: false. {{ +{head} <- .print(I). +f(I, X). +f(7, X) <- .print(X, I). }}"
+        assert said(text + " !f. +!f <- .wait(50); ++f(7, x); ++f(1, y).") == ["2", "1", "x1", "x2", "x3"]
+
+    def test_known_arguments_select_in_nested_plans_too(self):
+        text = """
+        !a(1). !go.
+        +!a(X) <: false <- !b(2). { +!b(Y) <: false. { +e(Y) <- .print(inner, Y). } +e(X) <- .print(outer, X). }
+        +!go <- .wait(10); ++e(2); ++e(1); ++e(3).
+        """
+        assert said(text) == ["inner2", "outer1"]
+
     def test_nothing_waits_after_the_end(self):
         text = "+!work(N) <- .wait(1). { +a(M) : M > N <- .print(M). }\n+!until(N) <: a(N). { +b(N) <- .print(N). }"
         mas = Mas(me=text)
