@@ -224,7 +224,6 @@ def _row(fault: Fault, outcome: Outcome) -> dict[str, Value]:
     first = f"{', '.join(outcome.failed[:2])}{' ...' if len(outcome.failed) > 2 else ''}"
     return {
         "agent": fault.scene,
-        "fault": fault.name,
         "caught by": outcome.problem or first or "nothing",
         "expectations": len(outcome.failed),
     }
