@@ -160,6 +160,28 @@ class TestParameters:
 
 
 @pytest.mark.slow
+def test_a_second_up_names_the_first_and_a_killed_one_leaves_no_process(
+    pictures: Path, tmp_path: Path, onlooker: Any
+) -> None:
+    with running(*live(pictures, tmp_path / "run")) as process:
+        assert is_connected(onlooker)
+        children = psutil.Process(process.pid).children(recursive=True)
+        second = socialbot(*live(pictures, tmp_path / "second"))
+        assert second.returncode == 6
+        assert f"process {process.pid}" in second.stderr
+        process.kill()
+        assert eventually(lambda: not [each for each in children if is_alive(each)])
+
+
+def is_alive(process: psutil.Process) -> bool:
+    """Whether a process runs; a zombie does not."""
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+@pytest.mark.slow
 def test_a_replay_with_keys_refuses_nothing(short_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Between processes DDS fills up messages to whole words, of which seals must not depend."""
     new_key("robot", tmp_path / "keys")
