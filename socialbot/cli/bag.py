@@ -21,7 +21,7 @@ from socialbot.core.process import Ending
 
 if TYPE_CHECKING:
     from socialbot.bags.reader import Bag, BagTopic
-
+    from socialbot.runtime.redaction import Privacy, Redaction
 
 PANEL = "Bags, cameras and scores"
 EXAMPLES = (
@@ -143,16 +143,26 @@ def record(
     topics: Annotated[list[str] | None, typer.Option(help="Topic, repeatable; default: all.")] = None,
     duration: DurationOption = None,
     storage: StorageOption = "mcap",
+    privacy: Annotated[
+        Literal["none", "blur", "no-images"],
+        typer.Option(help="Pictures: as they are, with people blurred, or left out; after the recording."),
+    ] = "none",
+    graph: Annotated[str | None, typer.Option(help="Graph whose perception is kept with --privacy.")] = None,
 ) -> None:
     """Record ROS topics, until Ctrl-C or for a duration."""
     from socialbot.bridge import recorder
 
     console = Console()
+    target = out if privacy == "none" else out.with_name(f"{out.name}.original")
+    if target != out and out.exists():
+        raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
     with Ending().on_signals() as ending:
         console.print(f"recording to {out}; Ctrl-C ends it", highlight=False)
         made = recorder.record(
-            out, topics=topics or (), duration_s=duration, storage=storage, stopped=lambda: ending.asked
+            target, topics=topics or (), duration_s=duration, storage=storage, stopped=lambda: ending.asked
         )
+    if privacy != "none":
+        _redact_recording(console, target, out, privacy, graph, storage)
     for topic, count in sorted(made.counts.items()):
         console.print(f"{count:7d}  {topic}", highlight=False, markup=False)
     for topic, why in made.refused.items():
@@ -160,6 +170,28 @@ def record(
     for topic in sorted({name.lstrip("/") for name in topics or ()} - {name.lstrip("/") for name in made.counts}):
         console.print(f"[yellow]no messages on[/] /{escape(topic)}", highlight=False)
     console.print(f"{sum(made.counts.values())} messages in {made.duration_s:.1f} s", highlight=False)
+
+
+def _redact_recording(
+    console: Console, original: Path, out: Path, privacy: Privacy, graph: str | None, storage: str
+) -> None:
+    """Redact a recording, and remove the original."""
+    import shutil
+
+    from socialbot.runtime.redaction import has_pictures
+    from socialbot.runtime.redaction import redact as make
+
+    if not has_pictures(original):
+        original.rename(out)
+        return
+    try:
+        with bar("redacting", "images") as advance:
+            made = make(original, out, privacy, graph=graph, storage=storage, advance=advance)
+    except BagError as error:
+        remedy = f"it is still in {original}: remove it, or redact it with `socialbot bag redact`"
+        raise BagError(f"the recording is not redacted: {error.what}", where=str(original), remedy=remedy) from error
+    shutil.rmtree(original)
+    _print_redaction(console, made)
 
 
 @bag.command()
@@ -182,6 +214,49 @@ def convert(
     for topic, skipped in sorted(made.skipped.items()):
         console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, left out, first: {escape(skipped.first)}")
     console.print(f"{made.messages} messages in {made.path}, {made.converted} of them now {wire}")
+
+
+@bag.command()
+def redact(
+    source: BagArgument,
+    out: OutArgument,
+    privacy: Annotated[
+        Literal["blur", "no-images"],
+        typer.Option(help="blur: blur people; no-images: keep headers of images, without pixels and points."),
+    ] = "blur",
+    whole: Annotated[bool, typer.Option("--whole", help="Blur whole people instead of their heads.")] = False,
+    graph: Annotated[
+        str | None, typer.Option(help="Graph whose perception is kept for replays; default: the bag's own, or waldo.")
+    ] = None,
+    storage: StorageOption = "mcap",
+) -> None:
+    """Copy a bag without recognisable pictures of people; replays of the copy decide the same.
+
+    All but images is copied byte for byte. docs/privacy.md tells what can still be inferred.
+    """
+    from socialbot.runtime.redaction import redact as make
+
+    with bar("redacting", "images") as advance:
+        made = make(source, out, privacy, whole=whole, graph=graph, storage=storage, advance=advance)
+    _print_redaction(Console(highlight=False, soft_wrap=True), made)
+
+
+def _print_redaction(console: Console, made: Redaction) -> None:
+    """Tell what was done to a bag, and what was not."""
+    for topic, count in sorted(made.images.items()):
+        console.print(f"blurred: {count} images of {topic}", markup=False)
+    for topic, count in sorted(made.emptied.items()):
+        reason = " that cannot be decoded" if topic in made.unreadable else ""
+        console.print(f"emptied: {count} messages of {topic}{reason}", markup=False)
+    for topic in made.depth:
+        console.print(f"[yellow]kept[/]: {escape(topic)}: depth shows shapes of people; --privacy no-images removes it")
+    if made.perception == "recorded":
+        console.print("kept for replays: what the nodes saw in the images, in seen.percepts")
+    else:
+        console.print(f"[yellow]not kept[/]: what was seen in the images: {escape(made.perception)}")
+    if made.files:
+        console.print(f"copied: {', '.join(made.files)}", markup=False)
+    console.print(f"{made.kept} messages are the same, byte for byte; the new bag: {made.path}", markup=False)
 
 
 def _table(opened: Bag, images: Mapping[str, str], *, checked: bool) -> Table:

@@ -80,12 +80,20 @@ def replay(
                 except SocialbotError:
                     write_page(console, record, title)
                     raise
-            if video and topic is not None and record.detections:
+            if video and topic is not None and record.detections and not _is_without_images(bag):
                 with options.bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
                     write_video(opened, topic, record, source.truth, folder / "annotated.mp4", advance)
     print_outcome(console, result)
     write_page(console, record, title)
     result.check()
+
+
+def _is_without_images(bag: Path) -> bool:
+    """Whether the images of a bag are redacted and have no pixels."""
+    from socialbot.runtime.perception_cache import is_redacted
+    from socialbot.runtime.redaction import has_pixels
+
+    return is_redacted(bag) and not has_pixels(bag)
 
 
 def _ask_image_topic(names: Sequence[str]) -> str | None:

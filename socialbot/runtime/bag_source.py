@@ -23,7 +23,7 @@ from socialbot.graph.inline import Recorded
 from socialbot.graph.node import Graph
 from socialbot.runs.difference import DECIDED, DecisionComparison, compare
 from socialbot.runs.record import STOPPED, MessageObserver, RunRecord, event_log_topics, with_event_log
-from socialbot.runtime.perception_cache import PerceptionCache
+from socialbot.runtime.perception_cache import PerceptionCache, is_redacted
 from socialbot.runtime.run import (
     Execution,
     Runner,
@@ -50,7 +50,7 @@ def replay(
     *,
     runner: Runner = "inline",
     truth: Path | None = None,
-    cache: bool = True,
+    cache: bool | PerceptionCache = True,
 ) -> RunResult:
     """Replay a bag through a graph.
 
@@ -61,7 +61,8 @@ def replay(
         observe: Called with the topic and message of every message.
         runner: "inline" for one thread and simulated time, "ros" for processes over DDS.
         truth: Ground truth file; by default NAME.truth.json beside the bag, if it exists.
-        cache: Whether an inline replay takes what nodes see in images from the user's cache, and keeps it there.
+        cache: Whether an inline replay takes what nodes see in images from the user's cache, and keeps it there; or
+            another cache.
 
     Raises:
         SocialbotError: The bag or the graph is unusable, or the run failed.
@@ -71,7 +72,8 @@ def replay(
             return replay(opened, graph, folder, observe, runner=runner, truth=truth, cache=cache)
     if not isinstance(graph, Graph):
         graph = graph_of(bag.path) if graph is None else load_graph(graph)
-    source = BagSource(bag, truth=find_truth(bag, truth), cache=PerceptionCache() if cache else None)
+    kept = cache if isinstance(cache, PerceptionCache) else PerceptionCache() if cache else None
+    source = BagSource(bag, truth=find_truth(bag, truth), cache=kept)
     with RunRecord(new_run_folder() if folder is None else Path(folder)) as record:
         return run(graph, source, record, observe, runner=runner)
 
@@ -159,8 +161,8 @@ class BagSource(RunSource):
 
     def _run_inline(self, execution: Execution) -> None:
         graph, ending = execution.graph, execution.ending
-        if takes_images(graph) and self.cache is not None:
-            self._run_cached(execution, self.cache)
+        if takes_images(graph) and (self.cache is not None or is_redacted(self.bag.path)):
+            self._run_cached(execution, self.cache or PerceptionCache())
             return
         messages = self.bag.messages(self._feeds, graph.topics())
         first = next(messages, None)
@@ -198,6 +200,11 @@ class BagSource(RunSource):
         self._perception = perception.state
 
     def _run_ros(self, execution: Execution) -> None:
+        if is_redacted(self.bag.path):
+            remedy = "replay it with --runner inline"
+            raise BagError(
+                "its images are redacted, so nodes cannot look at them", where=str(self.bag.path), remedy=remedy
+            )
         ending = execution.ending
         report = execution.logs / "played.json"
         with execution.processes(observed_topics(execution.graph)) as (observer, launch):

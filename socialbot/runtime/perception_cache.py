@@ -53,16 +53,35 @@ _PACKAGES = ("numpy", "opencv-python-headless", "opencv-python", "onnxruntime", 
 _VARIABLES = ("OMP_", "OPENCV_", "ORT_", "MKL_", "OPENBLAS_")
 """Beginnings of environment variables that change how libraries compute."""
 
+SEEN_FILE = "seen.percepts"
+"""File in the folder of a redacted bag: what was seen in its images before."""
+
 _INPUT = "input"  # Node of the steps that hold the messages of the bag.
 
 
 class Entry(msgspec.Struct, kw_only=True):
-    """Last block of an entry: the bag, the nodes and their detector, and the damaged messages of the bag."""
+    """Last block of an entry.
+
+    Attributes:
+        bag: Name of the bag.
+        nodes: Nodes whose results it holds.
+        detector: Name of their detector.
+        settings: Types, parameters and topics of all nodes that the results depend on, by node.
+        feeds: Topics of the bag and of the graph.
+        skipped: Damaged messages of the bag, by topic.
+    """
 
     bag: str
     nodes: tuple[str, ...]
     detector: str = ""
+    settings: dict[str, Any] = {}
+    feeds: dict[str, str] = {}
     skipped: dict[str, Skipped] = {}
+
+
+def is_redacted(bag: Path) -> bool:
+    """Whether the images of a bag are redacted, and what was seen in them is beside them."""
+    return bag.is_dir() and (bag / SEEN_FILE).is_file()
 
 
 def default_folder() -> CacheFolder:
@@ -120,7 +139,8 @@ class CachedPerception:
             if complete:
                 self._player.finish()
             if self._player.differs:
-                self._folder.remove(self._key)
+                if self._key:
+                    self._folder.remove(self._key)
                 what = f"the bag changed during the replay: {self._player.differs}"
                 raise BagError(what, where=str(self._bag.path), remedy="replay it again")
         elif self._writer is not None:
@@ -173,6 +193,9 @@ class PerceptionCache:
         """Prepare an inline replay of ``graph`` (without its sources), which gets the topics ``feeds`` of ``bag``."""
         pure = _pure(graph, feeds)
         replaced = _replaceable(graph, pure)
+        settings = {config.name: _settings(config) for config in graph.nodes if config.name in pure}
+        if is_redacted(bag.path):
+            return self._redacted(bag, graph, feeds, replaced, settings)
         if not replaced:
             return CachedPerception(graph, "no node can be cached", bag, feeds, self.folder)
         key = _key(bag, [config for config in graph.nodes if config.name in pure], replaced, feeds)
@@ -181,7 +204,7 @@ class PerceptionCache:
             entry, steps = _split(content)
             if set(entry.nodes) == replaced:
                 return self._played(bag, graph, feeds, key, entry, steps)
-        return self._recorded(bag, graph, feeds, key, replaced)
+        return self._recorded(bag, graph, feeds, key, replaced, settings)
 
     def _played(
         self, bag: Bag, graph: Graph, feeds: Mapping[str, str], key: str, entry: Entry, steps: list[Step]
@@ -194,8 +217,29 @@ class PerceptionCache:
         graph = _with_types(graph, {name: playing_type(graph.node(name).type, player) for name in entry.nodes})
         return CachedPerception(graph, "read", bag, feeds, self.folder, key, player, inputs)
 
+    def _redacted(
+        self, bag: Bag, graph: Graph, feeds: Mapping[str, str], replaced: set[str], settings: dict[str, Any]
+    ) -> CachedPerception:
+        """Play what was seen in the images of a redacted bag. Raises BagError if that needs other images."""
+        where = str(bag.path / SEEN_FILE)
+        content = CacheFolder(bag.path, 0).read(Path(SEEN_FILE).stem, use=False)
+        if content is None:
+            remedy = "redact the original bag again"
+            raise BagError("what was seen in the redacted images is damaged", where=where, remedy=remedy)
+        entry, steps = _split(content)
+        found = msgspec.to_builtins(settings)
+        differing = sorted(name for name in {*found, *entry.settings} if found.get(name) != entry.settings.get(name))
+        if differing or set(entry.nodes) != replaced or dict(feeds) != entry.feeds:
+            names = ", ".join(differing) or "the topics"
+            raise BagError(
+                f"its images are redacted, and what was seen in them was recorded with another setting of {names}",
+                where=str(bag.path),
+                remedy="leave these nodes as they were; settings of agents may change",
+            )
+        return self._played(bag, graph, feeds, "", entry, steps)
+
     def _recorded(
-        self, bag: Bag, graph: Graph, feeds: Mapping[str, str], key: str, replaced: set[str]
+        self, bag: Bag, graph: Graph, feeds: Mapping[str, str], key: str, replaced: set[str], settings: dict[str, Any]
     ) -> CachedPerception:
         try:
             writer = self.folder.write(key)
@@ -204,7 +248,13 @@ class PerceptionCache:
             return CachedPerception(graph, "the cache cannot be written", bag, feeds, self.folder)
         names = tuple(config.name for config in graph.nodes if config.name in replaced)
         detectors = (config.parameters.get("detector", "") for config in graph.nodes if config.name in replaced)
-        entry = Entry(bag=bag.path.resolve().name, nodes=names, detector=str(next(filter(None, detectors), "")))
+        entry = Entry(
+            bag=bag.path.resolve().name,
+            nodes=names,
+            detector=str(next(filter(None, detectors), "")),
+            settings=settings,
+            feeds=dict(feeds),
+        )
         made = CachedPerception(graph, "recording", bag, feeds, self.folder, key, _writer=writer, _entry=entry)
         made._recorder = StepRecorder(made._note)
         types = {name: recording_type(graph.node(name).type, made._recorder) for name in names}
@@ -303,14 +353,18 @@ def _only_reads(nodes: Sequence[NodeConfig], replaced: set[str], feeds: Mapping[
     return set(feeds.values()) <= topics
 
 
+def _settings(config: NodeConfig) -> list[Any]:
+    """Type, parameters and topics of a node."""
+    values = check_parameters(config.type, config.parameters, where=config.name)
+    return [f"{config.type.__module__}.{config.type.__qualname__}", dict(sorted(values.items())), dict(config.remap)]
+
+
 def _node(config: NodeConfig) -> Any:
     roots = _code_roots(config.type) or ()
     files = [(str(path), hash_file(path, where=config.name) if path.exists() else b"") for path in _files(config) or ()]
     return [
         config.name,
-        f"{config.type.__module__}.{config.type.__qualname__}",
-        sorted(check_parameters(config.type, config.parameters, where=config.name).items()),
-        sorted(config.remap.items()),
+        _settings(config),
         files,
         [_source(root) for root in roots],
     ]

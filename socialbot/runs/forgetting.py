@@ -1,0 +1,208 @@
+"""Remove one person from the record of a run."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from socialbot.core.bounded_log import parts
+from socialbot.core.clock import nanoseconds
+from socialbot.core.errors import RunError, suggestion
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.folder import open_run
+from socialbot.runs.record import SCORED, SEEN, TRACE
+
+AFTER_S = 10.0
+"""What agents do for so long after they were alone with a person is a trace of that person."""
+
+PICTURES = (".html", ".mp4", ".jpg", ".jpeg", ".png", ".rrd", ".mcap", ".eaf")
+"""Files with pictures, or with everything: they are removed."""
+
+_TEXTS = (".json", ".yaml", ".yml", ".csv", ".txt", ".log")
+
+Span = tuple[int, int]
+
+
+@dataclass
+class Forgotten:
+    """What was removed from a run.
+
+    Attributes:
+        frames: Number of frames in which the person was seen.
+        records: Number of removed records of agents.
+        files: Removed files.
+        left: Files that may still show the person, such as the bag of the run, which is not changed.
+    """
+
+    frames: int = 0
+    records: int = 0
+    files: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+
+def forget_person(folder: Path, person: str) -> Forgotten:
+    """Remove a person from the record of a run.
+
+    Removed are: their boxes in every frame; records that name them, with everything that follows from these; all that
+    agents did while nobody else was there and `AFTER_S` after that; files with pictures and with scores of frames.
+
+    Args:
+        folder: The run.
+        person: Id of the person, such as ``t1``.
+
+    Raises:
+        RunError: There is no run, it has no such person, or it cannot be written.
+    """
+    known = _people(open_run(folder).history)
+    if person not in known:
+        remedy = suggestion(person, known) if known else "nobody was seen in this run"
+        raise RunError(f"no person {person!r}", where=str(folder), remedy=remedy)
+    try:
+        return _Forgetting(folder, person).run()
+    except OSError as error:
+        raise RunError(
+            f"cannot be written: {error.strerror}", where=str(folder), remedy="check its permissions"
+        ) from error
+
+
+def _people(history: Any) -> list[str]:
+    found = (one.get("track_id", "") for record in history for one in record.detail.get("persons", ()))
+    return sorted(set(filter(None, found)))
+
+
+class _Forgetting:
+    def __init__(self, folder: Path, person: str) -> None:
+        self._folder = folder
+        self._person = person
+        # Part of another word, as t1 in t10, is another name.
+        self._named = re.compile(rf"(?<![A-Za-z0-9_]){re.escape(person)}(?![A-Za-z0-9_])")
+        self._removed: set[str] = set()
+        self._kept: set[str] = set()
+        self._made = Forgotten()
+
+    def run(self) -> Forgotten:
+        records = [record for path in parts(self._folder / TRACE) for record in self._records(path)]
+        alone = self._alone(records)
+        for path in parts(self._folder / TRACE):
+            kept = (self._without(record, alone) for record in self._records(path))
+            _replace(path, [msgspec.json.encode(record) for record in kept if record is not None])
+        for path in parts(self._folder / SEEN) if (self._folder / SEEN).exists() else ():
+            _replace(path, [line for line in path.read_bytes().split(b"\n") if line and not self._names(line)])
+        self._rewrite_results()
+        self._remove_files()
+        return self._made
+
+    def _records(self, path: Path) -> Iterator[TraceRecord]:
+        """Yield the intact records of a file; damaged lines are dropped, since they may hold anything."""
+        decoder = msgspec.json.Decoder(TraceRecord)
+        for line in path.read_bytes().split(b"\n"):
+            try:
+                if line:
+                    yield decoder.decode(line)
+            except msgspec.MsgspecError:
+                continue
+
+    def _names(self, data: bytes) -> bool:
+        return self._named.search(data.decode("utf-8", "replace")) is not None
+
+    def _alone(self, records: Sequence[TraceRecord]) -> list[Span]:
+        """Times (ns) in which agents reacted to this person alone."""
+        spans: list[Span] = []
+        for record in records:
+            if record.kind != "detection":
+                continue
+            ids = {one.get("track_id", "") for one in record.detail.get("persons", ())}
+            if ids == {self._person}:
+                end = record.stamp + nanoseconds(AFTER_S)
+                if spans and record.stamp <= spans[-1][1]:
+                    spans[-1] = spans[-1][0], end
+                else:
+                    spans.append((record.stamp, end))
+            elif ids and spans and record.stamp <= spans[-1][1]:  # somebody else is there now
+                spans[-1] = spans[-1][0], record.stamp - 1
+        return spans
+
+    def _without(self, record: TraceRecord, alone: Sequence[Span]) -> TraceRecord | None:
+        """Return a record without the person; None if it is a trace of them."""
+        if record.kind == "detection":
+            return self._frame_without(record)
+        follows = record.cause in self._removed
+        at_that_time = any(begin <= record.stamp <= end for begin, end in alone)
+        if follows or at_that_time or self._names(msgspec.json.encode(record)):
+            self._made.records += 1
+            self._removed.add(record.id)
+            return None
+        self._kept.add(record.id)
+        return record
+
+    def _frame_without(self, record: TraceRecord) -> TraceRecord:
+        persons = record.detail.get("persons", ())
+        others = [one for one in persons if one.get("track_id", "") != self._person]
+        if len(others) == len(persons):
+            return record
+        self._made.frames += 1
+        if not others:
+            self._removed.add(record.id)
+        detail = {**record.detail, "persons": others} if others else {}
+        what = f"{len(others)} {'person' if len(others) == 1 else 'persons'}"
+        return msgspec.structs.replace(record, what=what, detail=detail)
+
+    def _rewrite_results(self) -> None:
+        path = self._folder / "results.json"
+        if not path.is_file():
+            return
+        results = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        for name in ("actions", "utterances"):
+            if name in results:
+                results[name] = [each for each in results[name] if each.get("id") in self._kept]
+        results["scores"] = None
+        results.pop("decisions", None)
+        text = msgspec.json.format(msgspec.json.encode(self._scrubbed(results)), indent=2) + b"\n"
+        _write(path, text)
+
+    def _scrubbed(self, value: Any) -> Any:
+        """Return plain data without items that name the person."""
+        if isinstance(value, dict):
+            return {key: self._scrubbed(each) for key, each in value.items() if not self._named.search(str(key))}
+        if isinstance(value, list):
+            return [self._scrubbed(each) for each in value if not (isinstance(each, str) and self._named.search(each))]
+        return "" if isinstance(value, str) and self._named.search(value) else value
+
+    def _remove_files(self) -> None:
+        """Remove pictures, scores of frames and speech; drop lines of logs that name the person."""
+        known = {TRACE, SEEN, "results.json", "graph.yaml"}
+        for path in sorted(self._folder.rglob("*")):
+            name = str(path.relative_to(self._folder))
+            if not path.is_file() or path.name.partition(".jsonl")[0] + ".jsonl" in known or name in known:
+                continue
+            if path.name == SCORED or path.suffix in PICTURES or path.suffix == ".wav":
+                in_bag = path.suffix == ".mcap" and (path.parent / "metadata.yaml").exists()
+                if in_bag:
+                    self._made.left.append(name)
+                else:
+                    path.unlink()
+                    self._made.files.append(name)
+            elif path.suffix in _TEXTS and self._names(path.read_bytes()):
+                lines = path.read_bytes().split(b"\n")
+                _write(path, b"\n".join(line for line in lines if not self._names(line)))
+            elif self._names(path.read_bytes()):
+                self._made.left.append(name)
+
+
+def _replace(path: Path, lines: Sequence[bytes]) -> None:
+    _write(path, b"".join(line + b"\n" for line in lines))
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Replace a file in one step."""
+    handle, name = tempfile.mkstemp(dir=path.parent)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+    Path(name).replace(path)

@@ -1,0 +1,183 @@
+"""Redacted bags: nobody is recognisable, all else is the same, and replays decide the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from socialbot.bags.reader import open_bag
+from socialbot.bags.types import RosbagsTypes
+from socialbot.bags.writer import BagWriter
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import BagError
+from socialbot.core.messages import Image, PointCloud, Utterance
+from socialbot.graph.files import load_graph
+from socialbot.runtime.bag_source import replay
+from socialbot.runtime.perception_cache import SEEN_FILE
+from socialbot.runtime.redaction import redact
+from socialbot.vision.blurring import blurred, regions_of
+from tests.system.running import socialbot_here
+from tests.vision.drawn import add_person, corridor
+from tests.vision.metrics.scenes import IMAGES, START, TENTH, TOP, drawn_bag
+from tests.vision.networks import constant_network, yolov8_rows
+
+BAGS = Path(__file__).parents[2] / "data" / "synthetic"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory) -> Path:
+    made = drawn_bag(tmp_path_factory.mktemp("bags"), frames=5)
+    answers = {"boxes": yolov8_rows((250, 100, 100, 300, 0.9))}
+    made.with_name("model.onnx").write_bytes(constant_network(answers, shape=(1, 3, 480, 640)))
+    return made
+
+
+def waldo(bag: Path, **more: object):
+    eyes = {"detector": "onnx", "model": str(bag.with_name("model.onnx")), "layout": "yolov8", "faces": False}
+    return load_graph("waldo").with_parameters({"person_detector": {**eyes, **more}})
+
+
+def raw(path: Path, *, pictures: bool) -> list[tuple[str, int, str, bytes]]:
+    with open_bag(path) as opened:
+        names = [topic.name for topic in opened.topics if (topic.name == IMAGES) == pictures]
+        return list(opened.raw_messages({name: name for name in names}))
+
+
+@pytest.mark.parametrize("privacy", ["blur", "no-images"])
+def test_replays_of_a_redacted_bag_decide_the_same(bag, tmp_path, privacy):
+    replay(bag, waldo(bag), tmp_path / "before", cache=False)
+    made = redact(bag, tmp_path / "out", privacy, graph=waldo(bag))
+    assert made.perception == "recorded"
+    for name, cache in ("cached", True), ("uncached", False):
+        replay(made.path, waldo(bag), tmp_path / name, cache=cache)
+        assert (tmp_path / name / "trace.jsonl").read_bytes() == (tmp_path / "before" / "trace.jsonl").read_bytes()
+    hasty = waldo(bag).with_parameters({"bdi_engine": {"appear_s": 0.1}})
+    replay(made.path, hasty, tmp_path / "hasty")
+    assert (tmp_path / "hasty" / "trace.jsonl").read_bytes() != (tmp_path / "before" / "trace.jsonl").read_bytes()
+    with pytest.raises(BagError, match="another setting of person_detector"):
+        replay(made.path, waldo(bag, threshold=0.3), tmp_path / "other")
+
+
+def test_all_but_images_is_the_same_to_the_byte(bag, tmp_path):
+    redact(bag, tmp_path / "out", "blur", graph=waldo(bag))
+    assert raw(bag, pictures=False) == raw(tmp_path / "out", pictures=False) != []
+    before, after = raw(bag, pictures=True), raw(tmp_path / "out", pictures=True)
+    assert [each[:3] for each in before] == [each[:3] for each in after]
+    assert all(one[3] != other[3] for one, other in zip(before, after, strict=True))
+    assert (tmp_path / "out.truth.json").read_bytes() == bag.with_name(f"{bag.name}.truth.json").read_bytes()
+
+
+def test_no_pixel_is_left_without_images(bag, tmp_path):
+    made = redact(bag, tmp_path / "out", "no-images", graph=waldo(bag))
+    assert made.emptied == {IMAGES: 5}
+    types = RosbagsTypes()
+    assert all(not types.deserialize(data, kind).data.size for _, _, kind, data in raw(made.path, pictures=True))
+    files = b"".join(path.read_bytes() for path in made.path.iterdir())
+    assert b"\xff\xd8\xff" not in files
+    assert (made.path / SEEN_FILE).exists()
+
+
+def test_blurred_people_are_as_flat_as_blocks_of_their_colours():
+    picture = corridor(seed=3)
+    box = np.array([add_person(picture, 300, TOP, 220)], np.float64)
+    picture[:] = np.clip(picture + np.random.default_rng(1).normal(0, 20, picture.shape), 0, 255).astype(np.uint8)
+    x, y, w, h = regions_of(box, whole=False)[0].astype(int)
+    after = blurred(picture, box)
+    detail = [cv2.Laplacian(each[y + 2 : y + h - 2, x + 2 : x + w - 2], cv2.CV_64F).var() for each in (picture, after)]
+    assert detail[1] < detail[0] / 1000
+    outside = np.ones(picture.shape[:2], bool)
+    outside[max(0, y - 1) : y + h + 2, max(0, x - 1) : x + w + 2] = False
+    assert (picture[outside] == after[outside]).all()
+    assert regions_of(box, whole=True)[0, 3] > regions_of(box, whole=False)[0, 3] * 2
+
+
+def test_wide_boxes_are_blurred_whole():
+    upper_body = np.array([[100.0, 50.0, 120.0, 150.0]])
+    assert regions_of(upper_body, whole=False)[0, 3] >= 150
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "mono8", "bgr8"])
+def test_raw_images_are_blurred(tmp_path, encoding):
+    with BagWriter(tmp_path / "raw") as writer:
+        for number in range(3):
+            picture = corridor(seed=number)
+            add_person(picture, 300, TOP, 220)
+            codes = {"rgb8": cv2.COLOR_BGR2RGB, "mono8": cv2.COLOR_BGR2GRAY}
+            pixels = cv2.cvtColor(picture, codes[encoding]) if encoding in codes else picture
+            stamp = START + number * TENTH
+            image = Image(
+                stamp=stamp, frame_id="c", height=480, width=640, encoding=encoding,
+                step=640 * (pixels.size // (480 * 640)), data=pixels.reshape(-1),
+            )  # fmt: skip
+            writer.write("/image", image, stamp)
+    hog = load_graph("waldo").with_parameters({"person_detector": {"detector": "hog"}})
+    made = redact(tmp_path / "raw", tmp_path / "out", "blur", graph=hog)
+    assert made.images == {"/image": 3}
+    with open_bag(made.path) as opened:
+        [first, *_] = [message for _, message in opened.messages({"/image": "/image"})]
+    assert isinstance(first, Image)
+    assert (first.encoding, first.data.size) == ("bgr8", 640 * 480 * 3)
+
+
+def test_images_that_cannot_be_decoded_are_emptied(bag, tmp_path):
+    types = RosbagsTypes()
+    with BagWriter(tmp_path / "broken") as writer:
+        for number, (topic, time, kind, data) in enumerate(raw(bag, pictures=True)):
+            message = types.deserialize(data, kind)
+            if number == 2:
+                message.data = message.data[: len(message.data) // 2]
+            writer.write_raw(topic, kind, types.serialize(message), time)
+    made = redact(tmp_path / "broken", tmp_path / "out", "blur", graph=waldo(bag))
+    assert (made.unreadable, made.emptied, made.images) == ({IMAGES: 1}, {IMAGES: 1}, {IMAGES: 4})
+
+
+def test_points_and_depth_go_with_the_images(tmp_path):
+    cloud = PointCloud(
+        stamp=START, frame_id="c", height=1, width=1, fields=(), is_bigendian=False, point_step=4, row_step=4,
+        data=np.ones(4, np.uint8),
+    )  # fmt: skip
+    with BagWriter(tmp_path / "cloud") as writer:
+        writer.write("/points", cloud, START)
+    made = redact(tmp_path / "cloud", tmp_path / "out", "no-images")
+    assert made.emptied == {"/points": 1}
+    kept = redact(tmp_path / "cloud", tmp_path / "kept", "blur")
+    assert kept.depth == ("/points",)
+
+
+def test_the_command_says_what_it_did(bag, tmp_path):
+    sets = ["--graph", bag.with_name("eyes.yaml")]
+    bag.with_name("eyes.yaml").write_text(
+        "name: eyes\ninputs: [/camera/image_raw, /camera/image_raw/compressed, /camera/camera_info]\nnodes:\n"
+        "  image_converter: {type: image_converter}\n  person_detector:\n    type: person_detector\n"
+        f"    parameters: {{detector: onnx, model: {bag.with_name('model.onnx')}, layout: yolov8, faces: false}}\n"
+    )
+    done = socialbot_here("bag", "redact", bag, tmp_path / "out", "--privacy", "no-images", *sets)
+    assert done.returncode == 0, done.stderr
+    for part in (f"emptied: 5 messages of {IMAGES}", "seen.percepts", "1 messages are the same"):
+        assert part in done.stdout
+    again = socialbot_here("bag", "redact", bag, tmp_path / "out", *sets)
+    assert (again.returncode, "already exists" in again.stderr) == (3, True)
+    shown = socialbot_here("replay", tmp_path / "out", *sets, "--out", tmp_path / "run")
+    assert shown.returncode == 0, shown.stderr
+    assert not (tmp_path / "run" / "annotated.mp4").exists()
+    over_ros = socialbot_here("replay", tmp_path / "out", *sets, "--out", tmp_path / "ros", "--runner", "ros")
+    assert "replay it with --runner inline" in over_ros.stderr
+
+
+def test_a_bag_without_images_can_be_shared_as_it_is(tmp_path):
+    with BagWriter(tmp_path / "words") as writer:
+        writer.write("/speech/say", Utterance(stamp=SECOND, id="u", text="Hello"), SECOND)
+    with pytest.raises(BagError, match="the bag has no images"):
+        redact(tmp_path / "words", tmp_path / "out", "blur")
+
+
+@pytest.mark.slow
+def test_heads_of_labelled_people_are_blurred():
+    from evaluation.privacy import covered
+
+    result = covered(BAGS / "lens_low_tune")
+    assert result.heads >= 20
+    assert result.share >= 0.99
