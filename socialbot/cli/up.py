@@ -12,6 +12,7 @@ from rich.console import Console
 from socialbot.cli import _options as options
 from socialbot.core.errors import ParameterError
 
+FOXGLOVE_PORT = 8766  # that of the inspector is 8765
 PANEL = "Run a graph"
 EXAMPLES = (
     "socialbot up --inspect",
@@ -33,16 +34,25 @@ def up(
     keep: Annotated[float, typer.Option(min=1.0, help="Size limit of the record in MB; keeps the newest.")] = 200.0,
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
+    show_foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Serve the run to Foxglove and Lichtblick on a WebSocket.")
+    ] = False,
+    foxglove_host: Annotated[
+        str, typer.Option(help="Its address; all but loopback need SOCIALBOT_TOKEN.")
+    ] = "127.0.0.1",
+    foxglove_port: Annotated[int, typer.Option(min=0, max=65535, help="Its port; 0: any free port.")] = FOXGLOVE_PORT,
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
 ) -> None:
     """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
+    from socialbot.cli.foxglove import shown_in_foxglove
     from socialbot.cli.inspect import watched
     from socialbot.core.clock import WallClock
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunTrace, log_bytes
+    from socialbot.runs.serving import Address, token_given
     from socialbot.runtime.deployment import is_deployment, load_deployment
     from socialbot.runtime.machine import LiveSource, machine_source
     from socialbot.runtime.run import new_run_folder, run
@@ -70,6 +80,9 @@ def up(
         record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep), labels=options.labels_of(labels)))
         if show_page:
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
+        if show_foxglove:
+            address = Address(foxglove_host, foxglove_port, token_given(None))
+            context.with_resource(shown_in_foxglove(record, whole, console, address))
         deliberates = any(config.type.deliberates for config in whole.nodes)
         start = None if deliberates else WallClock().now()
         try:

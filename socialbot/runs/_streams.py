@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -68,11 +69,11 @@ def minds_of(run: RunView) -> Iterator[Mind]:
     """Yield the mind of each agent at each change."""
     before: dict[str, tuple[object, ...]] = {}
     records = [record for record in run.history if record.kind not in OF_TOPICS]
-    for record, following in zip(records, [*records[1:], None], strict=True):
+    for record, following in itertools.zip_longest(records, records[1:]):
         if following is not None and following.stamp == record.stamp:
             continue
         for agent in run.states.at(record.stamp).agents:
-            mind = _mind(run, agent, record.stamp)
+            mind = mind_of(run, agent, record.stamp)
             content = (mind.beliefs, mind.desires, mind.intentions)
             if before.get(agent.name) != content:
                 before[agent.name] = content
@@ -88,7 +89,8 @@ def poses_of(run: RunView) -> Iterator[HeadTarget]:
             yield HeadTarget(record.stamp, pan, tilt, float(record.detail.get("duration_s", 0.0)))
 
 
-def _mind(run: RunView, agent: AgentMind, stamp: int) -> Mind:
+def mind_of(run: RunView, agent: AgentMind, stamp: int) -> Mind:
+    """Return the mind of an agent as a message."""
     wants = tuple(want.text for want in agent.desires) or tuple(goal.text for goal in agent.goals if not goal.depth)
     plans = tuple(f"{plan.desire}: {plan.done} of {plan.steps} steps" for plan in agent.plans)
     steps = tuple(f"{goal.text}: {goal.step}" if goal.step else goal.text for goal in agent.goals)

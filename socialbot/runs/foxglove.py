@@ -20,10 +20,12 @@ from socialbot.core.messages import CompressedImage, Image, Message, PersonDetec
 from socialbot.graph.status import NodeStatus
 from socialbot.runs._streams import EventSentence, beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
+from socialbot.runs.run import RunView
 from socialbot.runs.standard_messages import (
     AHEAD,
     HEAD_HZ,
     HeadCourse,
+    HeadPose,
     Mounting,
     Neck,
     StandardMessages,
@@ -56,17 +58,12 @@ def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, i
     """
     if out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
-    show = _FoxgloveExport(run, "" if bag is None else _picture_frame(bag))
-    streams = [
-        sorted(stream, key=itemgetter(0))
-        for stream in (show.people(), show.log(), show.minds(), show.head(), show.diagnostics())
-    ]
+    show = FoxgloveMessages(run, "" if bag is None else picture_frame(bag))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=out.parent) as folder:
             with BagWriter(Path(folder) / "bag") as writer:
-                pictures = _pictures(bag) if bag is not None else iter(())
-                for time, topic, message in heapq.merge(*streams, pictures, key=itemgetter(0)):
+                for time, topic, message in stream_of(show, bag):
                     if isinstance(message, Message):
                         writer.write(topic, message, time, "typed")
                     else:
@@ -78,6 +75,16 @@ def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, i
     return writer.counts
 
 
+def stream_of(show: FoxgloveMessages, bag: Bag | None) -> Iterator[Item]:
+    """Yield all messages of a run and its bag in order of time: time (ns), topic and message."""
+    streams = [
+        sorted(stream, key=itemgetter(0))
+        for stream in (show.people(), show.log(), show.minds(), show.head(), show.diagnostics())
+    ]
+    pictures = _pictures(bag) if bag is not None else iter(())
+    return heapq.merge(*streams, pictures, key=itemgetter(0))
+
+
 def _pictures(bag: Bag) -> Iterator[Item]:
     topics = {topic.name: topic.name for topic in bag.image_topics}
     infos = [bag.camera_info_topic_for(name) for name in topics]
@@ -86,7 +93,8 @@ def _pictures(bag: Bag) -> Iterator[Item]:
         yield message.stamp, topic, message
 
 
-def _picture_frame(bag: Bag) -> str:
+def picture_frame(bag: Bag) -> str:
+    """Return the frame of the first image of a bag."""
     (topic, *_) = bag.image_topics
     for _, picture in bag.messages({topic.name: topic.name}):
         assert isinstance(picture, CompressedImage | Image)
@@ -94,10 +102,10 @@ def _picture_frame(bag: Bag) -> str:
     return ""
 
 
-class _FoxgloveExport:
-    """Convert a run to ROS messages, with images in ``frame`` (empty: as in the graph)."""
+class FoxgloveMessages:
+    """Conversion of a run to ROS messages, with images in ``frame`` (empty: as in the graph)."""
 
-    def __init__(self, run: RecordedRun, frame: str) -> None:
+    def __init__(self, run: RunView, frame: str = "") -> None:
         self.types = RosbagsTypes()
         self._standard = StandardMessages(self.types)
         self._run = run
@@ -109,18 +117,26 @@ class _FoxgloveExport:
 
     def people(self) -> Iterator[Item]:
         for found in detections_of(self._run, self._mounting.optical):
-            head = self._course.at(found.stamp) if self._mounting.on_head else AHEAD
-            yield found.stamp, DETECTIONS, found
-            yield found.stamp, ANNOTATIONS, self._annotations(found)
-            yield found.stamp, MARKERS, self._standard.markers(found, head)
-            if found.persons:
-                yield found.stamp, "/tf", self._standard.bodies(found, head)
+            yield from self.of_detections(found, self._course.at(found.stamp))
+
+    def of_detections(self, found: PersonDetections, pose: HeadPose) -> Iterator[Item]:
+        """Yield the messages about the people of one image, seen with the head in ``pose``."""
+        head = pose if self._mounting.on_head else AHEAD
+        yield found.stamp, DETECTIONS, found
+        yield found.stamp, ANNOTATIONS, self._annotations(found)
+        yield found.stamp, MARKERS, self._standard.markers(found, head)
+        if found.persons:
+            yield found.stamp, "/tf", self._standard.bodies(found, head)
 
     def log(self) -> Iterator[Item]:
         for record in self._run.history:
             yield record.stamp, "/trace", record
         for sentence in sentences_of(self._run):
-            yield sentence.stamp, "/rosout", self._log(sentence)
+            yield self.of_sentence(sentence)
+
+    def of_sentence(self, sentence: EventSentence) -> Item:
+        """Return the log message of an event."""
+        return sentence.stamp, "/rosout", self._log(sentence)
 
     def minds(self) -> Iterator[Item]:
         for mind in minds_of(self._run):
@@ -128,19 +144,31 @@ class _FoxgloveExport:
 
     def head(self) -> Iterator[Item]:
         start = self._run.history.start
-        yield start, "/tf_static", self._standard.camera(start, self._mounting)
+        yield self.camera_at(start)
         if self._neck is None:
             return
         for stamp in beats(self._run, nanoseconds(1 / HEAD_HZ)):
-            pose = self._course.at(stamp)
+            yield from self.head_at(stamp, self._course.at(stamp))
+
+    def camera_at(self, stamp: int) -> Item:
+        """Return the static transforms of the camera."""
+        return stamp, "/tf_static", self._standard.camera(stamp, self._mounting)
+
+    def head_at(self, stamp: int, pose: HeadPose) -> Iterator[Item]:
+        """Yield the messages about the pose of the head; none for a robot without a neck."""
+        if self._neck is not None:
             yield stamp, "/tf", self._standard.head(stamp, pose, self._mounting.height_m)
             yield stamp, JOINTS, self._standard.joints(stamp, (self._neck.pan, self._neck.tilt), pose)
 
     def diagnostics(self) -> Iterator[Item]:
         for stamp in beats(self._run, DIAGNOSTICS_EVERY):
-            if nodes := self._run.nodes(stamp):
-                values = ((stamp,), [_status(node) for node in nodes])
-                yield stamp, "/diagnostics", self._standard.make("diagnostic_msgs/msg/DiagnosticArray", values)
+            yield from self.diagnostics_at(stamp)
+
+    def diagnostics_at(self, stamp: int) -> Iterator[Item]:
+        """Yield the state of all nodes, if it is known."""
+        if nodes := self._run.nodes(stamp):
+            values = ((stamp,), [_status(node) for node in nodes])
+            yield stamp, "/diagnostics", self._standard.make("diagnostic_msgs/msg/DiagnosticArray", values)
 
     def _annotations(self, found: PersonDetections) -> Any:
         boxes, texts = [], []

@@ -1,0 +1,335 @@
+"""Serve a run to Foxglove and Lichtblick over a WebSocket: a live one, or a recorded one in its own time."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from socialbot.bags import codec
+from socialbot.bags.reader import Bag
+from socialbot.bags.types import RosbagsTypes, types_with
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import DeviceError, InstallationError
+from socialbot.core.messages import CompressedImage, JointTrajectory, Message, Mind, PersonDetections, TraceRecord
+from socialbot.graph.node import Graph, check_parameters
+from socialbot.runs._foxglove_gate import gate
+from socialbot.runs._streams import FAILURES, EventSentence, HeadTarget, mind_of
+from socialbot.runs.folder import RecordedRun
+from socialbot.runs.foxglove import (
+    ANNOTATIONS,
+    DETECTIONS,
+    DIAGNOSTICS_EVERY,
+    JOINTS,
+    MARKERS,
+    FoxgloveMessages,
+    picture_frame,
+    stream_of,
+)
+from socialbot.runs.narration import Narrator
+from socialbot.runs.record import trace_record
+from socialbot.runs.run import ImageSource, LiveRun
+from socialbot.runs.serving import Address, is_loopback
+from socialbot.runs.standard_messages import HEAD_HZ, TF_MESSAGE, HeadCourse
+
+log = logging.getLogger("socialbot.foxglove")
+
+PICTURES = "/camera/image_raw/compressed"
+_TICK_S = 0.05
+_POSES = 32  # Target poses of the head that are kept: a turn takes a second or two.
+
+
+class FoxgloveServer:
+    """WebSocket server of the Foxglove SDK with one channel for each topic.
+
+    Args:
+        name: Name in Foxglove.
+        graph: Graph whose parameters and connections are shown, if known.
+        port: Port on ``host``; 0: any free one.
+    """
+
+    def __init__(self, name: str, graph: Graph | None, host: str, port: int) -> None:
+        """Start the server. Raises InstallationError or DeviceError."""
+        try:
+            import foxglove
+            from foxglove.websocket import Capability
+        except ImportError as error:
+            raise InstallationError(
+                "the package 'foxglove-sdk' is not installed",
+                where="foxglove",
+                remedy="pip install 'socialbot[foxglove]'",
+            ) from error
+        self._foxglove = foxglove
+        self._types = RosbagsTypes()
+        self._context = foxglove.Context()
+        self._channels: dict[tuple[str, str], Any] = {}
+        listener: Any = _Parameters(graph)
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=host,
+                port=port,
+                capabilities=[Capability.Time, Capability.Parameters, Capability.ConnectionGraph],
+                server_listener=listener,
+                supported_encodings=["cdr"],
+                context=self._context,
+            )
+        except (RuntimeError, OSError) as error:
+            remedy = "choose another port, or 0 for any free one"
+            raise DeviceError(f"cannot serve: {error}", where=f"{host}:{port}", remedy=remedy) from error
+        if graph is not None:
+            self._server.publish_connection_graph(_connections(graph))
+
+    @property
+    def port(self) -> int:
+        return self._server.port
+
+    def publish(self, stamp: int, topic: str, message: Any) -> None:
+        """Publish a message, or a ROS message of rosbags, as of ``stamp`` (ns)."""
+        if isinstance(message, Message):
+            kind = codec.ros_type(type(message), "typed")
+            data = self._types.serialize(codec.encode(message, self._types, "typed"))
+        else:
+            kind = message.__msgtype__
+            data = self._types.serialize(message)
+        self._channel(topic, kind).log(bytes(data), log_time=stamp)
+
+    def declare(self, topics: Mapping[str, str]) -> None:
+        """Announce ``topics`` with their ROS types, so that viewers subscribe before the first message."""
+        for topic, kind in topics.items():
+            self._channel(topic, kind)
+
+    def _channel(self, topic: str, kind: str) -> Any:
+        channel = self._channels.get((topic, kind))
+        if channel is None:
+            text, _ = types_with(kind).generate_msgdef(kind, ros_version=2)
+            schema = self._foxglove.Schema(name=kind, encoding="ros2msg", data=text.encode())
+            channel = self._channels[topic, kind] = self._foxglove.Channel(
+                topic, schema=schema, message_encoding="cdr", context=self._context
+            )
+        return channel
+
+    def set_time(self, stamp: int) -> None:
+        self._server.broadcast_time(stamp)
+
+    def restart(self) -> None:
+        """Make viewers forget what they have, because time starts again."""
+        self._server.clear_session()
+
+    def close(self) -> None:
+        self._server.stop()
+
+
+def topics_of(graph: Graph | None) -> dict[str, str]:
+    """Return the topics of a run of ``graph`` for viewers, with their ROS types."""
+    agents = [config.name for config in graph.nodes if config.type.is_agent] if graph is not None else []
+    minds = dict.fromkeys((f"/{name}/mind" for name in agents), codec.ros_type(Mind, "typed"))
+    return {
+        DETECTIONS: codec.ros_type(PersonDetections, "typed"),
+        ANNOTATIONS: "foxglove_msgs/msg/ImageAnnotations",
+        MARKERS: "visualization_msgs/msg/MarkerArray",
+        "/tf": TF_MESSAGE,
+        "/tf_static": TF_MESSAGE,
+        JOINTS: "sensor_msgs/msg/JointState",
+        "/trace": codec.ros_type(TraceRecord, "typed"),
+        "/rosout": "rcl_interfaces/msg/Log",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        **minds,
+    }
+
+
+class _Parameters:
+    """Answers requests for parameters with those of the graph, as ``node.name``."""
+
+    def __init__(self, graph: Graph | None) -> None:
+        self._values: dict[str, Any] = {}
+        for config in graph.nodes if graph is not None else ():
+            values = check_parameters(config.type, config.parameters, where=config.name)
+            self._values.update({f"{config.name}.{name}": value for name, value in values.items()})
+
+    def on_get_parameters(self, client: Any, param_names: Sequence[str], request_id: str | None = None) -> list[Any]:
+        from foxglove import Parameter
+
+        names = param_names or list(self._values)
+        return [Parameter(name, value=self._values[name]) for name in names if name in self._values]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("on_"):
+            return lambda *_: None
+        raise AttributeError(name)
+
+
+def _connections(graph: Graph) -> Any:
+    from foxglove import ConnectionGraph
+
+    published: dict[str, list[str]] = {}
+    subscribed: dict[str, list[str]] = {}
+    offered: dict[str, list[str]] = {}
+    for config in graph.nodes:
+        for found, pairs in (
+            (published, config.publications),
+            (subscribed, config.subscriptions),
+            (offered, config.servers),
+        ):
+            for topic, _ in pairs:
+                found.setdefault(topic, []).append(config.name)
+    made = ConnectionGraph()
+    for topic, names in published.items():
+        made.set_published_topic(topic, names)
+    for topic, names in subscribed.items():
+        made.set_subscribed_topic(topic, names)
+    for topic, names in offered.items():
+        made.set_advertised_service(topic, names)
+    return made
+
+
+@contextmanager
+def foxglove_server(name: str, graph: Graph | None, address: Address) -> Iterator[tuple[FoxgloveServer, str]]:
+    """Serve at ``address``; yield the server and its URL. With a token, only clients that know it get through.
+
+    Raises:
+        InstallationError: The package is missing.
+        DeviceError: The port is in use.
+    """
+    with ExitStack() as stack:
+        inner = ("127.0.0.1", 0) if address.token else (address.host, address.port)
+        server = FoxgloveServer(name, graph, *inner)
+        stack.callback(server.close)
+        port = server.port
+        if address.token:
+            port = stack.enter_context(gate(address, server.port))
+        elif not is_loopback(address.host):
+            raise AssertionError("Address requires a token")
+        yield server, address.url(port).replace("http://", "ws://", 1)
+
+
+class LiveFeed:
+    """Listener of a live run that publishes what it observes, from a thread of its own."""
+
+    def __init__(self, server: FoxgloveServer, graph: Graph, images: ImageSource | None = None) -> None:
+        self._server = server
+        self._images = images
+        self._run = LiveRun(graph)
+        self._show = FoxgloveMessages(self._run)
+        self._narrator = Narrator(self._run.wording)
+        self._received: deque[tuple[str, Message]] = deque()
+        self._poses: deque[HeadTarget] = deque(maxlen=_POSES)
+        self._course = HeadCourse(())
+        self._minds: dict[str, Any] = {}
+        self._picture = self._head = self._checked = 0
+        self._stopped = threading.Event()
+        pictures = {} if images is None else {PICTURES: codec.ros_type(CompressedImage, "typed")}
+        server.declare({**topics_of(graph), **pictures})
+        self._thread = threading.Thread(target=self._work, name="foxglove", daemon=True)
+
+    def __enter__(self) -> LiveFeed:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopped.set()
+        self._thread.join()
+
+    def observe(self, topic: str, message: Message) -> None:
+        """Receive a message of the run, from any thread."""
+        self._run.observe(topic, message)
+        self._received.append((topic, message))
+
+    def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
+        """Receive a report of a node, from any thread."""
+        self._run.note_node(stamp, name, values)
+
+    def _work(self) -> None:
+        while not self._stopped.wait(_TICK_S):
+            try:
+                self.tick()
+            except Exception:  # a viewer must not stop a robot
+                log.exception("a message could not be shown")
+
+    def tick(self) -> None:
+        """Publish what was received since the last call."""
+        while self._received:
+            for item in self._items(*self._received.popleft()):
+                self._server.publish(*item)
+        now = self._run.end
+        if not now:
+            return
+        self._server.set_time(now)
+        for agent in self._run.states.at(now).agents:
+            mind = mind_of(self._run, agent, now)
+            content = (mind.beliefs, mind.desires, mind.intentions)
+            if self._minds.get(agent.name) != content:
+                self._minds[agent.name] = content
+                self._server.publish(now, f"/{agent.name}/mind", mind)
+        if now - self._head >= nanoseconds(1 / HEAD_HZ):
+            self._head = now
+            for item in self._show.head_at(now, self._course.at(now)):
+                self._server.publish(*item)
+        if now - self._checked >= DIAGNOSTICS_EVERY:
+            self._checked = now
+            for item in (self._show.camera_at(now), *self._show.diagnostics_at(now)):
+                self._server.publish(*item)
+
+    def _items(self, topic: str, message: Message) -> Iterator[tuple[int, str, Any]]:
+        record = trace_record(topic, message)
+        if isinstance(message, PersonDetections):
+            yield from self._picture_of(message)
+            yield from self._show.of_detections(message, self._course.at(message.stamp))
+        elif isinstance(message, JointTrajectory) and len(message.positions) == 2:
+            pan, tilt = message.positions
+            self._poses.append(HeadTarget(message.stamp, pan, tilt, message.duration_s))
+            self._course = HeadCourse(self._poses)
+        if record is None:
+            return
+        yield record.stamp, "/trace", record
+        if record.kind not in ("detection", "motion"):
+            text = self._narrator.clause(record).sentence()
+            sentence = f"{text[:1].upper()}{text[1:]}."
+            failed = record.kind in FAILURES
+            yield self._show.of_sentence(EventSentence(record.stamp, record.source, sentence, failed))
+
+    def _picture_of(self, found: PersonDetections) -> Iterator[tuple[int, str, Any]]:
+        """Yield the image in which people were found, once; the viewer draws boxes on the image of their stamp."""
+        import numpy as np
+
+        picture = None if self._images is None else self._images.at(found.stamp)
+        if picture is not None and picture.stamp != self._picture:
+            self._picture = picture.stamp
+            data = np.frombuffer(picture.jpeg, np.uint8)
+            image = CompressedImage(stamp=picture.stamp, frame_id=found.frame_id, format="jpeg", data=data)
+            yield picture.stamp, PICTURES, image
+
+
+def play_to_foxglove(
+    server: FoxgloveServer, run: RecordedRun, bag: Bag | None, rate: float, stopped: threading.Event, *, loop: bool
+) -> int:
+    """Play a recorded run at a multiple of its speed (0: as fast as possible), again and again if ``loop``.
+
+    Returns:
+        The number of messages.
+    """
+    show = FoxgloveMessages(run, "" if bag is None else picture_frame(bag))
+    pictures = {} if bag is None else {topic.name: topic.type for topic in bag.image_topics}
+    server.declare({**topics_of(run.graph), **pictures})
+    count = 0
+    while True:
+        begun, start, shown, static = time.monotonic(), None, 0, None
+        for stamp, topic, message in stream_of(show, bag):
+            start = stamp if start is None else start
+            due = (stamp - start) / SECOND / rate if rate else 0.0
+            if stopped.wait(max(0.0, due - (time.monotonic() - begun))):
+                return count
+            server.publish(stamp, topic, message)
+            server.set_time(stamp)
+            count += 1
+            static = message if topic == "/tf_static" else static
+            if static is not None and stamp - shown >= SECOND:  # for viewers who come later
+                shown = stamp
+                server.publish(stamp, "/tf_static", static)
+        if not loop or not count:
+            return count
+        server.restart()
