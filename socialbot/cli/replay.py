@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -40,6 +40,10 @@ def replay(
     cache: Annotated[
         bool, typer.Option(help="Take what was seen in this bag before from the cache, and keep it there (inline).")
     ] = True,
+    privacy: Annotated[
+        Literal["none", "blur", "no-images"],
+        typer.Option(help="Pictures in the record: as they are, with people blurred, or left out."),
+    ] = "none",
     video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
     show_page: options.InspectOption = False,
     port: options.PortOption = options.PORT,
@@ -71,6 +75,7 @@ def replay(
         source = BagSource(opened, chosen, rate, pace, find_truth(opened, truth), kept)
         topic = opened.choose_image_topic(chosen).name if takes_images else None
         with RunRecord(folder, labels=options.labels_of(labels)) as record:
+            record.privacy = privacy
             if show_page:
                 images = None if topic is None else (bag, topic)
                 context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=images))
@@ -80,9 +85,12 @@ def replay(
                 except SocialbotError:
                     write_page(console, record, title)
                     raise
+            video = video and privacy != "no-images"
             if video and topic is not None and record.detections and not _is_without_images(bag):
                 with options.bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:
-                    write_video(opened, topic, record, source.truth, folder / "annotated.mp4", advance)
+                    write_video(
+                        opened, topic, record, source.truth, folder / "annotated.mp4", advance, blur=privacy == "blur"
+                    )
     print_outcome(console, result)
     write_page(console, record, title)
     result.check()

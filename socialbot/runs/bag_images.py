@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -18,9 +18,10 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, TraceRecord
 from socialbot.runs.record import TRACE, RunRecord
-from socialbot.runs.run import Picture
+from socialbot.runs.run import ImageSource, Picture
 from socialbot.vision.annotate import draw
-from socialbot.vision.images import as_jpeg, bgr_from_compressed, bgr_from_image
+from socialbot.vision.blurring import NEAR_NS, PeopleFinder, blurred
+from socialbot.vision.images import QUALITY, as_jpeg, bgr_from_compressed, bgr_from_image, encode_jpeg
 from socialbot.vision.metrics.truth import GroundTruth
 
 KEPT = 300
@@ -109,6 +110,52 @@ def pictures_of(path: Path, topics: Collection[str]) -> Iterator[BagPictures | N
             pictures.close()
 
 
+class NoPictures:
+    """Source without images."""
+
+    def at(self, stamp: int) -> Picture | None:
+        """Return None."""
+        return None
+
+
+class BlurredPictures:
+    """Images of a run with people blurred: those that a detector finds, and those that the run has seen around then."""
+
+    def __init__(self, images: ImageSource, seen: BoxesNear) -> None:
+        self._images = images
+        self._seen = seen
+        self._finder: PeopleFinder | None = None
+
+    def at(self, stamp: int) -> Picture | None:
+        """Return the newest image up to ``stamp`` (ns), blurred; None if it cannot be decoded."""
+        picture = self._images.at(stamp)
+        pixels = None if picture is None else cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        if picture is None or pixels is None:
+            return None
+        return Picture(picture.stamp, encode_jpeg(self.blur(pixels, picture.stamp), QUALITY).tobytes())
+
+    def blur(self, pixels: np.ndarray, stamp: int) -> np.ndarray:
+        """Return BGR ``pixels`` of the image at ``stamp`` (ns) with people blurred."""
+        self._finder = self._finder or PeopleFinder()
+        return blurred(pixels, np.vstack([self._finder.find(pixels), self._seen(stamp)]))
+
+
+BoxesNear = Callable[[int], np.ndarray]
+"""Boxes of people around a time (ns), (n, 4)."""
+
+
+def boxes_of(detections: Iterable[tuple[int, Sequence[tuple[float, float, float, float]]]]) -> BoxesNear:
+    """Return the boxes of ``detections`` by stamp (ns), in order, as a function of time."""
+    found = [(stamp, list(boxes)) for stamp, boxes in detections]
+    stamps = [stamp for stamp, _ in found]
+
+    def near(stamp: int) -> np.ndarray:
+        part = found[bisect_left(stamps, stamp - NEAR_NS) : bisect_right(stamps, stamp + NEAR_NS)]
+        return np.array([box for _, boxes in part for box in boxes], np.float64).reshape(-1, 4)
+
+    return near
+
+
 # Video
 
 SPOKEN_FOR_NS = 3 * SECOND
@@ -123,8 +170,12 @@ def write_video(
     truth: GroundTruth | None,
     path: Path,
     advance: Callable[[int], None] = lambda done: None,
+    *,
+    blur: bool = False,
 ) -> Path:
     """Write all images of ``image_topic`` with detections, beliefs and speech as .mp4; damaged ones are skipped.
+
+    ``blur`` blurs people.
 
     Raises:
         BagError: There is no image, or the video cannot be written.
@@ -132,6 +183,8 @@ def write_video(
     detections = {message.stamp: message for message in record.detections}
     people = {frame.stamp: frame.persons for frame in truth.frames} if truth else {}
     captions = _Captions(record, bag.start)
+    boxes = ((each.stamp, [(one.x, one.y, one.w, one.h) for one in each.persons]) for each in record.detections)
+    blurrer = BlurredPictures(NoPictures(), boxes_of(boxes)) if blur else None
     writer: cv2.VideoWriter | None = None
     size, rate = (0, 0), bag.rate_hz(bag.topic(image_topic)) or DEFAULT_RATE_HZ
     for number, (_, message) in enumerate(bag.messages({image_topic: image_topic})):
@@ -142,6 +195,7 @@ def write_video(
         except ImageError:
             continue
         stamp = message.stamp
+        pixels = pixels if blurrer is None else blurrer.blur(pixels, stamp)
         frame = draw(pixels, detections.get(stamp), people.get(stamp, ()), captions.at(stamp))
         if writer is None:
             writer, size = _open_writer(path, frame, rate), frame.shape[1::-1]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import msgspec
 from msgspec.structs import replace
@@ -81,6 +81,10 @@ class RunListener(Protocol):
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None: ...
 
 
+Privacy = Literal["none", "blur", "no-images"]
+"""Pictures in a record: as they are, with people blurred, or left out."""
+
+
 class RunTrace:
     """Trace of a run: writes each message as a TraceRecord to disk before the next one is processed.
 
@@ -96,6 +100,7 @@ class RunTrace:
     def __init__(self, folder: Path, *, max_bytes: int | None = None, labels: Mapping[str, str] | None = None) -> None:
         self.folder = folder
         self.labels = dict(labels or {})
+        self.privacy: Privacy = "none"
         self._max_bytes = max_bytes
         try:
             folder.mkdir(parents=True, exist_ok=True)

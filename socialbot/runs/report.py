@@ -21,7 +21,8 @@ from socialbot.runs._report_tables import (
     story_sections,
     visit_section,
 )
-from socialbot.runs.bag_images import pictures_of
+from socialbot.runs._streams import detections_of
+from socialbot.runs.bag_images import BlurredPictures, boxes_of, pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.history import OF_TOPICS
@@ -94,13 +95,20 @@ def recorded(folder: Path | None) -> Iterator[RecordedRun]:
     """
     run = open_run(newest_run() if folder is None else folder)
     with ExitStack() as stack:
-        bag = run.results.get("bag", {})
-        if "path" in bag:
+        bag, privacy = run.results.get("bag", {}), run.results.get("privacy", "none")
+        if "path" in bag and privacy != "no-images":
             try:
                 run.images = stack.enter_context(pictures_of(Path(bag["path"]), list(bag.get("topics", ()))))
+                if run.images is not None and privacy != "none":
+                    run.images = BlurredPictures(run.images, boxes_of(_boxes(run)))
             except BagError as error:
                 run.damage.append(f"there are no pictures: {error.where}: {error.what}")
         yield run
+
+
+def _boxes(run: RecordedRun) -> Iterator[tuple[int, list[tuple[float, float, float, float]]]]:
+    for found in detections_of(run):
+        yield found.stamp, [(one.x, one.y, one.w, one.h) for one in found.persons]
 
 
 def report_html(run: RecordedRun, title: str = "", world: WorldView | None = None) -> str:

@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,28 +17,21 @@ from socialbot.bags import codec
 from socialbot.bags.reader import IMAGE_TYPES, Bag, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bags.writer import BagWriter
-from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
+from socialbot.runs.record import Privacy
 from socialbot.runtime._cache_files import CacheFolder
 from socialbot.runtime.bag_source import graph_of, replay
 from socialbot.runtime.perception_cache import SEEN_FILE, PerceptionCache
-from socialbot.vision.blurring import blurred
+from socialbot.vision.blurring import NEAR_NS, PeopleFinder, blurred
 from socialbot.vision.camera_pose import pose_beside
-from socialbot.vision.detector import Detector
-from socialbot.vision.detectors import DETECTORS, DetectorSettings
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 from socialbot.vision.metrics.truth import truth_beside
 
-Privacy = Literal["none", "blur", "no-images"]
-"""Pictures in a record: as they are, with people blurred, or left out."""
-
 POINTS = "sensor_msgs/msg/PointCloud2"
 QUALITY = 90
-FLOOR_SCORE = 0.15  # Detections from here are blurred: a false one costs some pixels, a missed one a face.
-NEAR_NS = SECOND // 2  # A box also blurs images this near in time, which covers frames that the detector misses.
 Boxes = np.ndarray
 
 
@@ -219,8 +212,7 @@ class PeopleBlurrer:
     ) -> None:
         self._whole = whole
         self._types = RosbagsTypes()
-        detector = DETECTORS["nanodet"].make(DetectorSettings())
-        detector.threshold = FLOOR_SCORE
+        finder = PeopleFinder()
         self._times: dict[str, list[int]] = {}
         self._boxes: dict[str, list[Boxes]] = {}
         done = 0
@@ -228,7 +220,7 @@ class PeopleBlurrer:
             done += 1
             advance(done, "searching people")
             try:
-                boxes = people_in(_pixels(name, self._types.deserialize(data, name)), detector)
+                boxes = finder.find(_pixels(name, self._types.deserialize(data, name)))
             except ImageError:
                 continue
             self._times.setdefault(topic, []).append(time)
@@ -270,8 +262,3 @@ def _pixels(name: str, message: Any) -> np.ndarray:
         return bgr_from_compressed(decoded)
     assert isinstance(decoded, Image)
     return bgr_from_image(decoded)
-
-
-def people_in(pixels: np.ndarray, detector: Detector) -> Boxes:
-    """Return the boxes of people, and of what may be people: (n, 4) as x, y, w, h in pixels."""
-    return detector.detect(pixels).boxes

@@ -232,6 +232,7 @@ def run(
                 "composed": composed,
                 "parameters": parameters_of(graph),
                 "labels": record.labels,
+                **({} if record.privacy == "none" else {"privacy": record.privacy}),
                 "ended": result.ended,
                 "seconds": round(result.seconds, 6),
                 **summarize(),

@@ -5,6 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from socialbot.vision.detectors import DETECTORS, DetectorSettings
+
+FLOOR_SCORE = 0.15  # Detections from here are blurred: a false one costs some pixels, a missed one a face.
+NEAR_NS = 500_000_000
+"""A box also blurs images this near in time (ns), which covers those in which the detector misses a person."""
 _HEAD_SHARE, _ABOVE, _BESIDE = 0.38, 0.12, 0.08  # Region of a head, and its margins: shares of the height of a box.
 _UPRIGHT = 0.5  # A box wider than this share of its height may show the upper body only: it is blurred whole.
 _BLOCKS = 6  # Blocks across a blurred region: its mean colours are all that is left.
@@ -32,3 +37,16 @@ def blurred(pixels: np.ndarray, boxes: np.ndarray, *, whole: bool = False) -> np
         small = cv2.resize(part, blocks, interpolation=cv2.INTER_AREA)
         image[top:bottom, left:right] = cv2.resize(small, (right - left, bottom - top), interpolation=cv2.INTER_LINEAR)
     return image
+
+
+class PeopleFinder:
+    """Finds people, and what may be people."""
+
+    def __init__(self) -> None:
+        """Load the detector. Raises InstallationError."""
+        self._detector = DETECTORS["nanodet"].make(DetectorSettings())
+        self._detector.threshold = FLOOR_SCORE
+
+    def find(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the boxes in BGR ``pixels``, (n, 4) as x, y, w, h in pixels."""
+        return self._detector.detect(pixels).boxes

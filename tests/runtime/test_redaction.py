@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -181,3 +182,30 @@ def test_heads_of_labelled_people_are_blurred():
     result = covered(BAGS / "lens_low_tune")
     assert result.heads >= 20
     assert result.share >= 0.99
+
+
+def pixels_of(video: Path) -> np.ndarray:
+    read = cv2.VideoCapture(str(video))
+    good, pixels = read.read()
+    read.release()
+    assert good
+    return pixels
+
+
+def test_the_record_of_a_replay_has_blurred_pictures_or_none(bag, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for mode in ("none", "blur", "no-images"):
+        done = socialbot_here("replay", bag, "--privacy", mode, "--out", mode, "--set", "person_detector.detector=hog")
+        assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "no-images" / "annotated.mp4").exists()
+    pages = {mode: (tmp_path / mode / "report.html").read_text() for mode in ("none", "blur", "no-images")}
+    pictures = {mode: set(re.findall(r"data:image/jpeg;base64,[^\"' ]+", page)) for mode, page in pages.items()}
+    assert pictures["none"]
+    assert pictures["blur"]
+    assert not pictures["none"] & pictures["blur"]
+    assert not pictures["no-images"]
+    plain, blurry = (pixels_of(tmp_path / mode / "annotated.mp4") for mode in ("none", "blur"))
+    head = np.s_[TOP + 15 : TOP + 45, 222:280]
+    assert cv2.Laplacian(blurry[head], cv2.CV_64F).var() < cv2.Laplacian(plain[head], cv2.CV_64F).var()
+    traces = [(tmp_path / mode / "trace.jsonl").read_bytes() for mode in ("none", "blur", "no-images")]
+    assert traces[0] == traces[1] == traces[2]
