@@ -178,6 +178,9 @@ LabelOption = Annotated[
     typer.Option("--label", metavar="NAME=VALUE", help="Label the run, such as participant=P01; repeatable."),
 ]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="Stop when this process has stopped.")]
+VerboseOption = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Also print progress and details: what is seen, moves, ROS domain.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 InspectOption = Annotated[bool, typer.Option("--inspect", help="Show the run in the browser, live and afterwards.")]
 PortOption = Annotated[int, typer.Option(min=0, max=65535, help="Port of the inspector; 0: any free port.")]

@@ -28,9 +28,15 @@ ROS_OPTIONS = ("composed", "domain", "pace")  # options of runs over DDS only
 
 
 def enter_domain(
-    context: typer.Context, console: Console, domain: int | None, runner: str, only_ros: Sequence[str] = ROS_OPTIONS
+    context: typer.Context,
+    console: Console,
+    domain: int | None,
+    runner: str,
+    only_ros: Sequence[str] = ROS_OPTIONS,
+    *,
+    verbose: bool = False,
 ) -> None:
-    """Enter a ROS domain until the command ends, and print it.
+    """Enter a ROS domain until the command ends, and print it if ``verbose``.
 
     Raises:
         ParameterError: An option of `only_ros` is given for an inline run.
@@ -45,7 +51,9 @@ def enter_domain(
     from socialbot.bridge.environment import own_domain
 
     entered = context.with_resource(own_domain(domain))
-    console.print(f"ROS domain {entered}; in another terminal: ROS_DOMAIN_ID={entered} socialbot status", style="dim")
+    if verbose:
+        hint = f"in another terminal: ROS_DOMAIN_ID={entered} socialbot status"
+        console.print(f"ROS domain {entered}; {hint}", style="dim", soft_wrap=True)
 
 
 def print_outcome(console: Console, result: RunResult) -> None:

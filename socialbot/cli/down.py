@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from socialbot.cli._options import expect_no_machine, graph_names
+from socialbot.cli._options import VerboseOption, expect_no_machine, graph_names
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import UpStatus
 from socialbot.core.process import Ending
@@ -61,6 +61,7 @@ def down(
     ] = None,
     machine: Annotated[str | None, typer.Option(help="End only the run on this machine of a deployment.")] = None,
     timeout: Annotated[float, typer.Option(min=0.0, help="Time limit in seconds.")] = 20.0,
+    verbose: VerboseOption = False,
 ) -> None:
     """End runs of "socialbot up" as Ctrl-C would, and wait for them. Exit code 10: one did not end.
 
@@ -73,7 +74,7 @@ def down(
     with Ending().on_signals() as ending, spinning_node("down") as ros:
         runs = RunStatuses(ros)
         found = find_runs(runs, target, ending, timeout)
-        for one in found:
+        for one in found if verbose else ():
             typer.echo(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
         silent = [pid for run, pid in locked_runs().items() if target.here and run not in runs.statuses]

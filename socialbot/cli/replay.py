@@ -49,6 +49,7 @@ def replay(
     port: options.PortOption = options.PORT,
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
+    verbose: options.VerboseOption = False,
 ) -> None:
     """Replay a bag through a graph; show, record and score the run."""
     from socialbot.bags.playback import takes_images
@@ -65,7 +66,7 @@ def replay(
     from socialbot.runtime.run import new_run_folder, run
 
     console = Console(highlight=False)
-    enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"))
+    enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"), verbose=verbose)
     whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
@@ -79,7 +80,8 @@ def replay(
             if show_page:
                 images = None if topic is None else (bag, topic)
                 context.with_resource(watched(record, whole, console, port, over_ros=runner == "ros", bag=images))
-            with Display(console, whole.without_sources(), start=opened.start, until=opened.end) as display:
+            shown = Display(console, whole.without_sources(), start=opened.start, until=opened.end, details=verbose)
+            with shown as display:
                 try:
                     result = run(whole, source, record, display.show, runner=runner, composed=composed)
                 except SocialbotError:

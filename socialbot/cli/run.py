@@ -44,6 +44,7 @@ def run(
     port: options.PortOption = options.PORT,
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
+    verbose: options.VerboseOption = False,
 ) -> None:
     """Run agents and their world in simulated time, until no agent has a desire or the world has ended.
 
@@ -53,7 +54,23 @@ def run(
 
     loaded = load_graph(graph)
     title = loaded.name.capitalize()
-    simulate(context, title, loaded, runner, composed, domain, rate, limit, out, bag, show_page, port, changes, labels)
+    simulate(
+        context,
+        title,
+        loaded,
+        runner,
+        composed,
+        domain,
+        rate,
+        limit,
+        out,
+        bag,
+        show_page,
+        port,
+        changes,
+        labels,
+        verbose,
+    )
 
 
 def simulate(
@@ -71,6 +88,7 @@ def simulate(
     port: int,
     changes: list[str] | None,
     labels: list[str] | None,
+    verbose: bool,
 ) -> None:
     """Run ``graph`` on its simulated world, show it in the terminal and write its page."""
     from socialbot.cli._runs import enter_domain, print_outcome, write_page
@@ -88,12 +106,12 @@ def simulate(
 
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
-    enter_domain(context, console, domain, runner)
+    enter_domain(context, console, domain, runner, verbose=verbose)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
     world, view = terminal_view_of(graph, console), world_view_of(graph)
     source = SimulatedSource(rate, limit, folder / "bag" if bag else None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
-    view_of_run = Display(console, graph.without_sources(), start=start, until=end)
+    view_of_run = Display(console, graph.without_sources(), start=start, until=end, details=verbose)
     with RunRecord(folder, labels=options.labels_of(labels)) as record, view_of_run as display:
 
         def observe(topic: str, message: Message) -> None:

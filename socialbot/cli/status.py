@@ -211,7 +211,9 @@ def _figures(one: NodeStatus) -> dict[str, str]:
 
 def _summary(statuses: Sequence[NodeStatus]) -> Text:
     if not statuses:
-        return Text(f"no node found in ROS domain {os.environ.get('ROS_DOMAIN_ID') or '0'}", style="yellow")
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        hint = "" if domain != "0" else "; replay, run and demo use an own domain: they print it with -v"
+        return Text(f"no node found in ROS domain {domain}{hint}", style="yellow")
     well = sum(one.is_well for one in statuses)
     if well == len(statuses):
         return Text(f"all {well} nodes are well", style="green")

@@ -65,6 +65,7 @@ def test(
         typer.Option(metavar="FILE|GRAPH", help="Monitor this running graph until Ctrl-C, on /diagnostics, too."),
     ] = None,
     machine: options.MachineOption = None,
+    verbose: options.VerboseOption = False,
 ) -> None:
     """Check what is expected of an agent on recorded runs, replays, simulations, or a running graph.
 
@@ -90,7 +91,7 @@ def test(
     from socialbot.runtime.trials import Trial
 
     console = Console(highlight=False, soft_wrap=True)
-    enter_domain(context, console, domain, runner, ("domain",))
+    enter_domain(context, console, domain, runner, ("domain",), verbose=verbose)
     trials = [Trial(each, graph, tuple(changes or ()), runner, limit, cache) for each in sources]
     folder = out or new_run_folder()
     with ExitStack() as stack:

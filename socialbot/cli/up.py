@@ -43,6 +43,7 @@ def up(
     foxglove_port: Annotated[int, typer.Option(min=0, max=65535, help="Its port; 0: any free port.")] = FOXGLOVE_PORT,
     changes: options.SetOption = None,
     labels: options.LabelOption = None,
+    verbose: options.VerboseOption = False,
 ) -> None:
     """Bring up a graph, or one machine of a deployment, on live input, until Ctrl-C."""
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
@@ -69,7 +70,8 @@ def up(
             nodes = ", ".join(config.name for config in deployment.half(machine))
             whole = with_changes(deployment.graph, changes)
             source = stack.enter_context(machine_source(deployment, machine, folder / "log", minds))
-            console.print(f"{whole.name} on {machine}: {nodes or 'no node'}", markup=False)
+            if verbose:
+                console.print(f"{whole.name} on {machine}: {nodes or 'no node'}", markup=False)
         else:
             options.expect_no_machine(machine)
             whole, source = with_changes(load_graph(graph), changes), LiveSource(state_folder=minds)
@@ -86,7 +88,7 @@ def up(
         deliberates = any(config.type.deliberates for config in whole.nodes)
         start = None if deliberates else WallClock().now()
         try:
-            with Display(console, whole.without_sources(), start=start) as display:
+            with Display(console, whole.without_sources(), start=start, details=verbose) as display:
                 run(whole, source, record, display.show, runner="ros", composed=composed)
         finally:
             write_page(console, record, f"{whole.name.capitalize()}, live", MAX_PAGE_BYTES)

@@ -60,7 +60,13 @@ class Display:
     """
 
     def __init__(
-        self, console: Console, graph: Graph | None = None, *, start: int | None = None, until: int | None = None
+        self,
+        console: Console,
+        graph: Graph | None = None,
+        *,
+        start: int | None = None,
+        until: int | None = None,
+        details: bool = False,
     ) -> None:
         """Create the display.
 
@@ -69,6 +75,7 @@ class Display:
             graph: The graph that runs, without its sources.
             start: Time (ns) that counts as 0 s; that of the first record by default.
             until: Time (ns) of the end; the expected end of the plans by default.
+            details: Also print a line for each head motion and each change of the number of people in view.
         """
         nodes = graph.nodes if graph is not None else ()
         tells_story = any(node.type.deliberates for node in nodes)
@@ -77,6 +84,7 @@ class Display:
         self._narrator = Narrator(Wording(phrases=phrases_of(graph))) if tells_story else None
         self._agent_styles = {name: _AGENT_STYLES[number % len(_AGENT_STYLES)] for number, name in enumerate(agents)}
         self._width = max(map(len, agents), default=0)
+        self._details = details
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
         self._start = start
         self._until = until
@@ -112,11 +120,11 @@ class Display:
             case HeadCommand():
                 direction = f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"
                 known = {"track": "follows people", "centre": "looks straight on"}
-                self._line(message.stamp, "head", known.get(message.mode, direction))
+                self._detail(message.stamp, "head", known.get(message.mode, direction))
             case JointTrajectory():
                 turned = ", ".join(map(_degrees, message.positions))
                 self._head = f"head {turned}"
-                self._line(message.stamp, "head", f"turns to {turned} in {message.duration_s:.1f} s")
+                self._detail(message.stamp, "head", f"turns to {turned} in {message.duration_s:.1f} s")
             case PlanExecutionInfo():
                 left_s = message.estimated_deadline - message.current_time if message.target is not None else 0.0
                 self._plan_ends[message.agent_id] = message.stamp + round(left_s * SECOND)
@@ -146,12 +154,16 @@ class Display:
     def _show_persons(self, message: PersonDetections) -> None:
         """Print changes of the number of persons, at most once a second as detections flicker."""
         seconds, count = self._seconds(message.stamp), len(message.persons)
-        if count != self._seen_count and seconds - self._seen_at >= _SEEN_EVERY_S:
+        if self._details and count != self._seen_count and seconds - self._seen_at >= _SEEN_EVERY_S:
             self._seen_count, self._seen_at = count, seconds
             self._line(message.stamp, "sees", people_text(message.persons))
 
     def _line(self, stamp: int, verb: str, text: str) -> None:
         self._print(stamp, (f"{verb:<9}", _STYLES[verb]), (text, _STYLES[verb]))
+
+    def _detail(self, stamp: int, verb: str, text: str) -> None:
+        if self._details:
+            self._line(stamp, verb, text)
 
     def _print(self, stamp: int, *parts: tuple[str, str]) -> None:
         self._console.print(Text.assemble((f"{self._seconds(stamp):7.2f} s  ", "dim"), *parts), soft_wrap=True)

@@ -56,11 +56,11 @@ def head(seconds: float, pan: float, tilt: float) -> JointTrajectory:
     )
 
 
-def shown(*messages: Message, terminal: bool = False) -> list[str]:
-    """Return the lines of the display."""
+def shown(*messages: Message, terminal: bool = False, details: bool = True) -> list[str]:
+    """Return the lines of the display, by default with details."""
     out = io.StringIO()
     console = Console(file=out, width=100, force_terminal=terminal, color_system=None)
-    with Display(console, start=START, until=at(20.0)) as display:
+    with Display(console, start=START, until=at(20.0), details=details) as display:
         for message in messages:
             display.show("/topic", message)
     return out.getvalue().splitlines()
@@ -102,6 +102,15 @@ def test_display_prints_a_line_per_event(message, line):
 )
 def test_display_omits_redundant_events(message):
     assert shown(message) == []
+
+
+def test_display_prints_what_agents_do_and_no_more_without_details():
+    moves = head(1.0, 15, 0), HeadCommand(stamp=at(2), mode="track"), seen(3.0, person(2.0))
+    fails = record(4.0, "failure", "go()", reason="no applicable plan")
+    assert shown(*moves, fails, details=False) == shown(fails)
+    text = "\n".join(shown(*moves, terminal=True, details=False))
+    assert "turns to" not in text
+    assert "1 person: 2.0 m ahead   head 15°, 0°" in text
 
 
 def test_display_prints_changes_of_the_person_count_at_most_once_a_second():

@@ -238,7 +238,7 @@ def test_a_replay_without_a_domain_is_isolated(
             "replay", short_bag, "--runner", "ros", "--out", tmp_path / "joined", "--no-video", "--domain", domain
         )
         monkeypatch.setenv("ROS_DOMAIN_ID", "")
-        alone = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "alone", "--no-video")
+        alone = socialbot_here("replay", short_bag, "--runner", "ros", "--out", tmp_path / "alone", "--no-video", "-v")
     assert alone.returncode == 0
     assert re.search(r"^ROS domain (6\d|7\d|8\d|9\d|100);", alone.stdout, re.MULTILINE)
     assert joined.returncode == 6
