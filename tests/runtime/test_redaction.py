@@ -100,7 +100,9 @@ def test_wide_boxes_are_blurred_whole():
     assert regions_of(upper_body, whole=False)[0, 3] >= 150
 
 
-@pytest.mark.parametrize("encoding", ["rgb8", "mono8", "bgr8"])
+@pytest.mark.parametrize(
+    "encoding", ["rgb8", *(pytest.param(each, marks=pytest.mark.slow) for each in ("mono8", "bgr8"))]
+)
 def test_raw_images_are_blurred(tmp_path, encoding):
     with BagWriter(tmp_path / "raw") as writer:
         for number in range(3):
@@ -192,6 +194,7 @@ def pixels_of(video: Path) -> np.ndarray:
     return pixels
 
 
+@pytest.mark.slow
 def test_the_record_of_a_replay_has_blurred_pictures_or_none(bag, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for mode in ("none", "blur", "no-images"):
