@@ -114,7 +114,7 @@ def settled(page: Page, part: str) -> bytes:
 @contextmanager
 def going_on(folder: Path) -> Iterator[str]:
     """Run a new project with simulated people over ROS; yield the address of its page."""
-    subprocess.run(socialbot("new", PROJECT, "--folder", str(folder)), check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(socialbot("new", PROJECT, "--out", str(folder)), check=True, stdout=subprocess.DEVNULL)
     command = socialbot("up", "graph.yaml", "--inspect", "--port", "0", "--set", "visitors.visits=1000")
     with subprocess.Popen(command, cwd=folder / PROJECT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

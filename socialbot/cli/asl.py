@@ -190,12 +190,10 @@ def run_tests(
     include: IncludeOption = None,
     root: RootOption = None,
     actions: ActionsOption = None,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Run only the tests whose names contain this text.")] = "",
-    limit: Annotated[
-        float, typer.Option(min=0.0, metavar="SECONDS", help="Limit of the simulated time of a test.")
-    ] = 60.0,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Run only what has this text in its name.")] = "",
+    limit: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Limit of simulated time of a test.")] = 60.0,
     output: Annotated[bool, typer.Option("--output", help="Show what passed tests print, too.")] = False,
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results in JUnit's format.")] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
 ) -> None:
     """Run the plans with the annotation `test`, each in simulated time. Exit code 1: one failed, or there is none."""
     from socialbot.bdi.agentspeak.unit_tests import programs_in

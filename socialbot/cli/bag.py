@@ -39,10 +39,10 @@ DurationOption = Annotated[float | None, typer.Option(metavar="SECONDS", help="T
 @bag.command()
 def play(
     path: BagArgument,
-    graph: Annotated[str | None, typer.Option(help="Wait for this graph, and play into its topics.")] = None,
+    graph: Annotated[str | None, typer.Option(help="Graph to wait for; its topics get the messages.")] = None,
     image_topic: Annotated[str | None, typer.Option(help="Image topic of the bag for the graph.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed; 1 is as recorded.")] = 1.0,
-    pace: Annotated[bool, typer.Option(help="Wait until the graph has processed each image.")] = True,
+    pace: Annotated[bool, typer.Option(help="Wait until slow nodes have processed each image.")] = True,
     report: Annotated[Path | None, typer.Option(hidden=True, help="Write the result as JSON.")] = None,
     parent: ParentOption = None,
 ) -> None:
@@ -74,7 +74,7 @@ _YEAR_2000 = 946_684_800 * SECOND
 @bag.command()
 def info(
     path: BagArgument,
-    quick: Annotated[bool, typer.Option("--quick", help="Skip the search for damaged messages.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Skip a slow check: the search for damaged messages.")] = False,
 ) -> None:
     """Show the topics of a bag, and any damage."""
     from socialbot.bags.reader import open_bag
@@ -222,7 +222,7 @@ def redact(
     out: OutArgument,
     privacy: Annotated[
         Literal["blur", "no-images"],
-        typer.Option(help="blur: blur people; no-images: keep headers of images, without pixels and points."),
+        typer.Option(help="Pictures: with people blurred, or left out: only headers, without pixels and points."),
     ] = "blur",
     whole: Annotated[bool, typer.Option("--whole", help="Blur whole people instead of their heads.")] = False,
     graph: Annotated[

@@ -22,7 +22,7 @@ def diff(
     first: Annotated[Path, typer.Argument(metavar="RUN1", help="Folder of a run.", autocompletion=run_folders)],
     second: Annotated[Path, typer.Argument(metavar="RUN2", help="Folder of another run.", autocompletion=run_folders)],
     as_json: JsonOption = False,
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page with both runs.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both runs.")] = None,
 ) -> None:
     """Print the first different decision of two runs, and its reason. Exit code 1: they differ."""
     from socialbot.runs.difference import difference

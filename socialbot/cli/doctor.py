@@ -213,7 +213,9 @@ WIDEST = 100
 
 def doctor(
     as_json: JsonOption = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Skip the round trip of images over DDS.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Skip a slow check: the round trip of images over DDS.")
+    ] = False,
     graph: Annotated[str, typer.Option(help="Graph whose camera pose is shown.")] = "waldo",
 ) -> None:
     """Check the installation and print remedies. Exit code 5: a check failed."""

@@ -59,7 +59,7 @@ def down(
         str | None,
         typer.Argument(help="Deployment or graph; default: all runs on this machine.", autocompletion=graph_names),
     ] = None,
-    machine: Annotated[str | None, typer.Option(help="End only the run on this machine of a deployment.")] = None,
+    machine: Annotated[str | None, typer.Option(help="Machine of a deployment; default: all.")] = None,
     timeout: Annotated[float, typer.Option(min=0.0, help="Time limit in seconds.")] = 20.0,
     verbose: VerboseOption = False,
 ) -> None:

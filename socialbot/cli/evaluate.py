@@ -34,10 +34,12 @@ def evaluate(
         list[Path] | None, typer.Argument(metavar="BAG", help="Bags with ground truth, or labelled data sets.")
     ] = None,
     images: Annotated[Path | None, typer.Option(metavar="DIR", help="A folder of labelled images, or a video.")] = None,
-    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="Its labels; default: found in DIR.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Ground truth of the images; default: found in DIR.")
+    ] = None,
     format: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Label format: socialbot, coco, mot, kitti, yolo, voc or cvat."),
+        typer.Option(metavar="NAME", help="Format of the labels: socialbot, coco, mot, kitti, yolo, voc or cvat."),
     ] = None,
     people: Annotated[
         list[str] | None, typer.Option(metavar="CLASS", help="Further class names of people; repeatable.")
@@ -52,14 +54,16 @@ def evaluate(
     split: Annotated[Literal["held-back", "tune"] | None, typer.Option(help="Only bags of this split.")] = None,
     iou: Annotated[float, typer.Option(min=0.05, max=0.95, help="Least overlap (IoU) of a match.")] = 0.5,
     presence: Annotated[bool, typer.Option("--presence", help="Match by presence in each frame and band.")] = False,
-    raw: Annotated[bool, typer.Option("--raw", help="Evaluate the detector without tracking.")] = False,
+    tracking: Annotated[bool, typer.Option(help="Evaluate detectors with tracking, as on the robot, or alone.")] = True,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="[DETECTOR.]NAME=VALUE", help="Change a detector parameter; repeatable."),
+        typer.Option("--set", metavar="[DETECTOR.]NAME=VALUE", help="Change a parameter of a detector; repeatable."),
     ] = None,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the figures as JSON.")] = None,
+    figures: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the figures as JSON.")] = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with curves and frames.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write both, with Markdown tables and SVG.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for both, with Markdown tables and SVG.")
+    ] = None,
     exports: Annotated[
         list[str] | None,
         typer.Option("--export", metavar="coco=FILE|mot=DIR", help="Write the detections for other tools; repeatable."),
@@ -87,17 +91,17 @@ def evaluate(
 
     errors = Console(stderr=True, highlight=False)
     rules = Rules(parse_bands(bands), iou, presence)
-    pipelines = _pipelines(detector or [], changes or [], raw=raw)
+    pipelines = _pipelines(detector or [], changes or [], tracking=tracking)
     exported = _exports(exports or [])
     sources = _sources(_labelled(bags or [], images, truth, format, people or []), split, errors)
     if distance_from is not None:
         sources = tuple(with_distances(source, distance_from) for source in sources)
     waldo = single_node(load_graph("waldo"), "bdi_engine")
     plan = EvaluationPlan(sources, pipelines, rules, jobs or CORES, threads if speed else 0, scheduler, waldo=waldo)
-    figures = [path for path in (json, out and out / "evaluation.json") if path is not None]
+    figure_files = [path for path in (figures, out and out / "evaluation.json") if path is not None]
     pages = [path for path in (html, out and out / "index.html") if path is not None]
     documents = [out / "evaluation.md", out / "curves.svg"] if out is not None else []
-    for path in (*figures, *pages, *documents, *(path for name, path in exported if name == "coco")):
+    for path in (*figure_files, *pages, *documents, *(path for name, path in exported if name == "coco")):
         _expect_writable(path)
     totals = [len(source.frames) for _ in plan.pipelines for source in plan.sources]
     finished = [0] * len(totals)
@@ -114,7 +118,7 @@ def evaluate(
     _report_missing(evaluation, errors)
     console = Console(highlight=False)
     show_tables(evaluation, console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH))
-    for path in figures:
+    for path in figure_files:
         write_json(evaluation, path)
     if out is not None:
         write_markdown(evaluation, out)
@@ -126,7 +130,7 @@ def evaluate(
         console.print(f"\nThe page: {path}", soft_wrap=True, markup=False)
 
 
-def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[PipelineSettings, ...]:
+def _pipelines(detectors: list[str], changes: list[str], *, tracking: bool) -> tuple[PipelineSettings, ...]:
     from socialbot.vision.detectors import DETECTORS
     from socialbot.vision.metrics.pipeline import PipelineSettings, with_changes
 
@@ -137,7 +141,7 @@ def _pipelines(detectors: list[str], changes: list[str], *, raw: bool) -> tuple[
         plain = PipelineSettings(name)
         plain.spec  # noqa: B018 - raises for an unknown name
         pipeline = with_changes(plain, changes)
-        pipelines.append(with_changes(pipeline, ["tracker=none"]) if raw else pipeline)
+        pipelines.append(pipeline if tracking else with_changes(pipeline, ["tracker=none"]))
     return tuple(pipelines)
 
 

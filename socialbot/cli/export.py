@@ -22,7 +22,7 @@ SUFFIXES: dict[str, Format] = {".mcap": "foxglove", ".rrd": "rerun", ".csv": "cs
 def export(
     run: Annotated[Path, typer.Argument(help="Folder of a run.", autocompletion=run_folders)],
     out: Annotated[Path, typer.Argument(help="New file: .mcap for Foxglove, .rrd for Rerun, .eaf for ELAN, or .csv.")],
-    kind: Annotated[Format | None, typer.Option("--format", help="Default: by the suffix of the file.")] = None,
+    kind: Annotated[Format | None, typer.Option("--format", help="Format of the file; default: by its suffix.")] = None,
 ) -> None:
     """Write a run as a file for Foxglove, Rerun or ELAN, or as a table: detections, beliefs, actions and reasons.
 

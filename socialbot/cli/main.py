@@ -36,6 +36,11 @@ PANELS = (
     "Join a running graph",
 )
 """Panels of ``socialbot --help``, in order."""
+RENAMED: Mapping[str, Mapping[str, str]] = {
+    "evaluate": {"--raw": "--no-tracking", "--json": "--figures"},
+    "new": {"--agent": "--language", "--folder": "--out"},
+}
+"""Old names of options by command; they work for one release."""
 CONTEXT = {"help_option_names": ["-h", "--help"]}
 
 
@@ -109,11 +114,29 @@ def main() -> None:
         from socialbot.bridge.environment import split_ros_args
 
         arguments, ros_args = split_ros_args(arguments)
+    arguments = with_new_names(arguments)
     try:
         command()(arguments, obj=ros_args)
     except SocialbotError as error:
         Console(stderr=True, highlight=False).print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True)
         sys.exit(error.exit_code)
+
+
+def with_new_names(arguments: list[str]) -> list[str]:
+    """Return the arguments with the new names of `RENAMED` options; print a warning for each old one."""
+    if not arguments:
+        return arguments
+    names, console = RENAMED.get(arguments[0], {}), Console(stderr=True, highlight=False)
+    words = arguments.copy()
+    for place, word in enumerate(words):
+        if word == "--":
+            break
+        name, equals, value = word.partition("=")
+        if name in names:
+            words[place] = f"{names[name]}{equals}{value}"
+            text = f"{name} of {arguments[0]} is now {names[name]}; the old name will be removed in the next release"
+            console.print(f"[yellow]warning[/] {text}", soft_wrap=True)
+    return words
 
 
 @cache

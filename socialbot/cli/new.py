@@ -21,7 +21,7 @@ EXAMPLES = (
     "socialbot new greeter && cd greeter && socialbot run graph.yaml",
     "socialbot new rover --template planning",
 )
-AgentKind = Literal["python", "asl"]
+Language = Literal["python", "asl"]
 Template = Literal["greeter", "planning"]
 
 PLACEHOLDER = "my_robot"
@@ -56,18 +56,18 @@ NEXT_PLANNING: Mapping[str, str] = {
 
 def new(
     name: Annotated[str, typer.Argument(help="Project and Python package: lower-case letters, digits and _.")],
-    agent: Annotated[AgentKind, typer.Option(help="Language of the agent; asl: AgentSpeak.")] = "python",
-    folder: Annotated[Path, typer.Option(help="Folder for the new project.")] = Path("."),
+    language: Annotated[Language, typer.Option(help="Language of the agent; asl: AgentSpeak.")] = "python",
+    out: Annotated[Path, typer.Option(help="Folder for the new project.")] = Path("."),
     template: Annotated[
         Template, typer.Option(help="greeter: greets people; planning: plans its actions with a PDDL domain.")
     ] = "greeter",
 ) -> None:
     """Create a small project with a robot: an agent, its graph and tests. It runs without changes."""
-    if template == "planning" and agent == "asl":
-        raise ParameterError("is written in Python", where="--template planning", remedy="omit --agent asl")
-    project = write_project(name, agent, folder, template)
+    if template == "planning" and language == "asl":
+        raise ParameterError("is written in Python", where="--template planning", remedy="omit --language asl")
+    project = write_project(name, language, out, template)
     console = Console(highlight=False)
-    rules = f"{name}/agent.{'asl' if agent == 'asl' else 'py'}"
+    rules = f"{name}/agent.{'asl' if language == 'asl' else 'py'}"
     what = f"a robot that greets people who come near. Its rules are in {rules}."
     if template == "planning":
         what = f"a robot that plans. Its actions are in {name}/domain.pddl and {rules}."
@@ -79,7 +79,7 @@ def new(
         console.print(Text.assemble(f"  {command:<{width}}   ", (meaning, "dim")), soft_wrap=True)
 
 
-def write_project(name: str, agent: AgentKind, folder: Path, template: Template = "greeter") -> Path:
+def write_project(name: str, language: Language, folder: Path, template: Template = "greeter") -> Path:
     """Create the project ``name`` in a new subfolder of ``folder``, and return that subfolder.
 
     Raises:
@@ -88,15 +88,17 @@ def write_project(name: str, agent: AgentKind, folder: Path, template: Template 
     """
     project = folder / name
     if project.exists() or project.is_symlink():
-        remedy = "give another name, or another place with --folder; nothing is overwritten"
+        remedy = "give another name, or another place with --out; nothing is overwritten"
         raise ParameterError("exists already", where=str(project), remedy=remedy)
     check_name(name)
     try:
-        for path, text in project_files(name, agent, template).items():
+        for path, text in project_files(name, language, template).items():
             (project / path).parent.mkdir(parents=True, exist_ok=True)
             (project / path).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(project), remedy="--folder") from error
+        raise SocialbotError(
+            f"cannot be written: {error.strerror}", where=str(project), remedy="give another place with --out"
+        ) from error
     return project
 
 
@@ -111,11 +113,11 @@ def check_name(name: str) -> None:
         raise ParameterError(what, where="NAME", remedy=f"give another name: {name}_robot")
 
 
-def project_files(name: str, agent: AgentKind, template: Template = "greeter") -> dict[str, str]:
+def project_files(name: str, language: Language, template: Template = "greeter") -> dict[str, str]:
     """Return the files of a project by their relative paths."""
     if template == "planning":
         return {".gitignore": _files_of("common", name)[".gitignore"], **_files_of("planning", name)}
-    return _files_of("common", name) | _files_of(agent, name)
+    return _files_of("common", name) | _files_of(language, name)
 
 
 def _files_of(part: str, name: str) -> dict[str, str]:

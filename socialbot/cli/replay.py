@@ -32,7 +32,7 @@ def replay(
     runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
-    image_topic: Annotated[str | None, typer.Option(help="Topic of the images, when the bag has several.")] = None,
+    image_topic: Annotated[str | None, typer.Option(help="Image topic, when the bag has several.")] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=100.0, help="Speed; 1 is as recorded (ros).")] = 1.0,
     pace: Annotated[bool, typer.Option(help="Wait for slow nodes instead of skipping frames (ros).")] = True,
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,

@@ -54,7 +54,9 @@ def status(
     file: Annotated[
         str | None, typer.Argument(help="Deployment file, graph file or built-in graph.", autocompletion=graph_names)
     ] = None,
-    machine: Annotated[str | None, typer.Option(help="Name of this machine in the deployment.")] = None,
+    machine: Annotated[
+        str | None, typer.Option(help="Machine of a deployment that this one is; default: by address.")
+    ] = None,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Refresh the table until Ctrl-C.")] = False,
     as_json: JsonOption = False,
     wait: Annotated[float, typer.Option(min=0.0, help="Wait at most this many seconds until all nodes are well.")] = 0,

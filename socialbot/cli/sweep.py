@@ -39,7 +39,7 @@ def sweep(
         typer.Option(
             "--set",
             metavar="NODE.PARAMETER=VALUES",
-            help="Values of a parameter: 3,6,9, LOW:HIGH:STEP or LOW:HIGH; repeatable.",
+            help="Change a parameter: 3,6,9, LOW:HIGH:STEP or LOW:HIGH; repeatable.",
         ),
     ] = None,
     expect: Annotated[
@@ -64,7 +64,7 @@ def sweep(
         str | None, typer.Option(metavar="NAME,NAME", help="Measures of the Pareto front; default: two that vary.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the sweep; an interrupted one continues; default: sweeps/TIME.")
+        Path | None, typer.Option(help="Folder for the sweep; an interrupted one continues; default: sweeps/TIME.")
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Parallel processes; default: cores.")] = CORES,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,

@@ -42,8 +42,8 @@ WantedBy=multi-user.target
 
 def systemd(
     file: Annotated[Path, typer.Argument(help="The deployment file.")],
-    machine: Annotated[str, typer.Option(help="Machine that the unit is for.")],
-    out: Annotated[Path | None, typer.Option(help="Folder to write the unit into; default: print it.")] = None,
+    machine: Annotated[str, typer.Option(help="Machine of a deployment.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the unit; default: print it.")] = None,
 ) -> None:
     """Write the systemd unit that starts the nodes of a machine at boot."""
     from socialbot.runtime.deployment import load_deployment

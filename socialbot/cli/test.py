@@ -42,7 +42,9 @@ def test(
             autocompletion=options.run_folders,
         ),
     ] = None,
-    only: Annotated[str, typer.Option("-k", metavar="TEXT", help="Only expectations with this in their name.")] = "",
+    only: Annotated[
+        str, typer.Option("--only", "-k", metavar="TEXT", help="Run only what has this text in its name.")
+    ] = "",
     graph: Annotated[
         str | None,
         typer.Option(help="Graph for bags; default: the bag's own, or waldo.", autocompletion=options.graph_names),
@@ -76,7 +78,7 @@ def test(
 
     expectations = [each for each in load_behaviours(behaviours) if only in each.name]
     if not expectations:
-        raise ParameterError(f"no expectation has {only!r} in its name", where="-k", remedy="leave it out")
+        raise ParameterError(f"no expectation has {only!r} in its name", where="--only", remedy="leave it out")
     if live is not None:
         from socialbot.cli._monitoring import monitor
 

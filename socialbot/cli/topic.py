@@ -34,7 +34,7 @@ topic = typer.Typer(
 TopicArgument = Annotated[str, typer.Argument(metavar="TOPIC", help="Topic, such as /speech/say.")]
 TimeoutOption = Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time limit for the topic to appear.")]
 DurationOption = Annotated[
-    float | None, typer.Option(min=0.0, metavar="SECONDS", help="Stop this long after the topic appeared.")
+    float | None, typer.Option(min=0.0, metavar="SECONDS", help="Time limit, from the moment when the topic appeared.")
 ]
 
 REPORT_S = 1.0

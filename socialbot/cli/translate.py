@@ -26,7 +26,11 @@ def translate(
     ] = False,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Changes that the graph was started with."),
+        typer.Option(
+            "--set",
+            metavar="NODE.PARAMETER=VALUE",
+            help="Change a parameter, as at the start of the graph; repeatable.",
+        ),
     ] = None,
 ) -> None:
     """Republish a running graph as messages of RViz, vision_msgs and ROS4HRI, until Ctrl-C.

@@ -28,7 +28,7 @@ def why(
     run: RunArgument = None,
     action: Annotated[int | None, typer.Option(min=1, help="Explain the action with this number in --list.")] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Explain the decisions at this time: 8.9 or 1:23.4.")
+        str | None, typer.Option(metavar="TIME", help="Time of the decisions to explain: 8.9 or 1:23.4.")
     ] = None,
     plan: Annotated[
         str | None,

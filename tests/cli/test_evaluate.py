@@ -30,7 +30,7 @@ def test_evaluates_bag_and_images_with_all_outputs(tmp_path):
     pictures = drawn_pictures(tmp_path / "room", 1)
     ended = evaluate(
         bag, tuning, "--images", pictures, "--split", "held-back", *QUICKLY, "--out", tmp_path / "out",
-        "--json", tmp_path / "figures.json", "--threads", "1",
+        "--figures", tmp_path / "figures.json", "--threads", "1",
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     assert "Beside the paper's Table 3" in ended.stdout
@@ -49,7 +49,7 @@ def test_evaluates_bag_and_images_with_all_outputs(tmp_path):
 def test_other_bands_and_presence(tmp_path):
     bag = drawn_bag(tmp_path, frames=2)
     ended = evaluate(
-        bag, "--bands", "0-3,3-5", "--presence", "--no-speed", *QUICKLY, "--json", tmp_path / "f.json"
+        bag, "--bands", "0-3,3-5", "--presence", "--no-speed", *QUICKLY, "--figures", tmp_path / "f.json"
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     figures = json.loads((tmp_path / "f.json").read_text())
@@ -77,7 +77,7 @@ def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):
         lines.append(f"{number},1,{','.join(map(str, box))},1,1,1\n{number},2,5,5,9,9,0,3,1\n")
     (sequence / "gt.txt").write_text("".join(lines))
     exports = ("--export", f"coco={tmp_path}/results.json", "--export", f"mot={tmp_path}/tracks")
-    ended = evaluate(sequence, *QUICKLY, "--no-speed", "--json", tmp_path / "f.json", *exports)
+    ended = evaluate(sequence, *QUICKLY, "--no-speed", "--figures", tmp_path / "f.json", *exports)
     assert ended.returncode == 0, ended.stderr
     assert "4 boxes of class car are not used" in ended.stderr
     figures = json.loads((tmp_path / "f.json").read_text())
@@ -91,7 +91,7 @@ def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "where"),
     [
-        (["--json", "{folder}"], "{folder}"),
+        (["--figures", "{folder}"], "{folder}"),
         (["--html", "{file}/page.html"], "{file}/page.html"),
         (["--out", "{file}"], "{file}/evaluation.json"),
         (["--out", "{taken}"], "{taken}/curves.svg"),

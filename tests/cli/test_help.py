@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.cli.main import PANELS, app, command
+from socialbot.cli.main import PANELS, app, command, with_new_names
 
 NAMES = tuple(command().commands)
 
@@ -48,11 +49,83 @@ def test_a_wrong_example_is_noticed():
         parse(command(), ["replay", "bag", "--runer", "ros"])
 
 
-@pytest.mark.parametrize(("option", "begin"), [("--rate", "Speed"), ("--limit", "Limit of"), ("--only", "Run only")])
-def test_an_option_has_one_meaning(option: str, begin: str):
-    texts = [parameter.help for found in leaves(command()) for parameter in found.params if option in parameter.opts]
-    assert texts
-    assert [text for text in texts if not text.startswith(begin)] == []
+MEANINGS = {
+    "--actions": "Python module or file with actions",
+    "--at": "Time ",
+    "--bag": "Record a bag ",
+    "--cache": "Take what was seen ",
+    "--composed": "Run all nodes in one process",
+    "--domain": "ROS domain ",
+    "--duration": "Time limit",
+    "--faults": "Faults",
+    "--folder": "Folder of keys",
+    "--format": "Format ",
+    "--graph": "(Built-in graph|Graph) ",
+    "--host": "Address ",
+    "--html": "Write a page ",
+    "--image-topic": "Image topic",
+    "--include": "Folder ",
+    "--inspect": "Show the run in the browser",
+    "--jobs": "Parallel processes",
+    "--json": "Print JSON",
+    "--junit": "Write the results as JUnit XML",
+    "--label": "Label ",
+    "--limit": "Limit of simulated time",
+    "--machine": "Machine of a deployment",
+    "--only": "Run only ",
+    "--out": "Folder for ",
+    "--pace": "Wait ",
+    "--port": "Port",
+    "--privacy": "Pictures",
+    "--quick": "Skip a slow check: ",
+    "--rate": "Speed",
+    "--root": "Folder of the included files",
+    "--runner": "inline: ",
+    "--scheduler": "Scheduler of a Dask cluster",
+    "--seed": "Seed ",
+    "--set": "Change a parameter",
+    "--storage": "mcap or sqlite3",
+    "--timeout": "Time limit",
+    "--token": "Token that ",
+    "--truth": "Ground truth",
+    "--verbose": "Also print ",
+}
+"""Options of several commands, with the beginning of their help."""
+
+
+def options_of_several_commands() -> dict[str, list[Any]]:
+    """Return the visible options that more than one command has, by name."""
+    found: dict[str, list[Any]] = {}
+    for parameter in (parameter for leaf in leaves(command()) for parameter in leaf.params):
+        if parameter.opts[0].startswith("--") and not getattr(parameter, "hidden", False):
+            found.setdefault(parameter.opts[0], []).append(parameter)
+    return {name: parameters for name, parameters in found.items() if len(parameters) > 1}
+
+
+def test_an_option_of_several_commands_has_one_meaning():
+    shared = options_of_several_commands()
+    assert sorted(shared) == sorted(MEANINGS)
+    for name, begin in MEANINGS.items():
+        assert [each.help for each in shared[name] if not re.match(begin, each.help)] == [], name
+        assert len({each.is_flag for each in shared[name]}) == 1, f"{name} takes a value in some commands only"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("evaluate bag --raw", "evaluate bag --no-tracking"),
+        ("evaluate bag --json=figures.json", "evaluate bag --figures=figures.json"),
+        ("new robot --agent asl --folder there", "new robot --language asl --out there"),
+    ],
+)
+def test_old_names_of_options_work_with_a_warning(old: str, new: str, capsys: pytest.CaptureFixture[str]):
+    assert with_new_names(old.split()) == new.split()
+    assert "warning" in capsys.readouterr().err
+    parse(command(), new.split())
+    assert with_new_names(new.split()) == new.split()
+    assert with_new_names(["why", "--json"]) == ["why", "--json"]
+    assert with_new_names(["evaluate", "--", "--raw"]) == ["evaluate", "--", "--raw"]
+    assert capsys.readouterr().err == ""
 
 
 def leaves(found: Any) -> list[Any]:

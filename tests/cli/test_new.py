@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import msgspec
 import pytest
 
-from socialbot.cli.new import AgentKind, project_files, write_project
+from socialbot.cli.new import Language, project_files, write_project
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Message, PersonDetection, PersonDetections, TraceRecord, Utterance
@@ -28,7 +28,7 @@ from socialbot.vision.metrics.truth import GroundTruth, TruthFrame, load_truth, 
 from tests.system.running import socialbot, socialbot_here
 
 NUMBERS = itertools.count()
-KINDS: tuple[Literal["python", "asl"], ...] = get_args(AgentKind)
+KINDS: tuple[Literal["python", "asl"], ...] = get_args(Language)
 
 
 @pytest.fixture(params=KINDS)
@@ -66,9 +66,9 @@ def test_a_planning_robot_runs_and_its_tests_pass(planning_project: Path) -> Non
 
 
 def test_a_planning_robot_in_agentspeak_is_refused(tmp_path: Path) -> None:
-    done = socialbot("new", "courier", "--template", "planning", "--agent", "asl", "--folder", tmp_path)
+    done = socialbot("new", "courier", "--template", "planning", "--language", "asl", "--out", tmp_path)
     assert done.returncode != 0
-    assert "omit --agent asl" in done.stderr
+    assert "omit --language asl" in done.stderr
     assert not (tmp_path / "courier").exists()
 
 
@@ -205,7 +205,7 @@ def test_files_compile(agent: Literal["python", "asl"]) -> None:
 
 
 def test_prints_next_commands(tmp_path: Path) -> None:
-    done = socialbot("new", "my_robot", "--folder", tmp_path)
+    done = socialbot("new", "my_robot", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"cd {tmp_path / 'my_robot'}" in done.stdout
     assert "socialbot run graph.yaml" in done.stdout

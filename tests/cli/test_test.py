@@ -85,7 +85,7 @@ def test_the_nearest_change_that_passes_is_found(project: Path, tmp_path: Path) 
     assert done.returncode == 1
     (found,) = [line for line in done.stdout.splitlines() if "nearest change" in line]
     name, _, value = found.rpartition("--set ")[2].partition("=")
-    assert name == "mind.near_m"
+    assert name == "mind.range_m"
     assert 3.3 <= float(value) <= 4.2
     changed = socialbot_here(
         "test", project / "expected.py", project / "graph.yaml", "--out", tmp_path / "again", "--set", f"{name}={value}"

@@ -69,7 +69,9 @@ def demo(
     problems: Annotated[
         float, typer.Option(min=0.0, max=100.0, metavar="%", help="Percentage of missions with a problem.")
     ] = 50.0,
-    seed: Annotated[int, typer.Option(help="Random seed. With 0, the mission of the paper has a problem at 50 %.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the problems. With 0, the mission of the paper has a problem at 50 %.")
+    ] = 0,
     ward: Annotated[
         Literal["paper", "large"],
         typer.Option(help="paper: four rooms, a nurse, two robots, dirty rooms; large: five kinds of problems."),
@@ -85,7 +87,7 @@ def demo(
     ] = False,
     faults: Annotated[
         str,
-        typer.Option(metavar="TEXT", help="Further faults: '2 dirty room1; 3 drains uvdrobot1; 4 enters room1 9'."),
+        typer.Option(metavar="TEXT", help="Faults to add: '2 dirty room1; 3 drains uvdrobot1; 4 enters room1 9'."),
     ] = "",
 ) -> tuple[str, Graph]:
     """Robots disinfect rooms of a hospital: tasks, teams, failures and new plans.

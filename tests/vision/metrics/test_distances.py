@@ -82,6 +82,6 @@ def test_refuses_topics_without_distances(bag: Path) -> None:
 def test_command_takes_labels_and_a_depth_topic(bag: Path, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     arguments = ["--truth", str(labels(bag)), "--distance-from", "/camera/depth", "--detector", "hog", "--no-speed"]
-    result = CliRunner().invoke(app, ["evaluate", str(bag), *arguments, "--jobs", "1", "--json", str(figures)])
+    result = CliRunner().invoke(app, ["evaluate", str(bag), *arguments, "--jobs", "1", "--figures", str(figures)])
     assert result.exit_code == 0, result.output
     assert "2-10" in figures.read_text()
