@@ -9,12 +9,13 @@ import typer
 
 from socialbot.cli._options import JsonOption, RunArgument
 from socialbot.cli._runs import opened_run, print_found
-from socialbot.core.errors import ParameterError, RunError
+from socialbot.core.errors import ParameterError, RunError, SocialbotError
 
 if TYPE_CHECKING:
     from socialbot.core.messages import TraceRecord
     from socialbot.runs.folder import RecordedRun
     from socialbot.runs.why import Considered
+    from socialbot.runtime.agent_rules import NotTriggered
 
 
 PANEL = "Look into a run"
@@ -48,7 +49,12 @@ def why(
     recorded = opened_run(run)
     history = recorded.history
     if plan is not None:
-        found = why_not(history, plan)
+        try:
+            found = why_not(history, plan)
+        except RunError as error:
+            unknown = _never_considered(recorded, plan, error)
+            print_found(unknown, _not_triggered_lines(unknown), as_json=as_json)
+            return
         if at is None:
             print_found(found, _not_chosen(found), as_json=as_json)
         else:
@@ -121,6 +127,42 @@ def _not_chosen(plans: Sequence[Considered]) -> list[str]:
             lines.append(f"  chosen at {', '.join(f'{at_s:.2f} s' for at_s in each.chosen_s)}")
         lines += [f"  not chosen at {no.at_s:.2f} s for {no.event}: {no.because}" for no in each.rejected]
         lines += [] if each.rejected else ["  chosen each time"]
+    return lines
+
+
+def _never_considered(run: RecordedRun, plan: str, error: RunError) -> Sequence[NotTriggered]:
+    """Return the rules like ``plan`` of the agents that the run never considered. Raises RunError if there are none."""
+    from socialbot.runtime.agent_rules import not_triggered, rules_of
+
+    if run.graph is None:
+        raise error
+    try:
+        rules = rules_of(run.graph)
+    except SocialbotError:
+        raise error from None
+    found = not_triggered(run.history, rules, plan)
+    if not found:
+        from socialbot.runs.why import considered
+
+        names = {each.plan for each in considered(run.history)}
+        names.update(plan.label or str(plan) for plans in rules.values() for plan in plans)
+        if names:
+            error.remedy = "\n    ".join(["give one of these, or some of its text:", *sorted(names)])
+        raise error
+    return found
+
+
+def _not_triggered_lines(plans: Sequence[NotTriggered]) -> list[str]:
+    """Return the lines about rules that nothing triggered."""
+    from socialbot.runs.why import head_of
+
+    lines = ["This run considered no such rule. The agents have these, as they are now:"]
+    for each in plans:
+        leads_to = f", which leads to {head_of(each.leads_to)}" if each.leads_to else ""
+        lines += [
+            f"{each.plan}{f' ({each.where})' if each.where else ''}{leads_to}",
+            f"  not triggered: {each.because}",
+        ]
     return lines
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import itertools
 import json
+import re
 
 import pytest
 import typer
@@ -62,6 +64,29 @@ def test_explains_a_rejected_plan(run):
     assert code == 0
     assert told.splitlines()[1].endswith("for GreetPeople(): several() does not hold")
     assert "  chosen each time" in ask("why", run, "--not", '[speak("greeting"), for_each(')[1]
+
+
+@pytest.fixture(scope="module")
+def deserted(tmp_path_factory):
+    return greeting(tmp_path_factory.mktemp("run") / "deserted", comes=99)
+
+
+def test_explains_a_rule_that_nothing_triggered(deserted):
+    code, told = ask("why", deserted, "--not", 'speak("offer")')
+    lines = re.sub(r"waldo\.py:\d+", "waldo.py:LINE", told).splitlines()
+    assert code == 0
+    assert lines[0] == "This run considered no such rule. The agents have these, as they are now:"
+    assert lines[1].startswith("OfferHelp() >> [")
+    assert lines[2] == "  not triggered: the goal OfferHelp() was not adopted in this run"
+    triggers = {line.partition(" / ")[0]: then for line, then in itertools.pairwise(lines[3:]) if line[0] == "+"}
+    assert triggers["+engages(Who)"] == "  not triggered: +engages(Who) did not occur in this run"
+    assert all("waldo.py:LINE), which leads to OfferHelp()" in line for line in lines[3::2])
+    assert json.loads(ask("why", deserted, "--not", 'speak("offer")', "--json")[1])[0]["occurred_s"] == []
+
+
+def test_unknown_plan_names_the_rules_of_the_agents(deserted):
+    with pytest.raises(RunError, match=r"no plan 'dance' was ever considered(.|\n)*OfferHelp\(\) >> \["):
+        ask("why", deserted, "--not", "dance")
 
 
 def test_time_without_decision_is_said(run):
