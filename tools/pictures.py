@@ -135,7 +135,7 @@ def asked(browser: Browser, folder: Path) -> bytes:
         page.click("[name=pause]")
         page.fill("#ask-belief", 'visitor("ann")')
         page.click("[name=believe]")
-        page.locator("#ask-belief-answer:has-text('Done')").wait_for()
+        page.locator("#ask-belief-answer:has-text('accepted')").wait_for()
         page.mouse.move(0, 0)
         page.wait_for_timeout(1000)
         return page.screenshot()

@@ -106,7 +106,7 @@ def test_page_follows_a_run_and_sends_commands(browser, tmp_path):
         expect(page.locator("#ask-belief-answer")).to_contain_text("expected")
         page.fill("#ask-belief", "visitor(ann)")
         page.click("[name=believe]")
-        expect(page.locator("#ask-belief-answer")).to_have_text("Done.")
+        expect(page.locator("#ask-belief-answer")).to_have_text("Asked: accepted.")
         page.click("[name=resume]")
         expect(page.locator("#beliefs")).to_contain_text("visitor(ann)")
 
@@ -152,7 +152,7 @@ def test_commands_need_the_key_of_the_graph(browser, tmp_path):
             expect(visit.page.locator("#mind-title")).to_have_text("Waldo")
             visit.page.fill("#ask-belief", "visitor(ann)")
             visit.page.click("[name=believe]")
-            expect(visit.page.locator("#ask-belief-answer")).to_have_text("Done.")
+            expect(visit.page.locator("#ask-belief-answer")).to_have_text("Asked: accepted.")
             expect(visit.page.locator("#beliefs")).to_contain_text("visitor(ann)")
             assert "Nothing can be asked" not in "".join(visit.texts("#pane-ask"))
             visit.close()
