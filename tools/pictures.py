@@ -54,7 +54,7 @@ SHOTS: Mapping[str, Shot] = {
     "waldo": Shot("corridor", "t=9.6"),
     "why": Shot("corridor", "t=17.2", ("#timeline text.beside:has-text('Can I help')",), dark=True),
     "plans": Shot("corridor", "t=9.6", ("#tab-plans", "#pane-plans button:has-text('greeting_several')"), "#side"),
-    "nodes": Shot("deployment", "t=30", ("summary",), "#nodes"),
+    "nodes": Shot("deployment", "t=30", ("summary",), "#nodes", width=1440),
     "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1260),
     "hospital": Shot(
         "hospital", "t=2.42&agent=spotrobot1", ("#timeline .bar.step.bad >> nth=0",), height=1390, dark=True

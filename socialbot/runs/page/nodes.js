@@ -100,7 +100,7 @@ function grouped(nodes) {
 
 function card(node) {
   const rect = drawn('rect', { width: WIDE, height: HIGH, rx: 8 });
-  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 17) });
+  const name = drawn('text', { x: 12, y: 22, class: 'name', text: shortened(node.name, 15) });
   const machine = drawn('text', { x: 12, y: 38, class: 'small', text: node.machine });
   const condition = drawn('text', { x: 12, y: 54, class: 'condition' });
   const figures = drawn('text', { x: 12, y: 67, class: 'small' });
