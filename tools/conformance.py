@@ -15,8 +15,8 @@ HEADING = """\
 
 This page tells, for each item of Jason's standard library and syntax, whether it means the same here. It is generated
 from tests (`python -m tools.conformance`): `tests/conformance/jason` contains {cases} small programs with what
-Jason 3.3 prints for them, and the tests run them. In addition, {random} random programs of two agents print the same as
-in Jason {version}, in any order: `tests/conformance/random_programs.py` makes them and records the answers.
+Jason {version} prints for them, and the tests run them. In addition, {random} random programs of two agents print the
+same there and here, in any order: `tests/conformance/random_programs.py` makes them and records the answers.
 [Semantics](semantics.md) explains the language and the larger differences.
 
 - **yes**: all programs of the item print the same.

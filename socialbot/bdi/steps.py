@@ -195,7 +195,7 @@ class Do(Step):
     limit_s: object = None
 
     def __str__(self) -> str:
-        return f"{self.action}{_limit(self.limit_s)}"
+        return f"{self.action!s}{_limit(self.limit_s)}"
 
 
 @dataclass(eq=False, repr=False)
@@ -251,7 +251,7 @@ class Forget(Step):
     literal: Literal
 
     def __str__(self) -> str:
-        return f"-{self.literal}"
+        return f"-{self.literal!s}"
 
 
 @dataclass(eq=False, repr=False)
@@ -289,9 +289,10 @@ class Await(Step):
 
 @dataclass(eq=False, repr=False)
 class PlanBody(Pattern):
-    """Steps as a term, ``{ a; b }`` in AgentSpeak."""
+    """Steps as a term, ``{ a; b }`` in AgentSpeak; the ``bare`` ones that a plan pattern took are spelled ``a; b``."""
 
     steps: tuple[Step, ...] = ()
+    bare: bool = False
 
     def __str__(self) -> str:
         return f"PlanBody({_list(self.steps)})"

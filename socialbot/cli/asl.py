@@ -165,7 +165,7 @@ def check(
     _import_actions(actions)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     paths = _include_paths(include, root)
-    failed = False
+    failed, warned = False, set[str]()
     for file in files:
         text = read_text(file, RuleError)
         problems = problems_in(text, str(file), paths)
@@ -178,8 +178,10 @@ def check(
             console.print(f"{name}ok: {_summary(program)}", soft_wrap=True, markup=False)
             if needs := needs_of(program):
                 console.print(f"{name}needs actions in Python: {', '.join(needs)}", soft_wrap=True, markup=False)
-            for warning in warnings_of(program):
-                errors.print(Text.assemble(("warning: ", "yellow"), str(warning)), soft_wrap=True)
+            warnings = dict.fromkeys(map(str, warnings_of(program)))
+            for warning in [each for each in warnings if each not in warned]:  # several may include one file
+                errors.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
+            warned |= warnings.keys()
     if failed:
         raise typer.Exit(AgentSpeakError.exit_code)
 

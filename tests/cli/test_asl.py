@@ -204,6 +204,13 @@ def test_check_lists_needed_actions_and_warns_of_variables(written):
     assert "X has no value in +b(X)" in ended.stderr
 
 
+def test_check_warns_once_of_a_file_that_several_programs_include(written):
+    main = '{ include("common.asl") } !go. +!go <- !b.'
+    files = written(one=main, two=main, common="+!b <- +b(X).")
+    ended = socialbot("check", *files[:2])
+    assert (ended.returncode, ended.stderr.count("X has no value in +b(X)")) == (0, 1)
+
+
 def test_a_program_includes_files_of_folders_and_roots(written, tmp_path):
     (file,) = written(main='{ include("a.asl") } { include("$libJar/b.asl") } !go. +!go <- !a; !b.')
     (tmp_path / "lib").mkdir()

@@ -75,6 +75,8 @@ def spelled(term: Any) -> str:
     if isinstance(term, Inference):
         return f"{{ {_rule(term)} }}"
     if isinstance(term, PlanBody):
+        if term.bare and term.steps:
+            return _body(term.steps)
         return f"{{ {_body(term.steps)} }}" if term.steps else "{ }"
     if isinstance(term, Event):
         return f"{{ {_event(term)} }}"

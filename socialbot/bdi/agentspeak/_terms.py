@@ -376,7 +376,7 @@ class TermReader:
         return args
 
     def annotations(self) -> tuple[object, ...]:
-        notes = self.in_brackets("',', '|' or ']' after an annotation")
+        notes = self.in_brackets("',', '|' or ']' after an annotation", "]|")
         if self.words[self.at - 1] != "|":
             return notes
         tail = self.list() if self.words[self.at] == "[" else self.variable()
@@ -385,11 +385,11 @@ class TermReader:
             return (*notes, *tail.items, Rest(tail.tail))
         return (*notes, *tail) if isinstance(tail, tuple) else (*notes, Rest(tail))
 
-    def in_brackets(self, expected: str = "',', '|' or ']' in a list") -> tuple[object, ...]:
-        """Read terms up to and including ``]`` or ``|``."""
+    def in_brackets(self, expected: str = "',', '|' or ']' in a list", empty: str = "]") -> tuple[object, ...]:
+        """Read terms up to and including ``]`` or ``|``; there are none before a sign of ``empty``."""
         self.at += 1
         namespace, self.namespace = self.namespace, ""
-        items = () if self.words[self.at] == "]" else self.items()
+        items = () if self.words[self.at] in tuple(empty) else self.items()
         self.namespace = namespace
         if self.words[self.at] != "|":
             self.skip("]", expected)

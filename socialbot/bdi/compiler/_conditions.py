@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 
 from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, stored
-from socialbot.bdi.compiler._dynamic import COLLECTORS
+from socialbot.bdi.compiler._dynamic import COLLECTORS, embeds
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
 from socialbot.bdi.literals import Literal, ground, literal
@@ -264,7 +264,9 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
             return
         if not settled(f, right) and settled(f, left):
             left, right = right, left
-        if settled(f, right):
+        if may_be_plans(f, left, right):
+            agree_as_plans(f, left, right, fail)
+        elif settled(f, right):
             match(f, left, value(f, right), fail)
         else:
             f.line(f"if not unify({build(f, left)}, {build(f, right)}, trail): {fail}")
@@ -280,6 +282,20 @@ def comparison(f: Function, condition: Comparison, fail: str, rest: Rest) -> Non
         test = test_of(f, condition)
     with f.block(f"if {test}"):
         rest()
+
+
+def may_be_plans(f: Function, left: object, right: object) -> bool:
+    """Whether two known values may be plans or steps, which agree by their text or parts, not as objects."""
+    if not isinstance(left, Variable):
+        return embeds(left)
+    return f.scope.get(left.name) == VALUE and (embeds(right) or (f.unit.lenient and isinstance(right, Variable)))
+
+
+def agree_as_plans(f: Function, left: object, right: object, fail: str, step: Step | None = None) -> None:
+    """Emit the unification of two known values that may be plans."""
+    one, two = build(f, left), build(f, right)
+    differ = f"{one} != {two} and " if isinstance(left, Variable) and isinstance(right, Variable) else ""
+    f.line(f"if {differ}not unify({one}, {two}, trail): {fail}", step)
 
 
 def order_test(f: Function, condition: Comparison, fail: str, step: Step | None = None) -> None:

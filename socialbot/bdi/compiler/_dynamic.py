@@ -141,10 +141,10 @@ def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -
             and (not isinstance(pattern.label, str) or pattern.label == other.label)
             and _matches(cells, pattern.event.literal, other.event.literal, trail)
             and (not pattern.condition.terms or _matches_condition(cells, pattern.condition, condition, trail))
-            and _matches_steps(cells, pattern.body, other.body, trail)
+            and _matches_steps(cells, pattern.body, other.body, trail, bare=True)
         )
     if isinstance(pattern, PlanBody):
-        return isinstance(other, PlanBody) and _matches_steps(cells, pattern.steps, other.steps, trail)
+        return isinstance(other, PlanBody) and _matches_steps(cells, pattern.steps, other.steps, trail, bare=False)
     return unify(substitute_cells(cells, pattern), other, trail)
 
 
@@ -154,13 +154,15 @@ def _matches_condition(cells: Mapping[str, Any], pattern: Any, other: Any, trail
     return str(pattern) == str(other)
 
 
-def _matches_steps(cells: Mapping[str, Any], pattern: tuple[Any, ...], other: tuple[Any, ...], trail: Trail) -> bool:
+def _matches_steps(
+    cells: Mapping[str, Any], pattern: tuple[Any, ...], other: tuple[Any, ...], trail: Trail, *, bare: bool
+) -> bool:
     """Unify steps in order; a variable as the last one is all remaining steps."""
     for i, step in enumerate(pattern):
         if isinstance(step, Do) and isinstance(step.action, Variable):
             if i == len(pattern) - 1:
-                return _matches(cells, step.action, PlanBody(other[i:]), trail)
-            if i >= len(other) or not _matches(cells, step.action, PlanBody(other[i : i + 1]), trail):
+                return _matches(cells, step.action, PlanBody(other[i:], bare), trail)
+            if i >= len(other) or not _matches(cells, step.action, PlanBody(other[i : i + 1], bare=True), trail):
                 return False
         elif i >= len(other) or str(step) != str(other[i]):
             return False

@@ -9,8 +9,10 @@ from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._conditions import (
     COLLECTORS,
     ORDERS,
+    agree_as_plans,
     assign,
     dependencies,
+    may_be_plans,
     order_test,
     query,
     test_of,
@@ -186,6 +188,9 @@ def constrain(f: Function, step: Constrain) -> None:
             left, right = right, left
         if isinstance(right, Expression):
             know(f, right, step)
+        if settled(f, right) and may_be_plans(f, left, right):
+            agree_as_plans(f, left, right, fail, step)
+            return
         if settled(f, right) and not has_cell(f, left):
             match(f, left, value(f, right), fail, step)
             return

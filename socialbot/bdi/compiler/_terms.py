@@ -182,7 +182,7 @@ def match(f: Function, pattern: object, subject: str, fail: str, step: Step | No
             found = f"plain({subject})" if pattern.name in f.unit.symbols else subject
             f.line(f"{f.local(pattern.name)} = {found}")
             f.scope[pattern.name] = VALUE
-    elif has_cell(f, pattern) or isinstance(pattern, LiteralVariable) or _is_annotated(pattern):
+    elif has_cell(f, pattern) or isinstance(pattern, LiteralVariable) or _is_annotated(pattern) or embeds(pattern):
         fresh = names_in(pattern) - f.scope.keys() - {"_"}
         f.line(f"if not unify({build(f, pattern)}, {subject}, trail): {fail}", step)
         # Others stay cells, since a surrounding loop may bind them again.

@@ -126,12 +126,12 @@ def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.plan_label(Plan, Label)``: the plan with a label, the label of a plan, or all of both."""
     plan, label = map(resolve, args)
     if isinstance(plan, Plan) and plan.known is not None:
-        plan = plan.known.plan
+        return each(label, [plan.known.label], trail)
     if isinstance(plan, Plan) and not isinstance(plan.label, str):
         bare = _bare(plan)
         return each(label, [label_of(engine, known) for known in engine.library if _bare(known) == bare], trail)
     if isinstance(plan, Plan):
-        return each(label, [label_of(engine, plan)], trail)
+        return each(label, [label_term(plan)], trail)
     if label.__class__ is Var:
         return each(args, [(_shown(engine, found), label_of(engine, found)) for found in engine.library], trail)
     found = _labelled(engine, label)
