@@ -143,7 +143,7 @@ class Engine:
         """
         for rule in rules:
             if isinstance(rule, Inference):
-                self.interpreter.own_library().add_inference(rule)
+                self.interpreter.own_library().add_inference(rule, first=first)
                 for kind in contents_of(rule).kinds:
                     self.beliefs.declare(kind)
                 self.intentions.waits.relearn()

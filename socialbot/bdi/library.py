@@ -369,7 +369,7 @@ class Library:
             self.inferences.update({key: [] for key in new})
             self.recompile()
 
-    def add_inference(self, inference: Inference) -> None:
+    def add_inference(self, inference: Inference, *, first: bool = False) -> None:
         contents = contents_of(inference)
         for kind in contents.kinds:
             self.declare(kind)
@@ -378,7 +378,8 @@ class Library:
             self.recompile()
         self._patterns = None
         new = inference.head.key not in self.inferences
-        self.inferences.setdefault(inference.head.key, []).append(CompiledInference(inference, self))
+        rules = self.inferences.setdefault(inference.head.key, [])
+        rules.insert(0 if first else len(rules), CompiledInference(inference, self))
         if self._find_open() or new:
             self.recompile()
 

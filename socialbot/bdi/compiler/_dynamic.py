@@ -188,6 +188,8 @@ def literal_with(value: Any, notes: tuple[Any, ...], negated: bool, namespace: A
     value, namespace = resolve(value), resolve(namespace)
     if isinstance(value, (Var, Variable)) or isinstance(namespace, (Var, Variable)):
         return LiteralVariable(value, notes, negated, namespace)
+    if isinstance(value, Inference):
+        return replace(value, head=literal_with(value.head, notes, negated, namespace))
     item = literal_of("a literal with annotations", value)
     new = tuple(note for note in notes if note not in item.annotations)
     made = item.with_(annotations=item.annotations + new)
@@ -277,9 +279,9 @@ def pause_until(change: Change, value: Any, limit_s: float | None) -> EventPause
 
 
 def change_rule(ag: Interpreter, sign: str, rule: Inference) -> None:
-    """Add or remove a rule."""
+    """Add a rule before the others, or remove one."""
     if sign == "+":
-        ag.engine.add_rules(rule)
+        ag.engine.add_rules(rule, first=True)
     elif not ag.own_library().remove_inference(rule):
         raise Failed("wrong_arguments", f"there is no rule {rule!s} to remove")
 

@@ -43,6 +43,7 @@ from socialbot.bdi.intentions import (
     timed,
 )
 from socialbot.bdi.literals import SELF, Event, Literal, literal, source_notes
+from socialbot.bdi.plans import Inference
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
 from socialbot.bdi.steps import Action
@@ -381,6 +382,9 @@ def question_of(ag: Interpreter, query: Any, cause: Any) -> Request | None:
 
 def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
     """Apply ``+B``, ``-B`` or another update to the value of a variable."""
+    belief = resolve(belief)
+    if isinstance(belief, Inference):
+        return change_rule(ag, sign, belief)
     belief = literal_of(sign, belief)
     base = ag.beliefs
     relation, notes = base.relation(belief.key), belief.annotations

@@ -157,7 +157,10 @@ def list_rules(engine: Any, args: Args, trail: Trail) -> None:
 
 @internal(".relevant_rules", 2)
 def relevant_rules(engine: Any, args: Args, trail: Trail) -> bool:
-    """``.relevant_rules(b(_), Rules)``: Rules are those whose head matches."""
+    """``.relevant_rules(b(_), Rules)``: Rules are those whose head matches; all for an unbound variable."""
+    if resolve(args[0]).__class__ is Var:
+        rules = itertools.chain(*engine.library.inferences.values())
+        return gives(args[1], tuple(compiled.inference for compiled in rules), trail)
     pattern = literal_of(".relevant_rules", args[0])
     found = []
     for compiled in engine.library.inferences.get(pattern.key, ()):
