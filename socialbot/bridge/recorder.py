@@ -27,6 +27,7 @@ log = logging.getLogger("socialbot.recorder")
 DISCOVERY_PERIOD_S = 0.2
 FLUSH_PERIOD_S = 0.5  # maximum time of a message in memory, where it would be lost with a killed process
 _SPIN_S = 0.05
+_LAST_CALLBACKS = 200  # maximum number of messages that were received before the end, and are still to be written
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ def record(
                     flushed = time.monotonic()
                     bag.flush()
                 executor.spin_once(timeout_sec=_SPIN_S)
+            for _ in range(_LAST_CALLBACKS):
+                executor.spin_once(timeout_sec=0.0)
         finally:
             executor.shutdown()
         recorder.close()

@@ -43,7 +43,7 @@ def _environment_of_its_own() -> Iterator[None]:
 def test_up_runs_the_nodes_of_a_machine(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ran: list[tuple[Graph, LiveSource]] = []
     monkeypatch.setattr(running, "run", lambda graph, source, *_, **__: ran.append((graph, source)))
-    done = run("up", file, "--machine", "robot", "--camera", "0", "--out", tmp_path / "run", "--minds", "kept")
+    done = run("up", file, "--machine", "robot", "--camera", "0", "--out", tmp_path / "run", "--minds", "kept", "-v")
     assert done.exit_code == 0, done.output
     assert "waldo on robot: camera, speech, head, camera_image_raw_to_workstation" in done.output
     [(graph, source)] = ran

@@ -75,7 +75,7 @@ def test_the_page_contains_the_whole_run():
     assert "inform Problem" in words
     data = unfrozen(page)
     assert "a_adapt_room(nurse_disinfected1, room1)" in str(data["trees"])
-    bars = [bar for lane in data["timeline"] for bar in lane["bars"]]
+    bars = [bar for lane in data["timeline"]["lanes"] for bar in lane["bars"]]
     assert [bar["outcome"] for bar in bars if bar["kind"] == "plan"] == ["failed", "succeeded"]
     assert [bar["outcome"] for bar in bars if bar["kind"] == "desire"] == ["fulfilled"]
 

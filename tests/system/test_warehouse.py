@@ -103,7 +103,7 @@ class TestTheFirstRun:
             assert int(values["calls"]) > 400
 
     def test_accepts_commands_of_the_documentation(self, first_run: Live) -> None:
-        desire, belief, withdrawal = commands("docs/cli.md", "socialbot topic pub")
+        desire, belief, withdrawal = commands("docs/cli.md", "socialbot topic pub /gripper_a")
         seen, wanted = first_run.seen, "wait_there"
         publish(desire)
         assert eventually(lambda: bool(seen.of("plan_start", what=wanted)))
