@@ -73,7 +73,7 @@ def test_other_parameters_give_other_decisions(tmp_path):
     assert "Decisions differ from the recorded ones: coordinator" in done.stdout
 
 
-@pytest.mark.parametrize("run", [1, 2])
+@pytest.mark.parametrize("run", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_committed_bags_give_their_recorded_decisions(run, tmp_path):
     done = socialbot_here("replay", BAGS / f"warehouse_run{run}", "--runner", "inline", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr

@@ -46,6 +46,7 @@ def test_evaluates_bag_and_images_with_all_outputs(tmp_path):
     assert (tmp_path / "out" / "index.html").read_text().startswith("<!doctype html>")
 
 
+@pytest.mark.slow
 def test_other_bands_and_presence(tmp_path):
     bag = drawn_bag(tmp_path, frames=2)
     ended = evaluate(
@@ -57,6 +58,7 @@ def test_other_bands_and_presence(tmp_path):
     assert figures["settings"]["matching"] == "presence"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_interrupt_ends_all_processes(corridor):
     with running("evaluate", corridor, "--detector", "hog", "--no-speed", "--jobs", "1") as process:

@@ -81,6 +81,7 @@ def test_impossible_problem_has_an_exit_code(tmp_path):
     assert json.loads(socialbot(*files, "--json").stdout)["steps"] is None
 
 
+@pytest.mark.slow
 def test_exceeded_limit_has_an_exit_code(tmp_path):
     ended = socialbot(*written(tmp_path, HARD_DOMAIN, HARD_PROBLEM), "--timeout", 0.2)
     assert (ended.returncode, ended.stderr) == (11, "gave up: kairos found no plan in 0.2 s\n")

@@ -223,7 +223,7 @@ def test_steps_that_need_each_other_at_the_same_moment_do_not_wait_for_ever():
     assert causal_order(domain, problem, plan).before_start == ({*()}, {(0, "start")})
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32), st.integers(2, 7))
 def test_any_schedule_that_keeps_the_order_is_valid(seed, size):
     domain, problem, chance = random_pair(seed)
@@ -235,7 +235,7 @@ def test_any_schedule_that_keeps_the_order_is_valid(seed, size):
         assert brute_force.is_valid(domain, problem, other), f"{plan}\n{order}\n{other}"
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 3), st.integers(1, 4))
 def test_any_schedule_that_keeps_the_order_is_valid_when_some_steps_run_already(seed, several, size):
     domain, problem, chance = random_pair(seed)

@@ -103,6 +103,7 @@ def test_a_grid_runs_every_combination(bag, tmp_path):
     assert "person" in reason
 
 
+@pytest.mark.slow
 def test_parallel_processes_find_the_same(bag, tmp_path):
     plan = plan_of(bag, "waldo.appear_s=0.2,2", "waldo.range_m=1,40")
     parallel = plan_of(bag, "waldo.appear_s=0.2,2", "waldo.range_m=1,40", jobs=2)

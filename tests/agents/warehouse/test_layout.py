@@ -182,6 +182,7 @@ def test_impossible_numbers_of_grippers_are_rejected(grippers, carriers):
         aisles_of(40, carriers, grippers)
 
 
+@pytest.mark.slow
 def test_40_boxes_with_3_grippers_and_8_carriers_are_delivered(tmp_path):
     file = tmp_path / "many.yaml"
     file.write_text(f"grippers: 3\n{MANY}")

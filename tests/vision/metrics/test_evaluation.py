@@ -221,6 +221,7 @@ def test_settings_that_do_not_fit(change, word):
         with_changes(HOG, [change])
 
 
+@pytest.mark.slow
 def test_cluster_gives_the_same_figures(two_bags, tmp_path):
     distributed = pytest.importorskip("distributed")
     sources, here = two_bags
