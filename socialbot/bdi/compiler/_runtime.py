@@ -386,15 +386,12 @@ def update_of(ag: Interpreter, sign: str, belief: Any, cause: Any) -> Any:
     if isinstance(belief, Inference):
         return change_rule(ag, sign, belief)
     belief = literal_of(sign, belief)
-    base = ag.beliefs
-    relation, notes = base.relation(belief.key), belief.annotations
+    notes = belief.annotations
     if not any(map(is_source, notes)):
         notes = (*notes, *SELF)
     if sign in ("-", "--"):
-        return base.remove(relation, belief.args, notes, cause, sign == "-")
-    if sign == "++":
-        return base.add(relation, belief.args, notes, cause)
-    return (base.add_here if sign == "+" else base.replace)(relation, belief.args, notes, cause)
+        return remove_belief(ag, belief.key, belief.args, notes, cause, sign == "-")
+    return add_belief(ag, sign, belief.key, belief.args, notes, cause)
 
 
 def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: Any, values: Mapping[str, Any]) -> str:
