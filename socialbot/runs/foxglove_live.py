@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import threading
 import time
@@ -55,8 +56,8 @@ class FoxgloveServer:
     def __init__(self, name: str, graph: Graph | None, host: str, port: int) -> None:
         """Start the server. Raises InstallationError or DeviceError."""
         try:
-            import foxglove
-            from foxglove.websocket import Capability
+            foxglove = importlib.import_module("foxglove")
+            capability = importlib.import_module("foxglove.websocket").Capability
         except ImportError as error:
             raise InstallationError(
                 "the package 'foxglove-sdk' is not installed",
@@ -73,7 +74,7 @@ class FoxgloveServer:
                 name=name,
                 host=host,
                 port=port,
-                capabilities=[Capability.Time, Capability.Parameters, Capability.ConnectionGraph],
+                capabilities=[capability.Time, capability.Parameters, capability.ConnectionGraph],
                 server_listener=listener,
                 supported_encodings=["cdr"],
                 context=self._context,
@@ -152,10 +153,9 @@ class _Parameters:
             self._values.update({f"{config.name}.{name}": value for name, value in values.items()})
 
     def on_get_parameters(self, client: Any, param_names: Sequence[str], request_id: str | None = None) -> list[Any]:
-        from foxglove import Parameter
-
+        parameter = importlib.import_module("foxglove").Parameter
         names = param_names or list(self._values)
-        return [Parameter(name, value=self._values[name]) for name in names if name in self._values]
+        return [parameter(name, value=self._values[name]) for name in names if name in self._values]
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("on_"):
@@ -164,8 +164,6 @@ class _Parameters:
 
 
 def _connections(graph: Graph) -> Any:
-    from foxglove import ConnectionGraph
-
     published: dict[str, list[str]] = {}
     subscribed: dict[str, list[str]] = {}
     offered: dict[str, list[str]] = {}
@@ -177,7 +175,7 @@ def _connections(graph: Graph) -> Any:
         ):
             for topic, _ in pairs:
                 found.setdefault(topic, []).append(config.name)
-    made = ConnectionGraph()
+    made = importlib.import_module("foxglove").ConnectionGraph()
     for topic, names in published.items():
         made.set_published_topic(topic, names)
     for topic, names in subscribed.items():
