@@ -20,6 +20,8 @@ BAG := data/synthetic/corridor
 SCENES := $(addprefix data/synthetic/,scene1_tune scene1_heldback scene2_tune scene2_heldback)
 PAGES := tests/system/test_pages.py tests/runs/test_page*.py tests/runs/test_pages_in_browser.py tests/test_package.py
 JOBS ?= 2
+# One more than processors: system tests wait for other processes.
+WORKERS ?= 3
 SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
@@ -59,13 +61,13 @@ evaluate: setup
 	$(BIN)/socialbot evaluate $(SCENES) --split held-back --detector nanodet,hog --jobs $(JOBS) $(if $(OUT),--out $(OUT))
 
 test: tools
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "not slow"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow"
 
 test-all: tools
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup
 
 test-pages: tools
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m slow $(PAGES)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m slow $(PAGES)
 
 fuzz: tools
 	$(INSTALL) 'atheris>=2.3,<4'
