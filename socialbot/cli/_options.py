@@ -179,7 +179,8 @@ LabelOption = Annotated[
 ]
 ParentOption = Annotated[int | None, typer.Option(hidden=True, help="Stop when this process has stopped.")]
 VerboseOption = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Also print progress and details: what is seen, moves, ROS domain.")
+    bool,
+    typer.Option("--verbose", "-v", help="Also print progress and details: people in view, head motions, ROS domain."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 InspectOption = Annotated[bool, typer.Option("--inspect", help="Show the run in the browser, live and afterwards.")]

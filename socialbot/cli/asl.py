@@ -192,7 +192,7 @@ def run_tests(
     include: IncludeOption = None,
     root: RootOption = None,
     actions: ActionsOption = None,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Run only what has this text in its name.")] = "",
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Run only tests with this text in their name.")] = "",
     limit: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Limit of simulated time of a test.")] = 60.0,
     output: Annotated[bool, typer.Option("--output", help="Show what passed tests print, too.")] = False,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,

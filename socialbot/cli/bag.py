@@ -242,7 +242,7 @@ def redact(
 
 
 def _print_redaction(console: Console, made: Redaction) -> None:
-    """Tell what was done to a bag, and what was not."""
+    """Print the changed and the unchanged parts of a bag."""
     for topic, count in sorted(made.images.items()):
         console.print(f"blurred: {count} images of {topic}", markup=False)
     for topic, count in sorted(made.emptied.items()):
@@ -251,9 +251,9 @@ def _print_redaction(console: Console, made: Redaction) -> None:
     for topic in made.depth:
         console.print(f"[yellow]kept[/]: {escape(topic)}: depth shows shapes of people; --privacy no-images removes it")
     if made.perception == "recorded":
-        console.print("kept for replays: what the nodes saw in the images, in seen.percepts")
+        console.print("stored for replays: the detections, in seen.percepts")
     else:
-        console.print(f"[yellow]not kept[/]: what was seen in the images: {escape(made.perception)}")
+        console.print(f"[yellow]not stored[/]: detections for replays: {escape(made.perception)}")
     if made.files:
         console.print(f"copied: {', '.join(made.files)}", markup=False)
     console.print(f"{made.kept} messages are the same, byte for byte; the new bag: {made.path}", markup=False)

@@ -1,4 +1,4 @@
-"""The commands ``socialbot cache``: what replays have seen in bags before."""
+"""The commands ``socialbot cache``: list and clear cached detections of bags."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PANEL = "Bags, cameras and scores"
 EXAMPLES = ("socialbot cache show", "socialbot cache clear")
 cache = typer.Typer(
     add_completion=False,
-    help="Show and clear what replays have seen in the images of bags.",
+    help="List and clear the detections that replays have cached for bags.",
     no_args_is_help=True,
 )
 _MEGABYTE = 1_000_000

@@ -21,7 +21,7 @@ def forget(
 ) -> None:
     """Remove a person from a run: boxes, beliefs, actions towards them, and files with pictures.
 
-    The bag of the run is not changed. docs/privacy.md tells what is removed.
+    The bag of the run is not changed. docs/privacy.md lists the removed data.
     """
     from socialbot.runs.folder import open_run
     from socialbot.runs.forgetting import forget_person

@@ -38,7 +38,7 @@ def replay(
     truth: Annotated[Path | None, typer.Option(help="Ground truth; default: BAG.truth.json if it exists.")] = None,
     out: options.OutOption = None,
     cache: Annotated[
-        bool, typer.Option(help="Take what was seen in this bag before from the cache, and keep it there (inline).")
+        bool, typer.Option(help="Reuse cached detections of this bag, and cache new ones (inline).")
     ] = True,
     privacy: Annotated[
         Literal["none", "blur", "no-images"],

@@ -1,4 +1,4 @@
-"""``socialbot sweep``: replay bags with many settings, and compare what is decided."""
+"""``socialbot sweep``: replay bags with many settings, and compare the decisions."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sweep(
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Replay bags with many settings; show what each decides, and where the outcome flips.
+    """Replay bags with many settings; show the decisions of each, and where the outcome flips.
 
     After Ctrl-C, the same command with --out continues.
     """

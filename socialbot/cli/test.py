@@ -43,7 +43,7 @@ def test(
         ),
     ] = None,
     only: Annotated[
-        str, typer.Option("--only", "-k", metavar="TEXT", help="Run only what has this text in its name.")
+        str, typer.Option("--only", "-k", metavar="TEXT", help="Run only expectations with this text in their name.")
     ] = "",
     graph: Annotated[
         str | None,
@@ -53,12 +53,10 @@ def test(
     domain: options.DomainOption = None,
     changes: options.SetOption = None,
     limit: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Limit of simulated time.")] = 1800.0,
-    cache: Annotated[
-        bool, typer.Option(help="Take what was seen in a bag before from the cache, and keep it there (inline).")
-    ] = True,
+    cache: Annotated[bool, typer.Option(help="Reuse cached detections of a bag, and cache new ones (inline).")] = True,
     out: Annotated[Path | None, typer.Option(help="Folder for new runs and the page; default: runs/TIME.")] = None,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results as JUnit XML.")] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Undecided and untested expectations fail, too.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Open and untested expectations fail, too.")] = False,
     nearest: Annotated[
         bool, typer.Option("--nearest", help="Look for the nearest change of an agent's parameter that would pass.")
     ] = False,
@@ -69,7 +67,7 @@ def test(
     machine: options.MachineOption = None,
     verbose: options.VerboseOption = False,
 ) -> None:
-    """Check what is expected of an agent on recorded runs, replays, simulations, or a running graph.
+    """Check expectations on the behaviour of agents in recorded runs, replays, simulations, or a running graph.
 
     Exit code 1: an expectation failed.
     """

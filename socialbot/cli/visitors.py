@@ -1,4 +1,4 @@
-"""``socialbot visitors``: list the visits of a run, and what was said to each visitor."""
+"""``socialbot visitors``: list the visits of a run, with the sentences to each visitor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``socialbot whatif``: branch a recorded run at a moment, and show how the two futures part."""
+"""``socialbot whatif``: branch a recorded run at a moment, and show the differences."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _Texts = list[str] | None
 
 def whatif(
     run: options.RunArgument = None,
-    at: Annotated[str | None, typer.Option(metavar="TIME", help="Time at which they part: 8.9 or 1:23.4.")] = None,
+    at: Annotated[str | None, typer.Option(metavar="TIME", help="Time of the change: 8.9 or 1:23.4.")] = None,
     believe: Annotated[_Texts, typer.Option(metavar="BELIEF", help="Add a belief.")] = None,
     forget: Annotated[_Texts, typer.Option(metavar="BELIEF", help="Remove beliefs; _ matches anything.")] = None,
     achieve: Annotated[_Texts, typer.Option(metavar="GOAL", help="Adopt a goal.")] = None,
@@ -45,10 +45,10 @@ def whatif(
     without: Annotated[_Texts, typer.Option(metavar="RULE", help="Remove a rule: (part of) its label.")] = None,
     agent: Annotated[str, typer.Option(metavar="NODE", help="Agent to change, if there are several.")] = "",
     out: Annotated[Path | None, typer.Option(help="Folder for both runs; default: runs/TIME.")] = None,
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both futures.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both runs.")] = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Run the input of a recorded run again, change something at a moment, and show how the futures part.
+    """Run the input of a recorded run again, with a change at a moment, and show the differences.
 
     Exit code 1: they differ.
     """

@@ -54,7 +54,7 @@ _VARIABLES = ("OMP_", "OPENCV_", "ORT_", "MKL_", "OPENBLAS_")
 """Beginnings of environment variables that change how libraries compute."""
 
 SEEN_FILE = "seen.percepts"
-"""File in the folder of a redacted bag: what was seen in its images before."""
+"""File in the folder of a redacted bag with the detections in its original images."""
 
 _INPUT = "input"  # Node of the steps that hold the messages of the bag.
 
@@ -80,7 +80,7 @@ class Entry(msgspec.Struct, kw_only=True):
 
 
 def is_redacted(bag: Path) -> bool:
-    """Whether the images of a bag are redacted, and what was seen in them is beside them."""
+    """Whether the images of a bag are redacted, with stored detections."""
     return bag.is_dir() and (bag / SEEN_FILE).is_file()
 
 
@@ -220,19 +220,19 @@ class PerceptionCache:
     def _redacted(
         self, bag: Bag, graph: Graph, feeds: Mapping[str, str], replaced: set[str], settings: dict[str, Any]
     ) -> CachedPerception:
-        """Play what was seen in the images of a redacted bag. Raises BagError if that needs other images."""
+        """Play the stored detections of a redacted bag. Raises BagError if they do not fit the graph."""
         where = str(bag.path / SEEN_FILE)
         content = CacheFolder(bag.path, 0).read(Path(SEEN_FILE).stem, use=False)
         if content is None:
             remedy = "redact the original bag again"
-            raise BagError("what was seen in the redacted images is damaged", where=where, remedy=remedy)
+            raise BagError("the stored detections of the redacted images are damaged", where=where, remedy=remedy)
         entry, steps = _split(content)
         found = msgspec.to_builtins(settings)
         differing = sorted(name for name in {*found, *entry.settings} if found.get(name) != entry.settings.get(name))
         if differing or set(entry.nodes) != replaced or dict(feeds) != entry.feeds:
             names = ", ".join(differing) or "the topics"
             raise BagError(
-                f"its images are redacted, and what was seen in them was recorded with another setting of {names}",
+                f"its images are redacted, and their detections were stored with another setting of {names}",
                 where=str(bag.path),
                 remedy="leave these nodes as they were; settings of agents may change",
             )

@@ -1,4 +1,4 @@
-"""Redact bags: blur or remove pictures of people, and keep what was seen in them, so that replays decide the same."""
+"""Redact bags: blur or remove pictures of people, and store their detections for identical replays."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _perception(
     source: Path, graph: Graph | str | None, advance: Callable[[int, str], None]
 ) -> tuple[bytes | None, str]:
     """Return the recorded perception of a bag as a file, or None and the reason."""
-    advance(0, "recording what is seen")
+    advance(0, "storing detections")
     chosen = graph_of(source) if graph is None else load_graph(graph) if isinstance(graph, str) else graph
     with tempfile.TemporaryDirectory(prefix="socialbot-redact-") as folder:
         cache = CacheFolder(Path(folder) / "cache", 1 << 40)

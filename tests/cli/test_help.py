@@ -53,7 +53,7 @@ MEANINGS = {
     "--actions": "Python module or file with actions",
     "--at": "Time ",
     "--bag": "Record a bag ",
-    "--cache": "Take what was seen ",
+    "--cache": "Reuse cached detections ",
     "--composed": "Run all nodes in one process",
     "--domain": "ROS domain ",
     "--duration": "Time limit",

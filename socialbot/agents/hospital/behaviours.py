@@ -1,4 +1,4 @@
-"""What is expected of the coordinator, the robots and the nurses of a hospital.
+"""Expectations on the coordinator, the robots and the nurses of a hospital.
 
 ``socialbot test hospital hospital`` checks it on a simulation.
 """

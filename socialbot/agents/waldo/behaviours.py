@@ -1,4 +1,4 @@
-"""What is expected of Waldo in any run with people: ``socialbot test waldo BAG``.
+"""Expectations on Waldo in any run with people: ``socialbot test waldo BAG``.
 
 The limits are those of his parameters in docs/waldo.md, with half a second for frames to arrive.
 """

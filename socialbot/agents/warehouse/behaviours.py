@@ -1,4 +1,4 @@
-"""What is expected of the grippers and carriers of a warehouse with two boxes for each carrier.
+"""Expectations on the grippers and carriers of a warehouse with two boxes for each carrier.
 
 ``socialbot test warehouse warehouse`` checks it on a simulation.
 """

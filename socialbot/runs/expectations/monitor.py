@@ -43,7 +43,7 @@ class Violation:
 class BehaviourMonitor:
     """Checks expectations while messages arrive.
 
-    `observe` may be called from any thread, all else from one thread. What is older than an hour is forgotten.
+    `observe` may be called from any thread, all else from one thread. Records older than one hour are discarded.
 
     Attributes:
         expectations: The expectations.

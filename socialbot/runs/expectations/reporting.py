@@ -149,7 +149,7 @@ def write_results_page(path: Path, checked: Sequence[Checked], behaviours: str) 
     wrong = sum(not verdict.passed for each in checked for verdict in each.verdicts)
     page = Page(
         f"Behaviours: {behaviours}",
-        "What was expected of each run, and what came.",
+        "Expectations on each run, with their verdicts.",
         "all passed" if not wrong else f"{wrong} failed",
         good=not wrong,
         tiles=[(str(len(checked)), "runs"), (str(count), "expectations checked"), (str(wrong), "failed")],
