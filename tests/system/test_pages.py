@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+import shlex
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,10 +12,11 @@ import cv2
 import pytest
 
 from socialbot.bags.reader import open_bag
+from socialbot.cli.new import write_project
 from socialbot.core.messages import CompressedImage
 from socialbot.vision.images import bgr_from_compressed
 from tests.system.following import DOCS, Block, Terminal, blocks, follow, has_its_place, same, save
-from tests.system.running import actions, cut, eventually, socialbot
+from tests.system.running import actions, cut, eventually, socialbot, socialbot_here
 from tests.system.two_hosts import TwoHosts, two_hosts
 
 HOWTO = sorted(f"howto/{page.name}" for page in (DOCS / "howto").glob("*.md"))
@@ -131,6 +134,33 @@ def test_graph_lists_the_parameters_of_a_new_node(tmp_path: Path) -> None:
     done = socialbot("graph", polite(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "bdi_engine.farewell = 'Goodbye!'" in done.stdout
+
+
+def transcript(command: str) -> list[str]:
+    """The output of a command in the README, by line."""
+    _, found, rest = (DOCS.parent / "README.md").read_text("utf-8").partition(f"    $ {command}\n")
+    assert found, f"the README does not show {command!r}"
+    lines = itertools.takewhile(lambda line: line.startswith("    "), rest.splitlines())
+    return [line.removeprefix("    ") for line in lines]
+
+
+def test_the_readme_shows_verdicts_as_they_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    readme = (DOCS.parent / "README.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(from socialbot.testing.*?)```", readme, re.DOTALL)
+    monkeypatch.chdir(write_project("readme_robot", "python", tmp_path))
+    Path("behaviours.py").write_text(code, "utf-8")
+    command = "socialbot test behaviours.py graph.yaml --nearest --out checked"
+    done = socialbot_here(*shlex.split(command)[1:])
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.splitlines() == transcript(command)
+
+
+@pytest.mark.slow
+def test_the_readme_shows_the_reason_as_it_is_printed(corridor: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert socialbot_here("replay", corridor, "--no-video", "--out", run).returncode == 0
+    shown = transcript("socialbot why")
+    assert socialbot_here("why", run).stdout.splitlines()[: len(shown)] == shown
 
 
 def is_live(block: Block) -> bool:
