@@ -11,13 +11,14 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.topics import AdaptiveSubscription, is_hidden, observer_node, verified_subscriptions
+from socialbot.bridge.topics import DEPTH, AdaptiveSubscription, is_hidden, observer_node, verified_subscriptions
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError
@@ -27,7 +28,6 @@ log = logging.getLogger("socialbot.recorder")
 DISCOVERY_PERIOD_S = 0.2
 FLUSH_PERIOD_S = 0.5  # maximum time of a message in memory, where it would be lost with a killed process
 _SPIN_S = 0.05
-_LAST_CALLBACKS = 200  # maximum number of messages that were received before the end, and are still to be written
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,27 @@ def record(
                     flushed = time.monotonic()
                     bag.flush()
                 executor.spin_once(timeout_sec=_SPIN_S)
-            for _ in range(_LAST_CALLBACKS):
-                executor.spin_once(timeout_sec=0.0)
+            _take_received(executor)
         finally:
             executor.shutdown()
         recorder.close()
         return Recording(bag.path, time.monotonic() - began, dict(bag.counts), recorder.refusals())
+
+
+def _take_received(executor: Any) -> None:
+    """Call the callbacks of all messages that have arrived, of which each subscription holds at most `DEPTH`."""
+    from rclpy.executors import TimeoutException
+
+    for _ in range(DEPTH):
+        ready = 0
+        with suppress(TimeoutException):  # raised after one callback of each subscription
+            while True:
+                callback, *_ = executor.wait_for_ready_callbacks(0.0)
+                ready += 1
+                callback()
+                callback.result()  # raises the exception of the callback
+        if not ready:
+            return
 
 
 ANSWERS = ("/_service_event", "/_action/status", "/_action/feedback")

@@ -13,7 +13,7 @@ from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
-from socialbot.bridge.topics import observer_node, publish_once
+from socialbot.bridge.topics import DEPTH, observer_node, publish_once
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, TraceRecord, Utterance
 from tests.system.running import eventually
@@ -65,7 +65,7 @@ def test_a_bag_holds_only_payloads_of_sealed_messages(tmp_path):
             assert eventually(lambda: stranger.get_subscription_count() == 1)
             stranger.publish(String(data="I am a stranger"))
             publish_once(ros, TOPIC, word("genuine"), timeout_s=5.0)
-            time.sleep(0.5)
+            assert stranger.wait_for_all_acked()
         finally:
             done.set()
             thread.join()
@@ -74,6 +74,28 @@ def test_a_bag_holds_only_payloads_of_sealed_messages(tmp_path):
     with open_bag(tmp_path / "bag") as bag:
         said = [message for _, message in bag.messages({TOPIC: TOPIC}, {TOPIC: Utterance})]
     assert said == [word("genuine")]
+
+
+def test_a_recording_holds_all_messages_that_arrived_before_its_end(tmp_path):
+    from socialbot.bridge.transport import open_transport
+
+    topics = ["/speech/heard", "/speech/say", "/speech/thought"]
+    with observer_node() as ros:
+        transport = open_transport()
+        senders = [transport.advertise(ros, name, Utterance) for name in topics]
+
+        def stopped() -> bool:
+            """Publish everything once the recorder is connected, while it takes no messages."""
+            if not all(sender.publisher.get_subscription_count() for sender in senders):
+                return False
+            for sender in senders:
+                for number in range(DEPTH):
+                    sender.publish(word(str(number)))
+                assert sender.publisher.wait_for_all_acked()
+            return True
+
+        recording = record(tmp_path / "bag", topics=topics, stopped=stopped)
+    assert (recording.counts, recording.refused) == (dict.fromkeys(topics, DEPTH), {})
 
 
 def test_echo_prints_payloads_and_reports_unsealed_messages():

@@ -51,7 +51,6 @@ import array, json, time
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from socialbot.core.messages import RosMessage
 from socialbot.core.process import Ending
 from socialbot.bridge.environment import spinning_node
 
