@@ -48,7 +48,7 @@ class SecurityError(SocialbotError):
 class Keys:
     """Own name and private key, and the trusted public keys by name, including the own one.
 
-    ``successors`` are trusted, too: the next keys of some names, while keys are rotated.
+    ``successors`` are also trusted: the next keys of names whose keys are being rotated.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Keys:
     successors: Mapping[str, Ed25519PublicKey] = field(default_factory=dict)
 
     def latest(self) -> Keys:
-        """These keys; see `KeyRing.latest`."""
+        """Return these keys, which do not change; `KeyRing.latest` follows the folder."""
         return self
 
     def of(self, name: str) -> list[Ed25519PublicKey]:
@@ -88,8 +88,8 @@ def begin_rotation(name: str, folder: Path) -> tuple[Path, Path]:
 def finish_rotation(name: str, folder: Path, pause: Callable[[float], None] = time.sleep) -> Path:
     """Replace the key pair of ``name`` by the next one; return the public file.
 
-    Running processes on this machine trust the next key before one of them signs with it, and sign with it before one
-    of them no longer trusts the last key.
+    ``pause`` waits (s) before each of two steps, so that all running processes on this machine follow. First the next
+    key signs, which they all trust by then. Then the last key is no longer trusted, with which none of them signs.
 
     Raises:
         SecurityError: No rotation has begun, or files cannot be written.
@@ -166,7 +166,7 @@ def load_successors(folder: Path) -> dict[str, Ed25519PublicKey]:
 
 
 def _check_folder(folder: Path) -> None:
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # unlike Path.is_dir, false for a folder that cannot be reached
         raise SecurityError("no such folder", where=str(folder), remedy="make a key: socialbot key new NAME --folder")
     _refuse_mode(folder, 0o002, "anybody can add keys", "chmod o-w")
 
@@ -210,16 +210,23 @@ def _loaded(path: Path, load: Callable[[bytes], object]) -> object:
         with path.open("rb") as file:
             return load(file.read(MAX_KEY_BYTES))
     except OSError as error:
-        what, remedy = f"cannot be read: {error.strerror}", "see docs/security.md"
-        raise SecurityError(what, where=str(path), remedy=remedy) from error
+        raise _unreadable(path, error) from error
     except (ValueError, TypeError, UnsupportedAlgorithm, InternalError) as error:
         remedy = "copy it again, or make a new key"
         raise SecurityError("the file holds no usable key", where=str(path), remedy=remedy) from error
 
 
 def _refuse_mode(path: Path, bits: int, what: str, remedy: str) -> None:
-    if stat.S_IMODE(path.stat().st_mode) & bits:
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if mode & bits:
         raise SecurityError(what, where=str(path), remedy=f"{remedy} {path}")
+
+
+def _unreadable(path: Path, error: OSError) -> SecurityError:
+    return SecurityError(f"cannot be read: {error.strerror}", where=str(path), remedy="see docs/security.md")
 
 
 def _write_new(path: Path, data: bytes, mode: int) -> None:
@@ -238,7 +245,7 @@ RELOAD_PERIOD_S = 0.25
 class KeyRing:
     """Keys in ``folder``, which follow its changes while the process runs. Thread-safe.
 
-    A removed or unusable public key is not trusted any more. The last usable private key signs.
+    Removed and unusable public keys are not trusted. The last usable private key signs.
 
     Raises:
         SecurityError: The keys cannot be used; see `load_keys`.
@@ -253,7 +260,7 @@ class KeyRing:
         self._lock = threading.Lock()
 
     def latest(self) -> Keys:
-        """The keys of at most `RELOAD_PERIOD_S` ago."""
+        """Return the keys in the folder, which are at most `RELOAD_PERIOD_S` old."""
         if self._steady() - self._checked >= RELOAD_PERIOD_S and self._lock.acquire(blocking=False):
             try:
                 self._reload()
@@ -271,11 +278,7 @@ class KeyRing:
         try:
             self._keys = load_keys(self._folder, name)
         except SecurityError as error:
-            trusted = _usable_keys(self._folder)
-            successors = {name: key for (name, later), key in trusted.items() if later}
-            self._keys = Keys(
-                name, before.private, {n: key for (n, later), key in trusted.items() if not later}, successors
-            )
+            self._keys = Keys(name, before.private, *_usable_keys(self._folder))
             log.error("keys: %s", error)
         removed = sorted(before.trusted.keys() - self._keys.trusted.keys())
         added = sorted(self._keys.trusted.keys() - before.trusted.keys())
@@ -288,21 +291,29 @@ class KeyRing:
         try:
             folder = self._folder.stat().st_mode
             with os.scandir(self._folder) as entries:
-                files = [(each.name, each.stat()) for each in entries if each.name.endswith((PRIVATE, PUBLIC))]
+                files = [(each.name, _file_state(each)) for each in entries if each.name.endswith((PRIVATE, PUBLIC))]
         except OSError:
             return None
-        return folder, sorted((name, one.st_ino, one.st_size, one.st_mode, one.st_mtime_ns) for name, one in files)
+        return folder, sorted(files)
 
 
-def _usable_keys(folder: Path) -> dict[tuple[str, bool], Ed25519PublicKey]:
-    """Usable public keys in ``folder`` by name and whether they are successors."""
+def _file_state(entry: os.DirEntry[str]) -> tuple[int, ...]:
+    """Identity, size, mode and time of a file; empty if it cannot be read."""
     try:
+        found = entry.stat()
+    except OSError:
+        return ()
+    return found.st_ino, found.st_size, found.st_mode, found.st_mtime_ns
+
+
+def _usable_keys(folder: Path) -> tuple[dict[str, Ed25519PublicKey], dict[str, Ed25519PublicKey]]:
+    """Usable public keys in ``folder`` by name, and usable successors."""
+    trusted: dict[str, Ed25519PublicKey] = {}
+    successors: dict[str, Ed25519PublicKey] = {}
+    with contextlib.suppress(SecurityError):
         _check_folder(folder)
-    except SecurityError:
-        return {}
-    keys = {}
-    for path in sorted(folder.glob(f"*{PUBLIC}")):
-        name = path.stem.removesuffix(NEXT)
-        with contextlib.suppress(SecurityError):
-            keys[name, name != path.stem] = _load_public_key(path, name)
-    return keys
+        for path in sorted(folder.glob(f"*{PUBLIC}")):
+            name = path.stem.removesuffix(NEXT)
+            with contextlib.suppress(SecurityError):
+                (trusted if name == path.stem else successors)[name] = _load_public_key(path, name)
+    return trusted, successors

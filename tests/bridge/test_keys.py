@@ -82,7 +82,7 @@ def test_a_replaced_key_makes_the_old_one_forged(machines: tuple[Machine, Machin
     assert reason(desk, robot) == "forged"
 
 
-@pytest.mark.parametrize("damage", ["text", "mode", "folder", "mode of the folder"])
+@pytest.mark.parametrize("damage", ["text", "mode", "link", "folder", "mode of the folder"])
 def test_unusable_keys_are_not_trusted_and_said(
     damage: str, machines: tuple[Machine, Machine], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -92,15 +92,28 @@ def test_unusable_keys_are_not_trusted_and_said(
         public.write_text("damaged")
     elif damage == "mode":
         public.chmod(0o666)
+    elif damage == "link":
+        public.unlink()
+        public.symlink_to("none")
     elif damage == "folder":
         shutil.rmtree(robot.folder)
     else:
         robot.folder.chmod(0o777)
     robot.wait()
     assert reason(desk, robot) == "unknown sender"
-    assert reason(robot, robot) == ("" if damage in ("text", "mode") else "unknown sender")
+    assert reason(robot, robot) == ("" if damage in ("text", "mode", "link") else "unknown sender")
     assert "keys removed: desk" in caplog.text or "trusts nobody" in caplog.text
     assert reason(robot, desk) == ""  # the private key of the running process signs
+
+
+def test_changes_count_beside_a_dangling_link(machines: tuple[Machine, Machine]) -> None:
+    robot, desk = machines
+    (robot.folder / "old.pub").symlink_to("none")
+    robot.wait()
+    assert reason(desk, robot) == ""
+    (robot.folder / "desk.pub").unlink()
+    robot.wait()
+    assert reason(desk, robot) == "unknown sender"
 
 
 def test_a_damaged_private_key_does_not_stop_a_running_process(machines: tuple[Machine, Machine]) -> None:
