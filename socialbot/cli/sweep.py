@@ -43,7 +43,8 @@ def sweep(
         ),
     ] = None,
     expect: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Python file with expectations, as of `socialbot test`.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Python file with expectations, or waldo, warehouse or hospital for theirs."),
     ] = None,
     graph: Annotated[
         str | None,

@@ -161,12 +161,9 @@ def _print(console: Console, checked: Checked) -> None:
 
 
 def _finish(console: Console, checked: Sequence[Checked], behaviours: Path, folder: Path, junit: Path | None) -> None:
-    from socialbot.runs.expectations.reporting import write_results, write_results_page
+    from socialbot.runs.expectations.reporting import counted, write_results, write_results_page
 
-    outcomes = [verdict.outcome for each in checked for verdict in each.verdicts]
-    counts = [f"{outcomes.count(each)} {each}" for each in ("passed", "failed", "open", "untested")]
-    counts = [each for each in counts if not each.startswith("0 ")]
-    console.print(f"{options.many(len(checked), 'run')}: {', '.join(counts)}")
+    console.print(f"{options.many(len(checked), 'run')}: {counted(checked)}")
     if junit is not None:
         write_results(junit, checked, behaviours.stem)
     page = write_results_page(folder / "behaviours.html", checked, behaviours.stem)

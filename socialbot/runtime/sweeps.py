@@ -21,6 +21,7 @@ from socialbot.core.errors import InstallationError, ParameterError, RunError, S
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
 from socialbot.runs.expectations import Verdict, evaluate, load_behaviours
+from socialbot.runs.expectations.checking import behaviours_path
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.sweeps import Axis, BagResult, Sweep, SweepCell, SweepVerdict, Threshold, in_order, measured
 from socialbot.runtime.bag_source import graph_of, replay
@@ -108,7 +109,7 @@ class SweepPlan:
         bags: Paths of the bags.
         variations: Parameters to vary, or to set.
         graph: Name or file of the graph; by default that of each bag.
-        expectations: File with expectations, or None.
+        expectations: File with expectations, or the name of an agent package that has one; None for no expectations.
         method: "grid" for all combinations, "random" or "sobol" for ``samples`` of them, "bisect" for the threshold of
             the only range.
         seed: Seed of the samples.
@@ -251,9 +252,10 @@ class SweepRunner:
             open_bag(bag).close()
         self._bags = {str(bag): bag_digest(bag) for bag in plan.bags}
         self._texts = {str(bag): dump_graph(graph_for(bag, plan.graph)) for bag in plan.bags}
-        if plan.expectations is not None:
-            load_behaviours(plan.expectations)
-        self._expected = plan.expectations.read_text("utf-8") if plan.expectations else ""
+        self._behaviours = None if plan.expectations is None else behaviours_path(plan.expectations).resolve()
+        self._expected = "" if self._behaviours is None else self._behaviours.read_text("utf-8")
+        if self._behaviours is not None:
+            load_behaviours(self._behaviours)
         self._done = 0
 
     def run(self) -> Sweep:
@@ -291,7 +293,7 @@ class SweepRunner:
 
     def _job(self, bag: Path, values: Sequence[str]) -> SweepJob:
         changes = tuple(f"{one.name}={value}" for one, value in zip(self.plan.variations, values, strict=True))
-        expected = str(self.plan.expectations.resolve()) if self.plan.expectations else None
+        expected = None if self._behaviours is None else str(self._behaviours)
         return SweepJob(str(bag.resolve()), changes, self.plan.graph, expected)
 
     def _check(self, settings: Sequence[tuple[str, ...]]) -> None:

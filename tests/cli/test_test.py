@@ -59,6 +59,7 @@ def test_verdicts_of_a_simulation(project: Path, tmp_path: Path) -> None:
     assert "too late" in failure.attrib["message"]
     page = (out / "behaviours.html").read_text("utf-8")
     assert 'href="graph/report.html#t=1.6"' in page
+    assert "3 passed, 1 failed, 1 open, 1 untested</span>" in page
     assert (out / "graph" / "report.html").is_file()
 
 
@@ -66,9 +67,11 @@ def test_recorded_runs_and_selection(project: Path, tmp_path: Path) -> None:
     graph, recorded = project / "graph.yaml", tmp_path / "recorded"
     assert socialbot_here("run", graph, "--out", recorded).returncode == 0
     out = ("--out", tmp_path / "out")
-    assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "never").returncode == 0
     assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "greets_").returncode == 1
-    assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "offers").returncode == 0
+    page = tmp_path / "out" / "behaviours.html"
+    for name, outcome in ("never", "all passed"), ("offers", "1 untested"), ("due", "1 open"):
+        assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", name).returncode == 0
+        assert f"{outcome}</span>" in page.read_text("utf-8")
     assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "offers", "--strict").returncode == 1
     assert socialbot_here("test", project / "expected.py", recorded, *out, "-k", "due", "--strict").returncode == 1
 

@@ -1,4 +1,4 @@
-"""Atoms of expectations: what a person does, and what an agent says, believes, wants and does."""
+"""Atoms of expectations: states of people, and utterances, beliefs, goals and actions of agents."""
 
 from __future__ import annotations
 
@@ -65,14 +65,13 @@ def _title(function: str, what: object, **options: object) -> str:
     return f"{function}({', '.join(given)})"
 
 
-# What people do
+# People
 
 
-class PersonVariable(Variable):
-    """Variable for a person, also as an argument: ``believed(greeted(person))``.
+class PersonInView:
+    """Any person in view; called, it returns the state that a person satisfies conditions."""
 
-    Called, it returns the state of this person: ``person(nearer_than=6)``.
-    """
+    name = ""
 
     def __call__(
         self,
@@ -96,62 +95,44 @@ class PersonVariable(Variable):
             seen: Leave out predicted boxes.
             gap_s: Longest time (s) without such a detection that does not end the state.
         """
-        return _person_atom(self.name, nearer_than, farther_than, facing, approaching, posture, seen, gap_s)
 
+        def is_it(found: Mapping[str, Any]) -> bool:
+            distance, faces, speed = found.get("distance_m"), found.get("facing_rad"), found.get("approach_mps")
+            return (
+                (nearer_than is None or (distance is not None and distance < nearer_than))
+                and (farther_than is None or (distance is not None and distance > farther_than))
+                and (facing is None or (faces is not None and (faces <= _FACES_RAD) == facing))
+                and (approaching is None or (speed is not None and (speed >= 0.1) == approaching))
+                and (posture is None or found.get("posture") == posture)
+                and not (seen and found.get("unseen_s", 0.0) > 0.0)
+            )
 
-def anyone(
-    *,
-    nearer_than: float | None = None,
-    farther_than: float | None = None,
-    facing: bool | None = None,
-    approaching: bool | None = None,
-    posture: str | None = None,
-    seen: bool = False,
-    gap_s: float = _GAP_S,
-) -> AtomicFormula:
-    """Return the state that some person in view satisfies the conditions; see `PersonVariable.__call__`."""
-    return _person_atom("", nearer_than, farther_than, facing, approaching, posture, seen, gap_s)
-
-
-def _person_atom(
-    variable: str,
-    nearer_than: float | None,
-    farther_than: float | None,
-    facing: bool | None,
-    approaching: bool | None,
-    posture: str | None,
-    seen: bool,
-    gap_s: float,
-) -> AtomicFormula:
-    def is_it(found: Mapping[str, Any]) -> bool:
-        distance, faces, speed = found.get("distance_m"), found.get("facing_rad"), found.get("approach_mps")
-        return (
-            (nearer_than is None or (distance is not None and distance < nearer_than))
-            and (farther_than is None or (distance is not None and distance > farther_than))
-            and (facing is None or (faces is not None and (faces <= _FACES_RAD) == facing))
-            and (approaching is None or (speed is not None and (speed >= 0.1) == approaching))
-            and (posture is None or found.get("posture") == posture)
-            and not (seen and found.get("unseen_s", 0.0) > 0.0)
+        text = _title(
+            self.name or "anyone",
+            "",
+            nearer_than=nearer_than,
+            farther_than=farther_than,
+            facing=facing,
+            approaching=approaching,
+            posture=posture,
+            seen=seen or None,
+        )
+        return ObservedAtom(
+            text,
+            lambda: PersonObserver(is_it, self.name, gap_s),
+            is_event=False,
+            variables=(self.name,) if self.name else (),
         )
 
-    options: dict[str, object] = {
-        "nearer_than": nearer_than,
-        "farther_than": farther_than,
-        "facing": facing,
-        "approaching": approaching,
-        "posture": posture,
-        "seen": seen or None,
-    }
-    name = {"": "anyone"}.get(variable, variable)
-    return ObservedAtom(
-        _title(name, "", **options),
-        lambda: PersonObserver(is_it, variable, gap_s),
-        is_event=False,
-        variables=(variable,) if variable else (),
-    )
+
+class PersonVariable(Variable, PersonInView):
+    """Variable for a person, also as an argument: ``believed(greeted(person))``.
+
+    Called, it returns the state of this person: ``person(nearer_than=6)``.
+    """
 
 
-# What agents say and do
+# Utterances and actions
 
 
 def said(what: str = "*", *, to: Variable | str | None = None, by: str | None = None) -> AtomicFormula:
@@ -294,7 +275,7 @@ def told(what: str = "*", *, to: str | None = None, by: str | None = None) -> At
     )
 
 
-# What agents believe and want
+# Beliefs and goals
 
 
 def _state(
@@ -416,6 +397,9 @@ def latest(topic: str, where: Callable[[Any], bool]) -> AtomicFormula:
 
     return ObservedAtom(_title("latest", topic), lambda: StateObserver(changes, (topic,)), is_event=False)
 
+
+anyone = PersonInView()
+"""Some person in view; the state has no variable, so it has one instance."""
 
 person = PersonVariable("person")
 """A person in view, by track id: one instance for each."""

@@ -6,7 +6,7 @@ import importlib.util
 import itertools
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -21,6 +21,7 @@ from socialbot.runs.expectations.formulas import (
     Binding,
     Counted,
     Eventually,
+    Negation,
     Occurrence,
     TemporalFormula,
     Until,
@@ -99,6 +100,18 @@ class Verdict:
         return self.failures[0].at_s if self.failures else None
 
 
+_REMEDY = "give a Python file with expectations, such as greets = expect(said('greeting')).in_total()"
+
+
+def behaviours_path(behaviours: Path | str) -> Path:
+    """Return the path of a behaviour file, or of that of an agent package. Raises RuleError if there is none."""
+    path = Path(behaviours_file(str(behaviours)) or behaviours)
+    if not path.is_file():
+        known = ", ".join(behaviours_names())
+        raise RuleError("there is no such file", where=str(path), remedy=f"{_REMEDY}, or one of {known}")
+    return path
+
+
 def load_behaviours(path: Path | str) -> list[Expectation]:
     """Return the expectations at the top level of a Python file, in order, named by their variables.
 
@@ -108,14 +121,10 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
     Raises:
         RuleError: The file cannot be read or run, or has no expectation.
     """
-    path = Path(behaviours_file(str(path)) or path)
-    remedy = "give a Python file with expectations, such as greets = expect(said('greeting')).in_total()"
-    if not path.is_file():
-        known = ", ".join(behaviours_names())
-        raise RuleError("there is no such file", where=str(path), remedy=f"{remedy}, or one of {known}")
+    path = behaviours_path(path)
     spec = importlib.util.spec_from_file_location(f"behaviours_{path.stem}_{next(_NUMBERS)}", path)
     if spec is None or spec.loader is None:
-        raise RuleError("this is no Python file", where=str(path), remedy=remedy)
+        raise RuleError("this is no Python file", where=str(path), remedy=_REMEDY)
     module = importlib.util.module_from_spec(spec)
     folder = str(path.resolve().parent)
     sys.path.insert(0, folder)
@@ -124,13 +133,13 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
     except SocialbotError:
         raise
     except Exception as error:
-        raise RuleError(f"cannot be run: {type(error).__name__}: {error}", where=str(path), remedy=remedy) from error
+        raise RuleError(f"cannot be run: {type(error).__name__}: {error}", where=str(path), remedy=_REMEDY) from error
     finally:
         sys.path.remove(folder)
     named = ((name, value) for name, value in vars(module).items() if not name.startswith("_"))
     found = [each for each in (as_expectation(value, name) for name, value in named) if each is not None]
     if not found:
-        raise RuleError("there is no expectation", where=str(path), remedy=remedy)
+        raise RuleError("there is no expectation", where=str(path), remedy=_REMEDY)
     return found
 
 
@@ -221,16 +230,12 @@ def _failed_response(
     if isinstance(expectation.holds, Eventually) and expectation.subject is not None:
         later = [each for each in expectation.subject.onsets(trace, binding) if at <= each <= trace.end]
         came = min(later, default=None)
-    elif expectation.subject is not None and _forbids(expectation):
+    elif isinstance(expectation.holds, Negation) and expectation.subject is not None:
         later = [each for each in expectation.subject.onsets(trace, binding) if at < each <= trace.end]
         if later:
             record = _shown(expectation.subject, trace, binding, later[0])
             return Instance("failed", binding, later[0], record or shown)
     return Instance("failed", binding, at, shown, came)
-
-
-def _forbids(expectation: Expectation) -> bool:
-    return expectation.text.startswith("never")
 
 
 def _violation(expectation: Expectation, trace: Observation, binding: Binding) -> int:
@@ -258,8 +263,3 @@ def _shown(formula: TemporalFormula | None, trace: Observation, binding: Binding
 
 def _with_record(atom: AtomicFormula, trace: Observation, binding: Binding) -> Iterator[Occurrence]:
     return (each for each in trace.occurrences(atom, binding) if each.record is not None)
-
-
-def failed(verdicts: Mapping[str, Sequence[Verdict]]) -> int:
-    """Return the number of failed expectations in the verdicts of some runs."""
-    return sum(not each.passed for found in verdicts.values() for each in found)

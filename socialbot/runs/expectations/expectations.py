@@ -48,7 +48,7 @@ class Expectation:
         when: At which moments: at each onset of ``trigger``, throughout the run, or at its beginning.
         trigger: Each of its onsets is an instance ("each"); the formula need only hold while it holds ("throughout").
         name: Name in reports; a behaviour file gives the name of the variable.
-        subject: AtomicFormula that the expectation is about, for explanations.
+        subject: Formula that the expectation is about, for explanations.
         reason: Why it matters; see `because`.
     """
 
@@ -104,7 +104,7 @@ def _times(number: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ExpectationClause:
-    """Beginning of an expectation, from `expect`, `never` or `always_expect`; the methods complete it."""
+    """Beginning of an expectation, from `expect`, `never` or `at_all_times`; the methods complete it."""
 
     what: TemporalFormula
     mode: Mode
@@ -118,14 +118,17 @@ class ExpectationClause:
 
     def at_least(self, number: int) -> ExpectationClause:
         """Expect this many or more."""
+        self._only_expect("at_least")
         return replace(self, low=number)
 
     def at_most(self, number: int) -> ExpectationClause:
         """Expect this many or fewer."""
+        self._only_expect("at_most")
         return replace(self, low=self.low or 0, high=number)
 
     def exactly(self, number: int) -> ExpectationClause:
         """Expect this many."""
+        self._only_expect("exactly")
         return replace(self, low=number, high=number)
 
     # Completed expectations
@@ -174,7 +177,9 @@ class ExpectationClause:
 
     def once_per(self, variable: Variable) -> Expectation:
         """Expect it at most once for each value of a variable, which it contains: ``said("greeting", to=person)``."""
+        self._only_expect("once_per")
         _no_window(self.window, "once_per")
+        self._no_count("once_per")
         found = [atom for atom in self.what.atoms() if variable.name in atom.variables]
         if not found:
             remedy = f"use {variable.name} in it, for example said('greeting', to={variable.name})"
@@ -183,6 +188,7 @@ class ExpectationClause:
 
     def in_total(self) -> Expectation:
         """Expect the number of times, or that it happens at all, in the whole run."""
+        self._only_expect("in_total")
         _no_window(self.window, "in_total")
         if self.low is None:
             return self._made(" at some time", Eventually(self.what), "begin")
@@ -193,7 +199,9 @@ class ExpectationClause:
 
         A limit that is met to the nanosecond is kept.
         """
+        self._only_expect("lasting")
         _no_window(self.window, "lasting")
+        self._no_count("lasting")
         parts: list[TemporalFormula] = []
         if at_least is not None:
             parts.append(Always(self.what, Window(0, max(nanoseconds(at_least) - 1, 0))))
@@ -209,8 +217,16 @@ class ExpectationClause:
 
     def throughout(self) -> Expectation:
         """Expect it at all times of the run."""
+        _no_window(self.window, "throughout")
+        self._no_count("throughout")
         holds = Negation(self.what) if self.mode == "never" else self.what
         return self._made("", holds, "throughout")
+
+    def _only_expect(self, word: str) -> None:
+        if self.mode != "some":
+            begun = "never" if self.mode == "never" else "at_all_times"
+            what = f"{word}() has no meaning after {begun}()"
+            raise RuleError(what, where="expectation", remedy=f"begin with expect(...), or leave out {word}()")
 
     def _no_count(self, word: str) -> None:
         if self.low is not None:

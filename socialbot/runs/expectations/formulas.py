@@ -105,7 +105,7 @@ def window(seconds: float | tuple[float, float] | None) -> Window:
 
 
 class TemporalFormula:
-    """TemporalFormula of MTL. ``&``, ``|``, ``~`` and ``implies`` combine formulas."""
+    """Formula of MTL. ``&``, ``|``, ``~`` and ``implies`` combine formulas."""
 
     def truth(self, trace: ObservedTrace, binding: Binding) -> TruthSets:
         """Return when this formula holds."""
@@ -168,7 +168,7 @@ def as_formula(found: object) -> TemporalFormula:
 
 
 class AtomicFormula(TemporalFormula):
-    """TemporalFormula without parts: an event or a state of the run. Its ``text`` is its name in reports."""
+    """Formula without parts: an event or a state of the run. Its ``text`` is its name in reports."""
 
     text: str = ""
     is_event = True
@@ -198,7 +198,7 @@ class AtomicFormula(TemporalFormula):
 
 @dataclass(frozen=True, eq=False)
 class Constant(TemporalFormula):
-    """TemporalFormula that always or never holds."""
+    """Formula that always or never holds."""
 
     value: bool
 

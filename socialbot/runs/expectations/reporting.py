@@ -52,18 +52,24 @@ class Checked:
         return all(each.passed for each in self.verdicts)
 
 
+def counted(checked: Sequence[Checked]) -> str:
+    """Return the numbers of verdicts by outcome, such as ``3 passed, 1 open``."""
+    outcomes = [verdict.outcome for each in checked for verdict in each.verdicts]
+    return ", ".join(f"{outcomes.count(each)} {each}" for each in WORDS if each in outcomes)
+
+
 def summary(verdict: Verdict) -> str:
     """Return how many instances there were, in a few words."""
     count = len(verdict.instances)
     if verdict.outcome == "untested":
         return "nothing in this run puts it to the test"
-    counted = f"{count} {'instance' if count == 1 else 'instances'}"
+    instances = f"{count} {'instance' if count == 1 else 'instances'}"
     if verdict.outcome == "failed":
-        return f"{len(verdict.failures)} of {counted}"
+        return f"{len(verdict.failures)} of {instances}"
     if verdict.outcome == "open":
         undecided = sum(each.outcome == "open" for each in verdict.instances)
-        return f"{undecided} of {counted} undecided when the run ended"
-    return counted
+        return f"{undecided} of {instances} undecided when the run ended"
+    return instances
 
 
 def headline(verdict: Verdict, failure: Instance) -> str:
@@ -145,14 +151,15 @@ def write_results(path: Path, checked: Sequence[Checked], behaviours: str) -> No
 
 def write_results_page(path: Path, checked: Sequence[Checked], behaviours: str) -> Path:
     """Write the page of the verdicts, which links to the moments in the pages of the runs. Raises SocialbotError."""
-    count = sum(len(each.verdicts) for each in checked)
-    wrong = sum(not verdict.passed for each in checked for verdict in each.verdicts)
+    verdicts = [verdict for each in checked for verdict in each.verdicts]
+    wrong = sum(not each.passed for each in verdicts)
+    all_passed = all(each.outcome == "passed" for each in verdicts)
     page = Page(
         f"Behaviours: {behaviours}",
         "Expectations on each run, with their verdicts.",
-        "all passed" if not wrong else f"{wrong} failed",
+        "all passed" if all_passed else counted(checked),
         good=not wrong,
-        tiles=[(str(len(checked)), "runs"), (str(count), "expectations checked"), (str(wrong), "failed")],
+        tiles=[(str(len(checked)), "runs"), (str(len(verdicts)), "expectations checked"), (str(wrong), "failed")],
         sections=[Section(each.name, _run_section(each, path.parent)) for each in checked],
     )
     return page.write(path)

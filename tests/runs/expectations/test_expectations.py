@@ -224,6 +224,16 @@ def test_formulas_combine_and_are_expectations_themselves():
         (lambda: believed(3), "no belief, goal or action"),
         (lambda: believed("open(a"), "lacks a closing bracket"),
         (lambda: in_order(said("a")), "two events"),
+        (lambda: never(said("a")).in_total(), "in_total() has no meaning after never()"),
+        (lambda: never(said("a")).at_least(2), "at_least() has no meaning after never()"),
+        (lambda: at_all_times(said("a")).at_most(2), "at_most() has no meaning after at_all_times()"),
+        (lambda: never(said("a")).exactly(2), "exactly() has no meaning after never()"),
+        (lambda: never(said("a", to=person)).once_per(person), "once_per() has no meaning after never()"),
+        (lambda: never(anyone()).lasting(at_least=1), "lasting() has no meaning after never()"),
+        (lambda: expect(anyone()).at_least(2).lasting(at_least=1), "counts have no meaning with lasting()"),
+        (lambda: expect(said("a", to=person)).at_least(2).once_per(person), "counts have no meaning with once_per()"),
+        (lambda: never(said("a")).within(5).throughout(), "within() has no meaning with throughout()"),
+        (lambda: expect(anyone()).at_least(2).throughout(), "counts have no meaning with throughout()"),
     ],
 )
 def test_mistakes_are_refused_with_a_remedy(make, text):
