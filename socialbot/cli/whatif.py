@@ -68,7 +68,7 @@ def whatif(
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     futures = branch(recorded, at_s, wanted, agent, folder)
     if not futures.reproduced:
-        text = "warning: the run again does not decide as recorded; it was made in another way or by another version"
+        text = "warning: the unchanged run does not decide as recorded; the record has other options or another version"
         errors.print(text, soft_wrap=True)
     found = difference(futures.unchanged, futures.changed, ("as it was", ", ".join(map(str, wanted))))
     rows = side_by_side(futures)
@@ -80,7 +80,7 @@ def whatif(
         for time, before, now in rows:
             table.add_row(f"{time:.2f} s", before, "the same" if before and before == now else now)
         shown = console if sys.stdout.isatty() else Console(highlight=False, width=150)
-        shown.print(table if rows else f"Nobody acts after {at_s:.2f} s in either future.")
+        shown.print(table if rows else f"No agent acts after {at_s:.2f} s in either run.")
         console.print()
         for line in found.text():
             console.print(line, soft_wrap=True, markup=False)

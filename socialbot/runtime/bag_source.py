@@ -181,7 +181,7 @@ class BagSource(RunSource):
                 play(script, stage, ending)
 
     def _run_cached(self, execution: Execution, cache: PerceptionCache) -> None:
-        """Run the graph with nodes that take what they see from the cache, or record it there."""
+        """Run the graph with nodes that reuse cached messages, or cache new ones."""
         ending, perception = execution.ending, cache.open(self.bag, execution.graph, self._feeds)
         complete = False
         try:

@@ -1,4 +1,4 @@
-"""Cache of perception: what the nodes that look at images published, so that a second replay does not compute it again.
+"""Cache of perception: the messages of nodes that process images, so that a second replay does not compute them again.
 
 An entry belongs to the content of a bag, the nodes with their parameters and files, the code of socialbot that computes
 the entry, the versions of the libraries, and the processor. A change of any of them gives another entry.
@@ -47,7 +47,7 @@ DEFAULT_MEGABYTES = 500
 
 _ROOMS = ("core", "graph", "bags", "vision")
 _MODULES = ("runtime/_memory_nodes.py", "runtime/perception_cache.py")
-"""Packages and modules whose code decides what an entry holds."""
+"""Packages and modules whose code determines the content of an entry."""
 
 _PACKAGES = ("numpy", "opencv-python-headless", "opencv-python", "onnxruntime", "rosbags", "msgspec")
 _VARIABLES = ("OMP_", "OPENCV_", "ORT_", "MKL_", "OPENBLAS_")
@@ -95,7 +95,7 @@ def default_folder() -> CacheFolder:
 
 
 def describe(folder: CacheFolder, file: CacheFile) -> Entry | None:
-    """Return what an entry holds; None if it is damaged or has gone."""
+    """Return the content of an entry; None if it is damaged or missing."""
     content = folder.read(file.key, use=False)
     return None if content is None else _split(content)[0]
 
@@ -130,7 +130,7 @@ class CachedPerception:
         return read if self._recorder is None else self._noted(read)
 
     def finish(self, *, complete: bool) -> None:
-        """Keep what was recorded, if the run was ``complete``; check that what was played fits the bag.
+        """Store recorded messages if the run was ``complete``; check that played messages fit the bag.
 
         Raises:
             BagError: The bag changed while it was replayed.

@@ -74,7 +74,7 @@ def redact(
 ) -> Redaction:
     """Write the bag ``source`` as the new bag ``out`` without recognisable pictures of people.
 
-    All other messages are copied byte for byte. What the nodes of ``graph`` saw in the images is kept in the folder of
+    All other messages are copied byte for byte. The detections of ``graph`` in the images are stored in the folder of
     the new bag, so that replays of it decide the same.
 
     Args:

@@ -173,7 +173,7 @@ def graph_for(bag: Path, name: str | None, changes: Iterable[str] = ()) -> Graph
 
 
 def run_job(job: SweepJob) -> BagResult:
-    """Replay a bag, and return what was decided and which expectations hold."""
+    """Replay a bag, and return the decisions and the verdicts of the expectations."""
     logging.getLogger("socialbot").setLevel(logging.ERROR)
     bag = Path(job.bag)
     try:
@@ -313,7 +313,7 @@ class SweepRunner:
         self.reused += len(set(keys)) - len(missing)
         total = self._done + len(missing)
         self._progress(self._done, total)
-        # One run of each bag comes first: it fills the cache from which the others take what was seen.
+        # One run of each bag comes first: it fills the cache for the others.
         first = {job.bag: key for key, job in reversed(missing.items())}
         for part in ([*first.values()], [key for key in missing if key not in first.values()]):
             self._carry_out([missing[key] for key in part], part, total)

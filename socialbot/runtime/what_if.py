@@ -209,7 +209,7 @@ def _input_of(recorded: RecordedRun, *, cached: bool) -> Iterator[RunSource]:
 
 
 def acts_from(run: RecordedRun, at_s: float) -> list[tuple[float, str]]:
-    """What the agents of a run did and said from ``at_s`` on: times (s) and sentences."""
+    """Actions and utterances of the agents of a run from ``at_s`` on: times (s) and sentences."""
     narrator = Narrator(run.wording, run.history)
     done = [(run.history.seconds(record.stamp), narrator.clause(record).sentence()) for record in actions(run.history)]
     return [(time, text) for time, text in done if time >= at_s]

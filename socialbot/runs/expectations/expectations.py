@@ -40,7 +40,7 @@ Mode = Literal["some", "never", "all"]
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What a run must satisfy.
+    """Expectations on runs.
 
     Args:
         text: The expectation as a sentence.

@@ -73,7 +73,7 @@ def summary(verdict: Verdict) -> str:
 
 
 def headline(verdict: Verdict, failure: Instance) -> str:
-    """Return the moment of a failure and what was expected there."""
+    """Return the moment of a failure and the expectation there."""
     who = f", {failure.text}" if failure.text else ""
     text = f"at {failure.at_s:.2f} s{who}: {verdict.expectation.text}"
     return f"{text}; {late}" if (late := lateness(verdict, failure)) else text
