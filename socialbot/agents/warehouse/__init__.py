@@ -8,10 +8,8 @@ AGENT = AgentPackage(
     nodes={
         "carrier": "socialbot.agents.warehouse.carrier:Carrier",
         "layout_gripper": "socialbot.agents.warehouse.gripper:LayoutGripper",
-        "layout_physics": "socialbot.agents.warehouse.physics:PhysicalLayoutWorld",
         "layout_world": "socialbot.agents.warehouse.world_node:LayoutWorld",
         "gripper": "socialbot.agents.warehouse.gripper:Gripper",
-        "warehouse_physics": "socialbot.agents.warehouse.physics:PhysicalWorld",
         "warehouse_world": "socialbot.agents.warehouse.world_node:World",
     },
     graphs={"warehouse": "graph.yaml"},

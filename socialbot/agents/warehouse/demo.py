@@ -11,7 +11,6 @@ import typer
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24, LayoutGripper
 from socialbot.agents.warehouse.layout import load_layout
-from socialbot.agents.warehouse.physics import PhysicalLayoutWorld, PhysicalWorld, PhysicalWorld12, PhysicalWorld24
 from socialbot.agents.warehouse.scenario import GRIPPER, HASTY_CARRIER_RULES, Scenario
 from socialbot.agents.warehouse.world_node import LayoutWorld, World, World12, World24
 from socialbot.core import paths
@@ -19,8 +18,6 @@ from socialbot.graph.node import Graph, NodeConfig
 
 KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)}
 """Node types of the world and the gripper, by the number of boxes."""
-PHYSICAL = {6: PhysicalWorld, 12: PhysicalWorld12, 24: PhysicalWorld24}
-"""Node types of the world with physics."""
 
 Simulation = Literal["kinematic", "physics"]
 
@@ -42,12 +39,11 @@ def warehouse(
         faults: Faults of the world; see its parameter.
         world: ``physics`` needs the extra ``sim``.
     """
-    kinematic, gripper = KINDS[boxes]
-    kind = kinematic if world == "kinematic" else PHYSICAL[boxes]
+    kind, gripper = KINDS[boxes]
     files = {"init_bset": "gripper_beliefs.yaml", "init_dset": "gripper_desires.yaml"} if boxes == 6 else {}
     return _graph(
         gripper.scenario.carriers,
-        NodeConfig("world", kind, {"seed": seed, "faults": faults}),
+        NodeConfig("world", kind, {"seed": seed, "faults": faults, **_simulated(world)}),
         [NodeConfig(GRIPPER, gripper, files)],
         run,
     )
@@ -71,13 +67,17 @@ def warehouse_of(
     paths.allow(layout)
     file = {"layout": str(layout.resolve())}
     aisles = load_layout(layout)
-    kind = LayoutWorld if world == "kinematic" else PhysicalLayoutWorld
     return _graph(
         [carrier for aisle in aisles for carrier in aisle.carriers],
-        NodeConfig("world", kind, {"seed": seed, "faults": faults, **file}),
+        NodeConfig("world", LayoutWorld, {"seed": seed, "faults": faults, **_simulated(world), **file}),
         [NodeConfig(aisle.gripper, LayoutGripper, file) for aisle in aisles],
         run,
     )
+
+
+def _simulated(world: Simulation) -> dict[str, str]:
+    """Parameters of the world beside the default ones."""
+    return {} if world == "kinematic" else {"simulation": world}
 
 
 def _graph(carriers: Sequence[str], world: NodeConfig, grippers: Sequence[NodeConfig], run: Literal[1, 2]) -> Graph:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from socialbot.agents.base._simulation import WorldFault
-from socialbot.agents.warehouse.messages import BoxPosition, Point
+from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
     BOX_M,
@@ -26,11 +26,8 @@ from socialbot.agents.warehouse.scenario import (
     START,
     FloorLayout,
     Scenario,
-    flat_distance,
-    is_over,
 )
-from socialbot.agents.warehouse.world import FLOOR, REACH_M, UNLOAD_S, Warehouse
-from socialbot.agents.warehouse.world_node import LayoutWorld, World, World12, World24
+from socialbot.agents.warehouse.world import FLOOR, UNLOAD_S, Warehouse
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 
@@ -210,18 +207,10 @@ class PhysicalWarehouse(Warehouse):
 
     def advance(self, time: int) -> None:
         """Run events and physics until ``time``."""
-        if not hasattr(self, "data"):  # before the scene exists
-            super().advance(time)
-            return
         while self.now < time:
             super().advance(min(self.now + CONTROL_NS, time))
             self._step()
         super().advance(time)
-
-    def boxes(self) -> tuple[BoxPosition, ...]:
-        """Positions of all boxes that have not vanished, sorted by name."""
-        holders = {box: holder for holder, boxes in self.load.items() for box in boxes}
-        return tuple(BoxPosition(name=box, position=self.box_at(box), holder=holders[box]) for box in sorted(holders))
 
     def box_at(self, box: str) -> Point:
         """Position of the middle of a box, m."""
@@ -233,9 +222,8 @@ class PhysicalWarehouse(Warehouse):
         """Height of the tool, m."""
         return float(self.data.body("tool").xpos[2])
 
-    @property
-    def held(self) -> str:
-        return self._gripped
+    def _position(self, box: str, holder: str, number: int) -> Point:
+        return self.box_at(box)
 
     def _step(self) -> None:
         """Set the targets of all actuators, and let the physics follow up to the present time."""
@@ -272,21 +260,15 @@ class PhysicalWarehouse(Warehouse):
         at = self.box_at(box)
         if box == self._gripped:
             return self.scenario.gripper
-        for carrier in self.scenario.carriers:
-            if is_over(self._deck(carrier), at) and at.z > DECK_M:
-                return carrier
+        carrier = self._carrier_at(at)
+        if carrier and at.z > DECK_M:
+            return carrier
         for deposit, stop in self.layout.deposits.items():
             if abs(at.x - stop.x) <= COLUMN_M / 2 and at.y > stop.y + FOOTPRINT[1] / 2:
                 return deposit
-        near = ((flat_distance(self.layout.places[name], at), name) for name in self._stands())
-        distance, place = min(near)
-        return place if distance <= REACH_M else FLOOR
-
-    def _stands(self) -> tuple[str, ...]:
-        return (START, *self.scenario.bases, *self.scenario.bays)
+        return self._stack_at(at) or FLOOR
 
     def _deck(self, carrier: str) -> Point:
-        """Position of the deck of a carrier, m."""
         x, y, _ = self.data.body(carrier).xpos
         return Point(float(x), float(y), 0.0)
 
@@ -300,19 +282,13 @@ class PhysicalWarehouse(Warehouse):
         ]
         if below:
             return max(below)
-        carrier = next((name for name in self.scenario.carriers if is_over(self._deck(name), at)), "")
+        carrier = self._carrier_at(at)
         return (DECK_M, "", carrier) if carrier else (0.0, "", FLOOR)
 
-    def _grasp(self) -> None:
-        if self.is_closed:
-            return
-        self.is_closed = True
-        height, box, _ = self._surface(self.crane.drive.position(self.now))
-        if not box or not self.crane.rests(self.now) or abs(self.tool_z - height) > SUCTION_M:
-            return
-        if self._slips:
-            self._slips -= 1
-            return
+    def _touches(self, height: float) -> bool:
+        return abs(self.tool_z - height) <= SUCTION_M
+
+    def _attach(self, box: str, holder: str) -> None:
         # The constraint holds the box where it is relative to the tool.
         mujoco, weld = self._mujoco, self._weld[box]
         tool, body = self.data.body("tool"), self.data.body(box)
@@ -325,55 +301,24 @@ class PhysicalWarehouse(Warehouse):
         self.model.eq_data[weld][6:10] = turn
         self.data.eq_active[weld] = 1
         self._gripped = box
-        place = next((name for name, boxes in self.load.items() if box in boxes), "")
         self._refresh()
-        self._update_carrier(place)
 
-    def _release_box(self) -> None:
-        self.is_closed = False
-        if not self._gripped:
-            return
-        box, self._gripped = self._gripped, ""
+    def _detach(self, box: str) -> str:
+        self._gripped = ""
         self.data.eq_active[self._weld[box]] = 0
         self._refresh()
-        self._update_carrier(self._holder(box))
+        return self._holder(box)
 
-    def _put_into_deposit(self, carrier: str, due: int) -> None:
-        if self._unloading.get(carrier) == due:
-            del self._unloading[carrier]  # the pusher goes back
+    def _store(self, carrier: str) -> None:
+        """The boxes lie on the shelf already; the pusher goes back."""
 
     def _remove(self, box: str) -> None:
         place = self._holder(box)
         self._gone.add(box)
         if self._gripped == box:
-            self._gripped = ""
-            self.data.eq_active[self._weld[box]] = 0
+            self._detach(box)
         joint = self.data.joint(box)
         joint.qpos[:3] = (GONE.x + len(self._gone), GONE.y, GONE.z)
         joint.qvel[:] = 0.0
         self._refresh()
         self._update_carrier(place)
-
-
-class PhysicalWorld(World):
-    """Simulator of the warehouse with physics, for six boxes. It needs the extra ``sim``."""
-
-    warehouse_type = PhysicalWarehouse
-
-
-class PhysicalWorld12(World12):
-    """Simulator of the warehouse with physics, for twelve boxes."""
-
-    warehouse_type = PhysicalWarehouse
-
-
-class PhysicalWorld24(World24):
-    """Simulator of the warehouse with physics, for 24 boxes."""
-
-    warehouse_type = PhysicalWarehouse
-
-
-class PhysicalLayoutWorld(LayoutWorld):
-    """Simulator of the warehouse of a layout file with physics. It needs the extra ``sim``."""
-
-    warehouse_type = PhysicalWarehouse

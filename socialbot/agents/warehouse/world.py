@@ -238,21 +238,32 @@ class Warehouse(SimulatedWorld):
             return
         self.is_closed = True
         height, box, holder = self._surface(self.crane.drive.position(self.now))
-        if not box or not self.crane.rests(self.now) or abs(self.finger_z - height) > TOUCH_M:
+        if not box or not self.crane.rests(self.now) or not self._touches(height):
             return
         if self._slips:
             self._slips -= 1
             return
-        self.load[holder].remove(box)
-        self._spots.pop(box, None)
-        self.load[self.scenario.gripper].append(box)
+        self._attach(box, holder)
         self._update_carrier(holder)
 
     def _release_box(self) -> None:
         self.is_closed = False
-        if not self.held:
-            return
-        box = self.load[self.scenario.gripper].pop()
+        if box := self.held:
+            self._update_carrier(self._detach(box))
+
+    def _touches(self, height: float) -> bool:
+        """Whether the fingers can grasp a box whose top is at ``height``."""
+        return abs(self.finger_z - height) <= TOUCH_M
+
+    def _attach(self, box: str, holder: str) -> None:
+        """Move a box from its holder to the gripper."""
+        self.load[holder].remove(box)
+        self._spots.pop(box, None)
+        self.load[self.scenario.gripper].append(box)
+
+    def _detach(self, box: str) -> str:
+        """Drop the box in the gripper, and return its new holder."""
+        self.load[self.scenario.gripper].remove(box)
         at = self.crane.drive.position(self.now)
         carrier, stack = self._carrier_at(at), self._stack_at(at)
         holder = carrier or stack or FLOOR
@@ -261,7 +272,7 @@ class Warehouse(SimulatedWorld):
             landing = max((top for top, _ in self._below(at, holder, BOX_WIDTH_M)), default=_ground(holder))
             self._spots[box] = Point(at.x - middle.x, at.y - middle.y, landing + BOX_M / 2)
         self.load[holder].append(box)
-        self._update_carrier(holder)
+        return holder
 
     def _below(self, at: Point, holder: str, width: float) -> list[tuple[float, BoxPosition]]:
         """Boxes of a carrier or the floor that overlap ``at`` by less than ``width``, with the height of their tops."""
@@ -286,7 +297,11 @@ class Warehouse(SimulatedWorld):
         return height, top.name if free else "", holder
 
     def _carrier_at(self, at: Point) -> str:
-        return next((name for name, robot in self.carriers.items() if is_over(robot.drive.position(self.now), at)), "")
+        return next((name for name in self.carriers if is_over(self._deck(name), at)), "")
+
+    def _deck(self, carrier: str) -> Point:
+        """Position of the deck of a carrier, m."""
+        return self.carriers[carrier].drive.position(self.now)
 
     def _stack_at(self, at: Point) -> str:
         places = (START, *self.scenario.bases, *self.scenario.bays)
@@ -312,6 +327,10 @@ class Warehouse(SimulatedWorld):
         if self._unloading.get(carrier) != due:
             return
         del self._unloading[carrier]
+        self._store(carrier)
+
+    def _store(self, carrier: str) -> None:
+        """Move the boxes of a carrier to its deposit."""
         boxes = self.load[carrier]
         for box in boxes:
             del self._spots[box]

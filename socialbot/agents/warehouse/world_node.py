@@ -14,6 +14,7 @@ from socialbot.agents.warehouse.messages import (
     MoveStatus,
     UnloadCommand,
 )
+from socialbot.agents.warehouse.physics import PhysicalWarehouse
 from socialbot.agents.warehouse.scenario import (
     BOXES,
     CARRIER_NAMES,
@@ -39,7 +40,6 @@ class WarehouseWorld(Node):
 
     boxes: ClassVar[int] = 6
     carriers: ClassVar[int] = 3
-    warehouse_type: ClassVar[type[Warehouse]] = Warehouse
 
     cmd_motors_pose = Input(MoveCommand, f"/{GRIPPER}/cmd_motors_pose")
     cmd_gripper_pose = Input(GripperPose, f"/{GRIPPER}/cmd_gripper_pose")
@@ -51,15 +51,19 @@ class WarehouseWorld(Node):
     seed = Parameter(0, "random seed of speeds and stalls", fixed=True)
     noise = Parameter(0.1, "largest relative deviation of speeds; 0: none", minimum=0.0, maximum=0.5, fixed=True)
     faults = Parameter("", "faults: 30 leaves carrier_c; 40 slips; 50 silent carrier_a 10", fixed=True)
+    simulation = Parameter(
+        "kinematic", "physics: mass and friction in MuJoCo (extra sim)", choices=("kinematic", "physics"), fixed=True
+    )
     period_s = Parameter(0.1, "period of the sensors (s)", minimum=0.01, maximum=10.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for unknown faults, and errors of a layout file."""
+        """Raises ParameterError for unknown faults and for physics without MuJoCo, and errors of a layout file."""
         super().__init__(name, context, parameters)
         scenarios = self.initial_scenarios()
         faults = parse_faults(self.faults, *scenarios)
-        self.worlds = {
-            scenario.gripper: self.warehouse_type(
+        kind = PhysicalWarehouse if self.simulation == "physics" else Warehouse
+        self.worlds: dict[str, Warehouse] = {
+            scenario.gripper: kind(
                 scenario,
                 seed=self.seed,
                 noise=self.noise,
