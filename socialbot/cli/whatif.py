@@ -19,15 +19,7 @@ EXAMPLES = (
     "socialbot whatif runs/waldo --at 12 --set waldo.help_after_s=2",
 )
 DIFFERENT = 1  # exit code of different futures, as of `socialbot diff`
-_FLAGS = {
-    "--believe": "believe",
-    "--forget": "forget",
-    "--achieve": "achieve",
-    "--drop": "drop",
-    "--set": "set",
-    "--rule": "rule",
-    "--without": "without",
-}
+_KINDS = ("believe", "forget", "achieve", "drop", "set", "rule", "without")  # options without dashes, in order
 _Texts = list[str] | None
 
 
@@ -58,8 +50,8 @@ def whatif(
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.what_if import BranchChange, branch, side_by_side
 
-    texts = dict(zip(_FLAGS, (believe, forget, achieve, drop, changes, rule, without), strict=True))
-    wanted = [BranchChange(_FLAGS[flag], text) for flag, given in texts.items() for text in given or ()]
+    texts = zip(_KINDS, (believe, forget, achieve, drop, changes, rule, without), strict=True)
+    wanted = [BranchChange(kind, text) for kind, given in texts for text in given or ()]
     if at is None or not wanted:
         missing = "--at" if at is None else "--believe, --forget, --set, --rule or another change"
         raise ParameterError("nothing to branch", where="whatif", remedy=f"give {missing}")

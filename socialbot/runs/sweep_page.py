@@ -229,7 +229,7 @@ def sweep_page(
             Section("First different decision", _difference(sweep, compared), DIFFERENCE_NOTE),
             Section("Settings", cell_table(sweep).html(), "; ".join(f"{k}: {v}" for k, v in MEASURES.items()) + "."),
             Section("Failures", _failures(sweep)),
-            Section("Set for all", settings(dict(change.split("=", 1) for change in sweep.fixed))),
+            Section("Set for all", settings(sweep.fixed)),
         ],
     )
 
@@ -238,8 +238,8 @@ def _difference(sweep: Sweep, compared: tuple[SweepCell, SweepCell, str, Differe
     if compared is None:
         return Markup()
     one, other, bag, found = compared
-    texts = Markup("").join(part("preformatted", line) for line in ["\n".join(found.text())])
-    return part("captioned", f"{describe_pair(sweep, one, other)}, {bag}", texts)
+    text = part("preformatted", "\n".join(found.text()))
+    return part("captioned", f"{describe_pair(sweep, one, other)}, {bag}", text)
 
 
 def describe_pair(sweep: Sweep, one: SweepCell, other: SweepCell) -> str:

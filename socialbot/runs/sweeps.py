@@ -1,4 +1,4 @@
-"""Results of a sweep: many settings of a graph on the same bags, with what each decided."""
+"""Results of a sweep: many settings of a graph on the same bags, with their decisions."""
 
 from __future__ import annotations
 
@@ -95,12 +95,11 @@ class Threshold(msgspec.Struct, frozen=True):
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True):
-    """All results of a sweep. ``fixed`` are the changes that all cells share."""
+    """All results of a sweep."""
 
     graph: str
     bags: tuple[str, ...]
     axes: tuple[Axis, ...]
-    fixed: tuple[str, ...] = ()
     expectations: str = ""
     cells: tuple[SweepCell, ...] = ()
     thresholds: tuple[Threshold, ...] = ()
@@ -112,10 +111,14 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
             number for number in range(len(self.axes)) if len({cell.values[number] for cell in self.cells}) > 1
         )
 
+    @property
+    def fixed(self) -> dict[str, str]:
+        """Values of the axes with one value, by name."""
+        return {axis.name: axis.values[0] for number, axis in enumerate(self.axes) if number not in self.varied}
+
     def changes(self, cell: SweepCell) -> list[str]:
         """The changes of a cell as for ``--set``."""
-        own = [f"{axis.name}={value}" for axis, value in zip(self.axes, cell.values, strict=True)]
-        return [*self.fixed, *own]
+        return [f"{axis.name}={value}" for axis, value in zip(self.axes, cell.values, strict=True)]
 
     def label(self, cell: SweepCell) -> str:
         """The varied values of a cell."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from socialbot.core.errors import SocialbotError
-from socialbot.graph.node import Graph, check_parameters
+from socialbot.graph.node import check_parameters
 from socialbot.runs.expectations import Expectation, Verdict, evaluate
 from socialbot.runtime.trials import Trial
 
@@ -79,9 +79,8 @@ class _Search:
         return {name: f"--set {text}" for name, (_, text) in self._best.items()}
 
     def _settings(self) -> list[_Setting]:
-        graph = self._graph()
         found = []
-        for config in graph.nodes:
+        for config in self._trial.loaded().nodes:
             if not config.type.is_agent:
                 continue
             values = check_parameters(config.type, config.parameters, where=config.name)
@@ -93,9 +92,6 @@ class _Search:
                 high = float("inf") if parameter.maximum is None else float(parameter.maximum)
                 found.append(_Setting(config.name, name, float(value), low, high, isinstance(value, int)))
         return found
-
-    def _graph(self) -> Graph:
-        return self._trial.loaded()
 
     def _walk(self, setting: _Setting, values: Sequence[float]) -> None:
         """Try values in growing distance until each expectation passes, then look closer between the last two."""

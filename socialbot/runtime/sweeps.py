@@ -49,7 +49,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Variation:
-    """Parameter and what to set it to: listed texts, or a range."""
+    """Parameter and its values: listed texts, or a range."""
 
     name: str
     values: tuple[str, ...] = ()
@@ -103,7 +103,7 @@ def number_text(value: float) -> str:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What to sweep.
+    """Settings of a sweep.
 
     Args:
         bags: Paths of the bags.
@@ -204,10 +204,10 @@ class _Line(msgspec.Struct):
 
 @dataclass
 class Journal:
-    """Finished runs in a file, by a hash of all that they depend on."""
+    """Finished runs in a file: ``results`` by a hash of all that they depend on."""
 
     path: Path
-    _known: dict[str, BagResult] = field(default_factory=dict)
+    results: dict[str, BagResult] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Read the file. Raises RunError if it cannot be made."""
@@ -222,13 +222,10 @@ class Journal:
                 found = msgspec.json.decode(line, type=_Line)
             except msgspec.MsgspecError:  # the line that an interrupted sweep was writing
                 continue
-            self._known[found.key] = found.result
-
-    def get(self, key: str) -> BagResult | None:
-        return self._known.get(key)
+            self.results[found.key] = found.result
 
     def add(self, key: str, result: BagResult) -> None:
-        self._known[key] = result
+        self.results[key] = result
         with self.path.open("ab") as file:
             file.write(b"\n" + msgspec.json.encode(_Line(key, result)) + b"\n")
 
@@ -237,7 +234,7 @@ class SweepRunner:
     """Runner of a sweep that keeps finished runs in a folder, so that it continues after an interruption.
 
     Args:
-        plan: What to sweep.
+        plan: Settings of the sweep.
         folder: Folder of the sweep.
         progress: Called with the numbers of finished and of all runs.
     """
@@ -309,7 +306,7 @@ class SweepRunner:
 
     def _results(self, jobs: Sequence[SweepJob]) -> list[BagResult]:
         keys = [self._key(job) for job in jobs]
-        missing = {key: job for key, job in zip(keys, jobs, strict=True) if self._journal.get(key) is None}
+        missing = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._journal.results}
         self.reused += len(set(keys)) - len(missing)
         total = self._done + len(missing)
         self._progress(self._done, total)
@@ -317,7 +314,7 @@ class SweepRunner:
         first = {job.bag: key for key, job in reversed(missing.items())}
         for part in ([*first.values()], [key for key in missing if key not in first.values()]):
             self._carry_out([missing[key] for key in part], part, total)
-        return [result for key in keys if (result := self._journal.get(key)) is not None]
+        return [self._journal.results[key] for key in keys]
 
     def _carry_out(self, jobs: Sequence[SweepJob], keys: Sequence[str], total: int) -> None:
         if not jobs:

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from socialbot.core.errors import ParameterError
+from socialbot.runs.expectations import load_behaviours
 from socialbot.runs.sweep_page import classes, heat_maps, sweep_page
 from socialbot.runs.sweeps import Axis, BagResult, Sweep, SweepCell, SweepVerdict, measured
 from socialbot.runtime.sweeps import JOURNAL, SweepPlan, SweepRunner, number_text, parse_variation
@@ -108,6 +109,12 @@ def test_parallel_processes_find_the_same(bag, tmp_path):
     plan = plan_of(bag, "waldo.appear_s=0.2,2", "waldo.range_m=1,40")
     parallel = plan_of(bag, "waldo.appear_s=0.2,2", "waldo.range_m=1,40", jobs=2)
     assert swept(plan, tmp_path / "one") == swept(parallel, tmp_path / "two")
+
+
+def test_expectations_of_an_agent_package_are_found_by_its_name(bag, tmp_path):
+    sweep = swept(plan_of(bag, "waldo.appear_s=0.2", expectations=Path("waldo")), tmp_path)
+    [verdicts] = [result.verdicts for cell in sweep.cells for result in cell.results]
+    assert [each.name for each in verdicts] == [each.name for each in load_behaviours("waldo")]
 
 
 def test_finished_runs_are_not_repeated(bag, tmp_path, monkeypatch):
@@ -215,6 +222,14 @@ def test_a_heat_map_is_in_the_order_of_numbers():
     assert (map.x, map.y) == (("2.5", "9", "10"), ("x", "y"))
     assert [[each and each.text for each in row] for row in map.rows] == [["C", "B", "A"], [None, "D", None]]
     assert list(classes(made_sweep(*cells)).values()) == ["A", "B", "C", "D"]
+
+
+def test_the_page_names_values_that_all_cells_share():
+    page = sweep_page(made_sweep(cell(1, ("1", "7.25"), 0, 1), cell(2, ("2", "7.25"), 0, 2)), ("missed", "said")).html()
+    assert "Set for all" in page
+    assert "7.25" in page.partition("Set for all")[2]
+    varied = sweep_page(made_sweep(cell(1, ("1", "7"), 0, 1), cell(2, ("2", "8"), 0, 2)), ("missed", "said")).html()
+    assert "Set for all" not in varied
 
 
 def test_the_page_escapes_what_it_shows():
