@@ -20,7 +20,7 @@ from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
 AFTER_S = 10.0
-"""What agents do for so long after they were alone with a person is a trace of that person."""
+"""Actions of agents until so long after they were alone with a person are a trace of that person."""
 
 PICTURES = (".html", ".mp4", ".jpg", ".jpeg", ".png", ".rrd", ".mcap", ".eaf")
 """Files with pictures, or with everything: they are removed."""
@@ -177,10 +177,11 @@ class _Forgetting:
 
     def _remove_files(self) -> None:
         """Remove pictures, scores of frames and speech; drop lines of logs that name the person."""
-        known = {TRACE, SEEN, "results.json", "graph.yaml"}
+        known = {*parts(self._folder / TRACE), *parts(self._folder / SEEN)}
+        known |= {self._folder / "results.json", self._folder / "graph.yaml"}
         for path in sorted(self._folder.rglob("*")):
             name = str(path.relative_to(self._folder))
-            if not path.is_file() or path.name.partition(".jsonl")[0] + ".jsonl" in known or name in known:
+            if not path.is_file() or path in known:
                 continue
             if path.name == SCORED or path.suffix in PICTURES or path.suffix == ".wav":
                 in_bag = path.suffix == ".mcap" and (path.parent / "metadata.yaml").exists()

@@ -111,6 +111,13 @@ def test_nothing_of_the_person_is_left(run):
     assert sorted(made.files) == ["annotated.mp4", "report.html", "scored.jsonl", "speech/001-hello.wav"]
 
 
+def test_another_run_in_the_folder_is_named_as_left(run):
+    inner = run / "unchanged"
+    inner.mkdir()
+    (inner / "trace.jsonl").write_bytes((run / "trace.jsonl").read_bytes())
+    assert forget_person(run, "t1").left == ["unchanged/trace.jsonl"]
+
+
 def test_everything_of_the_others_is_left(run):
     forget_person(run, "t1")
     records = list(open_run(run).history)
