@@ -23,6 +23,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Utterance
 from tests.system.running import eventually
+from tests.vision.drawn import add_person, corridor
+from tests.vision.metrics.scenes import TOP
 
 START = 1_700_000_000 * SECOND
 DOMAIN = int(os.environ["ROS_DOMAIN_ID"]) + 20
@@ -211,6 +213,43 @@ def test_record_ends_with_a_readable_bag(domain: int, tmp_path: Path, end: signa
     assert "Traceback" not in output
     with open_bag(out) as bag:
         assert [message for _, message in bag.messages({"/speech/say": "/say"})] == [SAY] * 3
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.parametrize("privacy", ["blur", "no-images"])
+def test_a_private_recording_leaves_no_recognisable_pictures(domain: int, tmp_path: Path, privacy: str) -> None:
+    pixels = corridor(seed=1)
+    x, y, w, _ = (round(each) for each in add_person(pixels, 300, TOP, 220))
+    image = Image.from_bgr(pixels, stamp=time.time_ns(), frame_id="c")
+    out, original = tmp_path / "bag", tmp_path / "bag.original"
+    program = "from socialbot.cli.bag import bag; bag()"
+    options = ["--topics", "/camera/image_raw", "--privacy", privacy]
+    command = [sys.executable, "-c", program, "record", str(out), *options]
+    with robot() as node:
+        made = encode(image, RclpyTypes())
+        images = publisher(node, "/camera/image_raw", made)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+        try:
+            await_listener(images)
+            images.publish(made)
+            assert eventually(lambda: messages_on_disk(original) == 1)
+            process.send_signal(signal.SIGINT)
+            output = process.communicate(timeout=180)[0].decode()
+        finally:
+            process.kill()
+            process.wait()
+    assert process.returncode == 0, output
+    assert not original.exists()
+    with open_bag(out) as bag:
+        [(_, kept)] = bag.messages({"/camera/image_raw": "/camera/image_raw"})
+    assert isinstance(kept, Image)
+    if privacy == "no-images":
+        assert not kept.data.size
+    else:
+        changed = (kept.data.reshape(480, 640, 3) != pixels).any(axis=2)
+        assert changed[y + 5 : y + 25, x + w // 3 : x + w * 2 // 3].mean() > 0.9
+        assert not changed[:, x + 3 * w :].any()
 
 
 def messages_on_disk(path: Path) -> int:
