@@ -40,7 +40,7 @@ def whatif(
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with both runs.")] = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Run the input of a recorded run again, with a change at a moment, and show the differences.
+    """Run the input of a recorded run twice, with and without a change at a moment, and show the differences.
 
     Exit code 1: they differ.
     """
