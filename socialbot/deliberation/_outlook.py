@@ -9,7 +9,6 @@ from socialbot.deliberation._execution import PlanTask
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.formulas import (
     Add,
-    And,
     ConditionalEffect,
     Delete,
     Effect,
@@ -20,6 +19,7 @@ from socialbot.planning.pddl.formulas import (
     PddlWorld,
     Predicate,
     UniversalEffect,
+    conjuncts,
 )
 from socialbot.planning.pddl.semantics import atoms, holds
 
@@ -83,7 +83,7 @@ class PlanOutlook:
         for task in self._tasks:
             if task.phase != "waiting":
                 continue
-            for formula in (part for one in task.action.conditions for part in _parts(one.formula)):
+            for formula in (part for one in task.action.conditions for part in conjuncts(one.formula)):
                 names = {atom.name for atom in atoms(formula, world, {})}
                 match formula:
                     case Predicate():
@@ -98,14 +98,6 @@ class PlanOutlook:
                     for name in names:
                         found[name].append(doubt)
         return dict(found)
-
-
-def _parts(formula: Formula) -> Iterator[Formula]:
-    if isinstance(formula, And):
-        for part in formula.parts:
-            yield from _parts(part)
-    else:
-        yield formula
 
 
 def _collect(effects: Iterable[Effect], added: set[Predicate], deleted: set[Predicate], changed: set[str]) -> None:

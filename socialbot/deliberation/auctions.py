@@ -42,7 +42,7 @@ class Auction:
         bids_s: Maximum time to wait for bids (s).
         cause: Trace record that the auction follows from.
         winner: The agent that has got the desire; empty while there is none.
-        reason: Why the auction has failed.
+        reason: Reason for which the auction has failed.
     """
 
     engine: Engine
@@ -117,7 +117,7 @@ class Auction:
         if not self.winner:
             failures = (f"{name}: {reason}" for name, reason in {**self._lost, **reasons}.items())
             self._leave_queue()
-            self.state, self.reason = "failed", f"nobody achieves {self.desire.name}: {'; '.join(failures)}"
+            self.state, self.reason = "failed", f"no bidder achieves {self.desire.name}: {'; '.join(failures)}"
             return
         self.state, self._best_s, self._awarded_at = "awarded", seconds[self.winner], self.engine.clock.now()
         self._awarded = self.client.ask(self.winner, "add", desire=self.desire, monitor=True, cause=record)

@@ -40,7 +40,7 @@ def blurred(pixels: np.ndarray, boxes: np.ndarray, *, whole: bool = False) -> np
 
 
 class PeopleFinder:
-    """Finds people, and what may be people."""
+    """Person detector with a low threshold: a false person costs less than a missed one."""
 
     def __init__(self) -> None:
         """Load the detector. Raises InstallationError."""

@@ -522,7 +522,7 @@ class Tracker:
 
 
 def _settle(person: _Person) -> None:
-    """Take a recognition for proven: what was remembered of the person joins what the track has shown."""
+    """Take a recognition for proven: merge the remembered appearance of the person with that of the track."""
     if person.claim is not None:
         before, person.claim = person.claim.person, None
         before.appearance.learn(person.appearance)
@@ -530,7 +530,7 @@ def _settle(person: _Person) -> None:
 
 
 def _distance(person: _Person, other: _Person) -> float:
-    """Distance of the looks of two people, with what is remembered of the first one."""
+    """Distance between the appearances of two people; the first may have a remembered one, too."""
     far = person.appearance.distance_to(other.appearance)
     return far if person.claim is None else min(far, person.claim.person.appearance.distance_to(other.appearance))
 

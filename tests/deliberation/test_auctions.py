@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -14,18 +12,12 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Message, TraceRecord
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-
-PATH = Path(__file__).parents[2] / "examples" / "couriers.py"
+from tests.example_modules import load_example
 
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("couriers_example", PATH)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("couriers")
 
 
 class Town:

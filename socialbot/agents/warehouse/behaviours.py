@@ -24,7 +24,7 @@ LOADED = believed("moving_boxes(Carrier, 2)")
 # The task
 sorts_all_boxes = expect(achieved("sort_boxes")).within(125).after(wanted("sort_boxes"))
 picks_up_each_box_once = expect(did("gripper_pickup(_, Box, _, _)")).exactly(1).in_total()
-puts_down_what_it_picked_up = (
+puts_down_each_box_that_it_picked_up = (
     expect(did("gripper_put_on_carrier(_, Box, _, _)")).within(10).after(finished("gripper_pickup(_, Box, _, _)"))
 )
 no_plan_is_given_up = never(planned("*", "aborted") | planned("*", "failed"))

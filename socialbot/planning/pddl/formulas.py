@@ -6,7 +6,7 @@ Terms are strings: names of objects, or variables such as ``?box``. All names ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Literal, Protocol
@@ -216,6 +216,15 @@ class PddlWorld(Protocol):
     def objects(self, types: tuple[str, ...]) -> Iterable[str]:
         """Return the objects of any of these types or of a sub-type, in a fixed order."""
         ...
+
+
+def conjuncts(formula: Formula) -> Iterator[Formula]:
+    """Yield the parts of a conjunction, also of nested ones; any other formula is its only part."""
+    if isinstance(formula, And):
+        for part in formula.parts:
+            yield from conjuncts(part)
+    else:
+        yield formula
 
 
 def number_text(value: float) -> str:

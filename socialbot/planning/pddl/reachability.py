@@ -28,6 +28,7 @@ from socialbot.planning.pddl.formulas import (
     Or,
     Predicate,
     UniversalEffect,
+    conjuncts,
 )
 from socialbot.planning.pddl.semantics import Binding, changes, fluents, ground, holds, substitute
 from socialbot.planning.pddl.state import PddlState
@@ -53,7 +54,7 @@ class UnreachableGoal:
 
 def unreachable_goals(domain: PddlDomain, problem: PddlProblem) -> tuple[UnreachableGoal, ...]:
     """Return the parts of the goal that nothing can make true; none for a problem of more than `MAX_BINDINGS`."""
-    goals = [] if problem.goal is None else list(_conjuncts(problem.goal))
+    goals = [] if problem.goal is None else list(conjuncts(problem.goal))
     try:
         relaxed = _Relaxation(domain, problem)
     except _TooLargeError:
@@ -265,24 +266,16 @@ def _unified(added: Predicate, wanted: Predicate) -> dict[str, str] | None:
     return binding
 
 
-def _conjuncts(formula: Formula) -> Iterator[Formula]:
-    if isinstance(formula, And):
-        for part in formula.parts:
-            yield from _conjuncts(part)
-    else:
-        yield formula
-
-
 def _atoms(formula: Formula) -> Iterator[Predicate]:
     """Yield the predicates that must hold for a formula to hold."""
-    return (part for part in _conjuncts(formula) if isinstance(part, Predicate))
+    return (part for part in conjuncts(formula) if isinstance(part, Predicate))
 
 
 def _conditions(action: PddlAction, edge: _Edge) -> Iterator[Formula]:
     """Yield the conditions of the start or end of an action. The start only has its own: others may help it to end."""
     for condition in action.conditions:
         if edge == "end" or condition.when == "start":
-            yield from _conjuncts(condition.formula)
+            yield from conjuncts(condition.formula)
 
 
 def _elements(effects: Iterable[Effect]) -> Iterator[Effect]:

@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 from socialbot.planning.pddl.domain import PddlDomain, PddlProblem
-from socialbot.planning.pddl.formulas import And, Formula, Predicate
+from socialbot.planning.pddl.formulas import Predicate, conjuncts
 from socialbot.planning.pddl.state import PddlState
 
 LARGE = 100_000
@@ -55,20 +55,12 @@ def _options(domain: PddlDomain, problem: PddlProblem) -> set[str]:
     for action in domain.actions.values():
         elsewhere += action.effects
         for condition in action.conditions:
-            for part in _conjuncts(condition.formula):
+            for part in conjuncts(condition.formula):
                 if isinstance(part, Predicate):
                     required.add(part.name)
                 else:
                     elsewhere.append(part)
     return (found & required) - {name for part in elsewhere for name in _names(part)}
-
-
-def _conjuncts(formula: Formula) -> Iterator[Formula]:
-    if isinstance(formula, And):
-        for part in formula.parts:
-            yield from _conjuncts(part)
-    else:
-        yield formula
 
 
 def _names(part: Any) -> Iterator[str]:

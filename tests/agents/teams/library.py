@@ -2,30 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 from socialbot.agents.teams import MissionView
 from socialbot.agents.teams.messages import MESSAGES, MISSIONS, AclMessage, Missions
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
+from tests.example_modules import load_example
 
-PATH = Path(__file__).parents[3] / "examples" / "library.py"
-
-
-def example() -> ModuleType:
-    """The module of the example."""
-    spec = importlib.util.spec_from_file_location("library_example", PATH)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-EXAMPLE = example()
+EXAMPLE = load_example("library")
 
 
 class LibraryRun:
