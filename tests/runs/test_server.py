@@ -19,7 +19,8 @@ from socialbot.graph.files import load_graph
 from socialbot.runs import _server as server_module
 from socialbot.runs import narration as log
 from socialbot.runs import run as live_run
-from socialbot.runs._server import COOKIE, PageServer
+from socialbot.runs._access import COOKIE
+from socialbot.runs._server import PageServer
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import STOPPED
 from socialbot.runs.run import LiveRun, Picture, RunView

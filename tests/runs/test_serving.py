@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from socialbot.graph.files import load_graph
-from socialbot.runs import _server
+from socialbot.runs import _access
 from socialbot.runs import serving as servers
 from socialbot.runs.run import LiveRun
 from socialbot.runs.serving import Address, serving
@@ -22,7 +22,7 @@ POST = b"POST /api/command HTTP/1.1\r\nHost: localhost\r\nContent-Type: applicat
 def port(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.setattr(servers, "REQUEST_WITHIN_S", 0.5)
     monkeypatch.setattr(servers, "MAX_CONNECTIONS", 5)
-    monkeypatch.setattr(_server, "BODY_WITHIN_S", 0.5)
+    monkeypatch.setattr(_access, "BODY_WITHIN_S", 0.5)
     with serving(LiveRun(load_graph("waldo")), Address(port=0)) as served:
         yield urlsplit(served.url).port or 0
 
