@@ -11,21 +11,21 @@ import functools
 import heapq
 import itertools
 import logging
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag2 import Reader as Ros2Reader
 
-from socialbot.bags import _decompression, codec
+from socialbot.bags import codec
+from socialbot.bags._files import Reader, broken, open_file, open_folder
+from socialbot.bags._files import natural as natural
 from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
-from socialbot.bags.repair import Receptions, Stamps, clock_offsets, salvage
+from socialbot.bags.repair import Receptions, Stamps, clock_offsets
 from socialbot.bags.types import RosbagsTypes, deserialize, is_known, to_cdr
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
@@ -42,14 +42,12 @@ from socialbot.core.messages import (
     Structured,
     Transforms,
 )
-from socialbot.core.yaml import check_depth
 
 __all__ = ["IMAGE_TYPES", "Bag", "BagWriter", "RosbagsTypes", "Skipped", "BagTopic", "open_bag"]
 
 log = logging.getLogger("socialbot.bags")
 
 T = TypeVar("T")
-Reader = Ros1Reader | Ros2Reader
 
 IMAGE_TYPES = (codec.ROS_TYPES[Image], codec.ROS_TYPES[CompressedImage])
 SENSOR_TYPES = (*IMAGE_TYPES, codec.ROS_TYPES[PointCloud])
@@ -60,15 +58,6 @@ MEASURED = (DepthImage, CompressedDepth, PointCloud)
 
 SHORTEST_S = 0.01
 """Shortest duration of a bag from which rates are computed: one frame and its camera_info arrive together."""
-
-_decompression.install()
-
-_STORAGE = (".mcap", ".db3")
-_REPAIRS = {
-    ".mcap": "copy the file again, or repair it with `mcap recover`",
-    ".db3": "copy the file again, or repair it with `sqlite3 FILE .recover | sqlite3 NEW.db3`",
-    ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
-}
 
 
 @dataclass(frozen=True)
@@ -108,7 +97,7 @@ def open_bag(path: str | Path) -> Bag:
     if not path.exists():
         raise BagError("no such file or folder", where=str(path), remedy="check the path of the bag")
     damage: list[str] = []
-    readers = _open_folder(path, damage) if path.is_dir() else [_open_file(path, damage)]
+    readers = open_folder(path, damage) if path.is_dir() else [open_file(path, damage)]
     bag = Bag(path, readers, tuple(damage))
     if not any(topic.count for topic in bag.topics):
         bag.close()
@@ -406,7 +395,7 @@ class Bag(AbstractContextManager["Bag"]):
         try:
             found = next(iter(reader.messages(wanted, place.time, place.time + 1)), None)
         except Exception as error:
-            raise _broken(self.path, error) from error
+            raise broken(self.path, error) from error
         if found is None:
             return None
         connection, _, data = found
@@ -471,7 +460,7 @@ class Bag(AbstractContextManager["Bag"]):
         try:
             yield from heapq.merge(*streams, key=lambda item: item[2])
         except Exception as error:
-            raise _broken(self.path, error) from error
+            raise broken(self.path, error) from error
 
     def _attempt(self, connection: Connection, read: Callable[[], T]) -> T | None:
         try:
@@ -498,65 +487,3 @@ def _numbered(
         if not isinstance(time, int):  # a column of SQLite holds anything
             raise TypeError(f"a message was received at {time!r}")
         yield file, connection, time, data
-
-
-def _open_folder(path: Path, damage: list[str]) -> list[Reader]:
-    metadata = path / "metadata.yaml"
-    files = sorted((file for file in path.iterdir() if file.suffix in _STORAGE), key=natural)
-    if not metadata.exists() and not files:
-        what = "not a bag: the folder has no metadata.yaml and no .mcap or .db3 file"
-        remedy = "give the folder that `bag record` made; for a folder of images use `bag import`"
-        raise BagError(what, where=str(path), remedy=remedy)
-    if metadata.exists():
-        try:
-            return [_open(path)]
-        except BagError as error:
-            if not files:
-                raise
-            damage.append(f"{metadata}: {error.what}")
-    else:
-        damage.append(f"{metadata}: missing; the .mcap and .db3 files are read")
-    return [_open_file(file, damage) for file in files]
-
-
-def _open_file(path: Path, damage: list[str]) -> Reader:
-    if path.suffix not in _REPAIRS:
-        remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
-        raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)
-    try:
-        return _open(path)
-    except BagError:
-        salvaged = salvage(path) if path.suffix == ".mcap" else None
-        if salvaged is None:
-            raise
-    damage.append(f"{path}: truncated; the first {salvaged.whole} of {salvaged.size} bytes are intact and are read")
-    return _open(salvaged)
-
-
-def _open(path: Any) -> Reader:
-    try:
-        if isinstance(path, Path) and path.is_dir():
-            check_depth((path / "metadata.yaml").read_text("utf-8"))
-        reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
-        reader.open()
-        # Rosbags does not check the types.
-        texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]
-        numbers = [each.msgcount for each in reader.connections]
-        numbers += [reader.message_count, reader.start_time, reader.end_time]
-        if not all(isinstance(text, str) for text in texts) or not all(type(number) is int for number in numbers):
-            raise ValueError("a topic name or type is not a text, or a count is not a number")
-    except Exception as error:
-        raise _broken(path, error) from error
-    return reader
-
-
-def _broken(path: Any, error: Exception) -> BagError:
-    if isinstance(error, PermissionError):
-        return BagError("permission denied", where=str(path), remedy="ask its owner for read permission")
-    what = str(error) or type(error).__name__
-    return BagError(f"the bag is damaged: {what}", where=str(path), remedy=_REPAIRS.get(path.suffix, "copy it again"))
-
-
-def natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key for natural order: 2 before 10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
