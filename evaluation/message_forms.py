@@ -39,7 +39,7 @@ class Cost(NamedTuple):
 
 
 class _Publisher:
-    """Serialises what is published, as a publisher of rclpy does."""
+    """Publisher that serialises messages, as one of rclpy does, and keeps the last."""
 
     def publish(self, ros_message: Any) -> None:
         from rclpy.serialization import serialize_message

@@ -18,7 +18,8 @@ from typing import Any
 
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
-from socialbot.bridge.topics import DEPTH, AdaptiveSubscription, is_hidden, observer_node, verified_subscriptions
+from socialbot.bridge.adaptive_subscriptions import DEPTH, AdaptiveSubscription, verified_subscriptions
+from socialbot.bridge.topics import is_hidden, observer_node
 from socialbot.bridge.transport import message_class, open_transport, refusal_reason
 from socialbot.core.clock import Clock, WallClock
 from socialbot.core.errors import InstallationError, MessageError

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import array
 import io
-import itertools
-import math
 import os
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
 
 import msgspec
@@ -21,18 +19,17 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.representer import SafeRepresenter
 
-from socialbot.bags.codec import STRING, decode, ros_type
+from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge import environment
-from socialbot.bridge.detached_seals import seal_topic
-from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
-from socialbot.bridge.transport import (
-    Transport,
-    is_sealed,
-    log_refusal,
-    matching_qos,
-    message_class,
-    open_transport,
+from socialbot.bridge.adaptive_subscriptions import (
+    DEPTH,
+    AdaptiveSubscription,
+    log_refusals,
+    publishers_of,
+    verified_subscriptions,
 )
+from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
+from socialbot.bridge.transport import message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, RosMessage, Structured, ros_message
@@ -110,10 +107,8 @@ def _kind(values: Any) -> str:
     return "numbers" if isinstance(values, (array.array, np.ndarray)) else "items"
 
 
-ADAPT_PERIOD_S = 0.5
 QUIET_S = 1.0
 SETTLE_TIMEOUT_S = 3.0
-DEPTH = 100
 
 Ended = Callable[[], bool]
 
@@ -156,7 +151,7 @@ def observer_node(name: str = "_topic") -> Iterator[Any]:
 def list_topics(ros: Any) -> tuple[TopicInfo, ...]:
     """List the topics discovered by ``ros`` by name, without its own endpoints."""
     seen = (
-        TopicInfo(name, tuple(types), len(_publishers(ros, name)), len(_subscribers(ros, name)))
+        TopicInfo(name, tuple(types), len(publishers_of(ros, name)), len(_subscribers(ros, name)))
         for name, types in ros.get_topic_names_and_types()
     )
     return tuple(sorted(topic for topic in seen if topic.publishers or topic.subscribers))
@@ -190,7 +185,7 @@ def await_publisher(ros: Any, name: str, *, timeout_s: float, ended: Ended = lam
     Raises:
         GraphError: There is no publisher within ``timeout_s``.
     """
-    if publishers := wait_for(lambda: _publishers(ros, name), timeout_s, ended):
+    if publishers := wait_for(lambda: publishers_of(ros, name), timeout_s, ended):
         return publishers[0].topic_type
     if ended():
         return None
@@ -232,7 +227,7 @@ def messages(
 def merged_messages(
     ros: Any, topics: Mapping[str, type[Message]], *, newest: Collection[str] = (), ended: Ended = lambda: False
 ) -> Generator[tuple[str, Message] | None]:
-    """Yield topic and decoded message of all ``topics`` as they arrive, until ``ended``; invalid ones are left out.
+    """Yield topic and decoded message of all ``topics`` as they arrive, until ``ended``; invalid ones are logged.
 
     Yields None at least every ``POLL_S`` seconds. Of the ``newest`` topics, unread messages are dropped.
     """
@@ -243,9 +238,10 @@ def merged_messages(
     subscriptions: list[AdaptiveSubscription] = []
     for name, kind in topics.items():
         ros_class = message_class(ros_type(kind))
-        take = _decoding(name, kind, ros_class, lambda name, message: arrived.append((name, message)))
+        refuse = log_refusals(name)
+        take = _decoding(kind, ros_class, lambda message, name=name: arrived.append((name, message)), refuse)
         depth = 1 if name in newest else DEPTH
-        subscriptions += verified_subscriptions(ros, transport, name, ros_class, take, log_refusals(name), depth=depth)
+        subscriptions += verified_subscriptions(ros, transport, name, ros_class, take, refuse, depth=depth)
     executor = SingleThreadedExecutor(context=ros.context)
     executor.add_node(ros)
     try:
@@ -259,111 +255,19 @@ def merged_messages(
 
 
 def _decoding(
-    name: str, kind: type[Message], ros_class: Any, take: Callable[[str, Message], None]
+    kind: type[Message], ros_class: Any, take: Callable[[Message], None], refuse: Callable[[MessageError], None]
 ) -> Callable[[bytes], None]:
     from rclpy.serialization import deserialize_message
 
     def take_bytes(cdr: bytes) -> None:
-        with suppress(MessageError):
-            take(name, decode(kind, deserialize_message(cdr, ros_class)))
-
-    return take_bytes
-
-
-def log_refusals(topic: str) -> Callable[[MessageError], None]:
-    """Return a function that logs refused messages of ``topic``."""
-    counts = itertools.count(1)
-    return lambda error: log_refusal(topic, next(counts), error)
-
-
-@dataclass
-class AdaptiveSubscription:
-    """Subscription whose quality of service matches all publishers, including new ones."""
-
-    ros: Any
-    name: str
-    kind: Any
-    take: Callable[[Any], None]
-    raw: bool
-    depth: int = DEPTH
-    _qos: Any = field(default=None, init=False)
-    _subscription: Any = field(default=None, init=False)
-    _adapted: float = field(default=-math.inf, init=False)
-
-    @property
-    def latched(self) -> bool:
-        """Whether all publishers are transient local."""
-        from rclpy.qos import DurabilityPolicy
-
-        return self._qos is not None and self._qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-
-    def adapt(self) -> None:
-        """Subscribe again if the publishers have changed."""
-        from rclpy.event_handler import SubscriptionEventCallbacks
-
-        if time.monotonic() - self._adapted < ADAPT_PERIOD_S:
-            return
-        self._adapted = time.monotonic()
-        publishers = _publishers(self.ros, self.name)
-        qos = matching_qos(publishers, self.depth)
-        if qos == self._qos or (not publishers and self._subscription is not None):
-            return
-        if self._subscription is not None:
-            self.ros.destroy_subscription(self._subscription)
-        self._qos = qos
-        self._subscription = self.ros.create_subscription(
-            self.kind,
-            self.name,
-            self.take,
-            qos,
-            raw=self.raw,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
-
-
-def verified_subscriptions(
-    ros: Any,
-    transport: Transport,
-    topic: str,
-    ros_class: Any,
-    take: Callable[[bytes], None],
-    refuse: Callable[[MessageError], None],
-    *,
-    depth: int = DEPTH,
-) -> list[AdaptiveSubscription]:
-    """Subscribe to a topic of a standard type, and to its seals if there are keys.
-
-    Strings may be structured messages with seals of their own, without which ``take`` gets them.
-    """
-    name = ros.resolve_topic_name(topic)
-    matcher = transport.matcher(name, lambda cdr, _: take(cdr), refuse, latched=True)
-    if matcher is None:
-        return [AdaptiveSubscription(ros, name, ros_class, lambda cdr: take(cdr), raw=True, depth=depth)]
-    from rclpy.serialization import deserialize_message, serialize_message
-
-    text_class = message_class(STRING)
-    receiver = transport.receiver(name, latched=True)
-
-    def take_message(cdr: bytes) -> None:
-        text = deserialize_message(cdr, ros_class) if ros_class is text_class else None
-        if text is None or not is_sealed(text.data):
-            matcher.take_message(cdr)
-            return
         try:
-            opened = receiver.open(text)
+            message = decode(kind, deserialize_message(cdr, ros_class))
         except MessageError as error:
             refuse(error)
-            return
-        if opened is not None:
-            take(serialize_message(opened))
+        else:
+            take(message)
 
-    def take_seal(text: Any) -> None:
-        matcher.take_seal(text.data)
-
-    return [
-        AdaptiveSubscription(ros, seal_topic(name), text_class, take_seal, raw=False),
-        AdaptiveSubscription(ros, name, ros_class, take_message, raw=True, depth=depth),
-    ]
+    return take_bytes
 
 
 @dataclass(frozen=True)
@@ -392,10 +296,6 @@ def topic_rate(received: Sequence[tuple[float, int]]) -> TopicRate | None:
         bytes_per_s=sum(size for _, size in list(received)[1:]) / span,
         messages=len(times),
     )
-
-
-def _publishers(ros: Any, name: str) -> list[Any]:
-    return [each for each in ros.get_publishers_info_by_topic(name) if each.node_name != ros.get_name()]
 
 
 def _subscribers(ros: Any, name: str) -> list[Any]:

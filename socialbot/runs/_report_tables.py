@@ -58,7 +58,7 @@ def story_sections(story: Story) -> list[Section]:
 
 
 def visit_section(run: RecordedRun) -> Section:
-    """Return who came, what was said to them, and who was missed."""
+    """Return the table of visits, with times, distances, sentences and outcomes."""
     try:
         found, source = visits_of(run)
     except TruthError as error:
@@ -79,8 +79,9 @@ def visit_section(run: RecordedRun) -> Section:
     heads = ("visitor", "came", "nearest", "faced", "engaged", "heard", "left", "addressed")
     people = "the ground truth of the bag" if source == "truth" else "the tracks of the detector"
     note = (
-        f"People from {people}. The rule knows nothing of the agents: a visitor who engages (faces the robot, stands "
-        f"before it or walks up to it) is to be addressed within {ADDRESS_S:g} s, else late or missed."
+        f"People from {people}. The rule does not depend on the agents: a visitor engages by facing the robot, "
+        f"standing before it or walking up to it. "
+        f"Words up to {ADDRESS_S:g} s later are in time, then late; without any, the visitor is missed."
     )
     return Section("Visits", table(heads, rows), note)
 

@@ -20,7 +20,7 @@ def keys(tmp_path: Path) -> Keys:
 
 
 class Receiving:
-    """A matcher, what it delivers and refuses, and its clock (s)."""
+    """A matcher with its clock (s); records delivered messages and reasons of refusals."""
 
     def __init__(self, keys: Keys, *, joins_late: bool = True) -> None:
         self.now = 100.0

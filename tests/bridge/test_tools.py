@@ -9,11 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.bags.reader import open_bag
+from socialbot.bridge.adaptive_subscriptions import DEPTH
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.security import new_key
-from socialbot.bridge.topics import DEPTH, observer_node, publish_once
+from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, TraceRecord, Utterance
 from tests.system.running import eventually
