@@ -66,6 +66,17 @@ def test_compressed_messages_and_files_of_a_folder_are_bounded(low_limits: None)
         assert file.read() == bytes(1000)
 
 
+def test_a_file_of_a_folder_is_bounded_by_its_compressed_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_decompression, "MAX_CHUNK_BYTES", 1000)
+    library = vars(rosbags.rosbag2.reader)["zstd"]
+    data = zstd.compress(bytes(1_000_000))
+    limit = 200 * len(data) + 1000
+    with library.open(io.BytesIO(data), "rb") as file:
+        assert file.read(limit) == bytes(limit)
+        with pytest.raises(ValueError, match=f"larger than {limit} bytes"):
+            file.read(1)
+
+
 def test_a_chunk_that_explodes_ends_the_reading(tmp_path: Path, low_limits: None) -> None:
     """An mcap file whose only chunk of zeros is compressed a thousandfold."""
     data = zstd.compress(bytes(ZEROS))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
 from socialbot.core.registry import graph_names, node_types
-from socialbot.graph.files import dump_graph, load_graph, node_type, parse_graph
+from socialbot.graph.files import dump_graph, load_graph, node_type, parse_graph, with_changes
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.wizard import WizardKey
 from tests.graph.test_graph import Echo, Source
@@ -255,6 +255,20 @@ def test_merged_values_have_no_line():
 def test_unsupported_yaml_is_a_clear_error(text):
     with pytest.raises(GraphError):
         parse_graph(text, where="page")
+
+
+def test_a_change_names_a_node_or_the_type_of_one_node():
+    def graph(*names: str) -> Graph:
+        nodes = [NodeConfig(name, node_type("speaker")) for name in names]
+        return Graph("test", tuple(nodes), inputs=frozenset({"/speech/say"}))
+
+    def changed(*names: str) -> list[object]:
+        return [dict(node.parameters) for node in with_changes(graph(*names), ["speaker.pitch=60"]).nodes]
+
+    assert changed("mouth") == [{"pitch": 60}]
+    assert changed("mouth", "speaker") == [{}, {"pitch": 60}]
+    with pytest.raises(GraphError, match="no node 'speaker'"):
+        changed("mouth", "other")
 
 
 WIZARD = (

@@ -25,6 +25,7 @@ from socialbot.runs.folder import open_run
 from socialbot.runs.record import STOPPED
 from socialbot.runs.run import LiveRun, Picture, RunView
 from socialbot.runs.serving import Address, _listening
+from tests.runs.deliberating_runs import record
 from tests.runs.runs import START, greeting, waldo_at_work
 
 HOME = "http://127.0.0.1:8765"
@@ -412,6 +413,24 @@ def test_changes_continue_after_trimming(tmp_path, monkeypatch):
     assert len(told) == len(set(told))
     assert told[-1] == log.last_log_lines(live, live.history.since, live.end, 1)[0].id
     runner.close()
+
+
+def test_lines_that_a_late_cause_moves_are_sent_again():
+    live = LiveRun(load_graph("waldo"))
+    broadcast = PageServer(live)._broadcast
+
+    def sent(*records: TraceRecord) -> list[str]:
+        for each in records:
+            live.observe("/bdi_engine/trace", each)
+        news = broadcast._news()
+        return [] if news is None else [line.id for line in news.log]
+
+    goal = record(1.0, "bdi_engine", "goal", "greet()", id="goal")
+    action = record(1.0, "bdi_engine", "action", "speak()", cause="goal", id="action")
+    later = record(2.0, "bdi_engine", "action", "wave()", id="later")
+    assert sent(action) == ["action"]
+    assert sent(goal) == ["goal", "action"]
+    assert sent(later) == ["later"]
 
 
 def test_socket_sends_without_delay():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -44,6 +45,18 @@ def answer(made: socket.socket) -> bytes:
 @pytest.mark.parametrize("data", [b"", b"GET /api/run HTTP/1.1\r\nHost: localhost\r\nX-Slow: "])
 def test_connection_without_a_whole_request_is_closed(port: int, data: bytes) -> None:
     with connection(port, data) as made:
+        assert answer(made) == b""
+
+
+def test_a_request_after_a_slow_answer_has_a_deadline(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    passed = threading.Event()
+    monkeypatch.setattr(LiveRun, "picture", lambda *_: None if passed.wait(30.0) else pytest.fail("no deadline"))
+    with connection(port, b"GET /api/picture HTTP/1.1\r\nHost: localhost\r\n\r\n") as made:
+        with connection(port) as idle:
+            assert answer(idle) == b""  # the first deadline of the older connection has passed, too
+        passed.set()
+        assert made.recv(65536).startswith(b"HTTP/1.1 204 ")
+        made.sendall(b"GET /api/run HTTP/1.1\r\nX-Slow: ")
         assert answer(made) == b""
 
 
