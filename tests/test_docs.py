@@ -57,6 +57,17 @@ def test_links_lead_somewhere(page: Path):
             assert place in anchors(target), f"{name_of(page)} links to {link}; there are {sorted(anchors(target))}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_all_rows_of_a_table_have_the_columns_of_its_head(page: Path):
+    for table in re.findall(r"(?:^\|.*\n?)+", FENCE.sub("", text_of(page)), re.MULTILINE):
+        head, *rows = table.splitlines()
+        assert [row for row in rows if columns(row) != columns(head)] == []
+
+
+def columns(row: str) -> int:
+    return len(re.findall(r"(?<!\\)\|", row)) - 1
+
+
 def in_nav(node: object) -> Iterator[str]:
     """The pages that a part of the nav names."""
     if isinstance(node, str):
