@@ -27,6 +27,12 @@ MAX_PAGE_BYTES = 20_000_000  # maximum trace size of a live run for a page; a lo
 ROS_OPTIONS = ("composed", "domain", "pace")  # options of runs over DDS only
 
 
+def given_options(context: typer.Context, names: Sequence[str]) -> list[str]:
+    """Return those of the options ``names`` that the command line gives."""
+    sources = ((name, context.get_parameter_source(name)) for name in names)
+    return [name for name, source in sources if source is not None and source.name == "COMMANDLINE"]
+
+
 def enter_domain(
     context: typer.Context,
     console: Console,
@@ -42,11 +48,9 @@ def enter_domain(
         ParameterError: An option of `only_ros` is given for an inline run.
     """
     if runner != "ros":
-        for name in only_ros:
-            source = context.get_parameter_source(name)
-            if source is not None and source.name == "COMMANDLINE":
-                remedy = "add --runner ros, or leave it out"
-                raise ParameterError("only runs over ROS have this option", where=f"--{name}", remedy=remedy)
+        for name in given_options(context, only_ros):
+            remedy = "add --runner ros, or leave it out"
+            raise ParameterError("only runs over ROS have this option", where=f"--{name}", remedy=remedy)
         return
     from socialbot.bridge.environment import own_domain
 

@@ -26,6 +26,7 @@ EXAMPLES = (
     "socialbot test behaviours.py graph.yaml",
     "socialbot test behaviours.py --live waldo",
 )
+_WITHOUT_LIVE = ("graph", "runner", "domain", "limit", "cache", "out", "junit", "strict", "nearest")
 _STYLES = {"passed": "green", "failed": "bold red", "open": "yellow", "untested": "yellow"}
 
 
@@ -71,12 +72,16 @@ def test(
 
     Exit code 1: an expectation failed.
     """
+    from socialbot.cli._runs import enter_domain, given_options
     from socialbot.core.errors import ParameterError
     from socialbot.runs.expectations.checking import load_behaviours
 
     expectations = [each for each in load_behaviours(behaviours) if only in each.name]
     if not expectations:
         raise ParameterError(f"no expectation has {only!r} in its name", where="--only", remedy="leave it out")
+    for name in given_options(context, ("machine",) if live is None else _WITHOUT_LIVE):
+        what = f"without effect {'without' if live is None else 'with'} --live"
+        raise ParameterError(what, where=f"--{name}", remedy="leave it out")
     if live is not None:
         from socialbot.cli._monitoring import monitor
 
@@ -86,7 +91,6 @@ def test(
     if not sources:
         remedy = "give the folder of a run, a bag, or a graph with a simulated world"
         raise ParameterError("there is nothing to test", where="RUN|BAG|GRAPH", remedy=remedy)
-    from socialbot.cli._runs import enter_domain
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.trials import Trial
 

@@ -109,6 +109,20 @@ def test_the_nearest_change_that_passes_is_found(project: Path, tmp_path: Path) 
         (BEHAVIOURS, ("graph.yaml", "--graph", "waldo"), 4, "only bags are replayed with a graph"),
         (BEHAVIOURS, ("graph.yaml", "--set", "mind.nothing=1"), 4, "no parameter 'nothing'"),
         (
+            BEHAVIOURS,
+            ("--live", "graph.yaml", "--junit", "r.xml", "--strict"),
+            4,
+            "--junit: without effect with --live",
+        ),
+        (BEHAVIOURS, ("--live", "graph.yaml", "--no-cache"), 4, "--cache: without effect with --live"),
+        (BEHAVIOURS, ("graph.yaml", "--machine", "robot"), 4, "--machine: without effect without --live"),
+        (
+            "from socialbot.testing import *\nx = never(said('a')).within(2)",
+            ("graph.yaml",),
+            4,
+            "other.py: x: within()",
+        ),
+        (
             "from socialbot.testing import *\nx = expect(said(to=believed)).in_total()",
             ("graph.yaml",),
             4,

@@ -137,7 +137,13 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
     finally:
         sys.path.remove(folder)
     named = ((name, value) for name, value in vars(module).items() if not name.startswith("_"))
-    found = [each for each in (as_expectation(value, name) for name, value in named) if each is not None]
+    found = []
+    for name, value in named:
+        try:
+            found.append(as_expectation(value, name))
+        except RuleError as error:
+            raise RuleError(error.what, where=f"{path}: {name}", remedy=error.remedy) from error
+    found = [each for each in found if each is not None]
     if not found:
         raise RuleError("there is no expectation", where=str(path), remedy=_REMEDY)
     return found

@@ -87,7 +87,7 @@ class Expectation:
 
 def _no_window(found: Window | None, word: str) -> None:
     if found is not None:
-        remedy = f"leave out within(), or use after() or before() instead of {word}()"
+        remedy = "leave out within(), or complete it with after() or before()"
         raise RuleError(f"within() has no meaning with {word}()", where="expectation", remedy=remedy)
 
 
