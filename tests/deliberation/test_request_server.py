@@ -303,6 +303,27 @@ def test_a_bid_counts_the_rest_of_the_plan_and_the_desires_before_it(desk):
     assert desk.ask("bid", job("c", priority=0.5)).bid == pytest.approx(4 + 6 + 6, abs=0.1)
 
 
+def test_a_bid_leaves_out_less_urgent_desires(desk):
+    desk.ask("add", job("a", priority=0.6))
+    desk.office.until(2)
+    desk.ask("add", job("b", priority=0.3))
+    assert desk.ask("bid", job("c", priority=0.5)).bid == pytest.approx(4 + 6, abs=0.1)
+
+
+def test_a_bid_counts_at_most_the_priority_that_the_group_may_give(desk):
+    desk.ask("add", job("a", priority=0.6))
+    desk.office.until(2)
+    desk.ask("add", job("b", priority=0.6))
+    assert desk.ask("bid", job("c", priority=0.9)).bid == pytest.approx(4 + 6 + 6, abs=0.1)
+
+
+def test_a_bid_for_a_desire_that_preempts_does_not_wait_for_the_plan():
+    desk = Desk(reschedule_policy="PREEMPT")
+    desk.ask("add", job("a", priority=0.4))
+    desk.office.until(2)
+    assert desk.ask("bid", job("c", priority=0.6)).bid == pytest.approx(6, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("about", "group", "accepted", "why"),
     [

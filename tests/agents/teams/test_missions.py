@@ -10,7 +10,7 @@ import pytest
 
 from socialbot.agents.teams import CoordinatorOptions, HtnMissionPlanner, MemberState, Mission, Role, TeamDomain
 from socialbot.agents.teams._mission_manager import MissionManager
-from socialbot.agents.teams.missions import AgentPool, CoordinatorMemory, RegisteredAgent
+from socialbot.agents.teams.missions import AgentPool, CapableAgents, CoordinatorMemory, RegisteredAgent
 from socialbot.planning.htn.domain import Item, TaskDomain, TaskState
 
 NETWORK = TaskDomain("carry")
@@ -66,6 +66,13 @@ def test_one_agent_can_play_one_role_and_others_make_room(able: dict[str, str], 
     pool = AgentPool(Carrying(), members(**able), SimpleNamespace())
     found = pool.team(Mission(1, "carry", "piano"))
     assert (list(found.values()) if found else None) == team
+
+
+def test_an_agent_that_registers_without_an_action_loses_its_role():
+    before = members(ann="a_carry", bob="a_carry")
+    capable = CapableAgents(Carrying.roles, before.values())
+    capable.note(RegisteredAgent("ann", "robot", frozenset()))
+    assert {name for agents in capable.by_role.values() for name in agents} == {"bob"}
 
 
 def test_empty_plan_makes_the_mission_wait():

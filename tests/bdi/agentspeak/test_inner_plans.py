@@ -40,6 +40,19 @@ class TestGoals:
         """
         assert said(text) == ["car 7"]
 
+    def test_the_first_inner_plan_that_applies_is_selected(self):
+        text = """
+        !go(1).
+        +!go(X) <- !sub; +b. {
+            +!sub : X > 1 <- .print(never).
+            +!sub <- .print(first).
+            +!sub <- .print(second).
+            +b <- .print(one).
+            +b <- .print(two).
+        }
+        """
+        assert said(text) == ["first", "one"]
+
     def test_plans_further_outside_apply_if_no_inner_one_does(self):
         text = """
         !go(1).
