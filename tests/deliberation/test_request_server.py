@@ -321,7 +321,9 @@ def test_a_bid_for_a_desire_that_preempts_does_not_wait_for_the_plan():
     desk = Desk(reschedule_policy="PREEMPT")
     desk.ask("add", job("a", priority=0.4))
     desk.office.until(2)
-    assert desk.ask("bid", job("c", priority=0.6)).bid == pytest.approx(6, abs=0.1)
+    reply = desk.ask("bid", job("c", priority=0.6))
+    assert reply is not None
+    assert reply.bid == pytest.approx(6, abs=0.1)
 
 
 @pytest.mark.parametrize(
