@@ -145,9 +145,9 @@ def record(
     storage: StorageOption = "mcap",
     privacy: Annotated[
         Literal["none", "blur", "no-images"],
-        typer.Option(help="Pictures: as they are, with people blurred, or left out; after the recording."),
+        typer.Option(help="Pictures: unchanged, with people blurred, or removed, after the recording."),
     ] = "none",
-    graph: Annotated[str | None, typer.Option(help="Graph whose perception is kept with --privacy.")] = None,
+    graph: Annotated[str | None, typer.Option(help="Graph whose detections are stored with --privacy.")] = None,
 ) -> None:
     """Record ROS topics, until Ctrl-C or for a duration."""
     from socialbot.bridge import recorder
@@ -222,17 +222,20 @@ def redact(
     out: OutArgument,
     privacy: Annotated[
         Literal["blur", "no-images"],
-        typer.Option(help="Pictures: with people blurred, or left out: only headers, without pixels and points."),
+        typer.Option(
+            help="Pictures: with people blurred, or removed; then images and point clouds keep their headers."
+        ),
     ] = "blur",
     whole: Annotated[bool, typer.Option("--whole", help="Blur whole people instead of their heads.")] = False,
     graph: Annotated[
-        str | None, typer.Option(help="Graph whose perception is kept for replays; default: the bag's own, or waldo.")
+        str | None,
+        typer.Option(help="Graph whose detections are stored for replays; default: the bag's own, or waldo."),
     ] = None,
     storage: StorageOption = "mcap",
 ) -> None:
-    """Copy a bag without recognisable pictures of people; replays of the copy decide the same.
+    """Copy a bag without recognisable pictures of people; replays of it make the same decisions.
 
-    All but images is copied byte for byte. docs/privacy.md tells what can still be inferred.
+    All other messages are copied byte for byte. docs/privacy.md lists the remaining inferences.
     """
     from socialbot.runtime.redaction import redact as make
 

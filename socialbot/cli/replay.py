@@ -42,7 +42,7 @@ def replay(
     ] = True,
     privacy: Annotated[
         Literal["none", "blur", "no-images"],
-        typer.Option(help="Pictures in the record: as they are, with people blurred, or left out."),
+        typer.Option(help="Pictures in the record: unchanged, with people blurred, or removed."),
     ] = "none",
     video: Annotated[bool, typer.Option(help="Write the annotated video.")] = True,
     show_page: options.InspectOption = False,

@@ -28,7 +28,7 @@ def visitors(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the visits of a run: who came, engaged, was addressed or missed, and left. Exit code 10: one was missed."""
+    """List the visits of a run: arrival, engagement, reaction of the robot, departure. Exit code 10: one was missed."""
     from socialbot.runs.visits import visits_of
 
     found, source = visits_of(opened_run(run), range_m)

@@ -75,7 +75,7 @@ def redact(
     """Write the bag ``source`` as the new bag ``out`` without recognisable pictures of people.
 
     All other messages are copied byte for byte. The detections of ``graph`` in the images are stored in the folder of
-    the new bag, so that replays of it decide the same.
+    the new bag, so that replays of it make the same decisions.
 
     Args:
         source: The bag.
