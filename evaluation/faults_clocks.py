@@ -20,7 +20,7 @@ from evaluation.faults_deaths import GREETING, PASS_S, SCENE, SETTINGS
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.faults_processes import await_, beside, write_pictures
 from evaluation.report import Report, Value
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from socialbot.core.clock import SECOND
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.record import TRACE

@@ -23,7 +23,7 @@ from evaluation.faults_plan import Skipped
 from evaluation.faults_watch import Heard, heard
 from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, TwoHosts, two_hosts
 from socialbot.bags.reader import open_bag
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import CompressedImage
 from socialbot.vision.images import bgr_from_compressed

@@ -24,7 +24,8 @@ from evaluation.faults_processes import await_, beside
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.security import REASONS, SCHEMA, Keys, Stream, load_keys, new_key
+from socialbot.bridge.keys import Keys, load_keys, new_key
+from socialbot.bridge.security import REASONS, SCHEMA, Stream
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     ActionRequest,

@@ -8,7 +8,8 @@ import pytest
 
 from evaluation.faults_strangers import Effects, Stranger, refusals, say, with_keys
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.security import REASONS, Seal, SealError, load_keys, new_key
+from socialbot.bridge.keys import load_keys, new_key
+from socialbot.bridge.security import REASONS, Seal, SealError
 from socialbot.core.messages import SpeechStatus
 
 REALM, TOPIC = "ROS domain 7", "/speech/say"

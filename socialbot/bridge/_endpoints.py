@@ -52,7 +52,7 @@ class Sender:
             self.publish_encoded(ros_message)
 
     def publish_encoded(self, ros_message: Any) -> None:
-        """Publish a message of a standard type, encoded or serialised; with a detached seal if there are keys."""
+        """Publish an encoded or serialised message of a standard type, with a detached seal if there are keys."""
         if self.stream is None:
             self.publisher.publish(ros_message)
         else:
@@ -118,7 +118,7 @@ class Receiver:
         return decode(message_type, ros_message, stamp=stamp)
 
     def open(self, ros_message: Any) -> Any | None:
-        """Return the String without its seal, if a seal is required. None and errors are those of `decode`."""
+        """Return a String without its seal, if a seal is required. Returns None and raises errors as `decode` does."""
         text = getattr(ros_message, "data", None)
         if self.opener is None:
             if isinstance(text, str) and is_sealed(text):

@@ -33,12 +33,12 @@ def seal_topic(topic: str) -> str:
 
 
 def digest(cdr: bytes) -> str:
-    """Digest of a serialised message, which is sealed. Padding at its end does not count as far as the last word."""
+    """Return the SHA-256 digest of a serialised message, whose last word is filled up with zeros."""
     return hashlib.sha256(padded(cdr)).hexdigest()
 
 
 def padded(cdr: bytes) -> bytes:
-    """The serialised message with a whole number of words, as DDS delivers it: it fills up the last one."""
+    """Fill up the last word of a serialised message with zeros, as DDS does on the way."""
     return cdr + bytes(-len(cdr) % WORD_BYTES)
 
 
@@ -46,7 +46,7 @@ def padded(cdr: bytes) -> bytes:
 class SealMatcher:
     """Match of messages with their seals, for one subscription. Not thread-safe.
 
-    One waits for the other for the time window of the keys.
+    Messages wait for their seals, and seals for their messages, as long as the time window of the keys.
 
     Attributes:
         opener: Verifies the seals.
@@ -64,7 +64,7 @@ class SealMatcher:
     _bytes: int = field(default=0, init=False)
 
     def take_message(self, cdr: bytes, info: Any = None) -> None:
-        """Deliver a serialised message if its seal is known; else keep it until then."""
+        """Deliver a serialised message if its seal has arrived; otherwise keep it."""
         self.expire()
         name = digest(cdr)
         for place, (_, sealed) in enumerate(self._seals):
@@ -78,7 +78,7 @@ class SealMatcher:
             self._give_up()
 
     def take_seal(self, text: str) -> None:
-        """Verify a seal, and deliver its message if it is here."""
+        """Verify a seal. Deliver its message if it has arrived; otherwise keep the seal."""
         self.expire()
         try:
             name = self.opener.open(text)

@@ -12,18 +12,7 @@ import msgspec
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from socialbot.bridge.keys import KeyRing as KeyRing
-from socialbot.bridge.keys import Keys as Keys
-from socialbot.bridge.keys import SecurityError as SecurityError
-from socialbot.bridge.keys import begin_rotation as begin_rotation
-from socialbot.bridge.keys import fingerprint as fingerprint
-from socialbot.bridge.keys import finish_rotation as finish_rotation
-from socialbot.bridge.keys import load_keys as load_keys
-from socialbot.bridge.keys import load_private_key as load_private_key
-from socialbot.bridge.keys import load_public_keys as load_public_keys
-from socialbot.bridge.keys import load_successors as load_successors
-from socialbot.bridge.keys import new_key as new_key
-from socialbot.bridge.keys import private_names as private_names
+from socialbot.bridge.keys import KeyRing, Keys
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
 

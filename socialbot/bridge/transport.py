@@ -254,6 +254,7 @@ class Transport:
     ) -> Listener:
         """Subscribe to serialised messages of a standard type, as `listen` does to decoded ones."""
         matcher = self.matcher(topic, take, refuse, latched=latched)
+        # rclpy passes the information on a message only to a function with two parameters, which a partial hides.
         if matcher is None:
             return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
         from socialbot.bridge.detached_seals import seal_topic
@@ -296,11 +297,11 @@ class Transport:
         return None if self._seal is None else self._seal.stream(topic)
 
     def opener(self, topic: str) -> Opener | None:
-        """Make the verifier of such text; None without keys."""
+        """Make the verifier of text that `stream` has sealed; None without keys."""
         return None if self._seal is None else self._seal.opener(topic)
 
     def forget(self, sender: Sender) -> None:
-        """Renew the messages of ``sender`` no more."""
+        """Exclude ``sender`` from `renew`."""
         self._latched = [each for each in self._latched if each is not sender]
 
     def renew(self) -> None:
@@ -356,7 +357,8 @@ def split_keys(text: str) -> tuple[str, str]:
 
 
 def _seal(environment: MutableMapping[str, str]) -> Seal:
-    from socialbot.bridge.security import WINDOW_S, KeyRing, Seal, SecurityError
+    from socialbot.bridge.keys import KeyRing, SecurityError
+    from socialbot.bridge.security import WINDOW_S, Seal
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
     if not folder:

@@ -29,7 +29,7 @@ def new(
     folder: FolderOption = None,
 ) -> None:
     """Make a key pair. Keep the .key file here; copy the .pub file to every machine that should trust it."""
-    from socialbot.bridge.security import fingerprint, load_keys, new_key
+    from socialbot.bridge.keys import fingerprint, load_keys, new_key
 
     chosen = _folder(folder)
     secret, public = new_key(name, chosen)
@@ -42,7 +42,7 @@ def new(
 @key.command(name="list")
 def list_keys(folder: FolderOption = None) -> None:
     """List trusted keys by name and fingerprint."""
-    from socialbot.bridge.security import fingerprint, load_public_keys, load_successors, private_names
+    from socialbot.bridge.keys import fingerprint, load_public_keys, load_successors, private_names
 
     chosen = _folder(folder)
     private = private_names(chosen)
@@ -63,7 +63,7 @@ def rotate(
     ] = False,
 ) -> None:
     """Replace a key while graphs run: make the next one, and replace the present one with --finish."""
-    from socialbot.bridge.security import begin_rotation, finish_rotation
+    from socialbot.bridge.keys import begin_rotation, finish_rotation
 
     chosen = _folder(folder)
     console = Console(highlight=False, soft_wrap=True)
@@ -82,7 +82,7 @@ def check(
     folder: FolderOption = None,
 ) -> None:
     """Check that the keys are usable. Exit code 4: they are not."""
-    from socialbot.bridge.security import load_keys
+    from socialbot.bridge.keys import load_keys
 
     chosen = _folder(folder)
     keys = load_keys(chosen, name)

@@ -8,7 +8,8 @@ import pytest
 
 from socialbot.bridge import detached_seals
 from socialbot.bridge.detached_seals import MAX_SEALS, MAX_WAITING, SealMatcher, digest, padded
-from socialbot.bridge.security import Keys, Seal, Stream, load_keys, new_key
+from socialbot.bridge.keys import Keys, load_keys, new_key
+from socialbot.bridge.security import Seal, Stream
 
 TOPIC = "/camera/image_raw"
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from tests.bridge.hosting import spinning_nodes
+from tests.bridge.test_process import HOLD
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -80,6 +83,7 @@ def test_refuses_forged_altered_and_replayed_statuses(tmp_path: Path, monkeypatc
 def test_unsealed_statuses_cannot_block_a_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from socialbot.bridge.diagnostics import DiagnosticsPublisher
     from socialbot.bridge.graph_observer import expect_free_names
+    from socialbot.bridge.run_announcer import run_lock
     from socialbot.core.errors import NodeError
     from socialbot.graph.node import Graph, Node, NodeConfig
 
@@ -88,8 +92,14 @@ def test_unsealed_statuses_cannot_block_a_start(tmp_path: Path, monkeypatch: pyt
     with spinning_nodes("publisher", "subscriber") as (publisher, subscriber):
         sender = DiagnosticsPublisher(publisher)
         timer = publisher.create_timer(0.1, lambda: sender.publish([status("publisher")]))
-        with pytest.raises(NodeError, match="running already: publisher"):
+        with pytest.raises(NodeError, match="running already: publisher\n"), run_lock("here"):
             expect_free_names(subscriber, graph)
+        with subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+            assert holder.stdout is not None
+            holder.stdout.readline()
+            with pytest.raises(NodeError, match=f"running already: publisher; `up` runs here: process {holder.pid}\n"):
+                expect_free_names(subscriber, graph)
+            holder.kill()
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
         expect_free_names(subscriber, graph)
         sender = DiagnosticsPublisher(publisher)

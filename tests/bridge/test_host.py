@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.security import Freshness, Stream, new_key
+from socialbot.bridge.keys import new_key
+from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, Utterance
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output

@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from socialbot.bridge.keys import new_key
 from socialbot.bridge.run_announcer import run_lock
-from socialbot.bridge.security import new_key
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import DownRequest, UpStatus
 from socialbot.core.process import Ending

@@ -15,23 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from socialbot.bridge.keys import Keys, SecurityError, fingerprint, load_keys, load_private_key, new_key, private_names
 from socialbot.bridge.security import (
     MAX_STREAMS,
     REASONS,
     SCHEMA,
     Freshness,
     FreshnessVerdict,
-    Keys,
     Opener,
     Sealed,
     SealError,
-    SecurityError,
     Stream,
-    fingerprint,
-    load_keys,
-    load_private_key,
-    new_key,
-    private_names,
     read,
 )
 from socialbot.cli.key import key

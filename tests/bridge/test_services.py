@@ -347,7 +347,7 @@ class TestActions:
 
 @pytest.mark.parametrize("open_to_all", [False, True])
 def test_service_in_a_graph_with_keys_has_to_be_opened(open_to_all, tmp_path, monkeypatch):
-    from socialbot.bridge.security import new_key
+    from socialbot.bridge.keys import new_key
 
     new_key("robot", tmp_path)
     monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path))

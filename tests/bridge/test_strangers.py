@@ -17,7 +17,8 @@ from socialbot.bridge import transport as wires
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC
 from socialbot.bridge.graph_observer import observe_graph
-from socialbot.bridge.security import SCHEMA, Keys, Stream, load_keys, new_key
+from socialbot.bridge.keys import Keys, load_keys, new_key
+from socialbot.bridge.security import SCHEMA, Stream
 from socialbot.bridge.topics import list_topics, observer_node, publish_once
 from socialbot.core.messages import HeadCommand, Structured, Utterance
 from socialbot.graph.files import load_graph

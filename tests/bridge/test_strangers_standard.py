@@ -17,8 +17,8 @@ from socialbot.bags.reader import open_bag
 from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, spinning_node
 from socialbot.bridge.inspection import LiveImages
+from socialbot.bridge.keys import new_key
 from socialbot.bridge.recorder import Recording, record
-from socialbot.bridge.security import new_key
 from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, SimClock, StepReport
 from socialbot.bridge.transport import (
     WINDOW_VARIABLE,

@@ -12,8 +12,8 @@ from socialbot.bags.reader import open_bag
 from socialbot.bridge.adaptive_subscriptions import DEPTH
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.graph_observer import observe_graph
+from socialbot.bridge.keys import new_key
 from socialbot.bridge.recorder import Recording, record
-from socialbot.bridge.security import new_key
 from socialbot.bridge.topics import observer_node, publish_once
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, TraceRecord, Utterance

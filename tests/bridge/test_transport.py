@@ -13,7 +13,8 @@ from socialbot.bags.codec import STRING, encode
 from socialbot.bags.types import field_types, own_types, type_name
 from socialbot.bridge import ros_checks, transport
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
-from socialbot.bridge.security import SCHEMA, Seal, SealError, SecurityError, load_keys, new_key
+from socialbot.bridge.keys import SecurityError, load_keys, new_key
+from socialbot.bridge.security import SCHEMA, Seal, SealError
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import HeadCommand, Utterance

@@ -35,7 +35,8 @@ from socialbot.bdi.agentspeak.loading import load as load_program
 from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
 from socialbot.bdi.trace import JsonLines, read_trace
-from socialbot.bridge.security import Freshness, Keys, Opener, Stream, load_private_key
+from socialbot.bridge.keys import Keys, load_private_key
+from socialbot.bridge.security import Freshness, Opener, Stream
 from socialbot.bridge.topics import parse_message
 from socialbot.core import paths
 from socialbot.core.clock import SECOND, ManualClock

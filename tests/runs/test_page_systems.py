@@ -17,7 +17,7 @@ pytest.importorskip("playwright", reason="needs playwright")
 
 from playwright.sync_api import Browser, expect
 
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from tests.runs.browsing import Visit, chromium, served
 
 expect.set_options(timeout=60_000)

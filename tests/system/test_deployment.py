@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 from socialbot.bags.reader import open_bag
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from socialbot.core.messages import CompressedImage, TraceRecord
 from socialbot.vision.images import bgr_from_compressed
 from tests.runtime.deployments import PLACES

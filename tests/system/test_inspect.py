@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from tests.system.running import eventually, running, socialbot
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from socialbot.bridge.security import new_key
+from socialbot.bridge.keys import new_key
 from socialbot.runs.folder import open_run
 from tests.system.running import eventually, running, socialbot
 from tests.system.test_deployment import ROOT, folder, half  # noqa: F401 - a fixture
