@@ -107,6 +107,20 @@ def test_robot_waits_before_closed_door_and_enters_open_one():
     assert story.agent(SPOT).inside
 
 
+def test_the_state_follows_an_agent_on_its_way_and_after_it():
+    story = Story()
+    places = [story.world.state().agent(SPOT)]
+    story.begin("a_navigate_to", SPOT, "room2")
+    due = story.world.next_event
+    assert due is not None
+    way_s = (due - story.world.now) / SECOND
+    for share in (0.25, 0.5, 1.0):
+        story.until(1.0 + share * way_s)
+        places.append(story.world.state().agent(SPOT))
+    assert len({(place.x, place.y) for place in places if place is not None}) == len(places)
+    assert places[-1] == story.agent(SPOT)
+
+
 def test_closed_door_does_not_affect_agents_inside():
     story = Story()
     story.bring_in()
