@@ -12,7 +12,7 @@ from socialbot.planning.pddl.formulas import Fluent, Predicate
 from socialbot.planning.pddl.reader import read_domain, read_problem
 from socialbot.planning.pddl.semantics import ground
 from socialbot.planning.pddl.state import PddlState
-from socialbot.planning.pddl.validation import ReadWriteAnalysis, validate_plan
+from socialbot.planning.pddl.validation import ReadWriteAnalysis, state_after, validate_plan
 from socialbot.planning.planners.planner import separated
 from tests.planning import brute_force
 from tests.planning.random_worlds import OBJECTS, random_pair, random_plan
@@ -129,6 +129,14 @@ def test_durations_and_effects_are_calculated():
     assert messages("0: (drive) [2]\n3: (finish)", numbers)[0] == "0.000 s: (drive) lasts 2 s, less than 2.5 s"
     assert messages("0: (wait) [2]\n2.001: (drive) [2.5]\n5: (finish)", numbers) == []
     assert "lasts 4 s, more than 3 s" in messages("0: (wait) [4]", numbers)[0]
+
+
+def test_the_state_after_a_plan_has_its_effects_whether_its_conditions_hold_or_not():
+    domain, problem = numbers()
+    state = PddlState.of(problem, domain)
+    state.values[Fluent("battery")] = 0.0
+    after = state_after(state, parse_plan("0: (drive) [5]"))
+    assert after.values[Fluent("battery")] == -10.0
 
 
 def test_an_undefined_value_is_a_fault():
