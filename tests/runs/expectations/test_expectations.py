@@ -158,6 +158,8 @@ def test_counts():
     assert check(expect(said("beep")).at_most(2).in_total(), *three).time == 9.0
     assert check(expect(said("beep")).at_least(2).within(1).after(said("beep")), *three).time == 2.0
     assert check(expect(said("beep")).at_most(2).within(8).after(said("beep")), *three).time == 1.0
+    twice = expect(said("beep")).at_least(2).within(5).after(said("beep"))
+    assert [check(twice, says(1.0, "beep"), end_s=end_s).outcome for end_s in (5.9, 6.0)] == ["open", "failed"]
     busy = [record(0.5, "belief", "busy()"), record(3.0, "unbelief", "busy()")]
     assert check(expect(said("beep")).exactly(2).while_(believed("busy()")), *three, busy).passed
     assert not check(expect(said("beep")).at_most(1).while_(believed("busy()")), *three, busy).passed
