@@ -56,7 +56,8 @@ class BehaviourMonitor:
     states: Mapping[str, MonitorState] = field(init=False)
     _latest: int = field(default=0, init=False)
     _received: deque[tuple[str, Message]] = field(default_factory=deque, init=False)
-    _seen: set[tuple[str, str, int]] = field(default_factory=set, init=False)
+    _decided: set[tuple[str, str, int | None]] = field(default_factory=set, init=False)
+    _forgotten: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.states = {each.name: MonitorState() for each in self.expectations}
@@ -115,10 +116,16 @@ class BehaviourMonitor:
     def _check(self, expectation: Expectation) -> Iterable[Violation]:
         state = self.states[expectation.name]
         verdict = state.verdict = judge(expectation, self._observation)
-        for instance in verdict.failures:
-            key = expectation.name, instance.text, instance.at
-            if key not in self._seen:
-                self._seen.add(key)
+        for instance in verdict.instances:
+            failed = instance.outcome == "failed"
+            if instance.outcome == "open" or (expectation.when == "throughout" and not failed):
+                continue
+            # A decision is final: without the forgotten events, another one might follow from the rest.
+            key = expectation.name, instance.text, None if expectation.when == "begin" else instance.at
+            if key in self._decided or (failed and instance.at < self._forgotten):
+                continue
+            self._decided.add(key)
+            if failed:
                 state.violations += 1
                 state.last = instance
                 yield Violation(verdict, instance)
@@ -126,7 +133,8 @@ class BehaviourMonitor:
     def _forget(self, now: int) -> None:
         before = now - self.history.start - nanoseconds(KEPT_S)
         if before > 0:
+            self._forgotten = before
             self._observation.forget(before)
-            self._seen = {key for key in self._seen if key[2] >= before}
+            self._decided = {key for key in self._decided if key[2] is None or key[2] >= before}
         if len(self.history) > MOST_RECORDS:
             self.history.forget(len(self.history) // 2)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from socialbot.core.clock import nanoseconds
-from socialbot.core.messages import Health, PersonDetection, PersonDetections
+from socialbot.core.messages import Health, PersonDetection, PersonDetections, State
 from socialbot.runs.expectations.monitor import LATE_S, BehaviourMonitor
-from socialbot.testing import always, expect, health, never, person, said
+from socialbot.testing import always, at_all_times, expect, health, never, person, said
 from tests.runs.expectations.traces import says
 
 START_S = 1000.0
@@ -51,6 +51,28 @@ def test_a_response_in_time_is_no_violation():
     show(watched, 1.0, distance_m=5.0)
     assert show(watched, 2.0, *says(START_S + 1.5, "hello"), distance_m=5.0) == []
     assert show(watched, 9.0) == []
+
+
+def test_events_of_more_than_an_hour_ago_are_forgotten():
+    watched = monitor(in_turn=expect(said("hello")).before(said("bye")))
+    show(watched, 0.0)
+    assert show(watched, 1.0, *says(START_S + 0.5, "hello")) == []
+    assert show(watched, 3500.0, *says(START_S + 3499.0, "bye")) == []
+    show(watched, 3700.0)
+    assert show(watched, 3701.0, *says(START_S + 3700.5, "bye")) == [("in_turn", "", 3700.5)]
+
+
+def test_forgotten_events_are_no_violations_later():
+    watched = monitor(
+        waits=never(said("bye")).until(said("hello")),
+        is_well=at_all_times(health("camera", "ok")).throughout(),
+    )
+    states: list[tuple[float, State]] = [(0.0, "ok"), (10.0, "failed"), (12.0, "ok")]
+    for at_s, state in states:
+        watched.observe("/camera/health", Health(stamp=nanoseconds(START_S + at_s), node="camera", state=state))
+    assert show(watched, 20.0, *says(START_S + 19.0, "hello")) == [("is_well", "", 10.0)]
+    assert show(watched, 3700.0) == []
+    assert show(watched, 3701.0, *says(START_S + 3700.5, "bye")) == []
 
 
 def test_what_has_no_time_limit_is_not_expected_before_the_end():
