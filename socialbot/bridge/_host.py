@@ -239,27 +239,26 @@ class NodeHost:
             self._senders[port.name] = sender
             self._connections += sender_connections(self._graph, topic, sender)
         for topic, port in self._config.subscriptions:
+            # /tf_static is latched by every driver; other sensors may be volatile.
+            outside = topic in self._graph.inputs or (port.optional and port.message_type is not Transforms)
+            qos = subscription_qos(port.delivery, outside=outside)
+            name = self._ros.resolve_topic_name(topic)
             try:
-                self._transport.message_class(port.message_type)
+                listener = self._transport.listen(
+                    self._ros,
+                    name,
+                    port.message_type,
+                    functools.partial(self._receive, port),
+                    functools.partial(self._refuse, port),
+                    qos=qos,
+                    latched=port.delivery is Delivery.LATCHED,
+                    now=self._clock.now,
+                )
             except InstallationError as error:
                 if not port.optional:
                     raise
                 self._ros.get_logger().info(f"the input {port.name} is not used: {error.what}")
                 continue
-            # /tf_static is latched by every driver; other sensors may be volatile.
-            outside = topic in self._graph.inputs or (port.optional and port.message_type is not Transforms)
-            qos = subscription_qos(port.delivery, outside=outside)
-            name = self._ros.resolve_topic_name(topic)
-            listener = self._transport.listen(
-                self._ros,
-                topic,
-                port.message_type,
-                functools.partial(self._receive, port),
-                functools.partial(self._refuse, port),
-                qos=qos,
-                latched=port.delivery is Delivery.LATCHED,
-                now=self._clock.now,
-            )
             self._listeners.append(listener)
             self._connections += listener_connections(self._graph, topic, listener)
             self._intra_process.add(name, self, port)
@@ -344,10 +343,13 @@ class NodeHost:
         return self._simulated and self._rounds.get_publisher_count() > 0
 
     def _refuse(self, port: Input[Any], error: MessageError) -> None:
+        self._count_refusal(port.topic, error)
+        self._pass_over(port)
+
+    def _count_refusal(self, topic: str, error: MessageError) -> None:
         reason = refusal_reason(error)
         self.statistics.refusals[reason] += 1
-        log_failure(self.name, f"refused a message on {port.topic}", error, self.statistics.refusals[reason])
-        self._pass_over(port)
+        log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refusals[reason])
 
     def _receive(self, port: Input[Any], message: Message, info: Any) -> None:
         if port.delivery is Delivery.LATCHED:
@@ -378,14 +380,10 @@ class NodeHost:
             source.clock_callback(deserialize_message(cdr, RosClock))
 
         qos = subscription_qos(Delivery.NEWEST)
-        refuse = functools.partial(self._refuse_time, CLOCK_TOPIC)
+        refuse = functools.partial(self._count_refusal, CLOCK_TOPIC)
         listener = self._clock_transport.listen_bytes(self._ros, CLOCK_TOPIC, RosClock, take, refuse, qos=qos)
         source._clock_sub = listener.endpoint
         return listener
-
-    def _refuse_time(self, topic: str, error: MessageError) -> None:
-        self.statistics.refusals[refusal_reason(error)] += 1
-        log_failure(self.name, f"refused a message on {topic}", error, self.statistics.refused)
 
     def _start_round(self, receiver: Receiver, message: String) -> None:
         try:
@@ -394,7 +392,7 @@ class NodeHost:
                 return
             round = Round.decode(opened.data)
         except MessageError as error:
-            self._refuse_time(ROUND_TOPIC, error)
+            self._count_refusal(ROUND_TOPIC, error)
             return
         if self._thread is not None:
             self._thread.queue.release(round.number, round.repeat)
