@@ -61,7 +61,7 @@ nodes:
 
 @dataclass(frozen=True)
 class Fault:
-    """Text that stands once in a file, and what it becomes."""
+    """Text that occurs once in a file, and its replacement."""
 
     name: str
     scene: str
@@ -102,7 +102,7 @@ def scenes(folder: Path) -> dict[str, Scene]:
 
 
 def detections_of(bag: Path, out: Path) -> Path:
-    """Replay a bag and write what the person detector sees as a bag for Waldo."""
+    """Replay a bag and write the detections as a bag for Waldo."""
     seen: list[PersonDetections] = []
 
     def note(topic: str, message: object) -> None:
@@ -161,7 +161,7 @@ def check(scene: Scene, folder: Path, runner: str = "inline", package: Path = RO
 
 
 def seeded(faults: Sequence[Fault], prepared: Mapping[str, Scene], folder: Path) -> Iterator[tuple[Fault, Outcome]]:
-    """Yield each fault with what its test says."""
+    """Yield each fault with the outcome of its test."""
     for number, fault in enumerate(faults):
         with tempfile.TemporaryDirectory(dir=folder) as copy:
             put(fault, tree(Path(copy)))

@@ -32,7 +32,7 @@ Span = tuple[int, int]
 
 @dataclass
 class Forgotten:
-    """What was removed from a run.
+    """Removed parts of a run.
 
     Attributes:
         frames: Number of frames in which the person was seen.

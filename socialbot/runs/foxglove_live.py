@@ -34,7 +34,7 @@ from socialbot.runs.foxglove import (
 from socialbot.runs.narration import Narrator
 from socialbot.runs.record import trace_record
 from socialbot.runs.run import ImageSource, LiveRun
-from socialbot.runs.serving import Address, is_loopback
+from socialbot.runs.serving import Address
 from socialbot.runs.standard_messages import HEAD_HZ, TF_MESSAGE, HeadCourse
 
 log = logging.getLogger("socialbot.foxglove")
@@ -50,6 +50,7 @@ class FoxgloveServer:
     Args:
         name: Name in Foxglove.
         graph: Graph whose parameters and connections are shown, if known.
+        host: Address to listen at.
         port: Port on ``host``; 0: any free one.
     """
 
@@ -200,8 +201,6 @@ def foxglove_server(name: str, graph: Graph | None, address: Address) -> Iterato
         port = server.port
         if address.token:
             port = stack.enter_context(gate(address, server.port))
-        elif not is_loopback(address.host):
-            raise AssertionError("Address requires a token")
         yield server, address.url(port).replace("http://", "ws://", 1)
 
 
@@ -325,7 +324,7 @@ def play_to_foxglove(
             server.set_time(stamp)
             count += 1
             static = message if topic == "/tf_static" else static
-            if static is not None and stamp - shown >= SECOND:  # for viewers who come later
+            if static is not None and stamp - shown >= SECOND:  # for later viewers
                 shown = stamp
                 server.publish(stamp, "/tf_static", static)
         if not loop or not count:

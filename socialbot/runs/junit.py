@@ -21,8 +21,8 @@ class TestCase:
         line: Line of the test in its file; 0 if unknown.
         failure: Reasons why it failed, the first one as a summary.
         error: Why it could not run.
-        skipped: Why it says nothing.
-        output: What it printed.
+        skipped: Reason why it has no result.
+        output: Lines of its output.
     """
 
     __test__ = False

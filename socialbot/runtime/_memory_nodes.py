@@ -23,7 +23,7 @@ Event = tuple[str, str, bytes]
 
 
 class Step(msgspec.Struct, array_like=True):
-    """What the node ``node`` did with the message of ``stamp`` (ns), and the type and text of its error."""
+    """Actions of the node ``node`` on the message of ``stamp`` (ns), and the type and text of its error."""
 
     node: str
     stamp: int
@@ -95,7 +95,7 @@ class StepRecorder:
 
 
 class _RecordingContext:
-    """Context that records what its node publishes."""
+    """Context that records the messages of its node."""
 
     def __init__(self, context: Context, recorder: StepRecorder) -> None:
         self._context = context

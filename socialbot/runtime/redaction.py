@@ -47,7 +47,7 @@ class Redaction:
         kept: Number of messages that were copied byte for byte.
         unreadable: Numbers of images by topic that could not be decoded and were emptied.
         depth: Depth topics that were kept: they show shapes of people, without faces.
-        perception: What is kept of the images for replays: "recorded", or why nothing is.
+        perception: State of the perception for replays: "recorded", or why it is missing.
         files: Files that were copied beside the bag.
     """
 
@@ -84,7 +84,7 @@ def redact(
         whole: Blur whole people instead of their heads.
         graph: Graph whose perception is kept; by default that of the bag, else Waldo's.
         storage: "mcap" or "sqlite3".
-        advance: Called with the number of finished images and what is done.
+        advance: Called with the number of finished images and the current task.
 
     Raises:
         BagError: The bag cannot be read, has no images, or ``out`` cannot be written.

@@ -31,7 +31,7 @@ class Trial:
         changes: Parameters to change, as ``NODE.PARAMETER=VALUE``.
         runner: "inline" or "ros".
         limit_s: Limit of simulated time.
-        cache: Whether an inline replay takes what nodes see in images from the user's cache, and keeps it there.
+        cache: Whether an inline replay uses the perception in the user's cache, and adds to it.
     """
 
     source: str

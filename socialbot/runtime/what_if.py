@@ -56,7 +56,7 @@ def branch(recorded: RecordedRun, at_s: float, changes: Sequence[BranchChange], 
     Args:
         recorded: The run, of a bag or a simulation.
         at_s: Time of the run, s.
-        changes: What to change then, in order.
+        changes: The changes at that time, in order.
         agent: Node of the agent; empty if there is only one.
         folder: New folder for both runs.
 
@@ -216,7 +216,7 @@ def acts_from(run: RecordedRun, at_s: float) -> list[tuple[float, str]]:
 
 
 def side_by_side(futures: Futures) -> list[tuple[float, str, str]]:
-    """Rows of both futures by time (s): what happens in both, or in one of them only."""
+    """Rows of both futures by time (s): events in both, or in one of them only."""
     one, other = (acts_from(run, futures.at_s) for run in (futures.unchanged, futures.changed))
     rows: list[tuple[float, str, str]] = []
     left = list(other)

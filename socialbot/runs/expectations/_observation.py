@@ -22,7 +22,7 @@ RECORDS, HEALTH = "record", "health"
 
 
 class AtomObserver:
-    """Collects the occurrences of one atom from what a run shows, in order of time."""
+    """Collects the occurrences of one atom from a run, in order of time."""
 
     subjects: frozenset[str] = frozenset({RECORDS})
 
@@ -201,7 +201,7 @@ class Observation:
 
     Args:
         formulas: The formulas to evaluate.
-        history: Records of the run, for causes; it must hold what `take_record` gets.
+        history: Records of the run, for causes; it must hold the records of `take_record`.
         complete: Whether the run is over; windows without a limit end with it.
     """
 
@@ -243,7 +243,7 @@ class Observation:
         self._read.clear()
 
     def forget(self, before: int) -> None:
-        """Drop what ended before a moment (ns from the start)."""
+        """Drop occurrences that ended before a moment (ns from the start)."""
         for observer in self._observers.values():
             observer.forget(before)
 
