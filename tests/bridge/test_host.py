@@ -13,7 +13,7 @@ import pytest
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Health, Utterance
+from socialbot.core.messages import Health, RosMessage, Utterance
 from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
@@ -46,6 +46,23 @@ GRAPH = Graph("greeting", (NodeConfig("greeter", Greeter), NodeConfig("listener"
 
 def test_a_node_starts_when_its_subscribers_are_connected() -> None:
     with node_hosts(GRAPH) as host:
+        host("greeter")
+        listener = host("listener").node
+        assert eventually(lambda: listener.heard == "hello")
+
+
+def test_an_optional_input_may_have_a_type_that_is_not_installed() -> None:
+    class Feeler(Listener):
+        """Also feels, if the message package of the sensor is installed."""
+
+        touch = Input("absent_msgs/msg/Touch", "/touch", optional=True)
+
+        @touch
+        def on_touch(self, message: RosMessage) -> None:
+            raise AssertionError
+
+    nodes = (NodeConfig("greeter", Greeter), NodeConfig("listener", Feeler))
+    with node_hosts(Graph("feeling", nodes, inputs=frozenset({"/touch"}))) as host:
         host("greeter")
         listener = host("listener").node
         assert eventually(lambda: listener.heard == "hello")
