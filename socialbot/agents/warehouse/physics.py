@@ -32,6 +32,8 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import ParameterError
 
 STEP_S = 0.004
+CONTACT_S = 4 * STEP_S
+"""Time constant of contacts. At twice the step, MuJoCo's minimum, stacks that nothing touches may jump."""
 CONTROL_NS = nanoseconds(0.02)
 """Period of the targets of actuators."""
 BOX_KG = 0.8
@@ -151,7 +153,7 @@ def scene_xml(scenario: Scenario) -> str:
     <default class="shelf"><geom contype="2" conaffinity="1" rgba="0.72 0.60 0.44 1" friction="0.3"/></default>
     <default class="pusher"><geom contype="2" conaffinity="1" friction="0.2"/></default>
     <default class="box"><geom size="{BOX_WIDTH_M / 2} {BOX_WIDTH_M / 2} {BOX_M / 2}" mass="{BOX_KG}" contype="1"
-      conaffinity="3" friction="0.6 0.01 0.001" solref="0.008 1"/></default>
+      conaffinity="3" friction="0.6 0.01 0.001" solref="{CONTACT_S} 1"/></default>
   </default>
   <worldbody>
     <light type="directional" pos="{middle} 1.5 8" dir="-0.35 0.3 -1" diffuse="0.55 0.55 0.52" castshadow="true"/>
