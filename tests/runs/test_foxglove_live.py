@@ -150,6 +150,7 @@ def test_a_live_run_is_shown_with_pictures_boxes_minds_parameters_and_connection
             await viewer.until(
                 lambda one: wanted <= one.messages.keys() and answers <= {each["op"] for each in one.answers}
             )
+            await viewer.until(lambda one: len(one.messages["/joint_states"]) >= 30)
             goes_on.cancel()
             return viewer
 
@@ -164,6 +165,7 @@ def test_a_live_run_is_shown_with_pictures_boxes_minds_parameters_and_connection
     assert stamps & {stamp for stamp, _ in seen.messages["/humans/bodies/image_annotations"]}
     assert any("people" in str(mind.beliefs) for mind in seen.read("/bdi_engine/mind"))
     assert any("Hello!" in entry.msg for entry in seen.read("/rosout"))
+    assert max(seen.read("/joint_states")[-1].position) == pytest.approx(0.2, abs=0.01)
     [values] = [each["parameters"] for each in seen.answers if each["op"] == "parameterValues"]
     assert {each["name"]: each.get("value") for each in values}["bdi_engine.greeting"] == "Hello! Nice to see you."
     [graph] = [each for each in seen.answers if each["op"] == "connectionGraphUpdate"]
