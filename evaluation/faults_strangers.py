@@ -48,7 +48,7 @@ from socialbot.deliberation.messages import (
     Fact,
 )
 from socialbot.graph.files import load_graph
-from socialbot.graph.node import Delivery
+from socialbot.graph.ports import Delivery
 
 COUNT, QUICK_COUNT = 10_000, 960
 BATCH = 288

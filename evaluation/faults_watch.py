@@ -25,7 +25,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, Image, Message
 from socialbot.core.process import keep_freed_memory
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.node import Delivery
+from socialbot.graph.ports import Delivery
 from socialbot.runtime.deployment import Deployment, load_deployment
 
 DIAGNOSTICS = "/diagnostics"

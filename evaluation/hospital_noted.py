@@ -19,7 +19,8 @@ from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.core.clock import Clock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
-from socialbot.graph.node import Context, Graph, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Graph, Node, Timer
+from socialbot.graph.ports import Output, Parameter
 
 R = TypeVar("R")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Engine
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
-from socialbot.graph.node import Delivery, Output
+from socialbot.graph.ports import Delivery, Output
 
 PROGRAM = """
 at(0).

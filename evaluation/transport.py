@@ -25,7 +25,8 @@ from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import ActionRequest, Message
-from socialbot.graph.node import Delivery, Graph, NodeConfig
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.graph.ports import Delivery
 from socialbot.runtime.launch import Launch
 from socialbot.vision.images import ImageConverter
 

@@ -15,7 +15,8 @@ from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Action, Engine, Reactor, Sensed, Sensor, variables
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Image, PersonDetections, Structured
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 HEIGHT, WIDTH = 480, 640
 

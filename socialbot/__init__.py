@@ -64,7 +64,8 @@ if TYPE_CHECKING:
     from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
     from socialbot.graph.files import dump_graph, load_graph, parse_graph
     from socialbot.graph.inline import InlineRunner
-    from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output, Parameter, Timer
+    from socialbot.graph.node import Context, Graph, Node, NodeConfig, Timer
+    from socialbot.graph.ports import Delivery, Input, Output, Parameter
     from socialbot.graph.services import ActionClient, ActionServer, Client, Service
     from socialbot.planning.htn.planner import TaskPlanner
     from socialbot.planning.pddl.reader import read_domain, read_problem

@@ -18,7 +18,8 @@ from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
 from socialbot.core.process import Ending
 from socialbot.graph.health import health_topics
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Graph
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 
 log = logging.getLogger("socialbot.player")
 

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.health import HealthMonitor
-from socialbot.graph.node import Delivery, Input, Timer
+from socialbot.graph.node import Timer
+from socialbot.graph.ports import Delivery, Input
 
 MAX_WAITING = 16  # maximum number of waiting messages per stream; older ones are dropped
 OVERTAKEN_S = 1.0

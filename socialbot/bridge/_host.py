@@ -60,7 +60,8 @@ from socialbot.core.clock import Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, Transforms
 from socialbot.graph.health import health_topics
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 
 if TYPE_CHECKING:
     from socialbot.bridge.process import SupervisorChannel

@@ -18,7 +18,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node as RosNode
 
 from socialbot.core.errors import ParameterError
-from socialbot.graph.node import Node, NodeConfig, Parameter, check_parameters
+from socialbot.graph.node import Node, NodeConfig, check_parameters
+from socialbot.graph.ports import Parameter
 
 if TYPE_CHECKING:
     from socialbot.bridge._host import NodeHost

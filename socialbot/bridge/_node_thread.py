@@ -19,7 +19,8 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
-from socialbot.graph.node import Node, NodeConfig, Output, Timer, outcome
+from socialbot.graph.node import Node, NodeConfig, Timer, outcome
+from socialbot.graph.ports import Output
 from socialbot.graph.services import ClientPort
 
 R = TypeVar("R")

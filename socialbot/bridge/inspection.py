@@ -35,7 +35,8 @@ from socialbot.core.messages import (
     Utterance,
 )
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.node import Delivery, Graph
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 from socialbot.runs.narration import PERSON
 from socialbot.runs.run import Picture
 from socialbot.vision.images import as_jpeg

@@ -33,7 +33,8 @@ from socialbot.core.errors import InstallationError, MessageError
 from socialbot.core.messages import CameraInfo, Health, Message, Structured, Transforms
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
-from socialbot.graph.node import Delivery, Graph
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 
 log = logging.getLogger("socialbot.player")
 

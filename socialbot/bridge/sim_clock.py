@@ -22,7 +22,7 @@ from socialbot.bridge.transport import Sender, Subscription, log_refusal, observ
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import Structured
-from socialbot.graph.node import Delivery
+from socialbot.graph.ports import Delivery
 
 T = TypeVar("T")
 

@@ -15,7 +15,8 @@ from socialbot.bridge.transport import RclpyTypes, Sender, message_class, open_t
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.core.messages import JointTrajectory, Message, PersonDetections
-from socialbot.graph.node import Delivery, Graph
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 from socialbot.runs.standard_messages import (
     AHEAD,
     HEAD_HZ,

@@ -26,7 +26,8 @@ from socialbot.bridge._endpoints import refusal_reason as refusal_reason
 from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, TOPIC_NAME, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
-from socialbot.graph.node import Delivery, WireForm
+from socialbot.graph.node import WireForm
+from socialbot.graph.ports import Delivery
 
 if TYPE_CHECKING:
     from socialbot.bridge.detached_seals import SealMatcher

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 from socialbot.core.clock import SECOND, Clock, nanoseconds
 from socialbot.core.messages import Health, Message, State
-from socialbot.graph.node import Graph, Input, Node, NodeConfig
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input
 from socialbot.graph.services import ClientPort
 
 HEALTH_TOPIC = "/health"

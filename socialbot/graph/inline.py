@@ -21,7 +21,8 @@ from socialbot.core.messages import Health, Message
 from socialbot.graph._local_services import LocalChannel, LocalServices
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import EVERYBODY, Delivery, Graph, Input, Node, NodeConfig, Output, Timer, outcome
+from socialbot.graph.node import Graph, Node, NodeConfig, Timer, outcome
+from socialbot.graph.ports import EVERYBODY, Delivery, Input, Output
 from socialbot.graph.services import ClientPort
 
 log = logging.getLogger("socialbot.graph.inline")

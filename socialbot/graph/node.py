@@ -19,19 +19,19 @@ node from one thread at a time.
 
 from __future__ import annotations
 
-import enum
 import logging
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar, get_args, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, MessageError, ParameterError, suggestion
+from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.lazy import RenamedAttribute
-from socialbot.core.messages import Message, RosMessage, State, is_ros_message, ros_message
+from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
+from socialbot.graph.ports import Input, Output, Parameter
 from socialbot.graph.services import ClientPort, ServerPort, check_services, recorded_topic
 from socialbot.graph.wizard import WizardKey
 
@@ -49,178 +49,6 @@ WireForm = Literal["json", "typed"]
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 """The prefix ``~/`` is the namespace of the node: ``~/state`` of the node ``arm`` is ``/arm/state``."""
-
-
-class Delivery(enum.Enum):
-    """Quality of service for slow or late subscribers."""
-
-    EVERY = "every"
-    """Commands and events: every message, in order."""
-    NEWEST = "newest"
-    """Streams: a slow subscriber gets only the newest message."""
-    LATCHED = "latched"
-    """State: a late subscriber gets the last message."""
-
-
-EVERYBODY = "all"
-"""Receiver of a message for all nodes."""
-
-
-def _message_type(kind: Any) -> Any:
-    return kind if isinstance(kind, type) and issubclass(kind, Message) else ros_message(kind)
-
-
-class Input(Generic[M]):
-    """Typed input; as a decorator it registers the method that handles its messages.
-
-    ``message_type`` is a `Message`, or any ROS type: its class of rclpy, or its name as in ``std_msgs/msg/Float32``.
-    The handler of a ROS type gets a `RosMessage`, which has the fields of the ROS message and a ``stamp``.
-
-    An input that replaces one of a base class keeps its handler. An ``optional`` one may stay unconnected; it is meant
-    for users and programs outside the graph.
-
-    An input with a ``deadline_s`` is silent when no message arrives within it (see `socialbot.graph.health`). The
-    runner then calls `Node.on_silence`, later `Node.on_return`. Messages on an input that is ``alternative_to`` it
-    count too.
-
-    With ``addressed_by``, the handler gets only messages whose attribute of that name is its node, or `EVERYBODY`.
-    """
-
-    def __init__(
-        self,
-        message_type: type[M] | type | str,
-        topic: str,
-        delivery: Delivery = Delivery.EVERY,
-        *,
-        optional: bool = False,
-        deadline_s: float = 0.0,
-        alternative_to: Input[Any] | None = None,
-        addressed_by: str = "",
-    ) -> None:
-        self.message_type: type[M] = _message_type(message_type)
-        self.topic = topic
-        self.delivery = delivery
-        self.optional = optional
-        self.deadline_s = deadline_s
-        self.alternative_to = alternative_to
-        self.addressed_by = addressed_by
-        self.name = ""
-        self._handler = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-        self._handler = self._handler or getattr(getattr(super(owner, owner), name, None), "_handler", "")
-
-    def __call__(self, handler: H) -> H:
-        self._handler = handler.__name__
-        return handler
-
-    @property
-    def handler(self) -> str:
-        """Name of the method that handles the messages; empty if there is none."""
-        return self._handler
-
-    def deliver(self, node: Node, message: M) -> None:
-        if not self.addressed_by or getattr(message, self.addressed_by) in (node.name, EVERYBODY):
-            getattr(node, self._handler)(message)
-
-
-class Output(Generic[M]):
-    """Typed output; accessed on a node, it is a `Publisher`. ``message_type`` is that of `Input`."""
-
-    def __init__(self, message_type: type[M] | type | str, topic: str, delivery: Delivery = Delivery.EVERY) -> None:
-        self.message_type: type[M] = _message_type(message_type)
-        self.topic = topic
-        self.delivery = delivery
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, node: None, owner: type) -> Output[M]: ...
-    @overload
-    def __get__(self, node: Node, owner: type) -> Publisher[M]: ...
-    def __get__(self, node: Node | None, owner: type) -> Output[M] | Publisher[M]:
-        if node is None:
-            return self
-        # Cached in the attributes of the node, which take precedence over this descriptor.
-        publisher = vars(node)[self.name] = Publisher(node, self)
-        return publisher
-
-
-class Publisher(Generic[M]):
-    """Publisher of one output of a node."""
-
-    __slots__ = ("_node", "_port")
-
-    def __init__(self, node: Node, port: Output[M]) -> None:
-        self._node = node
-        self._port = port
-
-    def publish(self, message: M | Any) -> None:
-        """Publish a message. A message of rclpy or rosbags gets the time of the node if its header has no stamp."""
-        kind = self._port.message_type
-        if issubclass(kind, RosMessage) and not isinstance(message, RosMessage):
-            if not is_ros_message(message) or ros_message(type(message)) is not kind:
-                raise MessageError(f"not a {kind.ros_type}: {type(message).__name__}", where=self._port.topic)
-            message = kind.of(message, self._node.clock.now())
-        self._node.context.publish(self._port, message)
-
-
-class Parameter(Generic[V]):
-    """Node parameter with a default, a description and bounds.
-
-    It is an attribute of the node, and may change at run time unless it is ``fixed``.
-    """
-
-    def __init__(
-        self,
-        default: V,
-        doc: str,
-        *,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        choices: Sequence[str] = (),
-        fixed: bool = False,
-    ) -> None:
-        self.default: V = default
-        self.doc = doc
-        self.minimum = minimum
-        self.maximum = maximum
-        self.choices = tuple(choices)
-        self.fixed = fixed
-        self.name = ""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, node: None, owner: type) -> Parameter[V]: ...
-    @overload
-    def __get__(self, node: Node, owner: type) -> V: ...
-    def __get__(self, node: Node | None, owner: type) -> Parameter[V] | V:
-        return self if node is None else node.parameter_values[self.name]  # type: ignore[return-value]
-
-    def check(self, value: object, where: str) -> V:
-        """Convert ``value`` to the type of the parameter. Raises ParameterError if it is invalid."""
-        kind = type(self.default)
-        if kind is float and type(value) is int:
-            value = float(value)
-        if type(value) is not kind:
-            raise ParameterError(f"{value!r} is not of type {kind.__name__}", where=where, remedy=self.doc)
-        low, high = self.minimum, self.maximum
-        if isinstance(value, (int, float)) and (
-            (low is not None and not value >= low) or (high is not None and not value <= high)
-        ):
-            raise ParameterError(
-                f"{value!r} is out of range",
-                where=where,
-                remedy=f"give a value from {'-inf' if low is None else low} to {'inf' if high is None else high}",
-            )
-        if self.choices and value not in self.choices:
-            raise ParameterError(f"unknown choice {value!r}", where=where, remedy=f"one of {', '.join(self.choices)}")
-        return value  # type: ignore[return-value]
 
 
 class Timer:

@@ -11,7 +11,8 @@ import numpy as np
 
 from socialbot.core.errors import NodeError, ParameterError
 from socialbot.core.messages import Message
-from socialbot.graph.node import Context, Node, Output
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Output
 
 BEGIN, START = -2, -1
 """Stamps of the steps in which a node is made and started."""

@@ -15,7 +15,8 @@ from socialbot.core import paths
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.messages import Health, Message, SpeechStatus, Utterance
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
-from socialbot.graph.node import Context, Input, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Input, Output, Parameter
 from socialbot.speech.playback import AudioPlayer, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 

@@ -15,7 +15,8 @@ from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError
 from socialbot.core.messages import CameraInfo, Image
-from socialbot.graph.node import Context, Delivery, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Delivery, Output, Parameter
 from socialbot.vision.camera import CameraModel
 
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})

@@ -12,7 +12,8 @@ from typing import NamedTuple
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import CompressedImage, Image, PictureAck
 from socialbot.graph.health import SILENT_S
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 
 PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer.

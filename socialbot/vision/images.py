@@ -13,7 +13,8 @@ import numpy as np
 from socialbot.core.errors import ImageError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.health import SILENT_S
-from socialbot.graph.node import Delivery, Input, Node, Output
+from socialbot.graph.node import Node
+from socialbot.graph.ports import Delivery, Input, Output
 
 Pixels = np.ndarray
 _EIGHT_BITS = {"bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "8UC4": 4, "rgba8": 4, "mono8": 1, "8UC1": 1,

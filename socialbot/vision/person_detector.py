@@ -26,7 +26,8 @@ from socialbot.core.messages import (
     Transforms,
 )
 from socialbot.graph.health import SILENT_S
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
 from socialbot.vision.camera_pose import load_pose, save_pose
 from socialbot.vision.depth_sensors import TOLERANCE_S, DepthSensors

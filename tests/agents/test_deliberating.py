@@ -22,7 +22,8 @@ from socialbot.deliberation.messages import (
 from socialbot.deliberation.requests import RequestServer
 from socialbot.deliberation.sensing import FactSensor
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, Input, NodeConfig, Parameter
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.graph.ports import Input, Parameter
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import JOBS, job
 

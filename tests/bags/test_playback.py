@@ -29,7 +29,8 @@ from socialbot.core.process import Ending
 from socialbot.deliberation.messages import Belief, Fact
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 from tests.agents.hospital.runs import carried_out
 
 GO = ActionCommand(stamp=1, id="then-1", robot="a", action="go", args=("a", "b"))

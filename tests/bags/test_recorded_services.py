@@ -17,7 +17,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import RosMessage, ros_message
 from socialbot.graph.calls import CallResult
-from socialbot.graph.node import Graph, Input, Node, NodeConfig
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input
 from socialbot.graph.services import ActionClient, Client, Service
 from socialbot.runs.record import RunRecord
 from socialbot.runtime.bag_source import BagSource

@@ -27,7 +27,8 @@ from socialbot.core.messages import (
 from socialbot.core.registry import message_types
 from socialbot.deliberation.messages import AgentRequest, PlanExecutionInfo
 from socialbot.graph.files import dump_graph, parse_graph, with_changes
-from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input, Output
 from tests.bags.test_codec import messages
 from tools.interfaces import PACKAGE as FOLDER
 from tools.interfaces import definition_files

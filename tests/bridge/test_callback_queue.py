@@ -13,7 +13,8 @@ from socialbot.bridge._callback_queue import GRACE_S, MAX_WAITING, CallbackQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
 from socialbot.core.messages import Utterance
 from socialbot.graph.health import HealthMonitor
-from socialbot.graph.node import Delivery, Input, Node, NodeConfig
+from socialbot.graph.node import Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input
 
 
 def port(name: str, delivery: Delivery = Delivery.EVERY) -> Input[Utterance]:

@@ -14,7 +14,8 @@ from socialbot.bridge.keys import new_key
 from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, RosMessage, Utterance
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 

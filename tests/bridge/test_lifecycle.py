@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import pytest
 
 from socialbot.core.messages import Utterance
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from socialbot.bridge.parameters import parameter_client, parse_value
 from socialbot.cli.param import param
 from socialbot.core.errors import GraphError, NodeError, ParameterError
-from socialbot.graph.node import Graph, Node, NodeConfig, Parameter
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Parameter
 from tests.bridge.hosting import node_hosts
 from tests.bridge.test_services import foreign_servers
 from tests.system.running import eventually

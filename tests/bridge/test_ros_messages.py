@@ -21,7 +21,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError
 from socialbot.core.messages import Image, RosMessage, Utterance, ros_message
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input, Output
 from socialbot.runs.record import RunRecord
 from socialbot.runtime.bag_source import BagSource
 from socialbot.runtime.run import run

@@ -18,7 +18,8 @@ from socialbot.bridge.sim_clock import MessageBalance, SimClock, StepReport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Utterance
-from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input, Output
 from tests.bridge.hosting import node_hosts, spinning_nodes
 from tests.system.running import eventually
 

@@ -23,7 +23,8 @@ from socialbot.bridge.topics import list_topics, observer_node, publish_once
 from socialbot.core.messages import HeadCommand, Structured, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Context, Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually
 

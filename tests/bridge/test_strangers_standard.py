@@ -30,7 +30,8 @@ from socialbot.bridge.transport import (
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, JointTrajectory, Message, Utterance, ros_message
-from socialbot.graph.node import Context, Delivery, Graph, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Context, Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 from socialbot.vision.images import as_jpeg
 from tests.bridge.hosting import node_hosts
 from tests.system.running import eventually

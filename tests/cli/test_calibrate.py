@@ -17,7 +17,7 @@ from socialbot.cli import calibrate as calibrate_command
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import CompressedDepth, Image
-from socialbot.graph.node import Delivery
+from socialbot.graph.ports import Delivery
 from socialbot.vision import camera_node
 from socialbot.vision.camera_pose import load_pose
 from tests.system.running import socialbot_here

@@ -17,7 +17,7 @@ from socialbot.deliberation.messages import AgentReply, Desire, Fact, FactCondit
 from socialbot.deliberation.options import DeliberationOptions
 from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.rules import ReactiveRule
-from socialbot.graph.node import Delivery
+from socialbot.graph.ports import Delivery
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "deliberation.md").read_text("utf-8")
 FOLDER = Path(str(socialbot.deliberation.__file__)).parent

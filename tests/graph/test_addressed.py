@@ -6,7 +6,8 @@ import pytest
 
 from socialbot.core.messages import Structured
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import EVERYBODY, Graph, Input, Node, NodeConfig
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import EVERYBODY, Input
 
 
 class Letter(Structured, frozen=True, kw_only=True):

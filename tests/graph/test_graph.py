@@ -8,7 +8,8 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, GraphError, ParameterError, suggestion
 from socialbot.core.messages import HeadCommand, SpeechStatus, Utterance
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 class Source(Node):

@@ -8,7 +8,8 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Health, Message, Utterance
 from socialbot.graph.health import BEAT_S, FIRST_S, HEALTH_TOPIC, LINK, SILENT_S, HealthReports, ended
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, Input, Node, NodeConfig, Output, Parameter
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input, Output, Parameter
 
 
 class Eye(Node):

@@ -8,7 +8,8 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import DeviceError
 from socialbot.core.messages import Message, Utterance
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Graph, Input, Node, NodeConfig, Output, Parameter
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 def word(text: str, at: float = 0.0) -> Utterance:

@@ -18,7 +18,8 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.errors import BagError
 from socialbot.core.messages import Image, PersonDetections
 from socialbot.graph.files import load_graph
-from socialbot.graph.node import Graph, Input, Node, NodeConfig
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input
 from socialbot.runs.record import RunRecord
 from socialbot.runtime import perception_cache
 from socialbot.runtime.bag_source import BagSource

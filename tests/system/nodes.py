@@ -9,7 +9,8 @@ from pathlib import Path
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Image, PersonDetections
-from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 class Detector(Node):

@@ -15,7 +15,8 @@ from socialbot.bags.codec import decode
 from socialbot.bridge.transport import publisher_qos
 from socialbot.deliberation.messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
 from socialbot.graph.files import load_graph
-from socialbot.graph.node import Delivery, Graph
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 from tests.system.running import PATIENCE_S, eventually, running, socialbot_here
 from tests.system.warehouse import GRIPPER, STEP_S, Live, Seen, over_dds
 

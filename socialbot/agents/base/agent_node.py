@@ -24,7 +24,8 @@ from socialbot.core.messages import (
     State,
     TraceRecord,
 )
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 SAVE_EVERY_S = 0.2
 """Minimum time between two saves."""

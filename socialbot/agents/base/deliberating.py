@@ -52,7 +52,7 @@ from socialbot.deliberation.messages import (
 from socialbot.deliberation.options import DeliberationOptions, option_infos
 from socialbot.deliberation.requests import Policies, RequestClient, RequestServer
 from socialbot.deliberation.sensing import FactSensor, sensed_by
-from socialbot.graph.node import Delivery, Input, Output, Parameter
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.planning.pddl.domain import PddlDomain
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner

@@ -11,7 +11,8 @@ from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire
 from socialbot.deliberation.sensing import predicate
 from socialbot.graph.files import load_graph
-from socialbot.graph.node import Graph, Parameter
+from socialbot.graph.node import Graph
+from socialbot.graph.ports import Parameter
 
 FOLDER = Path(__file__).parent
 

@@ -7,7 +7,7 @@ from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, W
 from socialbot.agents.hospital.ward.ward import DURATIONS
 from socialbot.agents.teams.coordinator import TeamCoordinator
 from socialbot.agents.teams.messages import AclMessage, Missions
-from socialbot.graph.node import Delivery, Input, Output, Parameter
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 class HospitalCoordinator(TeamCoordinator):

@@ -13,7 +13,7 @@ from socialbot.agents.teams.messages import AclMessage, ActionCancel, ActionComm
 from socialbot.bdi import Engine
 from socialbot.bdi.literals import literal
 from socialbot.bdi.terms import Variable
-from socialbot.graph.node import Delivery, Input, Output
+from socialbot.graph.ports import Delivery, Input, Output
 
 _X = Variable("X")
 

@@ -30,7 +30,8 @@ from socialbot.agents.teams.missions import AgentPool, Mission, PlanProgress, Re
 from socialbot.bdi.agentspeak.parser import parse_literal
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.core.errors import SocialbotError
-from socialbot.graph.node import Context, Delivery, Graph, Input, Node, Output
+from socialbot.graph.node import Context, Graph, Node
+from socialbot.graph.ports import Delivery, Input, Output
 
 
 class _Running(NamedTuple):

@@ -39,7 +39,8 @@ from socialbot.bdi.literals import literal
 from socialbot.bdi.plans import Plan
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import ActionRequest, Mind, TraceRecord
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 REGISTER_S = 0.25
 """Time until another registration, if neither an answer nor plans arrive."""

@@ -23,7 +23,8 @@ from socialbot.agents.teams.missions import (
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 log = logging.getLogger("socialbot.coordinator")
 

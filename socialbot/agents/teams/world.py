@@ -22,7 +22,8 @@ from socialbot.agents.teams.messages import (
 )
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Structured
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.planning.htn.domain import TaskDomain, TaskState
 
 ALL_SENSORS = "state"

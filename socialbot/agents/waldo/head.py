@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import HeadCommand, Health, JointTrajectory, Message, PersonDetections
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 class Pose(NamedTuple):

@@ -12,7 +12,8 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import ActionRequest, HeadCommand, Health, Mind, PersonDetections, TraceRecord, Utterance
 from socialbot.graph.health import HEALTH_TOPIC, SILENT_S, FaultSource, HealthReports
-from socialbot.graph.node import Delivery, Input, Node, Output, Parameter
+from socialbot.graph.node import Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 SETTLE_S = 0.05  # delay (s) before Waldo believes a silence, for health messages of other nodes to arrive
 REVISE_S = 0.5  # delay (s) before Waldo changes the source of a silence: nodes recover one after the other

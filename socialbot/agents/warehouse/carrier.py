@@ -12,7 +12,7 @@ from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import AgentRequest, Fact
 from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
-from socialbot.graph.node import Input, Output, Parameter
+from socialbot.graph.ports import Input, Output, Parameter
 
 SILENT_S = 1.0
 GRIPPER_SILENT_S = 120.0  # time with the same boxes in the bay until the carrier asks whether the gripper is there

@@ -36,7 +36,7 @@ from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import Desire, Fact, Operation
 from socialbot.deliberation.requests import SentRequest
 from socialbot.deliberation.sensing import FactSensor, fluent, predicate
-from socialbot.graph.node import Input, Output, Parameter
+from socialbot.graph.ports import Input, Output, Parameter
 
 COME_PRIORITY, COME_DEADLINE_S = 0.6, 6.0
 TOO_LONG = 0.899  # progress at which the wait for a carrier fails

@@ -27,7 +27,8 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.agents.warehouse.world import Warehouse
 from socialbot.core.clock import nanoseconds
-from socialbot.graph.node import Context, Input, Node, Output, Parameter
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Input, Output, Parameter
 
 
 class WarehouseWorld(Node):

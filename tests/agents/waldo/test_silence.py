@@ -23,7 +23,8 @@ from socialbot.core.messages import (
 from socialbot.graph.files import load_graph
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Delivery, Input, Node, NodeConfig, Output
+from socialbot.graph.node import Node, NodeConfig
+from socialbot.graph.ports import Delivery, Input, Output
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, Corridor
 
 CAMERA, LATE_S = "/camera/image_raw", 0.5

@@ -19,7 +19,8 @@ from socialbot.agents.hospital.ward.ward import (
 from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
-from socialbot.graph.node import Context, Delivery, Input, Node, Output, Parameter, Timer
+from socialbot.graph.node import Context, Node, Timer
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 
 class HospitalWorld(Node):
