@@ -1,4 +1,4 @@
-// What is being said at a time.
+// Utterances in progress at a time, and the caption to show.
 
 const READ_S = 3;
 const LETTER_S = 0.12; // slower than any voice
