@@ -13,6 +13,7 @@ from socialbot.core.lazy import lazy_exports as _lazy_exports
 if TYPE_CHECKING:
     from socialbot.agents.base.agent_node import AgentNode
     from socialbot.agents.base.deliberating import Deliberating
+    from socialbot.agents.base.foreign_node import ForeignNodeState
     from socialbot.agents.base.ros_action import RosAction
     from socialbot.bags.reader import Bag, open_bag
     from socialbot.bags.writer import BagWriter
@@ -79,13 +80,13 @@ __version__ = "0.1.0"
 __all__ = [
     "ANYTHING", "SECOND", "Action", "ActionClient", "ActionRequest", "ActionServer", "AgentNode", "AgentPackage",
     "Atom", "Bag", "BagWriter", "Belief", "CallResult", "CameraInfo", "Client", "Clock", "CompressedImage",
-    "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "Goal", "GoalHandle", "Graph",
-    "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input", "Library", "Literal", "LongAction",
-    "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter", "ParameterError",
-    "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record", "RecordedRun",
-    "RosAction", "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError", "Society",
-    "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace", "TraceRecord",
-    "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner",
+    "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "ForeignNodeState", "Goal", "GoalHandle",
+    "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input", "Library", "Literal",
+    "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter",
+    "ParameterError", "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
+    "RecordedRun", "RosAction", "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError",
+    "Society", "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace",
+    "TraceRecord", "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner",
     "nanoseconds", "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay",
     "ros_message", "variables",
 ]  # fmt: skip

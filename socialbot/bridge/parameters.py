@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -11,12 +10,10 @@ from typing import Any, cast
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from socialbot.bridge.environment import has_keys, ros_domain
-from socialbot.bridge.topics import observer_node
-from socialbot.core.errors import GraphError, NodeError, ParameterError, suggestion
+from socialbot.bridge._node_client import NodeClient, full_name, observer
+from socialbot.bridge.environment import has_keys
+from socialbot.core.errors import ParameterError, suggestion
 from socialbot.core.yaml import load_yaml
-
-SETTLE_S = 1.0  # time without a new node, after which the list of nodes is complete
 
 Value = Any
 """Value of a ROS parameter: bool, int, float, str, bytes, a list of one of them, or None."""
@@ -32,28 +29,8 @@ class ParameterInfo:
     fixed: bool
 
 
-class ParameterClient:
-    """Client of the parameter services of other nodes, through the rclpy node ``ros``; made by `parameter_client`.
-
-    Its methods wait ``timeout_s`` at most for a node and for each answer. They raise GraphError for an unknown node,
-    and NodeError for one without an answer.
-    """
-
-    def __init__(self, ros: Any, executor: Any, timeout_s: float) -> None:
-        self._ros = ros
-        self._executor = executor
-        self._timeout_s = timeout_s
-
-    def nodes(self) -> list[str]:
-        """The full names of the other nodes, without hidden ones, once no new ones appear."""
-        found: list[str] = []
-        since = time.monotonic()
-        while time.monotonic() - since < SETTLE_S:
-            before, found = found, self._nodes()
-            if found != before:
-                since = time.monotonic()
-            self._executor.spin_once(timeout_sec=0.05)
-        return found
+class ParameterClient(NodeClient):
+    """Client of the parameter services of other nodes; made by `parameter_client`."""
 
     def describe(self, node: str) -> list[ParameterInfo]:
         """The parameters of a node by name."""
@@ -88,24 +65,13 @@ class ParameterClient:
             raise ParameterError(result.reason or "the node refuses it", where=f"{node}.{name}", remedy=remedy)
         return value
 
-    def _nodes(self) -> list[str]:
-        pairs = self._ros.get_node_names_and_namespaces()
-        names = sorted({f"{space.rstrip('/')}/{name}" for name, space in pairs if not name.startswith("_")})
-        return [name for name in names if name.rpartition("/")[2] != self._ros.get_name()]
-
     def _client(self, node: str) -> Any:
         from rclpy.parameter_client import AsyncParameterClient
 
-        full = node if node.startswith("/") else f"/{node}"
-        client = AsyncParameterClient(self._ros, full)
-        if not self._spin_until(client.services_are_ready):
-            known = self._nodes()
-            if full not in known:
-                remedy = suggestion(full, known) if known else "start it, or use its ROS_DOMAIN_ID"
-                raise GraphError(f"no node {full}", where=f"domain {ros_domain()}", remedy=remedy)
-            keys = "with keys, nodes of socialbot have none: set them in the graph file, or by --set"
-            remedy = keys if has_keys() else "only ROS 2 nodes with parameter services can be asked"
-            raise NodeError("the node has no parameter services", where=full, remedy=remedy)
+        client = AsyncParameterClient(self._ros, full_name(node))
+        keys = "with keys, nodes of socialbot have none: set them in the graph file, or by --set"
+        remedy = keys if has_keys() else "only ROS 2 nodes with parameter services can be asked"
+        self._expect_services(full_name(node), client.services_are_ready, "parameter", remedy)
         return client
 
     def _read(self, client: Any, node: str, names: Sequence[str]) -> list[ParameterInfo]:
@@ -120,31 +86,12 @@ class ParameterClient:
             for name, value, each in zip(names, values, described, strict=True)
         ]
 
-    def _answer(self, future: Any, node: str) -> Any:
-        if not self._spin_until(future.done):
-            remedy = "see the log of the node, or give it more time by --timeout"
-            raise NodeError(f"no answer within {self._timeout_s:g} s", where=node, remedy=remedy)
-        return future.result()
-
-    def _spin_until(self, holds: Callable[[], bool]) -> bool:
-        end = time.monotonic() + self._timeout_s
-        while not (held := holds()) and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
-        return held
-
 
 @contextmanager
 def parameter_client(*, timeout_s: float = 5.0) -> Iterator[ParameterClient]:
     """Open a client for the parameters of running nodes. Raises InstallationError without ROS."""
-    with observer_node("_param") as ros:
-        from rclpy.executors import SingleThreadedExecutor
-
-        executor = SingleThreadedExecutor(context=ros.context)
-        executor.add_node(ros)
-        try:
-            yield ParameterClient(ros, executor, timeout_s)
-        finally:
-            executor.shutdown()
+    with observer("_param") as (ros, executor):
+        yield ParameterClient(ros, executor, timeout_s)
 
 
 def _python(value: Any) -> Any:

@@ -7,6 +7,8 @@
     paced_by: /humans/bodies/detections  # a replay waits for this topic after each frame
     wire: json                           # or typed: socialbot_msgs instead of JSON
     services: [/navigate_to_pose]        # services and actions of nodes outside the graph
+    needs:                               # nodes outside the graph, watched by their services
+      /lidar_driver: {state: active}
     stand_ins:                           # nodes that offer them in replays, simulations and tests
       navigator: {type: "tests.robot:Navigator"}
     nodes:
@@ -21,7 +23,7 @@ from __future__ import annotations
 import importlib
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -33,6 +35,9 @@ from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.wizard import read_wizard, wizard_page
+
+FOREIGN_NODE = "foreign_node"
+"""Registered type of the watch of a node outside the graph."""
 
 
 def load_graph(name: str) -> Graph:
@@ -53,14 +58,14 @@ def load_graph(name: str) -> Graph:
 def parse_graph(text: str, *, where: str) -> Graph:
     """Parse a graph from YAML. Errors name the source ``where``."""
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "wire", "services", "nodes", "stand_ins", "wizard")
+    root.only("name", "inputs", "paced_by", "wire", "services", "needs", "nodes", "stand_ins", "wizard")
     configs, stand_ins = (
         tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
         for section in (root.section("nodes"), root.section("stand_ins", {}))
     )
     graph = Graph(
         name=root.text("name"),
-        nodes=configs,
+        nodes=(*configs, *_watches(root.section("needs", {}))),
         inputs=frozenset(root.texts("inputs")),
         services=frozenset(root.texts("services")),
         stand_ins=stand_ins,
@@ -159,6 +164,23 @@ def _config(name: str, section: YamlSection, where: str) -> NodeConfig:
         remap={str(port): remap.text(port) for port in remap.page},
         where=where,
     )
+
+
+def _watches(needs: YamlSection) -> Iterator[NodeConfig]:
+    """Yield a watch for each node that the graph needs, with parameters such as ``state`` and ``manage``."""
+    for key in needs.page:
+        given, where = needs.section(key), needs.line(key)
+        full = f"/{str(key).lstrip('/')}"
+        if "node" in given.page:
+            raise GraphError("the name of the node is its key", where=where, remedy="leave 'node' out")
+        watch = node_type(FOREIGN_NODE, where=where)
+        yield NodeConfig(
+            name=f"{full.strip('/').replace('/', '_')}_watch",
+            type=watch,
+            parameters={"node": full, **{str(name): plain(value) for name, value in given.page.items()}},
+            remap={name: f"{full}{port.topic[1:]}" for name, port in watch.clients().items()},
+            where=where,
+        )
 
 
 def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar, get_args
@@ -105,6 +105,10 @@ class Node:
 
     is_simulator: ClassVar[bool] = False
     """Whether the node simulates the world. A replay omits it and uses its recorded messages."""
+
+    watches_outside: ClassVar[bool] = False
+    """Whether the node watches a node outside the graph by its services. Replays use its recorded messages;
+    simulations omit it, unless a stand-in offers one of its services."""
 
     is_agent: ClassVar[bool] = False
     """Whether the node runs an agent, which accepts commands."""
@@ -412,21 +416,39 @@ class Graph:
         raise GraphError(f"no node {name!r}", where=self.name, remedy=suggestion(name, names))
 
     def without_sources(self) -> Graph:
-        """Return this graph without its sources: simulators and nodes without inputs, such as cameras.
+        """Return this graph without its sources: simulators, watches, and nodes without inputs, such as cameras.
 
-        A node that offers or calls a service is no source.
+        A node that offers or calls a service is no source, unless it watches a node outside the graph.
         """
-        sources = [
-            one for one in self.nodes if not (one.subscriptions or one.servers or one.clients) or one.type.is_simulator
-        ]
+        return self._without(
+            one
+            for one in self.nodes
+            if not (one.subscriptions or one.servers or one.clients)
+            or one.type.is_simulator
+            or one.type.watches_outside
+        )
+
+    def _without(self, sources: Iterable[NodeConfig]) -> Graph:
+        """Return this graph with the topics of ``sources`` as inputs."""
+        sources = tuple(sources)
         fed = {topic for config in sources for topic, _ in config.publications}
         kept = tuple(config for config in self.nodes if config not in sources)
         return replace(self, nodes=kept, inputs=self.inputs | fed)
 
     def with_stand_ins(self, answered: Collection[str] = ()) -> Graph:
-        """Return this graph with the stand-ins for services outside it, except those ``answered`` in another way."""
+        """Return this graph with the stand-ins for services outside it, except those ``answered`` in another way.
+
+        Watches of nodes outside are left out, unless a stand-in offers a service that they call.
+        """
         used = tuple(one for one in self.stand_ins if not all(topic in answered for topic, _ in one.servers))
-        return replace(self, nodes=(*self.nodes, *used), stand_ins=())
+        offered = {topic for config in used for topic, _ in config.servers}
+        idle = [
+            one
+            for one in self.nodes
+            if one.type.watches_outside and not any(topic in offered for topic, _ in one.clients)
+        ]
+        whole = self._without(idle)
+        return replace(whole, nodes=(*whole.nodes, *used), stand_ins=())
 
     def expect_answers(self, answered: Collection[str] = ()) -> None:
         """Raise GraphError if a client has no server in this graph, and is not ``answered`` in another way."""

@@ -5,5 +5,6 @@ from socialbot.core.registry import AgentPackage
 AGENT = AgentPackage(
     name="base",
     module="socialbot.agents.base",
-    messages=("socialbot.deliberation.messages:AGENT_MESSAGES",),
+    nodes={"foreign_node": "socialbot.agents.base.foreign_node:ForeignNode"},
+    messages=("socialbot.deliberation.messages:AGENT_MESSAGES", "socialbot.agents.base.foreign_node:MESSAGES"),
 )
