@@ -68,8 +68,9 @@ def _files_of_tests_are_allowed(tmp_path_factory: pytest.TempPathFactory) -> Non
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_tests(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """One cache for the workers of a test run, apart from that of the user."""
+    """A cache for the workers of a test run and a state folder for each, apart from those of the user."""
     own = tmp_path_factory.getbasetemp()
+    os.environ["XDG_STATE_HOME"] = str(own / "state")
     os.environ["SOCIALBOT_CACHE"] = str((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache")
 
 

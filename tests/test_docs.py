@@ -45,6 +45,18 @@ def slug(heading: str) -> str:
     return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", plain).strip().lower())
 
 
+def test_each_path_of_an_attacker_has_a_test():
+    page = text_of(ROOT / "docs/security.md")
+    table = page.partition("## Attack surface")[2].partition("\n## ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("|")][2:]
+    assert len(rows) > 30
+    for row in rows:
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert len(cells) == 5, row
+        file, _, test = cells[-1].strip("`").partition("::")
+        assert re.search(rf"^def {test}\(", text_of(ROOT / "tests" / file), re.MULTILINE), row
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_lead_somewhere(page: Path):
     for link in LINK.findall(FENCE.sub("", text_of(page))):

@@ -14,6 +14,7 @@ from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import WireForm
 
 if TYPE_CHECKING:
+    from socialbot.bridge.driver_domain import DriverPublisher
     from socialbot.bridge.security import Opener, Stream
 
 M = TypeVar("M", bound=Message)
@@ -32,6 +33,7 @@ class Sender:
         stream: Seals the messages; None without keys.
         seals: Publisher of detached seals, for messages of standard types; None for structured messages.
         sent: Number of messages, without renewals.
+        drivers: Publisher of the plain messages in the domain of drivers.
     """
 
     publisher: Any
@@ -40,6 +42,7 @@ class Sender:
     form: WireForm = "json"
     seals: Any = None
     sent: int = 0
+    drivers: DriverPublisher | None = None
     _last: str | None = field(default=None, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
@@ -64,6 +67,8 @@ class Sender:
                 # The seal comes first, so that receivers seldom have to keep messages.
                 self.seals.publish(self.types.make(STRING, data=self.stream.seal(text)))
                 self.publisher.publish(cdr)
+        if self.drivers is not None:
+            self.drivers.publish(ros_message)
         self.sent += 1
 
     def forward(self, ros_message: Any) -> None:
@@ -89,6 +94,8 @@ class Sender:
         ros.destroy_publisher(self.publisher)
         if self.seals is not None:
             ros.destroy_publisher(self.seals)
+        if self.drivers is not None:
+            self.drivers.close()
 
 
 def _serialized(ros_message: Any) -> bytes:

@@ -329,7 +329,8 @@ class NodeHost:
         sender = self._senders[port.name]
         topic = sender.publisher.topic_name
         number = self._sent[topic] + 1
-        if port.delivery is Delivery.LATCHED or not self._intra_process.deliver(sender.publisher, message, number):
+        on_dds = port.delivery is Delivery.LATCHED or sender.drivers is not None
+        if on_dds or not self._intra_process.deliver(sender.publisher, message, number):
             sender.publish(message)
         self._sent[topic] = number
 

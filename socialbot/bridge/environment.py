@@ -42,6 +42,9 @@ KEYS_VARIABLE = "SOCIALBOT_KEYS"
 OPEN_TOPICS_VARIABLE = "SOCIALBOT_OPEN_TOPICS"
 """Variable with topics of standard types, separated by colons, that need no seal: those of drivers without keys."""
 
+DRIVERS_VARIABLE = "SOCIALBOT_DRIVERS"
+"""Variable with the ROS domain of drivers and the topics of their commands: DOMAIN:TOPIC:TOPIC."""
+
 TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile

@@ -25,6 +25,7 @@ from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
+from socialbot.bridge.driver_domain import driver_domain
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, spinning_node, stale_locks, wait_for
 from socialbot.bridge.transport import open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
@@ -156,9 +157,12 @@ def strangers(variables: MutableMapping[str, str] = os.environ) -> Finding:
         try:
             open_transport(variables)
             unsealed = sorted(open_topics(variables))
+            drivers = driver_domain(variables)
         except SocialbotError as error:
             return Finding(name, "error", str(error.what), f"{error.remedy}; socialbot key check")
         text = f"messages are sealed; {f'open by {way}' if way else 'this machine only'}"
+        if drivers is not None:
+            text += f"; also in domain {drivers.domain}: {', '.join(sorted(drivers.topics))}"
         return Finding(name, "ok", f"{text}; need no seal: {', '.join(unsealed)}" if unsealed else text)
     if way:
         text = f"open to the network ({way}) without keys: anybody there can command the robot"

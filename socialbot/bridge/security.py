@@ -12,6 +12,7 @@ import msgspec
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
+from socialbot.bridge.accepted_times import AcceptedTimes
 from socialbot.bridge.keys import KeyRing, Keys
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
@@ -36,12 +37,14 @@ class Freshness:
         joins_late: Accept messages older than the receiver, for latched topics.
         now: The wall clock (ns), which may be set at any time.
         steady: A steady clock (ns), for the age of the receiver.
+        accepted: Times of messages that earlier receivers may have accepted, although their sender's clock is ahead.
     """
 
     window_s: float
     joins_late: bool = False
     now: Callable[[], int] = time.time_ns
     steady: Callable[[], int] = time.monotonic_ns
+    accepted: AcceptedTimes | None = None
 
     def __post_init__(self) -> None:
         self._window = round(self.window_s * SECOND)
@@ -64,10 +67,22 @@ class Freshness:
             return "early"
         if now - time > (self._window if self.joins_late else min(self._window, self.steady() - self._begun)):
             return "late"
+        if self._was_accepted(sender, time, now):
+            return "late"
         if key not in self._last and len(self._last) >= MAX_STREAMS:
             self._last = {known: last for known, last in self._last.items() if now - last[1] <= self._window}
+        if self.accepted is not None:
+            self.accepted.note(sender, time)
         self._last[key] = number, time
         return "renewed" if number == last_number else "new"
+
+    def _was_accepted(self, sender: str, time: int, now: int) -> bool:
+        """Whether an earlier receiver may have accepted a message from ``time``."""
+        if self.joins_late or self.accepted is None:
+            return False
+        before = self.accepted.before(sender)
+        # If the clock was set back since, messages from those times are too early.
+        return time <= before <= now + self._window
 
 
 SCHEMA = "socialbot/Sealed/1"
@@ -215,10 +230,11 @@ class Seal:
     keys: Keys | KeyRing
     realm: str
     window_s: float = WINDOW_S
+    accepted: AcceptedTimes | None = None
 
     def stream(self, topic: str) -> Stream:
         return Stream(self.keys, self.realm, topic)
 
     def opener(self, topic: str, *, joins_late: bool = False) -> Opener:
         """Opener of one subscription; ``joins_late`` for a latched topic."""
-        return Opener(self.keys, self.realm, topic, Freshness(self.window_s, joins_late))
+        return Opener(self.keys, self.realm, topic, Freshness(self.window_s, joins_late, accepted=self.accepted))

@@ -23,6 +23,7 @@ from socialbot.bridge._endpoints import is_power_of_ten as is_power_of_ten
 from socialbot.bridge._endpoints import is_sealed as is_sealed
 from socialbot.bridge._endpoints import log_refusal as log_refusal
 from socialbot.bridge._endpoints import refusal_reason as refusal_reason
+from socialbot.bridge.driver_domain import DriverDomain, driver_domain
 from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, TOPIC_NAME, has_keys, ros_domain
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.messages import Message, Structured
@@ -112,6 +113,7 @@ class Transport:
         seal: Signs and verifies messages; without it they are unsealed.
         form: The form of structured messages: JSON or ROS types.
         open_topics: Fully qualified topics of standard types that need no seal.
+        drivers: Domain where messages of some topics of standard types are published as well.
     """
 
     def __init__(
@@ -120,11 +122,13 @@ class Transport:
         seal: Seal | None = None,
         form: WireForm = "json",
         open_topics: Collection[str] = (),
+        drivers: DriverDomain | None = None,
     ) -> None:
         self._types = types
         self._form: WireForm = form
         self._seal = seal
         self._open_topics = frozenset(open_topics)
+        self._drivers = drivers
         self._latched: list[Sender] = []
         self._matchers: WeakSet[SealMatcher] = WeakSet()
 
@@ -161,7 +165,10 @@ class Transport:
             from socialbot.bridge.detached_seals import seal_topic
 
             seals = ros.create_publisher(message_class(STRING), seal_topic(publisher.topic_name), qos)
-        return self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
+        sender = self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
+        if standard and self._drivers is not None and publisher.topic_name in self._drivers.topics:
+            sender.drivers = self._drivers.publisher(ros, publisher.topic_name, ros_class, qos)
+        return sender
 
     def sender(self, publisher: Any, *, latched: bool = False, standard: bool = False, seals: Any = None) -> Sender:
         """Make the sender of an rclpy publisher, and of one for detached ``seals`` if its type is ``standard``.
@@ -323,7 +330,7 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
 
     Raises:
         SecurityError: The keys cannot be used.
-        ParameterError: The window is invalid, or keys are set and ``form`` is "typed".
+        ParameterError: A variable is invalid, or keys are set and ``form`` is "typed".
         InstallationError: ``form`` is "typed" and the package of these types is missing or of another version.
     """
     if form == "typed":
@@ -335,7 +342,7 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
             )
         _check_own_types()
     seal = _seal(environment) if has_keys(environment) else None
-    return Transport(RclpyTypes(), seal, form, open_topics(environment))
+    return Transport(RclpyTypes(), seal, form, open_topics(environment), driver_domain(environment))
 
 
 def open_topics(environment: MutableMapping[str, str] = os.environ) -> frozenset[str]:
@@ -358,7 +365,8 @@ def split_keys(text: str) -> tuple[str, str]:
 
 
 def _seal(environment: MutableMapping[str, str]) -> Seal:
-    from socialbot.bridge.keys import KeyRing, SecurityError
+    from socialbot.bridge.accepted_times import AcceptedTimes, state_folder
+    from socialbot.bridge.keys import KeyRing, SecurityError, fingerprint
     from socialbot.bridge.security import WINDOW_S, Seal
 
     folder, name = split_keys(environment[KEYS_VARIABLE])
@@ -376,8 +384,9 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
             where=WINDOW_VARIABLE,
             remedy=f"set it to {MIN_WINDOW_S} to {MAX_WINDOW_S} seconds",
         )
-    domain = ros_domain(environment)
-    return Seal(KeyRing(Path(folder), name), realm=f"ROS domain {domain}", window_s=window_s)
+    keys, realm = KeyRing(Path(folder), name), f"ROS domain {ros_domain(environment)}"
+    own_key = fingerprint(keys.latest().private.public_key())
+    return Seal(keys, realm, window_s, AcceptedTimes(state_folder(realm, own_key)))
 
 
 QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}

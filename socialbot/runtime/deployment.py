@@ -12,10 +12,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from socialbot.bridge.driver_domain import DriverDomain
 from socialbot.bridge.environment import HIGHEST_DOMAIN, TOPIC_NAME, Across
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
-from socialbot.core.messages import Image
+from socialbot.core.messages import Image, Structured
 from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
@@ -107,6 +108,7 @@ class Deployment:
         keys: Folder of the keys.
         open_topics: Topics of standard types that need no seal.
         minds: Folder where agents save their state for a restart.
+        drivers: Domain of drivers, for commands in standard types that one node publishes.
     """
 
     written: Graph
@@ -119,11 +121,13 @@ class Deployment:
     keys: Path | None = None
     open_topics: tuple[str, ...] = ()
     minds: Path | None = None
+    drivers: DriverDomain | None = None
 
     def __post_init__(self) -> None:
         self._check_machines()
         self._check_places()
         self._check_pictures()
+        self._check_drivers()
         _ = self.graph
 
     @property
@@ -206,6 +210,26 @@ class Deployment:
             _check_known(f"{topic!r} is not an image topic", topic, picture_topics(self.written), where)
             check_parameters(ImageSender, pictures.parameters, where=where)
 
+    def _check_drivers(self) -> None:
+        if self.drivers is None:
+            return
+        where = "security.drivers"
+        if self.drivers.domain == self.domain:
+            remedy = f"give another number from 0 to {HIGHEST_DOMAIN}"
+            raise GraphError(f"{self.domain} is the domain of the graph", where=where, remedy=remedy)
+        if not self.drivers.topics:
+            raise GraphError("no topics", where=where, remedy="write {domain: 43, topics: [/head/trajectory]}")
+        standard = sorted(name for name, kind in self.written.topics().items() if not issubclass(kind, Structured))
+        for topic in sorted(self.drivers.topics):
+            _check_known(f"{topic!r} is not a topic of a standard type", topic, standard, where)
+            publishers = [one.name for one in self.written.nodes if topic in dict(one.publications)]
+            if len(publishers) != 1:
+                raise GraphError(
+                    f"{topic} is published by {' and '.join(publishers) or 'no node of the graph'}",
+                    where=where,
+                    remedy="let one node publish the commands of a driver",
+                )
+
 
 def _check_known(what: str, name: str, known: Iterable[str], where: str) -> None:
     """Raise GraphError with ``what`` and a suggestion, unless ``name`` is ``known``."""
@@ -272,6 +296,7 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
             restart=_restart(root.section("restart", {})),
             open_topics=_open_topics(root),
             keys=folder / root.section("security").text("keys") if "security" in root.page else None,
+            drivers=_drivers(root.section("security", {})),
             minds=folder / root.text("minds") if "minds" in root.page else None,
         )
     except (GraphError, ParameterError) as error:
@@ -315,7 +340,7 @@ def _only(section: YamlSection, key: str) -> str:
 
 def _open_topics(root: YamlSection) -> tuple[str, ...]:
     section = root.section("security", {})
-    section.only("keys", "open")
+    section.only("keys", "open", "drivers")
     names = section.texts("open") if "open" in section.page else []
     for name in names:
         if not TOPIC_NAME.fullmatch(name):
@@ -325,6 +350,18 @@ def _open_topics(root: YamlSection) -> tuple[str, ...]:
                 remedy="write a list such as [/camera/image_raw]",
             )
     return tuple(names)
+
+
+def _drivers(security: YamlSection) -> DriverDomain | None:
+    if "drivers" not in security.page:
+        return None
+    section = security.section("drivers")
+    section.only("domain", "topics")
+    if missing := {"domain", "topics"} - section.page.keys():
+        remedy = "write {domain: 43, topics: [/head_controller/joint_trajectory]}"
+        raise GraphError(f"{min(missing)!r} is missing", where=section.line(), remedy=remedy)
+    domain = section.whole("domain", 0, minimum=0, maximum=HIGHEST_DOMAIN)
+    return DriverDomain(domain, frozenset(section.texts("topics")))
 
 
 def _server(root: YamlSection) -> Server | None:

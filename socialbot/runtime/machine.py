@@ -13,7 +13,7 @@ from pathlib import Path
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE
-from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE
+from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE
 from socialbot.bridge.graph_observer import expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
 from socialbot.core import paths
@@ -168,6 +168,8 @@ def enter(
     if deployment.keys is not None:
         variables[KEYS_VARIABLE] = f"{deployment.keys}:{machine}"
         variables[OPEN_TOPICS_VARIABLE] = ":".join(deployment.open_topics)
+    if deployment.drivers is not None:
+        variables[DRIVERS_VARIABLE] = deployment.drivers.text()
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from socialbot.bridge.accepted_times import AcceptedTimes
 from socialbot.bridge.keys import Keys, SecurityError, fingerprint, load_keys, load_private_key, new_key, private_names
 from socialbot.bridge.security import (
     MAX_STREAMS,
@@ -176,8 +177,8 @@ class Clocks:
         self.wall += round(seconds * SECOND)
         self.steady += round(seconds * SECOND)
 
-    def receiver(self, *, joins_late: bool = False) -> Freshness:
-        return Freshness(2.0, joins_late=joins_late, now=lambda: self.wall, steady=lambda: self.steady)
+    def receiver(self, *, joins_late: bool = False, accepted: AcceptedTimes | None = None) -> Freshness:
+        return Freshness(2.0, joins_late, lambda: self.wall, lambda: self.steady, accepted)
 
 
 @pytest.fixture
@@ -219,6 +220,51 @@ def test_a_new_receiver_refuses_older_messages(clocks):
     clocks.go_on(0.5)
     assert again.judge("a", "s", 9, said) == LATE
     assert again.judge("a", "s", 10, clocks.wall) == NEW
+
+
+@pytest.mark.parametrize("ahead_s", [-1.0, 0.0, 0.6, 1.9])
+def test_a_restart_opens_no_replay_whatever_the_clock_of_the_sender(clocks, tmp_path, ahead_s):
+    first = clocks.receiver(accepted=AcceptedTimes(tmp_path / "accepted"))
+    clocks.go_on(5)
+    said = clocks.wall + round(ahead_s * SECOND)
+    assert first.judge("a", "s", 9, said) == NEW
+    clocks.go_on(0.5)
+    again = clocks.receiver(accepted=AcceptedTimes(tmp_path / "accepted"))
+    clocks.go_on(0.1)
+    assert again.judge("a", "s", 9, said) == LATE
+    clocks.go_on(max(0.0, -ahead_s))
+    assert again.judge("a", "s", 10, clocks.wall + round(ahead_s * SECOND)) == NEW
+    assert again.judge("b", "t", 1, clocks.wall) == NEW
+
+
+def test_accepted_times_of_a_clock_that_was_set_back_do_not_count(clocks, tmp_path):
+    first = clocks.receiver(accepted=AcceptedTimes(tmp_path))
+    clocks.go_on(5)
+    assert first.judge("a", "s", 9, clocks.wall) == NEW
+    clocks.wall -= 3600 * SECOND
+    again = clocks.receiver(accepted=AcceptedTimes(tmp_path))
+    clocks.go_on(1)
+    assert again.judge("a", "s", 10, clocks.wall) == NEW
+    assert again.judge("a", "s", 9, clocks.wall + 3600 * SECOND) == REPLAYED
+
+
+def test_processes_share_the_accepted_times(tmp_path):
+    one, other = AcceptedTimes(tmp_path / "x"), AcceptedTimes(tmp_path / "x")
+    one.note("a", 9 * SECOND)
+    other.note("a", 5 * SECOND)
+    other.note("b", 5 * SECOND)
+    read = AcceptedTimes(tmp_path / "x")
+    assert (read.before("a"), read.before("b"), read.before("c")) == (9_050_000_000, 5_050_000_000, 0)
+    (tmp_path / "x" / "a").write_bytes(b"damaged")
+    assert AcceptedTimes(tmp_path / "x").before("a") == 0
+
+
+def test_a_folder_that_cannot_be_written_is_reported_once(tmp_path, caplog):
+    (tmp_path / "file").touch()
+    times = AcceptedTimes(tmp_path / "file" / "inside")
+    times.note("a", SECOND)
+    times.note("a", 2 * SECOND)
+    assert caplog.text.count("cannot note accepted messages") == 1
 
 
 def test_a_late_receiver_accepts_messages_within_the_window(clocks):

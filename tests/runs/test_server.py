@@ -84,6 +84,11 @@ def client(run: RunView, desk: Desk | None = None, token: str = "") -> Get:
     return ask
 
 
+def routes(run: RunView) -> list[Any]:
+    """All routes of the server of a run."""
+    return list(PageServer(run).application().routes)
+
+
 @pytest.fixture
 def get(run: RunView) -> Get:
     return client(run)
@@ -233,6 +238,28 @@ def test_server_requires_the_token(run):
     for path in ("/", "/api/run", "/api/live", "/page/main.js", "/api/run?token=wrong"):
         assert [get(path, headers=headers).status_code for headers in wrong] == [401] * 4
     assert get("/api/run", headers={"authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_every_url_requires_the_token(run):
+    get = client(run, token=TOKEN)
+    pages = [route.path for route in routes(run)]
+    assert len(pages) > 7
+    for path in pages:
+        asked = path.replace("{name}", "run")
+        method = "POST" if asked == "/api/command" else "GET"
+        assert get(asked, method).status_code == 401, path
+        assert get(asked, method, headers={"host": "evil.example"}).status_code == 421, path
+
+
+@pytest.mark.parametrize(
+    "way", ["../trace.jsonl", "..%2ftrace.jsonl", "%2e%2e%2ftrace.jsonl", "%2fetc%2fpasswd", "..%5ctrace.jsonl"]
+)
+def test_no_url_leads_out_of_the_run_folder(get, run, way):
+    """A file beside the folder with sounds, and one of the system."""
+    for route in routes(run):
+        answer = get(f"{route.path.partition('{')[0].rstrip('/')}/{way}")
+        assert answer.status_code in (204, 404), route.path
+        assert not answer.content or set(answer.json()) == {"error"}, route.path
 
 
 def test_token_in_the_url_becomes_a_cookie(run):
