@@ -44,10 +44,12 @@ if TYPE_CHECKING:
     from socialbot.core.errors import GraphError, MessageError, ParameterError, SocialbotError
     from socialbot.core.messages import (
         ActionRequest,
+        AudioData,
         CameraInfo,
         CompressedImage,
         HeadCommand,
         Health,
+        HeardSpeech,
         Image,
         Message,
         PersonDetection,
@@ -78,17 +80,17 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "ANYTHING", "SECOND", "Action", "ActionClient", "ActionRequest", "ActionServer", "AgentNode", "AgentPackage",
-    "Atom", "Bag", "BagWriter", "Belief", "CallResult", "CameraInfo", "Client", "Clock", "CompressedImage",
+    "ANYTHING", "Action", "ActionClient", "ActionRequest", "ActionServer", "AgentNode", "AgentPackage", "Atom",
+    "AudioData", "Bag", "BagWriter", "Belief", "CallResult", "CameraInfo", "Client", "Clock", "CompressedImage",
     "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "ForeignNodeState", "Goal", "GoalHandle",
-    "Graph", "GraphError", "HeadCommand", "Health", "Image", "InlineRunner", "Input", "Library", "Literal",
-    "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter",
+    "Graph", "GraphError", "HeadCommand", "Health", "HeardSpeech", "Image", "InlineRunner", "Input", "Library",
+    "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter",
     "ParameterError", "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
-    "RecordedRun", "RosAction", "RosMessage", "RunResult", "Sensor", "Service", "SingletonBelief", "SocialbotError",
-    "Society", "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer", "Trace",
-    "TraceRecord", "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph", "make_planner",
-    "nanoseconds", "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem", "replay",
-    "ros_message", "variables",
+    "RecordedRun", "RosAction", "RosMessage", "RunResult", "SECOND", "Sensor", "Service", "SingletonBelief",
+    "SocialbotError", "Society", "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer",
+    "Trace", "TraceRecord", "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph",
+    "make_planner", "nanoseconds", "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem",
+    "replay", "ros_message", "variables",
 ]  # fmt: skip
 
 __getattr__ = _lazy_exports(__name__)

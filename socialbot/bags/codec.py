@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar, Union, cast
 import msgspec
 import numpy as np
 
-from socialbot.bags.types import JSON, Field, fields_of, type_name, typed_messages
+from socialbot.bags.types import BYTE, JSON, Field, fields_of, type_name, typed_messages
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
@@ -454,6 +454,8 @@ def _value(field: Field, value: Any, types: TypeFactory) -> Any:
         return math.nan if value is None else float(value)
     if not field.count:
         return _one(field, value, types)
+    if field.kind == BYTE:
+        return np.frombuffer(value, np.uint8)
     if field.count == "[<=1]":
         value = () if value is None else (value,)
     items = [_one(field, item, types) for item in value]
@@ -508,6 +510,8 @@ def _read(field: Field, value: Any) -> Any:
         return None if math.isnan(value) else float(value)
     if not field.count:
         return _read_one(field, value)
+    if field.kind == BYTE:
+        return bytes(value)
     # Arrays of numbers come as array.array from rclpy, and of numpy from rosbags.
     items = tuple(_read_one(field, item) for item in (value if isinstance(value, list) else value.tolist()))
     if field.count == "[<=1]":

@@ -29,6 +29,8 @@ PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
 JSON = "json"
 """Kind of a field with JSON in a string."""
+BYTE = "uint8"
+"""Kind of the items of a field of bytes."""
 
 _SCALARS: Mapping[type[structs.Type], str] = {
     structs.StrType: "string",
@@ -156,6 +158,8 @@ def _field(name: str, kind: structs.Type) -> Field:
             return Field(name, _one(item), "[]")
         case structs.TupleType(item_types=items) if len({_one(item) for item in items}) == 1:
             return Field(name, _one(items[0]), f"[{len(items)}]")
+        case structs.BytesType():
+            return Field(name, BYTE, "[]")
         case structs.LiteralType(values=values) if all(isinstance(value, str) for value in values):
             return Field(name, "string", choices=tuple(str(value) for value in values))
         case _:

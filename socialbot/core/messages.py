@@ -376,6 +376,32 @@ class SpeechStatus(Structured, frozen=True, kw_only=True):
     detail: str = ""
 
 
+class AudioData(Structured, frozen=True, kw_only=True):
+    """Piece of sound, with the stamp of its first sample.
+
+    ``samples`` are signed 16-bit little-endian numbers, with the channels interleaved; ``sample_rate`` is in Hz.
+    """
+
+    samples: bytes
+    sample_rate: Annotated[int, msgspec.Meta(ge=1)]
+    channels: Annotated[int, msgspec.Meta(ge=1)] = 1
+
+
+class HeardSpeech(Structured, frozen=True, kw_only=True):
+    """Recognised speech from ``start`` (ns) to the stamp, its end.
+
+    ``language`` is an ISO 639-1 code, ``person`` the ROS4HRI id of the speaker, and ``voice`` the id of the voice;
+    each is empty if unknown.
+    """
+
+    start: int
+    text: str
+    language: str = ""
+    confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    person: str = ""
+    voice: str = ""
+
+
 class HeadCommand(Structured, frozen=True, kw_only=True):
     """Head control mode: follow people, face forward, or look at a pan and tilt (rad)."""
 
@@ -415,6 +441,6 @@ class Mind(Structured, frozen=True, kw_only=True):
 
 BUILT_IN_MESSAGES: tuple[type[Structured], ...] = (
     PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
-    UpStatus, DownRequest, AgentCommand, AgentAnswer,
+    UpStatus, DownRequest, AgentCommand, AgentAnswer, AudioData, HeardSpeech,
 )  # fmt: skip
 """Structured messages shared by all agents; `socialbot.core.registry.message_types` returns all."""

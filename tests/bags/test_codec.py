@@ -61,6 +61,8 @@ def values(kind: structs.Type) -> st.SearchStrategy[Any]:
             return values(inner)
         case structs.StrType():
             return texts
+        case structs.BytesType():
+            return st.binary(max_size=64)
         case structs.BoolType():
             return st.booleans()
         case structs.IntType(ge=low, le=high):
