@@ -1,0 +1,36 @@
+"""Dialogue of agents: intents with slots, beliefs of what is heard, and goals to ask, answer and confirm."""
+
+from typing import TYPE_CHECKING
+
+from socialbot.core.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from socialbot.agents.dialogue.conversation import (
+        SILENCE,
+        SOMEBODY,
+        Answer,
+        Ask,
+        Confirm,
+        Conversation,
+        Converse,
+        Policy,
+        Repair,
+        Respond,
+        asked,
+        conversation_rules,
+        heard,
+        speaks,
+        talks,
+        turn,
+        waits,
+    )
+    from socialbot.agents.dialogue.intents import UNKNOWN, Grammar, Intent, Reading
+    from socialbot.agents.dialogue.script import Question, Script, load_script
+
+__all__ = [
+    "SILENCE", "SOMEBODY", "UNKNOWN", "Answer", "Ask", "Confirm", "Conversation", "Converse", "Grammar", "Intent",
+    "Policy", "Question", "Reading", "Repair", "Respond", "Script", "asked", "conversation_rules", "heard",
+    "load_script", "speaks", "talks", "turn", "waits",
+]  # fmt: skip
+
+__getattr__ = lazy_exports(__name__)

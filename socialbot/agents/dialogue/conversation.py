@@ -1,0 +1,355 @@
+"""Conversation of an agent: what is heard becomes beliefs, and replies are goals.
+
+Beliefs name people by their id. The plans of `conversation_rules` handle turns, repair and waiting people; the plans of
+the agent achieve `Respond`, and use `Answer`, `Ask`, `Confirm` and `Converse`.
+"""
+# ruff: noqa: N801 - beliefs and actions have names of one style in all agents
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import NamedTuple
+
+from socialbot.agents.dialogue.intents import UNKNOWN, Reading
+from socialbot.agents.dialogue.script import Question, Script
+from socialbot.bdi import (
+    ANYTHING,
+    Belief,
+    Engine,
+    Goal,
+    Inference,
+    LongAction,
+    Plan,
+    Sensed,
+    Sensor,
+    atomic,
+    compute,
+    error_msg,
+    fail,
+    variables,
+    wait_for,
+)
+from socialbot.core.messages import HeardSpeech, SpeechStatus
+
+SOMEBODY = "somebody"
+"""Person of speech whose speaker is unknown."""
+
+SILENCE = "silence"
+"""Reply to a question that nobody answered."""
+
+SAID = ("finished", "interrupted")
+FAILED = ("replaced", "expired", "failed")
+"""Final states of utterances."""
+
+
+class heard(Belief):
+    """This person has said a sentence with this intent and these slots; the last one of each person is kept."""
+
+
+class speaks(Belief):
+    """This person speaks this language (ISO 639-1)."""
+
+
+class talks(Belief):
+    """This person is speaking now."""
+
+
+class turn(Belief):
+    """The agent is in a conversation with this person; others wait."""
+
+
+class asked(Belief):
+    """This question to this person is open."""
+
+
+class replied(Belief):
+    """This person has answered the open question with this intent and these slots."""
+
+
+class waits(Belief):
+    """This person has said this during the turn of another person, and gets a response afterwards."""
+
+
+class misheard(Belief):
+    """So many sentences of this person in a row were not understood."""
+
+
+class Respond(Goal):
+    """Respond(Person, Intent, Slots): respond to what a person has said. The plans of the agent achieve it."""
+
+
+class Answer(Goal):
+    """Answer(Person, Situation, Arguments): say the sentence for a situation, once nobody is speaking, to its end."""
+
+
+class Ask(Goal):
+    """Ask(Person, Question, Arguments, Intent, Slots): ask a question; the last two are bound to the reply."""
+
+
+class Confirm(Goal):
+    """Confirm(Person, Question, Arguments): achieved by "yes". Another reply fails it; a correction is responded to."""
+
+
+class Converse(Goal):
+    """Converse(Person, Question, Arguments): ask a question and respond to the reply, in one turn."""
+
+
+class Turn(Goal):
+    """Turn(Person, Intent, Slots): take the turn of a person and respond."""
+
+
+class Repair(Goal):
+    """Repair(Person): react to a sentence that was not understood."""
+
+
+class Pose(Goal):
+    """Pose(Person, Question, Arguments, Try, Intent, Slots): one try of `Ask`."""
+
+
+class Listen(Goal):
+    """Listen(Person, Question, Intent, Slots): wait for the reply."""
+
+
+class Judge(Goal):
+    """Judge(Person, Question, Arguments, Try, Reply, Its slots, Intent, Slots): accept the reply or try again."""
+
+
+class Verdict(Goal):
+    """Verdict(Person, Intent, Slots): judge the reply to `Confirm`."""
+
+
+class tell(LongAction):
+    """tell(Person, Situation, Arguments): say the sentence for a situation; ends with its utterance."""
+
+    def start(self, person: str, situation: str, arguments: tuple[object, ...] = ()) -> None:
+        self.engine.robot.conversation.tell(self, person, situation, arguments)
+
+    def cancel(self) -> None:
+        self.engine.robot.conversation.forget(self)
+        self.cancelled()
+
+
+class Policy(NamedTuple):
+    """Limits of a conversation: durations in s, and numbers of tries."""
+
+    repairs: int = 2
+    """Repairs in a row until the way out."""
+    polite_s: float = 15.0
+    """Longest wait until nobody is speaking."""
+    speech_s: float = 30.0
+    """Longest duration of an utterance, with its wait in the queue of the speaker."""
+    waiting_s: float = 30.0
+    """Time after which a waiting person is given up."""
+    least_confidence: float = 0.3
+    """Recognized speech below this confidence counts as not understood."""
+
+
+class SpeechSensor(Sensor):
+    """Sensor of speech: reads the intent of a sentence."""
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+
+    def sense(self, percept: HeardSpeech) -> Sensed:
+        talk = self._conversation
+        person = talk.speaker(percept)
+        reading = talk.read(percept, person)
+        by = f"{percept.text!r}, recognized with a confidence of {percept.confidence:.2f}"
+        if reading:
+            why = f"{by}, matches {reading.phrase!r} in {reading.language} by {reading.score:.0%}".replace("%", " %")
+        else:
+            why = f"{by}, matches no phrase"
+        if reading.rejected:
+            why += f"; it excludes {', '.join(reading.rejected)}"
+        changes = [(-old).because(why) for old in talk.believed(heard, person)]
+        if reading:
+            changes += [(-old).because(f"{person} is understood") for old in talk.believed(misheard, person)]
+            spoken = talk.believed(speaks, person)
+            if not any(one.args[1] == reading.language for one in spoken):
+                changes += [(-old).because(why) for old in spoken]
+                changes.append((+speaks(person, reading.language)).because(why))
+        return [*changes, (+heard(person, reading.intent, reading.slots)).because(why)]
+
+
+class Conversation:
+    """Part of an agent node: hears sentences, says sentences, and keeps the language of each person.
+
+    Args:
+        engine: The engine of the agent. Its robot has this object as ``conversation`` and a method
+            ``utter(action, person, situation, text, language)``, which returns the id of the utterance whose status
+            `note` gets, or "" for one that is over.
+        script: Intents, questions and sentences.
+        language: Language of people who have not spoken yet.
+        present: Returns the people who may have said something.
+        attends: Whether sentences of a person that are not understood are repaired.
+        policy: Limits.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        script: Script,
+        language: str = "en",
+        *,
+        present: Callable[[], Collection[str]] = lambda: (),
+        attends: Callable[[str], bool] = lambda _: True,
+        policy: Policy | None = None,
+    ) -> None:
+        self.engine, self.script, self.language = engine, script, language
+        self.present, self.attends, self.policy = present, attends, policy or Policy()
+        self._telling: dict[str, tell] = {}
+        self._last: dict[str, tuple[str, tuple[object, ...]]] = {}
+        self.sensor = SpeechSensor(self)
+        engine.add_sensor(self.sensor)
+
+    # What is heard
+
+    def hear(self, message: HeardSpeech) -> None:
+        """Turn recognized speech into beliefs."""
+        if message.text.strip():
+            cause = f"heard-{message.stamp}"
+            self.engine.perceive(self.sensor, message, cause=cause, since=min(message.stamp, self.engine.clock.now()))
+
+    def activity(self, person: str, *, active: bool, cause: str = "") -> None:
+        """Note that a person begins or ends to speak."""
+        if active:
+            self.engine.believe(talks(person or SOMEBODY), source="speech", cause=cause)
+        else:
+            self.engine.forget(talks(person or ANYTHING))
+
+    def speaker(self, message: HeardSpeech) -> str:
+        """The person who spoke: as recognized, or who was asked, or the only one present, or `SOMEBODY`."""
+        if message.person:
+            return message.person
+        for candidates in ([str(one.args[0]) for one in self.believed(asked)], list(self.present())):
+            if len(candidates) == 1:
+                return candidates[0]
+        return SOMEBODY
+
+    def read(self, message: HeardSpeech, person: str) -> Reading:
+        """Interpret a sentence in the language of the person, or the recognized one if that fits better."""
+        known = self.script.languages
+        candidates = [self.language_of(person), message.language]
+        if message.language not in known:
+            candidates += known
+        languages = [one for one in dict.fromkeys(candidates) if one in known] or [self.language]
+        if message.confidence and message.confidence < self.policy.least_confidence:
+            return Reading(UNKNOWN, language=languages[0])
+        questions = [self.script.questions[str(one.args[1])] for one in self.believed(asked, person)]
+        expected = {intent for question in questions for intent in question.expects}
+        readings = [self.script.grammar.read(message.text, language, expected) for language in languages]
+        return max(readings, key=lambda reading: (reading.words, reading.score))
+
+    def believed(self, kind: type[Belief], person: str = "") -> list[Belief]:
+        """Current beliefs of a kind, about a person."""
+        found = (one.belief for one in self.engine.beliefs if type(one.belief) is kind)
+        return [belief for belief in found if not person or belief.args[0] == person]
+
+    def language_of(self, person: str) -> str:
+        """Language in which to speak to a person."""
+        return next((str(one.args[1]) for one in self.believed(speaks, person)), self.language)
+
+    # What is said
+
+    def tell(self, action: tell, person: str, situation: str, arguments: tuple[object, ...]) -> None:
+        """Say the sentence for a situation in the language of a person; `note` ends the action."""
+        text, language = self.script.sentence(situation, arguments, self.language_of(person))
+        self._last[person] = (situation, arguments)
+        if utterance := self.engine.robot.utter(action, person, situation, text, language):
+            self._telling[utterance] = action
+        else:
+            action.done()
+
+    def last_said(self, person: str) -> tuple[str, tuple[object, ...]] | None:
+        """Situation and arguments of the last sentence to a person."""
+        return self._last.get(person)
+
+    def note(self, status: SpeechStatus) -> None:
+        """End the action of an utterance that is over."""
+        if status.state not in (*SAID, *FAILED):
+            return
+        action = self._telling.pop(status.utterance_id, None)
+        if action is not None:
+            if status.state in SAID:
+                action.done()
+            else:
+                action.failed(f"the utterance is {status.state}: {status.detail}".rstrip(": "))
+
+    def forget(self, action: tell) -> None:
+        """Stop to wait for the end of an utterance."""
+        self._telling = {key: other for key, other in self._telling.items() if other is not action}
+
+    # Questions
+
+    def question(self, name: str) -> Question:
+        """The declared question, or one with the default limits."""
+        return self.script.questions.get(name) or Question(name, ())
+
+    def expects(self, name: str, intent: str) -> bool:
+        """Whether an intent answers a question; a sentence that is not understood is a reply, too."""
+        return intent == UNKNOWN or intent in self.question(name).expects
+
+
+def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]]:
+    """Return the plans of a conversation; the agent adds its own for `Respond`."""
+    Who, Other, What, Slots, Reply, Given, T, Q, A, N, M, _ = variables("Who Other What Slots Reply Given T Q A N M _")  # noqa: N806
+    policy = talk.policy
+    patience = compute(lambda Q: talk.question(Q).patience_s)  # noqa: N803
+    return [
+        # Who is asked, answers. Others wait for their turn.
+        atomic(
+            +heard(Who, What, Slots) / (asked(Who, Q) & (lambda Q, What: talk.expects(Q, What)))  # noqa: N803
+            >> [-replied(Who, _, _), +replied(Who, What, Slots)],
+        ),
+        +heard(Who, UNKNOWN, Slots) / (lambda Who: not talk.attends(Who)) >> [],  # noqa: N803
+        +heard(Who, UNKNOWN, Slots) / (turn(Other) & (Other != Who)) >> [],
+        +heard(Who, UNKNOWN, Slots) >> [Repair(Who)],
+        +heard(Who, What, Slots) / turn(Who) >> [Respond(Who, What, Slots)],
+        +heard(Who, What, Slots) / (turn(Other) & waits(Who, _, _)) >> [-waits(Who, _, _), +waits(Who, What, Slots)],
+        +heard(Who, What, Slots) / turn(Other) >> [+waits(Who, What, Slots), Answer(Who, "one_moment", ())],
+        +heard(Who, What, Slots) >> [Turn(Who, What, Slots)],
+        -turn(_) / (waits(Who, What, Slots) & ~turn(_)) >> [-waits(Who, What, Slots), Turn(Who, What, Slots)],
+        +waits(Who, What, Slots).held_for(policy.waiting_s) >> [-waits(Who, What, Slots)],
+        # A turn ends with its response, whatever comes of it.
+        Turn(Who, What, Slots) >> [wait_for(~turn(_)), +turn(Who), Respond(Who, What, Slots), -turn(Who)],
+        -Turn(Who, What, Slots) >> [-turn(Who)],
+        Converse(Who, Q, A)
+        >> [wait_for(~turn(_)), +turn(Who), Ask(Who, Q, A, What, Slots), Respond(Who, What, Slots), -turn(Who)],
+        -Converse(Who, Q, A)[error_msg(M)] >> [-turn(Who), fail(M)],
+        # Sentences
+        Answer(Who, T, A) >> [wait_for(~talks(_), policy.polite_s), tell(Who, T, A).within(policy.speech_s)],
+        # Questions
+        Ask(Who, Q, A, What, Slots) >> [Pose(Who, Q, A, 1, What, Slots)],
+        Pose(Who, Q, A, N, What, Slots)
+        >> [
+            -replied(Who, _, _),
+            +asked(Who, Q),
+            Answer(Who, Q, A),
+            Listen(Who, Q, Reply, Given),
+            -asked(Who, Q),
+            Judge(Who, Q, A, N, Reply, Given, What, Slots),
+        ],
+        -Pose(Who, Q, A, N, What, Slots)[error_msg(M)] >> [-asked(Who, Q), fail(M)],
+        Listen(Who, Q, What, Slots) >> [wait_for(replied(Who, What, Slots), patience), -replied(Who, What, Slots)],
+        -Listen(Who, Q, What, Slots) / talks(_) >> [Listen(Who, Q, What, Slots)],
+        -Listen(Who, Q, SILENCE, ()) >> [],
+        Judge(Who, Q, A, N, SILENCE, _, What, Slots) / (lambda Q, N: talk.question(Q).tries > N)  # noqa: N803
+        >> [Pose(Who, Q, A, N + 1, What, Slots)],
+        Judge(Who, Q, A, N, SILENCE, _, What, Slots) >> [fail("nobody answers")],
+        Judge(Who, Q, A, N, UNKNOWN, _, What, Slots) / (policy.repairs >= N)
+        >> [Answer(Who, "repair", ()), Pose(Who, Q, A, N + 1, What, Slots)],
+        Judge(Who, Q, A, N, UNKNOWN, _, What, Slots)
+        >> [Answer(Who, "way_out", ()), fail("the reply is not understood")],
+        Judge(Who, Q, A, N, What, Slots, What, Slots) >> [],
+        Confirm(Who, Q, A) >> [Ask(Who, Q, A, What, Slots), Verdict(Who, What, Slots)],
+        Verdict(Who, "yes", Slots) >> [],
+        Verdict(Who, "no", Slots) >> [fail("the person says no")],
+        Verdict(Who, What, Slots) >> [Respond(Who, What, Slots), fail("the person corrects it")],
+        # Sentences that are not understood
+        Repair(Who) / ~misheard(Who, _) >> [+misheard(Who, 1), Answer(Who, "repair", ())],
+        Repair(Who) / (misheard(Who, N) & (policy.repairs > N))
+        >> [-misheard(Who, N), +misheard(Who, N + 1), Answer(Who, "repair", ())],
+        Repair(Who) / misheard(Who, policy.repairs)
+        >> [-misheard(Who, _), +misheard(Who, policy.repairs + 1), Answer(Who, "way_out", ())],
+        Repair(Who) >> [],
+    ]

@@ -1,0 +1,224 @@
+"""Dialogue script: intents, questions and sentences, declared in Python or in a YAML file.
+
+A file has these parts, all optional; texts by language are a text or a list of texts::
+
+    values:
+      place:
+        library: {en: [library, reading room], de: Bibliothek}
+    intents:
+      directions:
+        slots: [place]
+        en: ["where is [the] {place}"]
+        de: ["wo ist [die|das|der] {place}"]
+    questions:
+      offer: {expects: [yes, no], tries: 1, patience_s: 8}
+    sentences:
+      offer: {en: Can I help you with anything?, de: Kann ich Ihnen helfen?}
+      way: {en: "The {0} is on floor {1}.", de: "{0}: Etage {1}."}
+"""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from socialbot.agents.dialogue.intents import Grammar, Intent
+from socialbot.core.errors import GraphError, RuleError, suggestion
+from socialbot.core.yaml import YamlSection, read_page
+
+Names = Mapping[str, Mapping[str, Sequence[str]]]
+"""Names of slot values: value to language to names."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """Question that a person may answer.
+
+    Args:
+        name: Its name; a sentence of this name asks it.
+        expects: Intents that answer it.
+        tries: How often it is asked: again after a silence or a reply that is not understood.
+        patience_s: Time for the reply after the end of the sentence, s.
+    """
+
+    name: str
+    expects: tuple[str, ...]
+    tries: int = 3
+    patience_s: float = 8.0
+
+
+class Script:
+    """Intents, questions and sentences of a dialogue.
+
+    Args:
+        intents: The intents, most specific first.
+        values: Values by slot, see `Grammar`.
+        questions: The questions.
+        sentences: Sentences by situation and language; ``{0}`` is the first argument.
+        where: Place of the declaration, for errors.
+
+    Raises:
+        RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
+    """
+
+    def __init__(
+        self,
+        intents: Iterable[Intent] = (),
+        values: Mapping[str, Names] | None = None,
+        questions: Iterable[Question] = (),
+        sentences: Mapping[str, Mapping[str, str]] | None = None,
+        where: str = "dialogue",
+    ) -> None:
+        self.grammar = Grammar(intents, values)
+        self.questions = {question.name: question for question in questions}
+        self.sentences = {name: dict(texts) for name, texts in (sentences or {}).items()}
+        for question in self.questions.values():
+            for intent in question.expects:
+                if intent not in self.grammar.intents:
+                    remedy = suggestion(intent, self.grammar.intents)
+                    raise RuleError(
+                        f"question {question.name!r} expects the unknown intent {intent!r}", where=where, remedy=remedy
+                    )
+            if question.name not in self.sentences:
+                remedy = suggestion(question.name, self.sentences)
+                raise RuleError(f"question {question.name!r} has no sentence", where=where, remedy=remedy)
+        for name, texts in self.sentences.items():
+            for language, text in texts.items():
+                _check_fields(text, f"{where}: sentence {name}, {language}")
+
+    def __or__(self, other: Script) -> Script:
+        """Return both scripts in one; parts of the right one replace equally named ones and are tried first."""
+        mine, theirs = self.grammar, other.grammar
+        return Script(
+            [*theirs.intents.values(), *(one for name, one in mine.intents.items() if name not in theirs.intents)],
+            {**mine.values, **theirs.values},
+            {**self.questions, **other.questions}.values(),
+            {
+                name: {**self.sentences.get(name, {}), **other.sentences.get(name, {})}
+                for name in dict.fromkeys((*self.sentences, *other.sentences))
+            },
+        )
+
+    def with_values(self, **values: Names) -> Script:
+        """Return this script with the values of some slots."""
+        intents, questions = self.grammar.intents.values(), self.questions.values()
+        return Script(intents, {**self.grammar.values, **values}, questions, self.sentences)
+
+    @property
+    def languages(self) -> tuple[str, ...]:
+        """Languages in which the script understands and speaks, in the order of its phrases."""
+        spoken = {language for texts in self.sentences.values() for language in texts}
+        return tuple(language for language in self.grammar.languages if language in spoken)
+
+    def sentence(self, situation: str, arguments: Sequence[object], language: str) -> tuple[str, str]:
+        """Return the sentence for a situation and its language: the given one, or else the first that has it.
+
+        Arguments that are values of a slot are shown by their name in the language.
+
+        Raises:
+            RuleError: There is no such sentence, or it needs more arguments.
+        """
+        texts = self.sentences.get(situation)
+        if not texts:
+            raise RuleError(f"no sentence for {situation!r}", remedy=suggestion(situation, self.sentences))
+        language = language if language in texts else next(iter(texts))
+        shown = [self.grammar.name_of(one, language) if isinstance(one, str) else one for one in arguments]
+        try:
+            return texts[language].format(*shown), language
+        except IndexError as error:
+            raise RuleError(f"sentence {situation!r} needs more than {len(shown)} arguments") from error
+
+
+def load_script(path: Path | str, text: str | None = None, values: Mapping[str, Names] | None = None) -> Script:
+    """Read a script from a YAML file.
+
+    Args:
+        path: The file.
+        text: Its content, if it has been read.
+        values: Values of slots that the file leaves open.
+
+    Raises:
+        GraphError: The file cannot be read or does not follow the layout.
+        RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
+    """
+    if text is None:
+        try:
+            text = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
+    page = read_page(text, where=str(path))
+    page.only("values", "intents", "questions", "sentences")
+    known = {slot: names_in(page.section("values").section(slot)) for slot in page.section("values", {}).page}
+    intents, questions = page.section("intents", {}), page.section("questions", {})
+    sentences = page.section("sentences", {})
+    return Script(
+        [_intent(name, intents.section(name)) for name in map(str, intents.page)],
+        {**(values or {}), **known},
+        [_question(name, questions.section(name)) for name in map(str, questions.page)],
+        {str(name): _sentence(sentences.section(name)) for name in sentences.page},
+        where=str(path),
+    )
+
+
+def names_in(section: YamlSection) -> dict[str, dict[str, list[str]]]:
+    """Read the names of slot values by language. Raises GraphError."""
+    return {str(value): texts_in(section.section(value)) for value in section.page}
+
+
+def texts_in(section: YamlSection) -> dict[str, list[str]]:
+    """Read texts by language, each a text or a list of texts. Raises GraphError."""
+    return {_language(section, key): _texts(section, key) for key in section.page}
+
+
+def _texts(section: YamlSection, key: str) -> list[str]:
+    return [section.text(key)] if isinstance(section.page[key], str) else section.texts(key)
+
+
+def _language(section: YamlSection, key: object) -> str:
+    # YAML reads the language "no" as a truth value.
+    if not isinstance(key, str) or len(key) != 2 or not key.isalpha():
+        remedy = "write a code of two letters, such as en"
+        raise GraphError(f"{key!r} is no language", where=section.line(key), remedy=remedy)
+    return str(key)
+
+
+def _intent(name: str, section: YamlSection) -> Intent:
+    phrases = {
+        _language(section, key): _texts(section, key) for key in section.page if key not in ("slots", "only_expected")
+    }
+    only_expected = section.page.get("only_expected", False)
+    if not isinstance(only_expected, bool):
+        raise GraphError(
+            f"'only_expected' must be true or false, got {only_expected!r}", where=section.line("only_expected")
+        )
+    return Intent(name, tuple(section.texts("slots")), phrases, only_expected)
+
+
+def _question(name: str, section: YamlSection) -> Question:
+    section.only("expects", "tries", "patience_s")
+    return Question(
+        name,
+        tuple(section.texts("expects")),
+        section.whole("tries", Question.tries, minimum=1, maximum=10),
+        section.number("patience_s", Question.patience_s, minimum=0.5, maximum=120),
+    )
+
+
+def _sentence(section: YamlSection) -> dict[str, str]:
+    return {_language(section, key): section.text(key) for key in section.page}
+
+
+def _check_fields(text: str, where: str) -> None:
+    try:
+        fields = [name for _, name, *_ in string.Formatter().parse(text) if name is not None]
+    except ValueError as error:
+        raise RuleError(
+            f"{text!r} is no sentence: {error}", where=where, remedy="write {{ and }} for braces"
+        ) from error
+    for name in fields:
+        if not name.isdecimal():
+            raise RuleError(
+                f"{text!r} has the unknown field {{{name}}}", where=where, remedy="write {0} for the first argument"
+            )

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.dialogue import UNKNOWN, Grammar, Intent
+from socialbot.agents.dialogue.intents import similarity
+from socialbot.core.errors import RuleError
+
+PLACES = {
+    "library": {"en": ["library", "reading room"], "de": ["Bibliothek", "Bücherei"], "fr": ["bibliothèque"]},
+    "laboratory": {"en": ["laboratory", "lab"], "de": ["Labor"], "es": ["laboratorio"]},
+}
+PEOPLE = {"anna": {language: ["Anna Smith", "Anna"] for language in ("en", "de", "es", "fr")}}
+GRAMMAR = Grammar(
+    [
+        Intent("yes", phrases={"en": ["yes [please]", "sure"]}),
+        Intent("no", phrases={"en": ["no [thanks|thank you]"], "de": ["nein [danke]"]}),
+        Intent(
+            "directions",
+            ("place",),
+            {
+                "en": ["where is [the] {place}", "how do I get to [the] {place}", "can not find [the] {place}"],
+                "de": ["wo (ist|finde ich) [die|das] {place}"],
+                "es": ["dónde está [el|la] {place}"],
+                "fr": ["où est [la|le] {place}"],
+            },
+        ),
+        Intent("elsewhere", ("text",), {"en": ["where is [the] {text}"]}),
+        Intent("place", ("place",), {"en": ["[the] {place}"], "fr": ["[la] {place}"]}, only_expected=True),
+        Intent(
+            "call",
+            ("who",),
+            {"en": ["call {who}"], "de": ["ruf[en Sie] {who} [an]"], "es": ["llame a {who}"], "fr": ["appelez {who}"]},
+        ),
+    ],
+    {"place": PLACES, "who": PEOPLE},
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "intent", "slots"),
+    [
+        ("Excuse me, where's the library?", "en", "directions", ("library",)),
+        ("where is the reading room please", "en", "directions", ("library",)),
+        ("WHERE IS THE LAB", "en", "directions", ("laboratory",)),
+        ("How do I, um, get to the lab?", "en", "directions", ("laboratory",)),
+        ("I can't find the library.", "en", "directions", ("library",)),
+        ("Wo ist die Bücherei?", "de", "directions", ("library",)),
+        ("¿Dónde está el laboratorio?", "es", "directions", ("laboratory",)),
+        ("Où est la bibliothèque ?", "fr", "directions", ("library",)),
+        ("Call Anna Smith, please", "en", "call", ("anna",)),
+        ("Where is the swimming pool?", "en", "elsewhere", ("swimming pool",)),
+        ("I have a dog", "en", UNKNOWN, ()),
+        ("", "en", UNKNOWN, ()),
+        ("Where is the library?", "de", UNKNOWN, ()),
+    ],
+)
+def test_reads_intents_with_slots(text, language, intent, slots):
+    reading = GRAMMAR.read(text, language)
+    assert (reading.intent, reading.slots) == (intent, slots)
+    assert bool(reading) == (intent != UNKNOWN)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "where is the libary", "were is the library", "wear is the library", "where is the librarry",
+        "where is the readingroom", "where is the reading rooms",
+    ],
+)  # fmt: skip
+def test_reads_misheard_words(text):
+    assert GRAMMAR.read(text, "en").slots == ("library",)
+
+
+@pytest.mark.parametrize("text", ["where is the liberty", "where is the brewery", "wo ist the bakery"])
+def test_other_places_are_not_taken_for_known_ones(text):
+    assert GRAMMAR.read(text, "en").intent != "directions"
+
+
+@pytest.mark.parametrize(
+    ("text", "language"),
+    [
+        ("Do not call Anna", "en"), ("don't call Anna Smith", "en"), ("Never call Anna.", "en"),
+        ("Rufen Sie Anna nicht an", "de"), ("No llame a Ana", "es"), ("N'appelez pas Anna", "fr"),
+    ],
+)  # fmt: skip
+def test_negated_sentences_are_not_obeyed(text, language):
+    assert GRAMMAR.read(text, language).intent != "call"
+
+
+@pytest.mark.parametrize(("text", "language"), [("No, llame a Ana", "es"), ("No. Call Anna!", "en")])
+def test_a_negation_ends_with_its_clause(text, language):
+    assert GRAMMAR.read(text, language).intent == "call"
+
+
+def test_a_negated_value_is_rejected():
+    reading = GRAMMAR.read("No, not the library", "en", {"yes", "no", "place"})
+    assert (reading.intent, reading.slots, reading.rejected) == ("no", (), ("library",))
+    reading = GRAMMAR.read("No, not the library, the lab", "en", {"yes", "no", "place"})
+    assert (reading.intent, reading.slots, reading.rejected) == ("place", ("laboratory",), ("library",))
+    assert GRAMMAR.read("Pas la bibliothèque", "fr", {"place"}).intent == UNKNOWN
+
+
+def test_short_replies_are_only_understood_when_they_are_expected():
+    assert GRAMMAR.read("the library", "en").intent == UNKNOWN
+    assert GRAMMAR.read("the library", "en", {"place"}).slots == ("library",)
+
+
+def test_names_of_values_are_shown_in_the_language_of_the_person():
+    assert GRAMMAR.name_of("library", "de") == "Bibliothek"
+    assert GRAMMAR.name_of("library", "es") == "library"
+    assert GRAMMAR.name_of("no value", "de") == "no value"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"), [("anna", "ana", 1.0), ("where", "wehre", 0.8), ("abc", "xyz", 0.0), ("", "", 1.0)]
+)
+def test_similarity(one, other, alike):
+    assert similarity(one, other) == similarity(other, one) == pytest.approx(alike)
+
+
+@pytest.mark.parametrize(
+    ("phrase", "problem"),
+    [
+        ("where is {room}", "unknown slot 'room'"), ("(where", "lacks ')'"), ("where]", "without its other bracket"),
+        ("[where]", "can be empty"), ("", "can be empty"), ("{", "invalid '{'"), ("(a|b) " * 10, "too many variants"),
+    ],
+)  # fmt: skip
+def test_invalid_phrases_are_refused_with_their_place(phrase, problem):
+    with pytest.raises(RuleError, match="intent directions, en") as caught:
+        Grammar([Intent("directions", ("place",), {"en": [phrase]})], {"place": PLACES})
+    assert problem in str(caught.value)
+
+
+def test_slots_need_values():
+    with pytest.raises(RuleError, match="slot 'place' has no values"):
+        Grammar([Intent("directions", ("place",))])
