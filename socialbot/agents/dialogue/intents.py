@@ -201,8 +201,8 @@ class Grammar:
             if match is None:
                 continue
             score = 1 - match.cost / len(variant.parts)
-            text = sum(len(value.split()) for name, value in match.slots if name == TEXT)
-            rank = (match.words - _FREE_WORD * text - match.cost, is_expected, score)
+            free = sum(len(value.split()) for name, value in match.slots if name == TEXT)
+            rank = (match.words - _FREE_WORD * free - match.cost, is_expected, score)
             if rank <= best_rank or _is_negated(variant, match, sentence, starts, language):
                 continue
             slots = dict(match.slots)

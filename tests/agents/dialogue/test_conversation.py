@@ -17,7 +17,7 @@ from socialbot.agents.dialogue import (
     heard,
     speaks,
 )
-from socialbot.bdi import Action, Engine, Goal, variables
+from socialbot.bdi import Action, Engine, Goal, Record, variables
 from socialbot.core.messages import HeardSpeech, SpeechStatus
 from socialbot.testing import SECOND, ManualClock, run_engine
 
@@ -76,7 +76,7 @@ class Robot:
     def __init__(self, **policy: float) -> None:
         self.said: list[str] = []
         self.notes: list[tuple[object, ...]] = []
-        self.records: list[object] = []
+        self.records: list[Record] = []
         self.engine = Engine("robot", ManualClock(), robot=self, sink=self.records.append)
         self.here: list[str] = []
         self.conversation = Conversation(
