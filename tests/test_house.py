@@ -107,6 +107,7 @@ ROOMS = (
     ("vision", "deliberation"),
     ("runs",),
     ("agents",),
+    ("robots",),
     ("bridge",),
     ("runtime",),
     ("cli",),

@@ -27,6 +27,14 @@ def graph_names(incomplete: str) -> list[str]:
     return [*names, *paths(incomplete, (".yaml", ".yml"))]
 
 
+def robot_names(incomplete: str) -> list[str]:
+    """Complete a robot: names of profiles, YAML files and folders."""
+    from socialbot.core import registry
+
+    names = [name for name in sorted(registry.robot_files()) if name.startswith(incomplete)]
+    return [*names, *paths(incomplete, (".yaml", ".yml"))]
+
+
 def node_names(ctx: typer.Context, incomplete: str) -> list[str]:
     """Complete a node of the graph that ``--graph`` names; nothing if the graph is unreadable."""
     from socialbot.graph.files import load_graph
@@ -151,6 +159,10 @@ RunArgument = Annotated[
     Path | None, typer.Argument(help="Folder of a run; default: the newest in runs/.", autocompletion=run_folders)
 ]
 BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag file.")]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Robot: name or file of a profile.", autocompletion=robot_names),
+]
 MachineOption = Annotated[str | None, typer.Option(help="Machine of a deployment; default: this one.")]
 SetOption = Annotated[
     list[str] | None,

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from socialbot.cli._options import GraphArgument
+from socialbot.cli._options import GraphArgument, RobotOption
 from socialbot.core.errors import GraphError, InstallationError
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ EXAMPLES = (
 )
 
 
-def graph(graph: GraphArgument) -> None:
+def graph(graph: GraphArgument, robot: RobotOption = None) -> None:
     """Check a graph and show its nodes, topics and parameters."""
     from socialbot.graph.files import load_graph
 
-    loaded = load_graph(graph)
+    loaded = load_graph(graph, robot=robot or "")
     console = Console(highlight=False)
     configs = (*loaded.nodes, *loaded.stand_ins)
     extra = ("offers", "calls") if any(config.servers or config.clients for config in configs) else ()

@@ -33,6 +33,7 @@ RecordBagOption = Annotated[bool, typer.Option("--bag", help="Record a bag for r
 def run(
     context: typer.Context,
     graph: options.GraphArgument,
+    robot: options.RobotOption = None,
     runner: options.RunnerOption = "inline",
     composed: options.ComposedOption = False,
     domain: options.DomainOption = None,
@@ -52,7 +53,7 @@ def run(
     """
     from socialbot.graph.files import load_graph
 
-    loaded = load_graph(graph)
+    loaded = load_graph(graph, robot=robot or "")
     title = loaded.name.capitalize()
     simulate(
         context,

@@ -16,6 +16,7 @@ FOXGLOVE_PORT = 8766  # that of the inspector is 8765
 PANEL = "Run a graph"
 EXAMPLES = (
     "socialbot up --inspect",
+    "socialbot up --robot reachy_mini",
     "socialbot up deploy.yaml --machine robot",
 )
 
@@ -26,6 +27,7 @@ def up(
         str,
         typer.Argument(help="Built-in graph, graph file or deployment file.", autocompletion=options.graph_names),
     ] = "waldo",
+    robot: options.RobotOption = None,
     machine: options.MachineOption = None,
     composed: options.ComposedOption = False,
     camera: Annotated[str | None, typer.Option(help="Device, video or folder: sets camera.source.")] = None,
@@ -65,7 +67,7 @@ def up(
             if composed:
                 what = "each node of a deployment runs in its own process"
                 raise ParameterError(what, where="--composed", remedy="leave it out")
-            deployment = load_deployment(Path(graph))
+            deployment = load_deployment(Path(graph), robot=robot or "")
             machine = machine or deployment.this_machine()
             nodes = ", ".join(config.name for config in deployment.half(machine))
             whole = with_changes(deployment.graph, changes)
@@ -74,7 +76,7 @@ def up(
                 console.print(f"{whole.name} on {machine}: {nodes or 'no node'}", markup=False)
         else:
             options.expect_no_machine(machine)
-            whole, source = with_changes(load_graph(graph), changes), LiveSource(state_folder=minds)
+            whole, source = with_changes(load_graph(graph, robot=robot or ""), changes), LiveSource(state_folder=minds)
         for config in whole.nodes:
             if source.nodes is None or config.name in source.nodes:
                 config.type.expect_available(config.parameters)

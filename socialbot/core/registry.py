@@ -35,7 +35,7 @@ from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, Trac
 ENTRY_POINTS = "socialbot.agents"
 """Entry point group; also the package that is searched for subpackages with an attribute ``AGENT``."""
 
-_ROOMS = ("socialbot.vision", "socialbot.speech")
+_ROOMS = ("socialbot.vision", "socialbot.speech", "socialbot.robots")
 """Packages with shared nodes; each has an attribute ``AGENT``, too."""
 
 
@@ -65,6 +65,7 @@ class AgentPackage:
             (``--runner``, ``--rate``, ``--out``, ...) are added; their names are taken.
         behaviours: Path of a Python file with expectations, relative to the folder of ``module``, for
             ``socialbot test``.
+        robots: Robot profiles by name: path of a YAML file, relative to the folder of ``module``, for ``--robot``.
     """
 
     name: str
@@ -80,6 +81,7 @@ class AgentPackage:
     terminal_view: str = ""
     demos: Mapping[str, str] = field(default_factory=dict)
     behaviours: str = ""
+    robots: Mapping[str, str] = field(default_factory=dict)
 
     def is_used_by(self, types: Iterable[type]) -> bool:
         """Check whether this package defines one of the classes or a base class of one."""
@@ -253,6 +255,21 @@ def behaviours_file(name: str) -> str | None:
 def behaviours_names() -> list[str]:
     """Return the names of the packages with a behaviour file."""
     return sorted(package.name for package in agent_packages() if package.behaviours)
+
+
+@functools.cache
+def robot_files() -> Mapping[str, str]:
+    """Return the paths of the robot profiles of all packages, by name."""
+    return {
+        name: str(resources.files(package.module).joinpath(file))
+        for package in reversed(agent_packages())
+        for name, file in package.robots.items()
+    }
+
+
+def robot_binding() -> Callable[..., Any]:
+    """Return ``(graph, robot, where=..., folder=...) -> graph``, which connects a graph with a robot profile."""
+    return resolve("socialbot.robots.binding:bind")
 
 
 def _lookup(field_name: str, key: str, read: Callable[[AgentPackage], str]) -> str | None:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from socialbot.core.clock import nanoseconds
-from socialbot.core.errors import GraphError, MessageError, suggestion
+from socialbot.core.errors import GraphError, InstallationError, MessageError, suggestion
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Node, Timer
@@ -50,7 +50,7 @@ class Interface:
 
     def ros_class(self) -> Any:
         """The class of rclpy; None if its package is not installed."""
-        return _installed(self.name)
+        return installed_class(self.name)
 
     def make(self, part: str, content: Any = None) -> Any:
         """Make a part from a mapping of its fields, nested ones too, or check a message of that part.
@@ -68,7 +68,8 @@ class Interface:
 
 
 @functools.cache
-def _installed(name: str) -> Any:
+def installed_class(name: str) -> Any:
+    """Return the class of rclpy of a type such as ``std_msgs/msg/String``; None if its package is not installed."""
     module, _, attribute = name.replace("/", ".").rpartition(".")
     try:
         return getattr(importlib.import_module(module), attribute)
@@ -96,12 +97,47 @@ def fill_message(message: Any, fields: Fields, what: str) -> None:
         if isinstance(value, Mapping):
             part = OpenMessage() if known is None else getattr(message, name)
             fill_message(part, value, f"{name} of {what}")
+        elif isinstance(value, (list, tuple)) and any(isinstance(item, Mapping) for item in value):
+            kind = None if known is None else _item_type(known[name])
+            part = [_filled_item(kind, item, f"{name} of {what}") for item in value]
         try:
             if known is not None and isinstance(getattr(message, name), float):
                 part = float(part)  # rclpy reads the bytes of an int as those of a float
             setattr(message, name, part)
         except (AssertionError, TypeError, ValueError) as error:
             raise MessageError(f"{name!r} does not fit: {error}", where=what) from error
+
+
+def _item_type(field_type: str) -> str:
+    """Return the type of the items of a field such as ``sequence<std_msgs/Header>``; empty for numbers and texts."""
+    found = re.fullmatch(r"(?:sequence<)?(\w+)/(\w+)(?:, \d+)?(?:>|\[\d+\])", field_type)
+    return f"{found[1]}/msg/{found[2]}" if found else ""
+
+
+def _filled_item(kind: str | None, item: Any, what: str) -> Any:
+    if not isinstance(item, Mapping):
+        return item
+    owner = installed_class(kind) if kind else None
+    message = OpenMessage() if kind is None or owner is None else owner()
+    fill_message(message, item, what)
+    return message
+
+
+def make_message(kind: str, fields: Fields) -> Any:
+    """Make a message of a ROS type such as ``std_msgs/msg/String`` from a mapping of its fields, nested ones too.
+
+    Raises:
+        InstallationError: The package of the type is not installed.
+        MessageError: A field is unknown, or a value does not fit its type.
+    """
+    owner = installed_class(kind)
+    if owner is None:
+        package = kind.partition("/")[0]
+        remedy = f"source a ROS installation that has {package}, or make robot-interfaces"
+        raise InstallationError(f"the ROS package {package} is not installed", where=kind, remedy=remedy)
+    message = owner()
+    fill_message(message, fields, kind)
+    return message
 
 
 def interface(kind: type | str, folder: Literal["srv", "action"]) -> Interface:

@@ -6,6 +6,7 @@
     inputs: [/camera/image_raw]          # external topics
     paced_by: /humans/bodies/detections  # a replay waits for this topic after each frame
     wire: json                           # or typed: socialbot_msgs instead of JSON
+    robot: tiago                         # name or file of a robot profile, or a profile
     services: [/navigate_to_pose]        # services and actions of nodes outside the graph
     needs:                               # nodes outside the graph, watched by their services
       /lidar_driver: {state: active}
@@ -40,25 +41,29 @@ FOREIGN_NODE = "foreign_node"
 """Registered type of the watch of a node outside the graph."""
 
 
-def load_graph(name: str) -> Graph:
+def load_graph(name: str, *, robot: str = "") -> Graph:
     """Load a registered graph by its name, or a graph file by its path.
 
-    The folder of the file may hold modules with node types, and files that nodes read or write. Raises GraphError.
+    The folder of the file may hold modules with node types, and files that nodes read or write. ``robot`` is the name
+    or file of a robot profile, in place of that of the file. Raises GraphError.
     """
     if (registered := registry.graph_text(name)) is not None:
-        return parse_graph(registered, where=name)
+        return parse_graph(registered, where=name, robot=robot)
     path = Path(name)
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))
     folder = path.resolve().parent
     paths.allow(folder)
     _look_in(folder)
-    return parse_graph(text, where=str(path))
+    return parse_graph(text, where=str(path), robot=robot, folder=folder)
 
 
-def parse_graph(text: str, *, where: str) -> Graph:
-    """Parse a graph from YAML. Errors name the source ``where``."""
+def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None = None) -> Graph:
+    """Parse a graph from YAML. Errors name the source ``where``.
+
+    ``robot`` is the name or file of a robot profile, in place of that of the text, whose files start at ``folder``.
+    """
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "wire", "services", "needs", "nodes", "stand_ins", "wizard")
+    root.only("name", "inputs", "paced_by", "wire", "services", "needs", "nodes", "stand_ins", "wizard", "robot")
     configs, stand_ins = (
         tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
         for section in (root.section("nodes"), root.section("stand_ins", {}))
@@ -76,7 +81,16 @@ def parse_graph(text: str, *, where: str) -> Graph:
             graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
         except GraphError as error:
             raise GraphError(error.what, where=root.line(key), remedy=error.remedy) from error
-    return graph
+    return _with_robot(graph, root, robot, folder)
+
+
+def _with_robot(graph: Graph, root: YamlSection, robot: str, folder: Path | None) -> Graph:
+    if robot:
+        return registry.robot_binding()(graph, robot, where="--robot")
+    if "robot" not in root.page:
+        return graph
+    named = root.text("robot") if isinstance(root.page["robot"], str) else root.section("robot")
+    return registry.robot_binding()(graph, named, where=root.line("robot"), folder=folder)
 
 
 def dump_graph(graph: Graph) -> str:

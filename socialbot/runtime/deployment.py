@@ -258,7 +258,19 @@ def is_own(address: str) -> bool:
     return True
 
 
-_KEYS = ("graph", "domain", "discovery", "machines", "nodes", "pictures", "restart", "security", "minds", "parameters")
+_KEYS = (
+    "graph",
+    "domain",
+    "discovery",
+    "machines",
+    "nodes",
+    "pictures",
+    "restart",
+    "security",
+    "minds",
+    "parameters",
+    "robot",
+)
 
 
 def is_deployment(name: str) -> bool:
@@ -272,19 +284,22 @@ def is_deployment(name: str) -> bool:
     return any(line.startswith(("machines:", "machines :", '"machines"', "'machines'")) for line in text.splitlines())
 
 
-def load_deployment(path: Path) -> Deployment:
-    """Load a deployment file, whose folder nodes may read and write. Raises GraphError or ParameterError."""
+def load_deployment(path: Path, *, robot: str = "") -> Deployment:
+    """Load a deployment file, whose folder nodes may read and write; ``robot`` replaces the profile that it names.
+
+    Raises GraphError or ParameterError.
+    """
     text = paths.read_text(path, GraphError)
     folder = path.resolve().parent
     paths.allow(folder)
-    return parse_deployment(text, where=str(path), folder=folder)
+    return parse_deployment(text, where=str(path), folder=folder, robot=robot)
 
 
-def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
+def parse_deployment(text: str, *, where: str, folder: Path, robot: str = "") -> Deployment:
     """Parse a deployment from YAML. Errors name the source ``where``; relative paths start at ``folder``."""
     root = read_page(text, where=where)
     root.only(*_KEYS)
-    graph = _graph(root, folder)
+    graph = _graph(root, folder, robot)
     try:
         return Deployment(
             written=graph,
@@ -308,10 +323,11 @@ def parse_deployment(text: str, *, where: str, folder: Path) -> Deployment:
         raise type(error)(error.what, where=place, remedy=error.remedy) from error
 
 
-def _graph(root: YamlSection, folder: Path) -> Graph:
+def _graph(root: YamlSection, folder: Path, robot: str) -> Graph:
     name = root.text("graph")
+    robot = robot or _robot(root, folder)
     try:
-        graph = load_graph(name if name in graph_names() else str(folder / name))
+        graph = load_graph(name if name in graph_names() else str(folder / name), robot=robot)
     except GraphError as error:
         if name in graph_names() or os.path.isfile(folder / name):
             raise
@@ -326,6 +342,12 @@ def _graph(root: YamlSection, folder: Path) -> Graph:
         for name, value in values.items():
             check_parameters(graph.node(node).type, {name: value}, where=section.line(node, name))
     return graph.with_parameters(parameters)
+
+
+def _robot(root: YamlSection, folder: Path) -> str:
+    """The name of a robot profile, or the path of its file beside the deployment; empty if none is named."""
+    named = root.text("robot", "")
+    return str(folder / named) if named and (folder / named).is_file() else named
 
 
 def _sections(section: YamlSection) -> Iterator[tuple[str, YamlSection]]:

@@ -17,7 +17,7 @@ from socialbot.core.messages import Health, Message, SpeechStatus, Utterance
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Input, Output, Parameter
-from socialbot.speech.playback import AudioPlayer, find_player
+from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
@@ -97,8 +97,8 @@ class Speaker(Node):
             raise DeviceError("no sound device", where=self.name, remedy=remedy)
 
     def stop(self) -> None:
-        if self._player is not None:
-            self._player.stop()
+        if self._sounding is not None:
+            self.hush()
         for waiting in self._waiting:
             waiting.expiry.cancel()
         self._waiting.clear()
@@ -116,6 +116,28 @@ class Speaker(Node):
     def find_player(self) -> AudioPlayer | None:
         """Return the player; subclasses may override it."""
         return find_player()
+
+    def perform(self, utterance: Utterance, on_end: OnEnd) -> str:
+        """Start to speak, and return a detail of it; subclasses may override it.
+
+        ``on_end`` gets None or an error message at the end, from any thread.
+
+        Raises:
+            SocialbotError: The utterance cannot be spoken.
+        """
+        sound = self._synthesize(utterance.text)
+        self._spoken += 1
+        detail = self._keep(sound, utterance.text)
+        if self._player is None:
+            self.call_after(sound.duration_s, partial(on_end, None))
+        else:
+            self._player.play(sound, on_end)
+        return detail
+
+    def hush(self) -> None:
+        """Stop speaking; subclasses that override `perform` override it, too."""
+        if self._player is not None:
+            self._player.stop()
 
     def on_parameter(self, name: str) -> None:
         """Change the voice. Raises ParameterError for an unknown one, which keeps the current voice."""
@@ -174,18 +196,14 @@ class Speaker(Node):
             self._expire(waiting, why)
 
     def _speak(self, utterance: Utterance) -> None:
+        self._sounding = utterance
         try:
-            sound = self._synthesize(utterance.text)
+            detail = self.perform(utterance, partial(self._ended_elsewhere, utterance))
         except SocialbotError as error:
+            self._sounding = None
             self._report(utterance, "failed", _line(error))
             return
-        self._sounding = utterance
-        self._spoken += 1
-        self._report(utterance, "started", self._keep(sound, utterance.text))
-        if self._player is None:
-            self.call_after(sound.duration_s, partial(self._ended, utterance, None))
-        else:
-            self._player.play(sound, partial(self._ended_elsewhere, utterance))
+        self._report(utterance, "started", detail)
 
     def _synthesize(self, text: str) -> Sound:
         if self._voice is None:

@@ -79,6 +79,7 @@ MEANINGS = {
     "--privacy": "Pictures",
     "--quick": "Skip a slow check: ",
     "--rate": "Speed",
+    "--robot": "Robot: name or file",
     "--root": "Folder of the included files",
     "--runner": "inline: ",
     "--scheduler": "Scheduler of a Dask cluster",

@@ -1,0 +1,231 @@
+"""Connect a graph with a robot: its camera, head, base, speech and people replace those of this computer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from socialbot.agents.waldo.head import Head
+from socialbot.core.errors import GraphError
+from socialbot.core.messages import HeadCommand, PersonDetections, Utterance
+from socialbot.core.yaml import YamlSection
+from socialbot.graph.files import node_type
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input
+from socialbot.robots.head import TARGET, RobotHead
+from socialbot.robots.profile import CameraProfile, HeadProfile, Part, RobotProfile, load_profile, read_profile
+from socialbot.speech.speaker import Speaker
+from socialbot.vision.camera_node import Camera
+from socialbot.vision.images import ImageConverter
+from socialbot.vision.person_detector import PersonDetector
+
+HEAD_NODE = "robot_head"
+"""Name of the node that moves the head of a robot."""
+
+NODE_TYPES: Mapping[str, str] = {
+    "ros2_control": "robot_head_topic",
+    "naoqi": "naoqi_head",
+    "tts": "tts_speaker",
+    "say_skill": "say_skill_speaker",
+    "topic": "topic_speaker",
+    "ros4hri": "robot_people",
+}
+"""Node types by type of a part."""
+
+
+def bind(graph: Graph, robot: str | YamlSection, *, where: str, folder: Path | None = None) -> Graph:
+    """Return ``graph`` on a robot: the name or file of a profile, or a section of a graph file with a profile.
+
+    Relative files start at ``folder``. Raises GraphError for an unknown robot or an invalid profile.
+    """
+    if isinstance(robot, YamlSection):
+        return with_robot(graph, read_profile(robot, where=where, name=graph.name))
+    beside = None if folder is None else folder / robot
+    try:
+        return with_robot(graph, load_profile(str(beside) if beside is not None and beside.is_file() else robot))
+    except GraphError as error:
+        if error.where == "robot":
+            raise GraphError(error.what, where=where, remedy=error.remedy) from error
+        raise
+
+
+def with_robot(graph: Graph, profile: RobotProfile) -> Graph:
+    """Return ``graph`` with the parts of a robot in place of its own.
+
+    Parts that the profile lacks remain those of the graph; those that the graph does not use have no effect.
+
+    Raises:
+        GraphError: A node type of the profile is unknown or does not fit its part.
+        ParameterError: A parameter of the profile is invalid.
+    """
+    for part, change in _CHANGES.items():
+        value = getattr(profile, part)
+        if value is not None:
+            graph = change(graph, value, profile)
+    return graph
+
+
+def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> Graph:
+    nodes: list[NodeConfig] = []
+    for config in graph.nodes:
+        if issubclass(config.type, Camera):
+            if not camera.device:
+                continue
+            config = _changed(config, {"source": camera.device, "hfov_rad": camera.hfov_rad})
+        elif issubclass(config.type, ImageConverter) and not camera.device:
+            config = _changed(config, remap={"image_raw": camera.image, "image_compressed": camera.compressed})
+        elif issubclass(config.type, PersonDetector):
+            values = {"hfov_rad": camera.hfov_rad} if camera.device else {}
+            if camera.height_m:
+                values["mount_height_m"] = camera.height_m
+            if camera.pitch_rad < _UNKNOWN_PITCH_RAD:
+                values["pitch_rad"] = camera.pitch_rad
+            config = _changed(config, values, {} if camera.device else {"camera_info": camera.info})
+        elif issubclass(config.type, Head):
+            config = _changed(config, {"camera_on_head": camera.on_head})
+        nodes.append(config)
+    return _joined(graph, nodes, () if camera.device else (camera.image, camera.compressed, camera.info))
+
+
+_UNKNOWN_PITCH_RAD = 2.0
+
+
+def _with_people(graph: Graph, people: Part, profile: RobotProfile) -> Graph:
+    if people.type == "detector":
+        return graph
+    kind = _node_type(people, Node, profile)
+    detections = next((port for port in kind.outputs().values() if port.message_type is PersonDetections), None)
+    if detections is None:
+        raise GraphError(f"{people.type} publishes no people", where=profile.where, remedy="name a node that does")
+    nodes: list[NodeConfig] = []
+    for config in graph.nodes:
+        if issubclass(config.type, PersonDetector):
+            topic = config.topic(config.type.detections)
+            remap = {**people.names, detections.name: topic}
+            config = NodeConfig(config.name, kind, {**people.settings, **people.parameters}, remap, config.where)
+        elif issubclass(config.type, Head):
+            config = _changed(config, {"camera_on_head": False})  # people are in the frame of the base
+        nodes.append(config)
+    needed = {topic for config in nodes for topic, _ in config.subscriptions}
+    kept = [
+        config
+        for config in nodes
+        if not issubclass(config.type, (Camera, ImageConverter))
+        or any(topic in needed for topic, _ in config.publications if not issubclass(config.type, Camera))
+    ]
+    return _joined(graph, kept, people.names.values())
+
+
+def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
+    turned = [config for config in graph.nodes if issubclass(config.type, Head)]
+    if not turned:
+        return graph
+    kind = _node_type(head, RobotHead, profile)
+    if head.type == "ros2_control" and "action" in head.names:
+        kind = node_type("robot_head_action", where=profile.where)
+    joints: dict[str, Any] = {}
+    for name, joint in (("pan", head.pan), ("tilt", head.tilt)):
+        joints |= {f"{name}_{key}": getattr(joint, key) for key in ("joint", "lower_rad", "upper_rad", "speed_rad_s")}
+        joints[f"{name}_sign"] = joint.sign
+    ports = {**kind.outputs(), **kind.clients(), **kind.inputs()}
+    keys = {"action": "follow"}
+    remap = {keys.get(key, key): name for key, name in head.names.items() if keys.get(key, key) in ports}
+    body = NodeConfig(HEAD_NODE, kind, {**joints, **head.settings, **head.parameters}, remap, profile.where)
+    limits = {
+        "pan_joint": head.pan.joint,
+        "tilt_joint": head.tilt.joint,
+        "pan_limit_rad": head.pan.reach_rad,
+        "tilt_limit_rad": head.tilt.reach_rad,
+        "max_speed_rad_s": min(head.pan.speed_rad_s, head.tilt.speed_rad_s),
+    }
+    nodes = [_changed(each, limits, {"trajectory": TARGET}) if each in turned else each for each in graph.nodes]
+    commands = {each.topic(each.type.command) for each in turned if issubclass(each.type, Head)}
+    body = _listening(body, graph, HeadCommand, sorted(commands))
+    return _joined(graph, [*nodes, body], (), body)
+
+
+def _with_speech(graph: Graph, speech: Part, profile: RobotProfile) -> Graph:
+    if speech.type == "speaker":
+        return graph
+    kind = _node_type(speech, Speaker, profile)
+    keys = {"action": next(iter(kind.clients()), ""), "topic": "text"}
+    nodes, robots = [], []
+    for config in graph.nodes:
+        if issubclass(config.type, Speaker):
+            names = {keys.get(key, key): name for key, name in speech.names.items()}
+            values = {**config.parameters, **speech.settings, **speech.parameters}
+            config = replace(config, type=kind, parameters=values, remap={**config.remap, **names})
+            robots.append(config)
+        nodes.append(config)
+    return _joined(graph, nodes, (), *robots)
+
+
+def _with_base(graph: Graph, base: Part, profile: RobotProfile) -> Graph:
+    nodes, moved = [], []
+    for config in graph.nodes:
+        ports = [port.name for port in config.type.clients().values() if port.interface.name == NAVIGATE]
+        if ports:
+            known = config.type.parameters()
+            values = {key: value for key, value in {**base.settings, **base.parameters}.items() if key in known}
+            config = _changed(config, values, dict.fromkeys(ports, base.names["action"]))
+            moved.append(config)
+        nodes.append(config)
+    return _joined(graph, nodes, (), *moved)
+
+
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+
+_CHANGES: Mapping[str, Callable[[Graph, Any, RobotProfile], Graph]] = {
+    "camera": _with_camera,
+    "head": _with_head,
+    "people": _with_people,
+    "speech": _with_speech,
+    "base": _with_base,
+}
+"""Changes of a graph by part, in their order."""
+
+
+def _node_type(part: Part, base: type[Node], profile: RobotProfile) -> type[Node]:
+    kind = node_type(NODE_TYPES.get(part.type, part.type), where=profile.where)
+    if not issubclass(kind, base):
+        remedy = f"give a subclass of {base.__module__}.{base.__qualname__}"
+        raise GraphError(f"{part.type} does not fit this part of a robot", where=profile.where, remedy=remedy)
+    return kind
+
+
+def _listening(body: NodeConfig, graph: Graph, message: type, topics: list[str]) -> NodeConfig:
+    """Connect the inputs of a head for head commands and utterances, which gestures follow, with those of the graph."""
+    said = sorted(
+        {topic for each in graph.nodes for topic, port in each.publications if port.message_type is Utterance}
+    )
+    found = {message: topics, Utterance: said}
+    remap = dict(body.remap)
+    for port in body.type.inputs().values():
+        names = found.get(port.message_type, [])
+        if names and port.name not in remap:
+            remap[port.name] = names[0]
+    return replace(body, remap=remap)
+
+
+def _changed(
+    config: NodeConfig, parameters: Mapping[str, Any] | None = None, remap: Mapping[str, str] | None = None
+) -> NodeConfig:
+    names = {port: name for port, name in (remap or {}).items() if name}
+    return replace(config, parameters={**config.parameters, **(parameters or {})}, remap={**config.remap, **names})
+
+
+def _joined(graph: Graph, nodes: list[NodeConfig], topics: Any, *robots: NodeConfig) -> Graph:
+    """Return ``graph`` with other ``nodes``; ``topics`` and what the ``robots`` nodes use come from outside."""
+    published = {topic for config in nodes for topic, _ in config.publications}
+    inputs = {topic for topic in (*graph.inputs, *topics) if topic and topic not in published}
+    inputs |= {topic for one in robots for topic, port in one.subscriptions if _is_open(port, topic, published)}
+    offered = {topic for config in nodes for topic, _ in config.servers}
+    called = {topic for one in robots for topic, _ in one.clients}
+    services = {*graph.services, *called} - offered
+    return replace(graph, nodes=tuple(nodes), inputs=frozenset(inputs), services=frozenset(services))
+
+
+def _is_open(port: Input[Any], topic: str, published: set[str]) -> bool:
+    return not port.optional and topic not in published

@@ -1,0 +1,110 @@
+"""People as a robot's own ROS4HRI detectors see them (REP-155), in place of the person detector of socialbot."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import PersonDetection, PersonDetections, RosMessage, Transforms
+from socialbot.graph.health import SILENT_S
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
+from socialbot.vision.transforms import TransformTree
+
+WIDTH, HEIGHT, FOCAL_PX = 640, 480, 526.0
+"""Virtual image of the boxes: the pixels and focal length of a camera that looks straight ahead."""
+
+_PERSON_M, _PERSON_WIDTH_M, _EYES_M = 1.7, 0.5, 1.0
+_PATH_S = 0.5  # time over which a speed is measured
+
+
+class RobotPeople(Node):
+    """Publishes the bodies that a ROS4HRI detector tracks, with distance, bearing and facing from their frames.
+
+    Each list of ids gives one message. The frame ``body_ID`` of a person gives the position in ``robot_frame``; its
+    x axis points where the person faces. A person without a frame has neither distance nor bearing. Boxes are those of
+    a virtual camera at the robot's frame, 1 m above it.
+    """
+
+    bodies = Input("hri_msgs/msg/IdsList", "/humans/bodies/tracked", deadline_s=SILENT_S)
+    tf = Input(Transforms, "/tf", optional=True)
+    tf_static = Input(Transforms, "/tf_static", Delivery.LATCHED, optional=True)
+    detections = Output(PersonDetections, "/humans/bodies/detections")
+
+    robot_frame = Parameter("base_link", "frame of the robot: x ahead, y to the left (REP-105)", fixed=True)
+    oldest_s = Parameter(1.0, "oldest frame of a person that counts, s", minimum=0.05, maximum=60.0)
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        super().__init__(name, context, parameters)
+        self._frames = TransformTree()
+        self._seen: dict[str, int] = {}
+        """Stamp (ns) of the newest frame of each person."""
+        self._paths: dict[str, deque[tuple[int, float]]] = {}
+
+    @tf
+    @tf_static
+    def on_transforms(self, message: Transforms) -> None:
+        self._frames.add(message.transforms)
+        self._seen |= {each.child: each.stamp for each in message.transforms if each.child.startswith("body_")}
+
+    @bodies
+    def on_bodies(self, message: RosMessage) -> None:
+        stamp = message.stamp
+        persons = tuple(self._person(str(body), stamp) for body in message.ids)
+        self._paths = {body: path for body, path in self._paths.items() if body in message.ids}
+        self.detections.publish(
+            PersonDetections(stamp=stamp, frame_id=self.robot_frame, width=WIDTH, height=HEIGHT, persons=persons)
+        )
+
+    def _person(self, body: str, stamp: int) -> PersonDetection:
+        frame = f"body_{body}"
+        matrix = None
+        if abs(stamp - self._seen.get(frame, -(2**62))) <= self.oldest_s * SECOND:
+            matrix = self._frames.lookup(self.robot_frame, frame, stamp)
+        if matrix is None:
+            return PersonDetection(x=0.0, y=0.0, w=0.0, h=0.0, score=1.0, track_id=body)
+        x, y = float(matrix[0, 3]), float(matrix[1, 3])
+        distance, bearing = math.hypot(x, y), math.atan2(y, x)
+        left, top, width, height = _box(distance, bearing)
+        return PersonDetection(
+            x=left,
+            y=top,
+            w=width,
+            h=height,
+            score=1.0,
+            track_id=body,
+            distance_m=distance,
+            bearing_rad=bearing,
+            facing_rad=_facing(matrix),
+            approach_mps=self._approach(body, stamp, distance),
+        )
+
+    def _approach(self, body: str, stamp: int, distance: float) -> float | None:
+        path = self._paths.setdefault(body, deque())
+        path.append((stamp, distance))
+        while len(path) > 2 and stamp - path[1][0] >= _PATH_S * SECOND:
+            path.popleft()
+        (begin, first), elapsed_s = path[0], (stamp - path[0][0]) / SECOND
+        return (first - distance) / elapsed_s if elapsed_s >= _PATH_S / 2 and begin < stamp else None
+
+
+def _facing(matrix: np.ndarray) -> float:
+    """Angle between the x axis of a body and the direction to the robot."""
+    toward, ahead = -matrix[:2, 3], matrix[:2, 0]
+    length = float(np.linalg.norm(toward) * np.linalg.norm(ahead))
+    return math.acos(float(np.clip(toward @ ahead / length, -1.0, 1.0))) if length > 0 else 0.0
+
+
+def _box(distance: float, bearing: float) -> tuple[float, float, float, float]:
+    """Box of a standing person in the virtual image; empty for one beside or behind the robot."""
+    depth = distance * math.cos(bearing)
+    if depth <= 0.1:
+        return 0.0, 0.0, 0.0, 0.0
+    centre = WIDTH / 2 - FOCAL_PX * math.tan(bearing)
+    top, bottom = (HEIGHT / 2 - FOCAL_PX * (level - _EYES_M) / depth for level in (_PERSON_M, 0.0))
+    width = FOCAL_PX * _PERSON_WIDTH_M / depth
+    return centre - width / 2, top, width, bottom - top

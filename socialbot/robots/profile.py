@@ -1,0 +1,348 @@
+"""Robot profiles: what a robot has, under which names, and within which limits. One YAML file per robot.
+
+::
+
+    name: tiago
+    title: TIAGo of PAL Robotics
+    tested: none
+    camera: {image: /head_front_camera/rgb/image_raw, info: /head_front_camera/rgb/camera_info, on_head: true}
+    head:
+      type: ros2_control
+      trajectory: /head_controller/joint_trajectory
+      pan: {joint: head_1_joint, lower_rad: -1.24, upper_rad: 1.24, speed_rad_s: 1.0}
+      tilt: {joint: head_2_joint, lower_rad: -0.98, upper_rad: 0.72, speed_rad_s: 1.0}
+    speech: {type: tts, action: /tts_engine/tts, locale: en_US}
+
+An agent package names its profiles in its declaration: ``AgentPackage(robots={"tiago": "tiago.yaml"})``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from socialbot.core import paths, registry
+from socialbot.core.errors import GraphError, suggestion
+from socialbot.core.yaml import YamlSection, plain, read_page
+from socialbot.graph.node import NODE_NAME, TOPIC_NAME
+
+TESTED = ("hardware", "simulation", "none")
+"""How a profile was tested."""
+
+FASTEST_RAD_S = 10.0
+"""Highest speed that a profile may allow."""
+
+
+@dataclass(frozen=True)
+class JointProfile:
+    """Joint of a head with its limits, in the direction of the joint.
+
+    Attributes:
+        joint: Name of the joint.
+        lower_rad: Least position.
+        upper_rad: Greatest position.
+        speed_rad_s: Highest speed.
+        sign: 1 if the joint is positive to the left or up (REP-103), else -1.
+    """
+
+    joint: str
+    lower_rad: float
+    upper_rad: float
+    speed_rad_s: float
+    sign: int = 1
+
+    @property
+    def reach_rad(self) -> float:
+        """Largest angle to which the joint can turn in both directions."""
+        return max(0.0, min(-self.lower_rad, self.upper_rad))
+
+
+@dataclass(frozen=True)
+class CameraProfile:
+    """Camera of a robot: its topics, or the device that this computer opens.
+
+    Attributes:
+        image: Topic of raw images; empty if there is none.
+        compressed: Topic of compressed images.
+        info: Topic of the intrinsics.
+        device: Camera index or device file, in place of the topics.
+        on_head: Whether the camera turns with the head.
+        height_m: Height above the floor; 0: from the robot's transforms, or estimated.
+        pitch_rad: Downward tilt; 2: not known.
+        hfov_rad: Horizontal field of view of a device.
+    """
+
+    image: str = ""
+    compressed: str = ""
+    info: str = ""
+    device: str = ""
+    on_head: bool = False
+    height_m: float = 0.0
+    pitch_rad: float = 2.0
+    hfov_rad: float = 1.09
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of a robot that a node drives: head, base, speech or people.
+
+    Attributes:
+        type: How the part is driven, such as ``ros2_control``; or a node type of your own.
+        names: Topics and actions of the robot by key, such as ``trajectory``.
+        settings: Other values by key, such as ``locale``.
+        parameters: Parameters of the node, by name.
+    """
+
+    type: str
+    names: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HeadProfile(Part):
+    """Head of a robot with two joints."""
+
+    pan: JointProfile = JointProfile("head_pan_joint", -1.2, 1.2, 1.0)
+    tilt: JointProfile = JointProfile("head_tilt_joint", -0.5, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class RobotProfile:
+    """Robot: its parts, and where the profile comes from. A part that is None is absent.
+
+    Attributes:
+        name: Name for ``--robot``.
+        title: Name for people.
+        tested: How the profile was tested: one of `TESTED`.
+        hint: How to start the drivers of the robot, for ``socialbot doctor``.
+        where: File of the profile.
+    """
+
+    name: str
+    title: str = ""
+    tested: str = "none"
+    hint: str = ""
+    camera: CameraProfile | None = None
+    head: HeadProfile | None = None
+    base: Part | None = None
+    speech: Part | None = None
+    people: Part | None = None
+    where: str = ""
+
+
+_PROFILE_KEYS = ("name", "title", "tested", "hint", "camera", "head", "base", "speech", "people")
+
+NAMES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "head": {
+        "ros2_control": ("trajectory", "action"),
+        "naoqi": ("angles",),
+        "reachy_mini": (),
+    },
+    "base": {"nav2": ("action",)},
+    "speech": {"tts": ("action",), "say_skill": ("action",), "topic": ("topic",), "speaker": (), "reachy_mini": ()},
+    "people": {"detector": (), "ros4hri": ("bodies",)},
+}
+"""Types of each part, and the keys of their topics and actions."""
+
+SETTINGS: Mapping[str, Mapping[str, tuple[type, Any]]] = {
+    "nav2": {"frame": (str, "map"), "robot_frame": (str, "base_link")},
+    "tts": {"locale": (str, ""), "tts_voice": (str, "")},
+    "ros4hri": {"robot_frame": (str, "base_link")},
+    "reachy_mini": {"url": (str, "http://127.0.0.1:8000")},
+}
+"""Settings by type of a part: their kind and default."""
+
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "naoqi": ("angles",), "nav2": ("action",), "tts": ("action",), "say_skill": ("action",), "topic": ("topic",),
+}  # fmt: skip
+_USUAL: Mapping[str, Mapping[str, str]] = {"ros4hri": {"bodies": "/humans/bodies/tracked"}}
+
+
+def robot_names() -> list[str]:
+    """Return the names of the profiles of all installed packages."""
+    return sorted(registry.robot_files())
+
+
+def load_profile(name: str, *, changed_by: tuple[str, ...] = ()) -> RobotProfile:
+    """Load the profile of a registered robot by its name, or from a file by its path. Raises GraphError.
+
+    ``changed_by`` are the profiles that change this one by ``like``.
+    """
+    text, where = _text_of(name)
+    if where in changed_by:
+        raise GraphError("the profile changes itself", where=where, remedy="name another one with 'like'")
+    return parse_profile(text, where, changed_by=changed_by)
+
+
+def profile_text(name: str) -> str:
+    """Return the YAML text of a profile. Raises GraphError."""
+    return _text_of(name)[0]
+
+
+def _text_of(name: str) -> tuple[str, str]:
+    known = registry.robot_files()
+    path = Path(known.get(name, name))
+    if name not in known and path.suffix not in (".yaml", ".yml"):
+        raise GraphError(
+            f"no robot {name!r}",
+            where="robot",
+            remedy=f"{suggestion(name, known)}; or the path of a profile, such as my_robot.yaml",
+        )
+    return paths.read_text(path, GraphError, remedy=suggestion(name, known)), str(path)
+
+
+def parse_profile(text: str, where: str, *, changed_by: tuple[str, ...] = ()) -> RobotProfile:
+    """Parse a profile from YAML. Errors name the source ``where`` and the line. Raises GraphError."""
+    return read_profile(read_page(text, where=where), where=where, changed_by=changed_by)
+
+
+def read_profile(
+    root: YamlSection, *, where: str, name: str | None = None, changed_by: tuple[str, ...] = ()
+) -> RobotProfile:
+    """Read a profile from a section of a file; ``like`` names the profile that it changes.
+
+    Raises:
+        GraphError: A key is unknown, or a value is missing or invalid.
+    """
+    root.only(*_PROFILE_KEYS, "like")
+    if "like" in root.page:
+        base = load_profile(root.text("like"), changed_by=(*changed_by, where))
+    else:
+        base = RobotProfile(name=root.text("name", name))
+    if not NODE_NAME.fullmatch(base.name):
+        raise GraphError(
+            f"{base.name!r} is no name of a robot", where=root.line("name"), remedy="use letters, digits and _"
+        )
+    given: dict[str, Any] = {
+        key: root.text(key, getattr(base, key)) for key in ("name", "title", "hint", "tested") if key in root.page
+    }
+    if given.get("tested", "none") not in TESTED:
+        raise GraphError(
+            f"'tested' is {given['tested']!r}", where=root.line("tested"), remedy=f"write one of {', '.join(TESTED)}"
+        )
+    if "camera" in root.page:
+        given["camera"] = _camera(root.section("camera"), base.camera)
+    for part in NAMES:
+        if part in root.page:
+            given[part] = _part(part, root.section(part), getattr(base, part))
+    return replace(base, where=where, **given)
+
+
+def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
+    usual = base or CameraProfile()
+    section.only(*CameraProfile.__dataclass_fields__)
+    values: dict[str, Any] = {key: _topic(section, key, getattr(usual, key)) for key in ("image", "compressed", "info")}
+    camera = CameraProfile(
+        **values,
+        device=section.text("device", usual.device),
+        on_head=_flag(section, "on_head", usual.on_head),
+        height_m=section.number("height_m", usual.height_m, minimum=0.0, maximum=10.0),
+        pitch_rad=section.number("pitch_rad", usual.pitch_rad, minimum=-1.5, maximum=2.0),
+        hfov_rad=section.number("hfov_rad", usual.hfov_rad, minimum=0.1, maximum=3.0),
+    )
+    if bool(camera.device) == bool(camera.image or camera.compressed):
+        raise GraphError(
+            "a camera needs topics or a device, not both" if camera.device else "the camera has no images",
+            where=section.where,
+            remedy="give 'image' or 'compressed', the topic of its driver, or 'device', such as \"0\"",
+        )
+    return camera
+
+
+def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
+    if "type" not in section.page and base is None:
+        raise GraphError(
+            f"{kind} has no type", where=section.where, remedy=f"write type: one of {', '.join(NAMES[kind])}"
+        )
+    chosen = section.text("type", base.type if base else None)
+    known = NAMES[kind]
+    own = ":" in chosen or (chosen not in known and registry.node_reference(chosen) is not None)
+    if chosen not in known and not own:
+        raise GraphError(
+            f"unknown type of {kind}: {chosen!r}",
+            where=section.line("type"),
+            remedy=f"{suggestion(chosen, known)}; or a node type of your own, package.module:Class",
+        )
+    usual = base if base is not None and base.type == chosen else None
+    names, settings = known.get(chosen, ()), SETTINGS.get(chosen, {})
+    joints = ("pan", "tilt") if kind == "head" else ()
+    extra = ("remap",) if own else ()
+    section.only("type", "parameters", *names, *settings, *joints, *extra)
+    found = {key: _topic(section, key, usual.names.get(key, "") if usual else _USUAL.get(chosen, {}).get(key, ""))
+             for key in names}  # fmt: skip
+    if own:
+        remap = section.section("remap", {})
+        found = {str(port): remap.text(port) for port in remap.page}
+    for key in _NEEDED.get(chosen, ()):
+        if not found[key]:
+            raise GraphError(f"{key!r} is missing", where=section.where, remedy=f"give the {key} of the robot's driver")
+    if chosen == "ros2_control" and not any(found.values()):
+        raise GraphError(
+            "a head of type ros2_control needs 'trajectory' or 'action'",
+            where=section.where,
+            remedy="give the topic of its controller, such as /head_controller/joint_trajectory",
+        )
+    values: dict[str, Any] = {
+        "type": chosen,
+        "names": {key: name for key, name in found.items() if name},
+        "settings": {
+            key: section.text(key, usual.settings[key] if usual else default) for key, (_, default) in settings.items()
+        },
+        "parameters": {
+            **(usual.parameters if usual else {}),
+            **{str(key): plain(value) for key, value in section.section("parameters", {}).page.items()},
+        },
+    }
+    if kind != "head":
+        return Part(**values)
+    known_head = usual if isinstance(usual, HeadProfile) else None
+    for joint in joints:
+        values[joint] = _joint(section, joint, getattr(known_head, joint, None))
+    return HeadProfile(**values)
+
+
+def _joint(head: YamlSection, key: str, base: JointProfile | None) -> JointProfile:
+    if key not in head.page and base is not None:
+        return base
+    section = head.section(key)
+    section.only(*JointProfile.__dataclass_fields__)
+    usual = base or JointProfile("", math.nan, math.nan, math.nan)
+    for needed in ("joint", "lower_rad", "upper_rad", "speed_rad_s"):
+        if needed not in section.page and base is None:
+            raise GraphError(
+                f"{needed!r} is missing", where=section.where, remedy="write the limits of the robot's data sheet"
+            )
+    lower = section.number("lower_rad", usual.lower_rad, minimum=-math.pi, maximum=math.pi)
+    joint = JointProfile(
+        joint=section.text("joint", usual.joint),
+        lower_rad=lower,
+        upper_rad=section.number("upper_rad", usual.upper_rad, minimum=-math.pi, maximum=math.pi),
+        speed_rad_s=section.number("speed_rad_s", usual.speed_rad_s, minimum=0.01, maximum=FASTEST_RAD_S),
+        sign=section.whole("sign", usual.sign, minimum=-1, maximum=1),
+    )
+    if joint.sign == 0 or not joint.lower_rad <= 0.0 <= joint.upper_rad:
+        what = "'sign' must be 1 or -1" if joint.sign == 0 else "0 is not between lower_rad and upper_rad"
+        raise GraphError(what, where=section.where, remedy="write limits around the straight pose, and sign: 1 or -1")
+    return joint
+
+
+def _topic(section: YamlSection, key: str, default: str) -> str:
+    name = section.text(key, default)
+    if name and not (name.startswith("/") and TOPIC_NAME.fullmatch(name)):
+        raise GraphError(
+            f"{name!r} is no full name of a topic or action",
+            where=section.line(key),
+            remedy="begin with /, and use letters, digits and _",
+        )
+    return name
+
+
+def _flag(section: YamlSection, key: str, default: bool) -> bool:
+    value = section.page.get(key, default)
+    if not isinstance(value, bool):
+        raise GraphError(f"{key!r} must be true or false, got {value!r}", where=section.line(key))
+    return value
