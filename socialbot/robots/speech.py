@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from socialbot.core.messages import RosMessage, Utterance
+from socialbot.core.messages import HeardSpeech, RosMessage, Utterance
 from socialbot.graph.calls import CallResult, PendingCall, make_message
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Input, Output, Parameter
@@ -131,27 +133,35 @@ class TopicSpeaker(RobotSpeaker):
 
 
 class RobotEars(Node):
-    """Publishes each sentence that a robot's speech recognition understood (hri_msgs/msg/LiveSpeech).
-
-    An `Utterance` on /speech/heard has the text, and the voice as its ``key``.
-    """
+    """Publishes each sentence that a robot's own speech recognition understood (hri_msgs/msg/LiveSpeech)."""
 
     speech = Input("hri_msgs/msg/LiveSpeech", "/humans/voices/anonymous_speaker/speech")
-    heard = Output(Utterance, "/speech/heard")
+    heard = Output(HeardSpeech, "/speech/heard")
 
     voice = Parameter("anonymous_speaker", "id of the voice")
     least_confidence = Parameter(0.0, "lowest confidence of a sentence", minimum=0.0, maximum=1.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._count = 0
+        self._start = 0
+        """Stamp (ns) of the first words of a sentence."""
 
     @speech
     def on_speech(self, message: RosMessage) -> None:
+        self._start = self._start or message.stamp
         text = message.final.strip()
-        if not text or 0.0 < message.confidence < self.least_confidence:
+        if not text:
             return
-        self._count += 1
-        self.heard.publish(
-            Utterance(stamp=self.clock.now(), id=f"heard-{self._count}", text=text, key=self.voice, cause="")
-        )
+        start, self._start = self._start, 0
+        confidence = min(max(float(message.confidence), 0.0), 1.0) if math.isfinite(message.confidence) else 0.0
+        if confidence >= self.least_confidence:
+            self.heard.publish(
+                HeardSpeech(
+                    stamp=message.stamp,
+                    start=start,
+                    text=text,
+                    language=re.split("[-_]", message.language)[0].lower(),
+                    confidence=confidence,
+                    voice=self.voice,
+                )
+            )
