@@ -17,6 +17,9 @@ AGENT = AgentPackage(
     nodes={
         "naoqi_head": "socialbot.robots.head:NaoqiHead",
         "robot_head_action": "socialbot.robots.head:TrajectoryActionHead",
+        "reachy_camera": "socialbot.robots.reachy_mini:ReachyCamera",
+        "reachy_head": "socialbot.robots.reachy_mini:ReachyHead",
+        "reachy_speaker": "socialbot.robots.reachy_mini:ReachySpeaker",
         "robot_ears": "socialbot.robots.speech:RobotEars",
         "robot_head_topic": "socialbot.robots.head:TrajectoryHead",
         "robot_people": "socialbot.robots.people:RobotPeople",
@@ -24,7 +27,7 @@ AGENT = AgentPackage(
         "topic_speaker": "socialbot.robots.speech:TopicSpeaker",
         "tts_speaker": "socialbot.robots.speech:TtsSpeaker",
     },
-    robots={name: f"profiles/{name}.yaml" for name in ("nao", "pepper", "tiago", "turtlebot4")},
+    robots={name: f"profiles/{name}.yaml" for name in ("nao", "pepper", "reachy_mini", "tiago", "turtlebot4")},
 )
 
 __all__ = [

@@ -24,15 +24,18 @@ from socialbot.vision.person_detector import PersonDetector
 HEAD_NODE = "robot_head"
 """Name of the node that moves the head of a robot."""
 
-NODE_TYPES: Mapping[str, str] = {
-    "ros2_control": "robot_head_topic",
-    "naoqi": "naoqi_head",
-    "tts": "tts_speaker",
-    "say_skill": "say_skill_speaker",
-    "topic": "topic_speaker",
-    "ros4hri": "robot_people",
+NODE_TYPES: Mapping[type[Node], Mapping[str, str]] = {
+    Camera: {"reachy_mini": "reachy_camera"},
+    RobotHead: {"ros2_control": "robot_head_topic", "naoqi": "naoqi_head", "reachy_mini": "reachy_head"},
+    Speaker: {
+        "tts": "tts_speaker",
+        "say_skill": "say_skill_speaker",
+        "topic": "topic_speaker",
+        "reachy_mini": "reachy_speaker",
+    },
+    Node: {"ros4hri": "robot_people"},
 }
-"""Node types by type of a part."""
+"""Node types by base class and type of a part."""
 
 
 def bind(graph: Graph, robot: str | YamlSection, *, where: str, folder: Path | None = None) -> Graph:
@@ -64,6 +67,11 @@ def with_robot(graph: Graph, profile: RobotProfile) -> Graph:
         value = getattr(profile, part)
         if value is not None:
             graph = change(graph, value, profile)
+    if profile.url:
+        nodes = [
+            _changed(each, {"url": profile.url}) if "url" in each.type.parameters() else each for each in graph.nodes
+        ]
+        graph = replace(graph, nodes=tuple(nodes))
     return graph
 
 
@@ -74,6 +82,8 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
             if not camera.device:
                 continue
             config = _changed(config, {"source": camera.device, "hfov_rad": camera.hfov_rad})
+            if camera.type:
+                config = replace(config, type=_node_type(camera, Camera, profile))
         elif issubclass(config.type, ImageConverter) and not camera.device:
             config = _changed(config, remap={"image_raw": camera.image, "image_compressed": camera.compressed})
         elif issubclass(config.type, PersonDetector):
@@ -187,8 +197,8 @@ _CHANGES: Mapping[str, Callable[[Graph, Any, RobotProfile], Graph]] = {
 """Changes of a graph by part, in their order."""
 
 
-def _node_type(part: Part, base: type[Node], profile: RobotProfile) -> type[Node]:
-    kind = node_type(NODE_TYPES.get(part.type, part.type), where=profile.where)
+def _node_type(part: Part | CameraProfile, base: type[Node], profile: RobotProfile) -> type[Node]:
+    kind = node_type(NODE_TYPES[base].get(part.type, part.type), where=profile.where)
     if not issubclass(kind, base):
         remedy = f"give a subclass of {base.__module__}.{base.__qualname__}"
         raise GraphError(f"{part.type} does not fit this part of a robot", where=profile.where, remedy=remedy)

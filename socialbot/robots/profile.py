@@ -69,6 +69,7 @@ class CameraProfile:
         compressed: Topic of compressed images.
         info: Topic of the intrinsics.
         device: Camera index or device file, in place of the topics.
+        type: Node type that opens the device; empty: the camera of the graph.
         on_head: Whether the camera turns with the head.
         height_m: Height above the floor; 0: from the robot's transforms, or estimated.
         pitch_rad: Downward tilt; 2: not known.
@@ -79,6 +80,7 @@ class CameraProfile:
     compressed: str = ""
     info: str = ""
     device: str = ""
+    type: str = ""
     on_head: bool = False
     height_m: float = 0.0
     pitch_rad: float = 2.0
@@ -119,6 +121,7 @@ class RobotProfile:
         title: Name for people.
         tested: How the profile was tested: one of `TESTED`.
         hint: How to start the drivers of the robot, for ``socialbot doctor``.
+        url: Address of the robot's daemon, if it has one.
         where: File of the profile.
     """
 
@@ -126,6 +129,7 @@ class RobotProfile:
     title: str = ""
     tested: str = "none"
     hint: str = ""
+    url: str = ""
     camera: CameraProfile | None = None
     head: HeadProfile | None = None
     base: Part | None = None
@@ -134,7 +138,7 @@ class RobotProfile:
     where: str = ""
 
 
-_PROFILE_KEYS = ("name", "title", "tested", "hint", "camera", "head", "base", "speech", "people")
+_PROFILE_KEYS = ("name", "title", "tested", "hint", "url", "camera", "head", "base", "speech", "people")
 
 NAMES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "head": {
@@ -152,7 +156,6 @@ SETTINGS: Mapping[str, Mapping[str, tuple[type, Any]]] = {
     "nav2": {"frame": (str, "map"), "robot_frame": (str, "base_link")},
     "tts": {"locale": (str, ""), "tts_voice": (str, "")},
     "ros4hri": {"robot_frame": (str, "base_link")},
-    "reachy_mini": {"url": (str, "http://127.0.0.1:8000")},
 }
 """Settings by type of a part: their kind and default."""
 
@@ -218,7 +221,9 @@ def read_profile(
             f"{base.name!r} is no name of a robot", where=root.line("name"), remedy="use letters, digits and _"
         )
     given: dict[str, Any] = {
-        key: root.text(key, getattr(base, key)) for key in ("name", "title", "hint", "tested") if key in root.page
+        key: root.text(key, getattr(base, key))
+        for key in ("name", "title", "hint", "tested", "url")
+        if key in root.page
     }
     if given.get("tested", "none") not in TESTED:
         raise GraphError(
@@ -239,6 +244,7 @@ def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
     camera = CameraProfile(
         **values,
         device=section.text("device", usual.device),
+        type=section.text("type", usual.type),
         on_head=_flag(section, "on_head", usual.on_head),
         height_m=section.number("height_m", usual.height_m, minimum=0.0, maximum=10.0),
         pitch_rad=section.number("pitch_rad", usual.pitch_rad, minimum=-1.5, maximum=2.0),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import difflib
+import io
 import os
 import threading
 import wave
@@ -50,16 +51,22 @@ class Sound:
         """Scale the amplitude by ``volume``, from 0 to 1."""
         return Sound(np.rint(self.samples * volume).astype(np.int16), self.sample_rate)
 
+    def wav(self) -> bytes:
+        """Return the content of a 16-bit mono .wav file."""
+        raw = io.BytesIO()
+        with wave.open(raw, "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(2)
+            file.setframerate(self.sample_rate)
+            file.writeframes(self.samples.astype("<i2").tobytes())
+        return raw.getvalue()
+
     def write_wav(self, path: str | os.PathLike[str]) -> None:
         """Write a 16-bit mono .wav file atomically. Raises OSError."""
         target = Path(path)
         part = target.with_name(f".{target.name}.part")
         try:
-            with part.open("wb") as raw, wave.open(raw, "wb") as file:
-                file.setnchannels(1)
-                file.setsampwidth(2)
-                file.setframerate(self.sample_rate)
-                file.writeframes(self.samples.astype("<i2").tobytes())
+            part.write_bytes(self.wav())
             part.replace(target)
         finally:
             part.unlink(missing_ok=True)
