@@ -359,12 +359,17 @@ class ActionRequest(Structured, frozen=True, kw_only=True):
 
 
 class Utterance(Structured, frozen=True, kw_only=True):
-    """Sentence for the speaker. It replaces a waiting utterance with the same ``key``."""
+    """Sentence for the speaker. It replaces a waiting utterance with the same ``key``.
+
+    ``person`` is the addressee and ``language`` an ISO 639-1 code; each is empty if unknown.
+    """
 
     id: str
     text: str
     key: str = ""
     cause: str = ""
+    person: str = ""
+    language: str = ""
 
 
 class SpeechStatus(Structured, frozen=True, kw_only=True):

@@ -16,21 +16,23 @@ if TYPE_CHECKING:
         Policy,
         Repair,
         Respond,
+        Turn,
         asked,
         conversation_rules,
         heard,
         speaks,
         talks,
+        tell_again,
         turn,
         waits,
     )
     from socialbot.agents.dialogue.intents import UNKNOWN, Grammar, Intent, Reading
-    from socialbot.agents.dialogue.script import Question, Script, load_script
+    from socialbot.agents.dialogue.script import ANY, Question, Script, load_script
 
 __all__ = [
-    "SILENCE", "SOMEBODY", "UNKNOWN", "Answer", "Ask", "Confirm", "Conversation", "Converse", "Grammar", "Intent",
-    "Policy", "Question", "Reading", "Repair", "Respond", "Script", "asked", "conversation_rules", "heard",
-    "load_script", "speaks", "talks", "turn", "waits",
+    "ANY", "SILENCE", "SOMEBODY", "UNKNOWN", "Answer", "Ask", "Confirm", "Conversation", "Converse", "Grammar",
+    "Intent", "Policy", "Question", "Reading", "Repair", "Respond", "Script", "Turn", "asked", "conversation_rules",
+    "heard", "load_script", "speaks", "talks", "tell_again", "turn", "waits",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from socialbot.agents.dialogue.intents import UNKNOWN, Reading
-from socialbot.agents.dialogue.script import Question, Script
+from socialbot.agents.dialogue.script import ANY, Question, Script
 from socialbot.bdi import (
     ANYTHING,
     Belief,
@@ -129,6 +129,22 @@ class tell(LongAction):
         self.cancelled()
 
 
+class tell_again(LongAction):
+    """tell_again(Person): repeat the last sentence to a person."""
+
+    def start(self, person: str) -> None:
+        talk = self.engine.robot.conversation
+        last = talk.last_said(person)
+        if last is None:
+            self.failed(f"nothing was said to {person}")
+        else:
+            talk.tell(self, person, *last)
+
+    def cancel(self) -> None:
+        self.engine.robot.conversation.forget(self)
+        self.cancelled()
+
+
 class Policy(NamedTuple):
     """Limits of a conversation: durations in s, and numbers of tries."""
 
@@ -197,7 +213,7 @@ class Conversation:
     ) -> None:
         self.engine, self.script, self.language = engine, script, language
         self.present, self.attends, self.policy = present, attends, policy or Policy()
-        self._telling: dict[str, tell] = {}
+        self._telling: dict[str, LongAction] = {}
         self._last: dict[str, tuple[str, tuple[object, ...]]] = {}
         self.sensor = SpeechSensor(self)
         engine.add_sensor(self.sensor)
@@ -236,7 +252,7 @@ class Conversation:
         if message.confidence and message.confidence < self.policy.least_confidence:
             return Reading(UNKNOWN, language=languages[0])
         questions = [self.script.questions[str(one.args[1])] for one in self.believed(asked, person)]
-        expected = {intent for question in questions for intent in question.expects}
+        expected = {intent for question in questions for intent in question.expects if intent != ANY}
         readings = [self.script.grammar.read(message.text, language, expected) for language in languages]
         return max(readings, key=lambda reading: (reading.words, reading.score))
 
@@ -251,7 +267,7 @@ class Conversation:
 
     # What is said
 
-    def tell(self, action: tell, person: str, situation: str, arguments: tuple[object, ...]) -> None:
+    def tell(self, action: LongAction, person: str, situation: str, arguments: tuple[object, ...]) -> None:
         """Say the sentence for a situation in the language of a person; `note` ends the action."""
         text, language = self.script.sentence(situation, arguments, self.language_of(person))
         self._last[person] = (situation, arguments)
@@ -275,7 +291,7 @@ class Conversation:
             else:
                 action.failed(f"the utterance is {status.state}: {status.detail}".rstrip(": "))
 
-    def forget(self, action: tell) -> None:
+    def forget(self, action: LongAction) -> None:
         """Stop to wait for the end of an utterance."""
         self._telling = {key: other for key, other in self._telling.items() if other is not action}
 
@@ -287,7 +303,10 @@ class Conversation:
 
     def expects(self, name: str, intent: str) -> bool:
         """Whether an intent answers a question; a sentence that is not understood is a reply, too."""
-        return intent == UNKNOWN or intent in self.question(name).expects
+        if intent == UNKNOWN:
+            return True
+        expected = self.question(name).expects
+        return intent in expected or (ANY in expected and not self.script.grammar.intents[intent].only_expected)
 
 
 def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]]:

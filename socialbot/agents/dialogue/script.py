@@ -32,13 +32,17 @@ Names = Mapping[str, Mapping[str, Sequence[str]]]
 """Names of slot values: value to language to names."""
 
 
+ANY = "any"
+"""Stands for all intents, except those that are only understood if they are expected."""
+
+
 @dataclass(frozen=True)
 class Question:
     """Question that a person may answer.
 
     Args:
         name: Its name; a sentence of this name asks it.
-        expects: Intents that answer it.
+        expects: Intents that answer it; "any" stands for all that are not `only_expected`.
         tries: How often it is asked: again after a silence or a reply that is not understood.
         patience_s: Time for the reply after the end of the sentence, s.
     """
@@ -76,7 +80,7 @@ class Script:
         self.sentences = {name: dict(texts) for name, texts in (sentences or {}).items()}
         for question in self.questions.values():
             for intent in question.expects:
-                if intent not in self.grammar.intents:
+                if intent != ANY and intent not in self.grammar.intents:
                     remedy = suggestion(intent, self.grammar.intents)
                     raise RuleError(
                         f"question {question.name!r} expects the unknown intent {intent!r}", where=where, remedy=remedy
@@ -90,21 +94,33 @@ class Script:
 
     def __or__(self, other: Script) -> Script:
         """Return both scripts in one; parts of the right one replace equally named ones and are tried first."""
-        mine, theirs = self.grammar, other.grammar
-        return Script(
-            [*theirs.intents.values(), *(one for name, one in mine.intents.items() if name not in theirs.intents)],
-            {**mine.values, **theirs.values},
-            {**self.questions, **other.questions}.values(),
-            {
-                name: {**self.sentences.get(name, {}), **other.sentences.get(name, {})}
-                for name in dict.fromkeys((*self.sentences, *other.sentences))
-            },
+        return self.extended(
+            other.grammar.intents.values(), other.grammar.values, other.questions.values(), other.sentences
         )
 
-    def with_values(self, **values: Names) -> Script:
-        """Return this script with the values of some slots."""
-        intents, questions = self.grammar.intents.values(), self.questions.values()
-        return Script(intents, {**self.grammar.values, **values}, questions, self.sentences)
+    def extended(
+        self,
+        intents: Iterable[Intent] = (),
+        values: Mapping[str, Names] | None = None,
+        questions: Iterable[Question] = (),
+        sentences: Mapping[str, Mapping[str, str]] | None = None,
+        where: str = "dialogue",
+    ) -> Script:
+        """Return this script with more parts, which replace equally named ones and are tried first.
+
+        Raises:
+            RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
+        """
+        more, said = list(intents), sentences or {}
+        names: list[str] = [*self.sentences, *(name for name in said if name not in self.sentences)]
+        new = {intent.name for intent in more}
+        return Script(
+            [*more, *(one for name, one in self.grammar.intents.items() if name not in new)],
+            {**self.grammar.values, **(values or {})},
+            {**self.questions, **{question.name: question for question in questions}}.values(),
+            {name: {**self.sentences.get(name, {}), **said.get(name, {})} for name in names},
+            where,
+        )
 
     @property
     def languages(self) -> tuple[str, ...]:
@@ -131,13 +147,13 @@ class Script:
             raise RuleError(f"sentence {situation!r} needs more than {len(shown)} arguments") from error
 
 
-def load_script(path: Path | str, text: str | None = None, values: Mapping[str, Names] | None = None) -> Script:
+def load_script(path: Path | str, text: str | None = None, base: Script | None = None) -> Script:
     """Read a script from a YAML file.
 
     Args:
         path: The file.
         text: Its content, if it has been read.
-        values: Values of slots that the file leaves open.
+        base: Script that the file extends; it may use its values, intents and sentences.
 
     Raises:
         GraphError: The file cannot be read or does not follow the layout.
@@ -153,9 +169,9 @@ def load_script(path: Path | str, text: str | None = None, values: Mapping[str, 
     known = {slot: names_in(page.section("values").section(slot)) for slot in page.section("values", {}).page}
     intents, questions = page.section("intents", {}), page.section("questions", {})
     sentences = page.section("sentences", {})
-    return Script(
+    return (base or Script()).extended(
         [_intent(name, intents.section(name)) for name in map(str, intents.page)],
-        {**(values or {}), **known},
+        known,
         [_question(name, questions.section(name)) for name in map(str, questions.page)],
         {str(name): _sentence(sentences.section(name)) for name in sentences.page},
         where=str(path),

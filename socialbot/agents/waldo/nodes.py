@@ -17,6 +17,7 @@ from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
 SETTLE_S = 0.05  # delay (s) before Waldo believes a silence, for health messages of other nodes to arrive
 REVISE_S = 0.5  # delay (s) before Waldo changes the source of a silence: nodes recover one after the other
+ASLEEP_RAD = -0.5  # tilt of the head of a sleeping robot
 LATE_S = 10.0  # maximum age of detections whose stamp counts as the start of a belief
 
 
@@ -149,8 +150,8 @@ class WaldoNode(AgentNode):
 class Listener(Node):
     """Listener of Waldo's actions: publishes utterances and head commands.
 
-    ``speak`` publishes an utterance and makes the head follow people, ``attend`` only the latter. ``stayIdle`` centres
-    the head.
+    ``speak`` and ``tell`` publish an utterance and make the head follow people, ``attend`` only the latter.
+    ``stayIdle`` centres the head, ``fallAsleep`` lowers it.
     """
 
     actions = Input(ActionRequest, "/waldo/actions")
@@ -166,13 +167,27 @@ class Listener(Node):
                 self.say.publish(
                     Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, key=situation, cause=action.id)
                 )
-            case "attend", ():
+            case _, (str(person), str(), str(text), str(language)) if action.name in ("tell", "tell_again", "explain"):
                 self._look("track", action)
+                self.say.publish(
+                    Utterance(
+                        stamp=action.stamp,
+                        id=f"say-{action.id}",
+                        text=text,
+                        cause=action.id,
+                        person=person,
+                        language=language,
+                    )
+                )
+            case "attend" | "wakeUp", ():
+                self._look("track", action)
+            case "fallAsleep", ():
+                self.head.publish(HeadCommand(stamp=action.stamp, mode="look", tilt_rad=ASLEEP_RAD, cause=action.id))
             case "stayIdle", ():
                 self._look("centre", action)
             case _:
                 what = f"unknown action {action.name}{action.arguments}"
-                remedy = "send speak(situation, sentence), attend() or stayIdle()"
+                remedy = "send speak(situation, sentence), tell(person, situation, sentence, language), or stayIdle()"
                 raise MessageError(what, where=self.name, remedy=remedy)
 
     def _look(self, mode: str, action: ActionRequest) -> None:

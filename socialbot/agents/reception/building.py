@@ -1,0 +1,148 @@
+"""Building of a reception: its rooms, colleagues and opening hours, from a YAML file::
+
+timezone: Europe/Berlin
+hours:
+mon-fri: "08:00-18:00"
+sat: "10:00-14:00"
+rooms:
+library:
+names: {en: [library, reading room], de: Bibliothek}
+way: {en: "The library is on the second floor.", de: "Die Bibliothek ist im zweiten Stock."}
+colleagues:
+anna: {names: {en: [Anna Smith, Anna]}, room: library, contact: "12"}
+"""
+
+from __future__ import annotations
+
+import re
+import zoneinfo
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, time, timezone, tzinfo
+from pathlib import Path
+
+from socialbot.agents.dialogue import Script
+from socialbot.agents.dialogue.script import texts_in
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, suggestion
+from socialbot.core.yaml import YamlSection, read_page
+
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+
+_HOURS = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)\s*-\s*([01]?\d|2[0-3]):([0-5]\d)")
+
+
+@dataclass(frozen=True)
+class Colleague:
+    """Person who can be called; ``room`` is "" if unknown."""
+
+    contact: str
+    room: str = ""
+
+
+@dataclass(frozen=True)
+class Building:
+    """Rooms, colleagues and opening hours of a building.
+
+    Args:
+        rooms: Names of the rooms by language.
+        ways: Sentences with the way to each room, by language.
+        people: Names of the colleagues by language.
+        colleagues: The colleagues.
+        hours: Opening and closing time by day of the week, 0 for Monday.
+        zone: Time zone of the hours.
+    """
+
+    rooms: Mapping[str, Mapping[str, list[str]]]
+    ways: Mapping[str, Mapping[str, str]]
+    people: Mapping[str, Mapping[str, list[str]]]
+    colleagues: Mapping[str, Colleague]
+    hours: Mapping[int, tuple[time, time]]
+    zone: tzinfo
+
+    def script(self) -> Script:
+        """Return the sentences with the ways, as situations ``way_ROOM``."""
+        return Script(sentences={f"way_{room}": texts for room, texts in self.ways.items()})
+
+    def hours_at(self, now: int) -> tuple[str, str] | None:
+        """Opening and closing time on the day of ``now`` (ns), as texts such as 8:00; None if it is closed that day."""
+        times = self.hours.get(self._local(now).weekday())
+        return None if times is None else (_clock_text(times[0]), _clock_text(times[1]))
+
+    def is_open(self, now: int) -> bool:
+        """Whether the building is open at ``now`` (ns)."""
+        local = self._local(now)
+        times = self.hours.get(local.weekday())
+        return times is not None and times[0] <= local.time() < times[1]
+
+    def _local(self, now: int) -> datetime:
+        return datetime.fromtimestamp(now // SECOND, self.zone)
+
+
+def load_building(path: Path | str, text: str | None = None) -> Building:
+    """Read a building from a YAML file, or from its ``text``.
+
+    Raises:
+        GraphError: The file cannot be read, or is invalid.
+    """
+    if text is None:
+        try:
+            text = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
+    page = read_page(text, where=str(path))
+    page.only("timezone", "hours", "rooms", "colleagues")
+    rooms, people, hours = page.section("rooms", {}), page.section("colleagues", {}), page.section("hours", {})
+    for section in (rooms.section(name) for name in rooms.page):
+        section.only("names", "way")
+    return Building(
+        {str(name): texts_in(rooms.section(name).section("names")) for name in rooms.page},
+        {str(name): _way(rooms.section(name).section("way")) for name in rooms.page},
+        {str(name): texts_in(people.section(name).section("names")) for name in people.page},
+        {str(name): _colleague(people.section(name), list(map(str, rooms.page))) for name in people.page},
+        dict(entry for key in hours.page for entry in _days(hours, key)),
+        _zone(page),
+    )
+
+
+def _way(section: YamlSection) -> dict[str, str]:
+    return {language: " ".join(texts) for language, texts in texts_in(section).items()}
+
+
+def _colleague(section: YamlSection, rooms: list[str]) -> Colleague:
+    section.only("names", "room", "contact")
+    room = section.text("room", "")
+    if room and room not in rooms:
+        raise GraphError(f"unknown room {room!r}", where=section.line("room"), remedy=suggestion(room, rooms))
+    return Colleague(section.text("contact"), room)
+
+
+def _days(hours: YamlSection, key: object) -> list[tuple[int, tuple[time, time]]]:
+    first, _, last = str(key).partition("-")
+    for day in (first, last or first):
+        if day not in DAYS:
+            raise GraphError(f"unknown day {day!r}", where=hours.line(key), remedy=suggestion(day, DAYS))
+    opens = closes = time()
+    if match := _HOURS.fullmatch(hours.text(key)):
+        opens, closes = time(int(match[1]), int(match[2])), time(int(match[3]), int(match[4]))
+    if opens >= closes:
+        remedy = 'write them as in "08:00-18:00"'
+        raise GraphError(f"no hours: {hours.text(key)!r}", where=hours.line(key), remedy=remedy)
+    begin, end = DAYS.index(first), DAYS.index(last or first)
+    count = (end - begin) % 7 + 1
+    return [((begin + day) % 7, (opens, closes)) for day in range(count)]
+
+
+def _zone(page: YamlSection) -> tzinfo:
+    name = page.text("timezone", "UTC")
+    if name == "UTC":
+        return timezone.utc
+    try:
+        return zoneinfo.ZoneInfo(name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError) as error:
+        remedy = "write it as in Europe/Berlin; without a time zone database on this machine: pip install tzdata"
+        raise GraphError(f"unknown time zone {name!r}", where=page.line("timezone"), remedy=remedy) from error
+
+
+def _clock_text(at: time) -> str:
+    return f"{at.hour}:{at.minute:02d}"

@@ -1,0 +1,104 @@
+"""Receptionist: Waldo shows the way, calls colleagues and tells the opening hours."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+from socialbot.agents.dialogue import Answer, Ask, Confirm, Respond, Script, load_script
+from socialbot.agents.reception.building import Building, load_building
+from socialbot.agents.reception.messages import CallStatus, ColleagueCall
+from socialbot.agents.waldo import TalkingWaldo, small_talk
+from socialbot.bdi import Belief, Goal, Inference, LongAction, Plan, compute, error_msg, variables
+from socialbot.core import paths
+from socialbot.graph.ports import Input, Output, Parameter
+
+
+class lost(Belief):  # noqa: N801 - beliefs have lower-case names
+    """This person has asked for a room that is not in the building."""
+
+
+class Fetch(Goal):
+    """Call a colleague for a person, and say whether the colleague comes."""
+
+
+class call(LongAction):  # noqa: N801 - actions have lower-case names
+    """Call a colleague; achieved if the colleague comes."""
+
+    def start(self, colleague: str) -> None:
+        self.engine.robot.call(self, colleague)
+
+    def cancel(self) -> None:
+        self.engine.robot.calls.pop(self.id, None)
+        self.cancelled()
+
+
+class Receptionist(TalkingWaldo):
+    """Agent node of Waldo at a reception: also shows the way, calls colleagues and tells the opening hours.
+
+    Rooms, colleagues and hours are in the file ``building``. A telephone node answers calls.
+    """
+
+    calls_out = Output(ColleagueCall, "/reception/calls")
+    call_status = Input(CallStatus, "/reception/call_status", optional=True)
+
+    building = Parameter("", "YAML file of rooms, colleagues and hours; empty: that of the demo", fixed=True)
+    call_within_s = Parameter(15.0, "longest time until a colleague answers, s", minimum=0.1, maximum=120.0)
+
+    def make_script(self) -> Script:
+        self.calls: dict[str, call] = {}
+        self.place = self._load_building()
+        text = resources.files("socialbot.agents.reception").joinpath("reception.yaml").read_text("utf-8")
+        base = small_talk().extended(values={"room": self.place.rooms, "colleague": self.place.people})
+        script = load_script("reception.yaml", text, base) | self.place.script()
+        if self.script:
+            script = load_script(paths.in_workspace(self.script, where=f"{self.name}.script"), base=script)
+        return script
+
+    def _load_building(self) -> Building:
+        if self.building:
+            return load_building(paths.in_workspace(self.building, where=f"{self.name}.building"))
+        text = resources.files("socialbot.agents.reception").joinpath("building.yaml").read_text("utf-8")
+        return load_building("building.yaml", text)
+
+    def rules(self) -> list[Plan | Inference | list[Plan]]:
+        Who, What, Slots, Room, Person, _ = variables("Who What Slots Room Person _")  # noqa: N806
+        place, way = self.place, compute(lambda Room: f"way_{Room}")  # noqa: N803
+        limit = compute(lambda: self.call_within_s)
+        return [
+            Respond(Who, "directions", (Room,)) >> [Answer(Who, way, ())],
+            Respond(Who, "room", (Room,)) >> [Answer(Who, way, ())],
+            Respond(Who, "elsewhere", _) / lost(Who) >> [-lost(Who), Answer(Who, "unknown_room", ())],
+            Respond(Who, "elsewhere", _)
+            >> [+lost(Who), Ask(Who, "which_room", (), What, Slots), Respond(Who, What, Slots), -lost(Who)],
+            Respond(Who, "find_colleague", (Person,)) / (lambda Person: bool(place.colleagues[Person].room))  # noqa: N803
+            >> [Answer(Who, compute(lambda Person: f"way_{place.colleagues[Person].room}"), ())],  # noqa: N803
+            Respond(Who, "find_colleague", (Person,)) >> [Respond(Who, "call", (Person,))],
+            Respond(Who, "call", (Person,)) >> [Confirm(Who, "shall_i_call", (Person,)), Fetch(Who, Person)],
+            -Respond(Who, "call", _)[error_msg("the person says no")] >> [Answer(Who, "no_help", ())],
+            Fetch(Who, Person)
+            >> [Answer(Who, "calling", (Person,)), call(Person).within(limit), Answer(Who, "coming", (Person,))],
+            -Fetch(Who, Person) >> [Answer(Who, "not_reached", (Person,))],
+            Respond(Who, "hours", _) / (lambda: place.is_open(self.clock.now()))
+            >> [Answer(Who, "open_now", compute(lambda: place.hours_at(self.clock.now())))],
+            Respond(Who, "hours", _) / (lambda: place.hours_at(self.clock.now()) is not None)
+            >> [Answer(Who, "closed_now", compute(lambda: place.hours_at(self.clock.now())))],
+            Respond(Who, "hours", _) >> [Answer(Who, "closed_today", ())],
+        ]
+
+    def call(self, action: call, colleague: str) -> None:
+        """Request a call; `on_call_status` ends the action."""
+        self.calls[action.id] = action
+        contact = self.place.colleagues[colleague].contact
+        now = self.clock.now()
+        self.calls_out.publish(
+            ColleagueCall(stamp=now, id=action.id, colleague=colleague, contact=contact, cause=action.id)
+        )
+
+    @call_status
+    def on_call_status(self, status: CallStatus) -> None:
+        action = self.calls.pop(status.id, None)
+        if action is not None:
+            if status.state == "coming":
+                action.done()
+            else:
+                action.failed("the colleague is unavailable")

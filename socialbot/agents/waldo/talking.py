@@ -1,0 +1,196 @@
+"""Talking Waldo: hears what people say, and answers."""
+# ruff: noqa: N801 - beliefs, goals and actions have the names of the paper
+
+from __future__ import annotations
+
+from importlib import resources
+
+from socialbot.agents.dialogue import (
+    SOMEBODY,
+    Answer,
+    Ask,
+    Conversation,
+    Converse,
+    Respond,
+    Script,
+    Turn,
+    asked,
+    conversation_rules,
+    heard,
+    load_script,
+    talks,
+    tell_again,
+    turn,
+)
+from socialbot.agents.waldo.nodes import WaldoNode
+from socialbot.agents.waldo.waldo import (
+    DoNothing,
+    GreetPeople,
+    OfferHelp,
+    engages,
+    gone,
+    greeted,
+    offered,
+    personDetected,
+    present,
+    several,
+    ungreeted,
+    unoffered,
+)
+from socialbot.bdi import (
+    Action,
+    Belief,
+    Engine,
+    Goal,
+    Inference,
+    Plan,
+    SingletonBelief,
+    apart,
+    drop,
+    for_each,
+    variables,
+    wait_for,
+)
+from socialbot.core import paths
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import HeardSpeech, SpeechStatus
+from socialbot.graph.ports import Input, Parameter
+
+
+class asleep(SingletonBelief):
+    """Waldo sleeps, "alone" or since he was "told" to: the head is down until somebody arrives or wakes him."""
+
+
+class Sleep(Goal):
+    """Sleep(Reason): go to sleep."""
+
+
+class WakeUp(Goal):
+    """Wake up."""
+
+
+class fallAsleep(Action):
+    """Lower the head."""
+
+    def execute(self) -> None:
+        self.engine.robot.act(self)
+
+
+class wakeUp(Action):
+    """Raise the head and follow people."""
+
+    def execute(self) -> None:
+        self.engine.robot.act(self)
+
+
+WAKING = ("wake", "hello", "help")
+"""Intents that wake Waldo."""
+
+
+def small_talk() -> Script:
+    """Return what Waldo understands and says in every place."""
+    file = resources.files("socialbot.agents.waldo").joinpath("small_talk.yaml")
+    return load_script("small_talk.yaml", file.read_text("utf-8"))
+
+
+class TalkingWaldo(WaldoNode):
+    """Agent node of Waldo in conversation: greets, asks whether he can help, and responds to what people say.
+
+    Speech becomes beliefs ``heard(Person, Intent, Slots)``. Replies are goals (see docs/howto/dialogue.md).
+    """
+
+    speech = Input(HeardSpeech, "/humans/voices/speech", optional=True)
+    speech_status = Input(SpeechStatus, "/speech/status", optional=True)
+
+    language = Parameter("en", "language of people who have not spoken yet (ISO 639-1)", fixed=True)
+    script = Parameter("", "YAML file with more intents, questions and sentences; empty: none", fixed=True)
+    sleep_after_s = Parameter(300.0, "time without people until Waldo sleeps, s", minimum=1.0, maximum=86400.0)
+
+    def build(self) -> Engine:
+        engine = super().build()
+        script = self.make_script()
+        if self.language not in script.languages:
+            remedy = f"choose one of: {', '.join(script.languages)}"
+            raise ParameterError(f"no script in {self.language!r}", where=f"{self.name}.language", remedy=remedy)
+        self.conversation = Conversation(
+            engine, script, self.language, present=lambda: self._people(present), attends=self._attends
+        )
+        # The first plan that applies is chosen; each rule goes before those already there.
+        engine.add_rules(*reversed([*self.rules(), *talking_rules(self)]), first=True)
+        engine.add_rules(*conversation_rules(self.conversation))
+        return engine
+
+    def make_script(self) -> Script:
+        """Return the script of the conversation; subclasses may extend it. Raises GraphError or RuleError."""
+        if not self.script:
+            return small_talk()
+        path = paths.in_workspace(self.script, where=f"{self.name}.script")
+        return load_script(path, base=small_talk())
+
+    def rules(self) -> list[Plan | Inference | list[Plan]]:
+        """Return further plans, which come before those of Waldo; subclasses may override it."""
+        return []
+
+    @speech
+    def on_speech(self, message: HeardSpeech) -> None:
+        self.conversation.hear(message)
+
+    @speech_status
+    def on_speech_status(self, status: SpeechStatus) -> None:
+        self.conversation.note(status)
+
+    def utter(self, action: Action, person: str, situation: str, text: str, language: str) -> str:
+        """Request an utterance; return its id."""
+        if language == "en" and situation in ("greeting", "greeting_several", "offer"):
+            text = self.sentence(situation)
+        self.act(action, person, situation, text, language)
+        return f"say-{action.id}"
+
+    def _people(self, kind: type[Belief]) -> list[str]:
+        return [str(one.args[0]) for one in self.conversation.believed(kind)]
+
+    def _attends(self, person: str) -> bool:
+        """Whether a sentence that is not understood was meant for Waldo: its speaker engages or has talked to him."""
+        talk = self.conversation
+        engaged = self._people(engages)
+        known = bool(talk.believed(turn, person) or talk.last_said(person))
+        return known or person in engaged or (person == SOMEBODY and bool(engaged))
+
+
+def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
+    """Return the plans of small talk, of offers that lead somewhere, and of sleep."""
+    Who, What, Slots, Q, _ = variables("Who What Slots Q _")  # noqa: N806
+    return [
+        # Sleep
+        +personDetected("No").held_for(lambda: node.sleep_after_s) / ~asleep(_) >> [Sleep("alone")],
+        +personDetected("No") / asleep("told") >> [+asleep("alone"), DoNothing()],
+        +personDetected("Yes") / asleep(_) >> [WakeUp()],
+        +heard(Who, What, Slots) / (asleep(_) & (lambda What: What not in WAKING)) >> [],  # noqa: N803
+        +heard(Who, What, Slots) / asleep(_) >> [WakeUp(), apart(Turn(Who, What, Slots))],
+        Sleep(What) >> [+asleep(What), fallAsleep()],
+        WakeUp() >> [-asleep(_), wakeUp()],
+        GreetPeople() / asleep("told") >> [],
+        OfferHelp() / asleep("told") >> [],
+        # Greetings and offers begin conversations. Who has talked with Waldo needs no offer.
+        GreetPeople() / several()
+        >> [for_each(ungreeted(Who), [+greeted(Who)]), apart(Answer(SOMEBODY, "greeting_several", ()))],
+        GreetPeople() / ungreeted(Who) >> [+greeted(Who), apart(Answer(Who, "greeting", ()))],
+        OfferHelp() / (unoffered(Who) & heard(Who, _, _)) >> [+offered(Who)],
+        OfferHelp() / unoffered(Who)
+        >> [for_each(present(Who) & ~offered(Who), [+offered(Who)]), apart(Converse(Who, "offer", ()))],
+        # Who leaves ends the conversation.
+        +gone(Who) / asked(Who, Q) >> [-asked(Who, Q), drop(Converse(Who, _, _)), drop(Turn(Who, _, _)), -turn(Who)],
+        # Small talk
+        Respond(Who, "hello", _) / greeted(Who) >> [Answer(Who, "hello_again", ())],
+        Respond(Who, "hello", _) >> [+greeted(Who), Answer(Who, "greeting", ())],
+        Respond(Who, "help", _) >> [Ask(Who, "what_help", (), What, Slots), Respond(Who, What, Slots)],
+        Respond(Who, "yes", _) >> [Ask(Who, "what_help", (), What, Slots), Respond(Who, What, Slots)],
+        Respond(Who, "no", _) >> [Answer(Who, "no_help", ())],
+        Respond(Who, "thanks", _) >> [Answer(Who, "welcome", ())],
+        Respond(Who, "goodbye", _) >> [Answer(Who, "goodbye", ())],
+        Respond(Who, "abilities", _) >> [Answer(Who, "abilities", ())],
+        Respond(Who, "sleep", _) >> [Answer(Who, "sleeping", ()), Sleep("told")],
+        Respond(Who, "wake", _) >> [Answer(Who, "awake", ())],
+        Respond(Who, "repeat", _) >> [wait_for(~talks(_), 15), tell_again(Who).within(30)],
+        Respond(Who, "stop", _) >> [drop(Converse(_, _, _)), Answer(Who, "no_help", ())],
+    ]

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.reception import CallStatus, ColleagueCall, Receptionist
+from socialbot.core.clock import SECOND
+from socialbot.graph.node import Node, NodeConfig
+from socialbot.graph.ports import Input, Output, Parameter
+from tests.agents.waldo.hall import Hall
+
+TUESDAY_10 = 1_700_560_800 * SECOND  # 2023-11-21 10:00 UTC
+HOUR = 3600 * SECOND
+
+
+class Telephone(Node):
+    """Telephone that answers each call."""
+
+    calls = Input(ColleagueCall, "/reception/calls")
+    status = Output(CallStatus, "/reception/call_status")
+
+    state = Parameter("coming", "what it answers")
+
+    @calls
+    def on_call(self, call: ColleagueCall) -> None:
+        if self.state in ("coming", "unavailable"):
+            self.status.publish(CallStatus(stamp=self.clock.now(), id=call.id, state=self.state))  # type: ignore[arg-type]
+
+
+class Reception(Hall):
+    """The demo's reception, where one person stands."""
+
+    def __init__(self, telephone: str = "coming", start: int = TUESDAY_10, **parameters: float) -> None:
+        super().__init__(
+            Receptionist,
+            NodeConfig("telephone", Telephone, {"state": telephone}),
+            start=start,
+            **parameters,  # type: ignore[arg-type]
+        )
+
+    def talk(self, *sentences: str, language: str = "en") -> list[str]:
+        """Let the person say sentences; return what Waldo says after the greeting."""
+        self.see(3.0, "t1")
+        for sentence in sentences:
+            self.hear("t1", sentence, language)
+            self.see(6.0, "t1")
+        return self.said[1:]
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "reply"),
+    [
+        ("en", "Hello, where is the library?", "The library is on the second floor. Take the lift and turn left."),
+        ("en", "I'm looking for the cafetria", "The canteen is on the ground floor, to the right of the entrance."),
+        ("de", "Wie komme ich zum Labor?", "Das Labor ist hinter mir, am Ende des Gangs."),
+        ("es", "¿Dónde están los servicios?", "Los servicios están junto a la escalera."),
+        ("fr", "Où est la bibliothèque ?", "La bibliothèque est au deuxième étage. Prenez l'ascenseur, puis à gauche."),
+        ("en", "Where can I find Anna Miller?", "The laboratory is behind me, at the end of the corridor."),
+    ],
+)
+def test_shows_the_way(language, text, reply):
+    with Reception() as reception:
+        assert reception.talk(text, language=language) == [reply]
+
+
+def test_an_offer_of_help_leads_to_the_way():
+    with Reception() as reception:
+        reception.see(12.0, "t1")
+        reception.hear("t1", "Yes, I need the lab")
+        reception.see(5.0, "t1")
+    assert reception.said[1:] == [
+        "Can I help you with anything?",
+        "The laboratory is behind me, at the end of the corridor.",
+    ]
+
+
+def test_an_unknown_room_is_asked_for_again_until_the_way_out():
+    question = "I do not know that room. Which room are you looking for?"
+    with Reception() as reception:
+        assert reception.talk("Where is the swimming pool?", "Sorry, the library") == [
+            question,
+            "The library is on the second floor. Take the lift and turn left.",
+        ]
+    with Reception() as reception:
+        assert reception.talk("Where is the swimming pool?", "Where is the sauna?") == [
+            question,
+            "I do not know that room, either. There is a plan of the building next to the lift.",
+        ]
+
+
+@pytest.mark.parametrize(
+    ("telephone", "result"),
+    [
+        ("coming", "Anna Miller is coming. Please take a seat."),
+        ("unavailable", "I could not reach Anna Miller."),
+        ("silent", "I could not reach Anna Miller."),
+    ],
+)
+def test_calls_a_colleague_after_a_confirmation(telephone, result):
+    with Reception(telephone, call_within_s=2.0) as reception:
+        said = reception.talk("Could you call Anna Miller?", "Yes, please")
+        (call,) = reception.messages("/reception/calls")
+    assert said == ["Shall I call Anna Miller?", "I am calling Anna Miller.", result]
+    assert (call.colleague, call.contact) == ("anna", "12")
+    action = next(one for one in reception.trace if one.id == call.cause)
+    assert action.what == 'call("anna")'
+
+
+def test_calls_nobody_without_a_confirmation():
+    with Reception() as reception:
+        assert reception.talk("Could you call Anna Miller?", "No") == ["Shall I call Anna Miller?", "All right."]
+        assert reception.messages("/reception/calls") == []
+
+
+def test_a_corrected_name_is_confirmed_again():
+    with Reception() as reception:
+        said = reception.talk("Could you call Anna Miller?", "No, call Thomas Brown", "Yes")
+        (call,) = reception.messages("/reception/calls")
+    assert said[:3] == ["Shall I call Anna Miller?", "Shall I call Thomas Brown?", "I am calling Thomas Brown."]
+    assert call.colleague == "thomas"
+
+
+@pytest.mark.parametrize(
+    ("hours", "reply"),
+    [
+        (0, "We are open today until 18:00."),
+        (9, "We are closed now. Today's hours are 8:00 to 18:00."),
+        (4 * 24, "We are open today until 14:00."),
+        (5 * 24, "We are closed today."),
+    ],
+)
+def test_tells_the_opening_hours_by_its_clock(hours, reply):
+    with Reception(start=TUESDAY_10 + hours * HOUR) as reception:
+        assert reception.talk("Are you still open?") == [reply]
+
+
+def test_two_visitors_are_served_in_turn():
+    with Reception() as reception:
+        reception.see(3.0, "t1", "t2")
+        reception.hear("t1", "Could you call Anna Miller?")
+        reception.see(3.0, "t1", "t2")
+        reception.hear("t2", "Where is the library?")
+        reception.see(2.5, "t1", "t2")
+        reception.hear("t1", "Yes")
+        reception.see(12.0, "t1", "t2")
+    assert reception.said[1:] == [
+        "Shall I call Anna Miller?",
+        "One moment, please.",
+        "I am calling Anna Miller.",
+        "Anna Miller is coming. Please take a seat.",
+        "The library is on the second floor. Take the lift and turn left.",
+    ]

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import pytest
+
+from socialbot.agents.waldo import TalkingWaldo, small_talk
+from socialbot.core.errors import GraphError, ParameterError
+from tests.agents.waldo.corridor import GREETING, OFFER
+from tests.agents.waldo.hall import Hall
+
+LANGUAGES = ("en", "de", "es", "fr")
+
+
+def test_every_sentence_and_intent_of_waldo_is_in_all_languages():
+    script = small_talk()
+    assert script.languages == LANGUAGES
+    assert {name: set(texts) for name, texts in script.sentences.items() if set(texts) != set(LANGUAGES)} == {}
+    intents = script.grammar.intents.values()
+    assert {one.name: set(one.phrases) for one in intents if set(one.phrases) != set(LANGUAGES)} == {}
+
+
+def test_greets_and_offers_help_and_asks_what_a_person_needs():
+    with Hall() as hall:
+        hall.see(1.0)
+        hall.see(11.5, "t1")
+        assert hall.said == [GREETING, OFFER]
+        hall.hear("t1", "Yes, please")
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Nothing, good bye!")
+        hall.see(3.0, "t1")
+    assert hall.said == [GREETING, OFFER, "How can I help you?", "Goodbye!"]
+    assert 'greeted("t1")' in hall.believes()
+
+
+def test_a_person_who_does_not_answer_is_not_asked_again():
+    with Hall() as hall:
+        hall.see(40.0, "t1")
+    assert hall.said == [GREETING, OFFER]
+
+
+def test_a_person_who_has_talked_with_waldo_gets_no_offer():
+    with Hall() as hall:
+        hall.see(4.0, "t1")
+        hall.hear("t1", "What can you do?")
+        hall.see(20.0, "t1")
+    assert hall.said == [GREETING, "I am Waldo. I greet people and answer their questions."]
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "reply"),
+    [
+        ("de", "Danke schön!", "Gern geschehen."),
+        ("es", "Muchas gracias", "De nada."),
+        ("fr", "Merci beaucoup", "Je vous en prie."),
+    ],
+)
+def test_speaks_the_language_of_each_person(language, text, reply):
+    with Hall() as hall:
+        hall.see(3.0, "t1", "t2")
+        hall.hear("t1", text, language)
+        hall.see(3.0, "t1", "t2")
+        hall.hear("t2", "Thank you")
+        hall.see(3.0, "t1", "t2")
+        spoken = [(one.text, one.language, one.person) for one in hall.messages("/speech/say")]
+    assert spoken[1:] == [(reply, language, "t1"), ("You are welcome.", "en", "t2")]
+
+
+def test_waldo_begins_in_the_language_of_the_place():
+    with Hall(language="de") as hall:
+        hall.see(12.0, "t1")
+        assert {one.language for one in hall.messages("/speech/say")} == {"de"}
+    assert hall.said == ["Hallo! Schön, Sie zu sehen.", "Kann ich Ihnen helfen?"]
+
+
+def test_repeats_the_last_sentence():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Pardon?")
+        hall.see(3.0, "t1")
+    assert hall.said == [GREETING, GREETING]
+
+
+def test_a_reply_is_caused_by_what_was_heard():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Thank you")
+        stamp = hall.clock.now()
+        hall.see(3.0, "t1")
+        action = next(one for one in hall.trace if one.kind == "action" and "welcome" in one.what)
+    assert hall.causes(action)[-1] == f"heard-{stamp}"
+
+
+def test_who_leaves_ends_the_conversation():
+    with Hall() as hall:
+        hall.see(11.5, "t1")
+        assert 'turn("t1")' in hall.believes()
+        hall.see(3.0)
+    assert not {one for one in hall.believes() if one.startswith(("turn", "asked", "replied"))}
+
+
+def test_speech_of_people_who_do_not_talk_to_waldo_is_ignored():
+    with Hall() as hall:
+        hall.see(2.0)
+        hall.hear("t9", "I had pasta for lunch")
+        hall.see(2.0)
+    assert hall.said == []
+
+
+def test_sleeps_after_a_while_alone_and_wakes_for_the_next_person():
+    with Hall(sleep_after_s=20.0) as hall:
+        hall.see(3.0, "t1")
+        hall.see(25.0)
+        assert 'asleep("alone")' in hall.believes()
+        head = hall.messages("/head/command")[-1]
+        assert (head.mode, head.tilt_rad) == ("look", -0.5)
+        hall.hear("", "I had pasta for lunch")
+        hall.see(1.0)
+        hall.see(3.0, "t2")
+        assert 'asleep("alone")' not in hall.believes()
+        assert [one.mode for one in hall.messages("/head/command")][-2:] == ["track", "track"]
+    assert hall.said == [GREETING, GREETING]
+
+
+def test_sleeps_on_request_until_it_is_woken():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Good night, Waldo")
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Thank you")
+        hall.see(15.0, "t1", "t2")
+        assert hall.said == [GREETING, "Good night."]
+        hall.hear("t1", "Wake up!")
+        hall.see(3.0, "t1", "t2")
+    assert hall.said == [GREETING, "Good night.", "I am awake."]
+
+
+def test_a_new_visitor_wakes_and_is_greeted_after_all_have_left():
+    with Hall() as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Good night, Waldo")
+        hall.see(3.0, "t1")
+        hall.see(5.0)
+        hall.see(3.0, "t2")
+    assert hall.said == [GREETING, "Good night.", GREETING]
+
+
+def test_a_script_adds_intents_and_sentences(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "more.yaml").write_text('sentences:\n  welcome: {en: "Any time!"}\n', encoding="utf-8")
+    with Hall(script="more.yaml") as hall:
+        hall.see(3.0, "t1")
+        hall.hear("t1", "Thank you")
+        hall.see(3.0, "t1")
+    assert hall.said == [GREETING, "Any time!"]
+
+
+def test_invalid_parameters_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ParameterError, match="no script in 'it'"):
+        Hall(language="it")
+    with pytest.raises(GraphError, match="cannot be read"):
+        Hall(TalkingWaldo, script="none.yaml")
