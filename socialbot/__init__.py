@@ -56,9 +56,11 @@ if TYPE_CHECKING:
         PersonDetections,
         RosMessage,
         SpeechStatus,
+        StopSpeech,
         Structured,
         TraceRecord,
         Utterance,
+        VoiceActivity,
         ros_message,
     )  # fmt: skip
     from socialbot.core.registry import AgentPackage
@@ -87,10 +89,10 @@ __all__ = [
     "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter",
     "ParameterError", "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
     "RecordedRun", "RosAction", "RosMessage", "RunResult", "SECOND", "Sensor", "Service", "SingletonBelief",
-    "SocialbotError", "Society", "SpeechStatus", "Structured", "TaskPlanner", "ThreadAction", "ThreadSensor", "Timer",
-    "Trace", "TraceRecord", "Utterance", "Variable", "action", "dump_graph", "fluent", "instance", "load_graph",
-    "make_planner", "nanoseconds", "open_bag", "open_run", "parse_graph", "predicate", "read_domain", "read_problem",
-    "replay", "ros_message", "variables",
+    "SocialbotError", "Society", "SpeechStatus", "StopSpeech", "Structured", "TaskPlanner", "ThreadAction",
+    "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance", "Variable", "VoiceActivity", "action", "dump_graph",
+    "fluent", "instance", "load_graph", "make_planner", "nanoseconds", "open_bag", "open_run", "parse_graph",
+    "predicate", "read_domain", "read_problem", "replay", "ros_message", "variables",
 ]  # fmt: skip
 
 __getattr__ = _lazy_exports(__name__)

@@ -376,7 +376,7 @@ class SpeechStatus(Structured, frozen=True, kw_only=True):
     """Progress or result of an utterance."""
 
     utterance_id: str
-    state: Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
+    state: Literal["waiting", "started", "finished", "replaced", "expired", "failed", "interrupted"]
     text: str
     detail: str = ""
 
@@ -405,6 +405,30 @@ class HeardSpeech(Structured, frozen=True, kw_only=True):
     confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     person: str = ""
     voice: str = ""
+
+    @property
+    def id(self) -> str:
+        """Id of this message in the trace."""
+        return f"heard-{self.stamp}"
+
+
+class VoiceActivity(Structured, frozen=True, kw_only=True):
+    """Whether a person speaks in the sound up to the stamp.
+
+    ``voice`` is the id of the voice, ``person`` the ROS4HRI id of its speaker, and ``bearing_rad`` their direction in
+    the frame of the camera, positive to the left; each is empty or None if unknown.
+    """
+
+    active: bool
+    voice: str = ""
+    person: str = ""
+    bearing_rad: float | None = None
+
+
+class StopSpeech(Structured, frozen=True, kw_only=True):
+    """Request to stop the utterance of the speaker and to drop those that wait."""
+
+    reason: str = ""
 
 
 class HeadCommand(Structured, frozen=True, kw_only=True):
@@ -447,5 +471,6 @@ class Mind(Structured, frozen=True, kw_only=True):
 BUILT_IN_MESSAGES: tuple[type[Structured], ...] = (
     PersonDetections, ActionRequest, Utterance, SpeechStatus, HeadCommand, TraceRecord, Mind, PictureAck, Health,
     UpStatus, DownRequest, AgentCommand, AgentAnswer, AudioData, HeardSpeech,
+    VoiceActivity, StopSpeech,
 )  # fmt: skip
 """Structured messages shared by all agents; `socialbot.core.registry.message_types` returns all."""

@@ -115,7 +115,7 @@ class Display:
                 self._show_persons(message)
             case SpeechStatus(state="started"):
                 self._line(message.stamp, "says", f'"{message.text}"')
-            case SpeechStatus(state="failed" | "expired" | "replaced"):
+            case SpeechStatus(state="failed" | "expired" | "replaced" | "interrupted"):
                 self._line(message.stamp, "fails", f'to say "{message.text}": {message.state} {message.detail}')
             case HeadCommand():
                 direction = f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"

@@ -89,7 +89,7 @@ class Timeline:
                 self._begin(record, "speech", what, agent="")
                 self._close(record.id, record, "waiting", ends=False)
             case "speech":
-                self._close(record.cause, record, what, ends=what in ("finished", "replaced", "expired", "failed"))
+                self._close(record.cause, record, what, ends=what not in ("waiting", "started"))
             case "head":
                 last = next(reversed(self._lanes.get(("", "head"), {}).values()), None)
                 if last is not None:

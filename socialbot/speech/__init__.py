@@ -1,9 +1,13 @@
-"""Speech synthesis, playback and the queue of utterances."""
+"""Speech and hearing: synthesis, playback, the queue of utterances, microphone and recognition."""
 
 from socialbot.core.registry import AgentPackage
 
 AGENT = AgentPackage(
     name="speech",
     module="socialbot.speech",
-    nodes={"speaker": "socialbot.speech.speaker:Speaker"},
+    nodes={
+        "hearing": "socialbot.speech.hearing:Hearing",
+        "microphone": "socialbot.speech.microphone:Microphone",
+        "speaker": "socialbot.speech.speaker:Speaker",
+    },
 )

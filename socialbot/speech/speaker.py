@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 from socialbot.core import paths
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
-from socialbot.core.messages import Health, Message, SpeechStatus, Utterance
+from socialbot.core.messages import AudioData, Health, Message, SpeechStatus, StopSpeech, Utterance
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Input, Output, Parameter
@@ -24,7 +24,7 @@ MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
 
 PLAYBACK = ("auto", "off", "required")
 
-State = Literal["waiting", "started", "finished", "replaced", "expired", "failed"]
+State = Literal["waiting", "started", "finished", "replaced", "expired", "failed", "interrupted"]
 
 
 class SpeechVoice(Protocol):
@@ -47,12 +47,15 @@ class Speaker(Node):
     Waiting utterances are queued in order. A newer one with the same key replaces the queued one, with its own waiting
     time. Without a sound device an utterance takes as long as its sound, by the clock of the node; a replay sets
     ``playback`` to "off" for this. Changes of voice, rate, pitch or volume apply to the next utterance. The queue
-    expires if the ``engine`` times out or reports a fault, since its people may have left.
+    expires if the ``engine`` times out or reports a fault, since its people may have left. A `StopSpeech` interrupts
+    the utterance that sounds and drops those that wait.
     """
 
     say = Input(Utterance, "/speech/say")
+    stop_speech = Input(StopSpeech, "/speech/stop", optional=True)
     health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     status = Output(SpeechStatus, "/speech/status")
+    sound = Output(AudioData, "/speech/audio")
 
     voice = Parameter("en", "espeak-ng voice: a language, optionally with a variant, as in en-us+f3")
     rate_wpm = Parameter(165, "words per minute", minimum=80, maximum=450)
@@ -61,6 +64,7 @@ class Speaker(Node):
     playback = Parameter(
         "auto", "auto: play if possible; off; required: fail without a sound device", choices=PLAYBACK, fixed=True
     )
+    publish_sound = Parameter(False, "publish the sound of each utterance, for the echo canceller of `hearing`")
     folder = Parameter("", f"folder for .wav files of the last {MOST_SOUNDS} utterances; empty: none", fixed=True)
     max_waiting_s = Parameter(5.0, "longest waiting time of an utterance, s", minimum=0.0)
     engine = Parameter("", "node whose health the queue depends on; empty: none")
@@ -128,6 +132,9 @@ class Speaker(Node):
         sound = self._synthesize(utterance.text)
         self._spoken += 1
         detail = self._keep(sound, utterance.text)
+        if self.publish_sound:
+            samples = sound.samples.astype("<i2").tobytes()
+            self.sound.publish(AudioData(stamp=self.clock.now(), samples=samples, sample_rate=sound.sample_rate))
         if self._player is None:
             self.call_after(sound.duration_s, partial(on_end, None))
         else:
@@ -167,6 +174,18 @@ class Speaker(Node):
             self._speak(utterance)
         else:
             self._wait(utterance)
+
+    @stop_speech
+    def on_stop_speech(self, request: StopSpeech) -> None:
+        """Stop the utterance that sounds, and drop those that wait."""
+        for waiting in self._waiting:
+            waiting.expiry.cancel()
+            self._report(waiting.utterance, "interrupted", request.reason)
+        self._waiting.clear()
+        utterance, self._sounding = self._sounding, None
+        if utterance is not None:
+            self.hush()
+            self._report(utterance, "interrupted", request.reason)
 
     def _wait(self, utterance: Utterance) -> None:
         entry = _QueuedUtterance(utterance)

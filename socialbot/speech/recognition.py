@@ -1,0 +1,114 @@
+"""Speech recognition with faster-whisper, and the interface for other recognisers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.speech.audio import RATE_HZ, REMEDY
+from socialbot.speech.recognition_models import load_files
+
+_LONGEST_S = 30  # Sound that the network takes.
+_PADDING_S = 2  # Silence after the speech; with less the network repeats the end.
+_SHORTEST_S = 6
+_TOKENS_PER_S, _TOKENS = 12, 16  # More text than anybody speaks is a repetition.
+_FRAMES_PER_S = 100
+_MIN_LOG_PROBABILITY = -1.0
+_NO_SPEECH = 0.6
+
+
+@dataclass(frozen=True)
+class RecognizedText:
+    """Text of a piece of speech, its language (ISO 639-1), and a confidence from 0 to 1."""
+
+    text: str
+    language: str
+    confidence: float
+
+
+class SpeechRecognizer(Protocol):
+    """Interface of a recogniser. It is used from one thread at a time."""
+
+    def recognize(self, samples: np.ndarray) -> RecognizedText | None:
+        """Recognise mono int16 samples with `RATE_HZ`; None if they hold no speech."""
+        ...
+
+
+class WhisperRecognizer:
+    """A `SpeechRecognizer` by a network of the Whisper family.
+
+    The network sees the speech and `_PADDING_S` of silence instead of 30 s, which takes a quarter of the time.
+
+    Args:
+        model: One of `socialbot.speech.recognition_models.MODELS`, or a folder.
+        languages: ISO 639-1 codes to choose from; with one, it is not detected.
+        vocabulary: Names and words to expect, as text.
+        threads: Threads of the processor.
+
+    Raises:
+        InstallationError: A package or the model is missing.
+        ParameterError: There is no such model, or it does not know a language.
+    """
+
+    def __init__(self, model: str, languages: Sequence[str], *, vocabulary: str = "", threads: int = 1) -> None:
+        try:
+            from faster_whisper import WhisperModel  # pyright: ignore[reportMissingImports]
+            from faster_whisper.tokenizer import Tokenizer  # pyright: ignore[reportMissingImports]
+        except (ImportError, OSError) as error:
+            raise InstallationError(f"faster-whisper is not installed ({error})", remedy=REMEDY) from error
+        files = load_files(model)
+        try:
+            self._network = WhisperModel(
+                model, device="cpu", compute_type="int8", cpu_threads=threads, files=files, local_files_only=True
+            )
+        except (RuntimeError, ValueError) as error:
+            raise ParameterError(f"{model!r} is no speech model: {error}", where="model") from error
+        known = self._network.supported_languages
+        unknown = [language for language in languages if language not in known]
+        if unknown or not languages:
+            which = f"the model {model!r} does not know {', '.join(unknown)}" if unknown else "no language is given"
+            remedy = "choose the model 'base'" if len(known) == 1 else f"choose from {', '.join(known)}"
+            raise ParameterError(which, where="languages", remedy=remedy)
+        multilingual = self._network.model.is_multilingual
+        self._languages = tuple(languages)
+        self._vocabulary = vocabulary.strip()
+        self._tokenizers = {
+            language: Tokenizer(self._network.hf_tokenizer, multilingual, task="transcribe", language=language)
+            for language in languages
+        }
+
+    def recognize(self, samples: np.ndarray) -> RecognizedText | None:
+        sound = self._padded(samples[: _LONGEST_S * RATE_HZ])
+        features = self._network.feature_extractor(sound)[:, : sound.size * _FRAMES_PER_S // RATE_HZ]
+        encoded = self._network.encode(features)
+        language = self._language(encoded)
+        tokenizer = self._tokenizers[language]
+        prompt = self._network.get_prompt(tokenizer, [], without_timestamps=True, hotwords=self._vocabulary or None)
+        most = len(prompt) + _TOKENS + round(_TOKENS_PER_S * samples.size / RATE_HZ)
+        result = self._network.model.generate(
+            encoded, [prompt], beam_size=5, max_length=min(most, self._network.max_length), return_scores=True,
+            return_no_speech_prob=True, suppress_tokens=[-1],
+        )[0]  # fmt: skip
+        text = tokenizer.decode(result.sequences_ids[0]).strip()
+        likely = float(result.scores[0])
+        if not text or likely < _MIN_LOG_PROBABILITY or (result.no_speech_prob > _NO_SPEECH and likely < -0.5):
+            return None
+        return RecognizedText(text, language, min(1.0, math.exp(likely)))
+
+    def _language(self, encoded: Any) -> str:
+        if len(self._languages) == 1:
+            return self._languages[0]
+        shares = {token[2:-2]: share for token, share in self._network.model.detect_language(encoded)[0]}
+        return max(self._languages, key=lambda language: shares.get(language, 0.0))
+
+    @staticmethod
+    def _padded(samples: np.ndarray) -> np.ndarray:
+        seconds = min(_LONGEST_S, max(_SHORTEST_S, math.ceil(samples.size / RATE_HZ) + _PADDING_S))
+        sound = np.zeros(seconds * RATE_HZ, np.float32)
+        sound[: samples.size] = samples.astype(np.float32) / 32768
+        return sound
