@@ -31,6 +31,7 @@ from typing import Any, Protocol
 
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
+from socialbot.core.vocabulary import Vocabulary
 
 ENTRY_POINTS = "socialbot.agents"
 """Entry point group; also the package that is searched for subpackages with an attribute ``AGENT``."""
@@ -55,6 +56,7 @@ class AgentPackage:
             simulators, trace records, and requests and commands to agents.
         phrases: Reference to a mapping of action names to sentences, such as ``{"a_open_door": "opens {1}"}``. See
             also `socialbot.graph.node.Node.phrases`.
+        vocabulary: Reference to a `socialbot.core.vocabulary.Vocabulary` for questions to the agents.
         world_view: Reference to a function ``(graph) -> WorldView | None``.
         event_log: Reference to a function ``(graph) -> EventLog | None``, for agents without a trace of decisions.
         completion: Reference to a function ``(graph) -> CompletionCheck | None``.
@@ -75,6 +77,7 @@ class AgentPackage:
     messages: Sequence[str] = ()
     recorded: Sequence[str] = ()
     phrases: str = ""
+    vocabulary: str = ""
     world_view: str = ""
     event_log: str = ""
     completion: str = ""
@@ -302,6 +305,16 @@ def phrases_of(graph: _Graph | None) -> dict[str, str]:
     for node in graph.nodes if graph is not None else ():
         phrases.update(node.type.phrases)
     return phrases
+
+
+def vocabulary_of(graph: _Graph | None) -> Vocabulary:
+    """Return the words for questions to the agents of ``graph``; those of all packages without a graph."""
+    packages = agent_packages() if graph is None else packages_of(graph)
+    found: list[Vocabulary] = [resolve(package.vocabulary) for package in packages if package.vocabulary]
+    return Vocabulary(
+        tuple(deed for each in found for deed in each.deeds),
+        tuple(condition for each in found for condition in each.conditions),
+    )
 
 
 def world_view_of(graph: _Graph) -> WorldView | None:

@@ -133,8 +133,8 @@ def _without_repetition(history: History, chain: Sequence[TraceRecord]) -> Itera
         if kept is not None and (record.kind in REPEATING or _says_it(history, kept, record)):
             continue
         if record.kind in ACTED:
-            call = _call(record)
-            while rest and (rest[0].kind in REPEATING or call in [_call(each) for each in _after_plan(rest)]):
+            call = call_of(record)
+            while rest and (rest[0].kind in REPEATING or call in [call_of(each) for each in _after_plan(rest)]):
                 other = rest.popleft()
                 record = other if other.kind == "step" and record.kind != "step" else record
         kept = record
@@ -180,7 +180,8 @@ def _says_it(history: History, kept: TraceRecord, record: TraceRecord) -> bool:
     return False
 
 
-def _call(record: TraceRecord) -> str:
+def call_of(record: TraceRecord) -> str:
+    """Return the call of a goal, action or plan step as ``name(argument, ...)`` without quotes; empty for others."""
     if record.kind == "step":
         action, *args = record.what.strip("()").split() or [""]
         return f"{action}({', '.join(args)})"
@@ -211,7 +212,7 @@ def _stands_alone(history: History, action: TraceRecord) -> bool:
     if action.what.startswith("."):
         return False
     behind = islice((each for each in history.before(action) if each.kind not in SILENT), 2)
-    if any(each.kind == "step" and _call(each) == _call(action) for each in behind):
+    if any(each.kind == "step" and call_of(each) == call_of(action) for each in behind):
         return False
     after = history.between(action.stamp, action.stamp)
     led_to = (each for each in after if each.kind in ("utterance", "step"))

@@ -51,6 +51,7 @@ def test_a_wrong_example_is_noticed():
 
 MEANINGS = {
     "--actions": "Python module or file with actions",
+    "--agent": "Agent to ",
     "--at": "Time ",
     "--bag": "Record a bag ",
     "--cache": "Reuse cached detections ",
@@ -75,6 +76,7 @@ MEANINGS = {
     "--only": "Run only ",
     "--out": "Folder for ",
     "--pace": "Wait ",
+    "--person": "Id of the person",
     "--port": "Port",
     "--privacy": "Pictures",
     "--quick": "Skip a slow check: ",

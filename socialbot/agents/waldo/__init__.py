@@ -21,6 +21,7 @@ AGENT = AgentPackage(
         "waldo": "socialbot.agents.waldo.nodes:WaldoNode",
     },
     graphs={"waldo": "graph.yaml"},
+    vocabulary="socialbot.agents.waldo.vocabulary:VOCABULARY",
     behaviours="behaviours.py",
 )
 

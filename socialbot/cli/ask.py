@@ -1,0 +1,72 @@
+"""``socialbot ask``: ask a recorded run in plain language why, what, who, when and how often."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from socialbot.cli._options import JsonOption, RunArgument
+from socialbot.cli._runs import opened_run, print_found
+from socialbot.cli.why import seconds_of
+from socialbot.core.errors import ParameterError, SocialbotError
+
+if TYPE_CHECKING:
+    from socialbot.runs.folder import RecordedRun
+
+PANEL = "Look into a run"
+EXAMPLES = (
+    "socialbot ask runs/waldo 'Why did you greet me?'",
+    "socialbot ask runs/waldo --json 'What did you see at 12 seconds?'",
+)
+
+
+def ask(
+    run: RunArgument = None,
+    question: Annotated[str, typer.Argument(help="Question; with one argument, that of the newest run.")] = "",
+    at: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Time of the question, such as 8.9 or 1:23.4; default: the end.")
+    ] = None,
+    person: Annotated[
+        str, typer.Option(metavar="ID", help="Id of the person who asks, as in the page: 'me' in the question.")
+    ] = "",
+    agent: Annotated[str, typer.Option(metavar="NODE", help="Agent to ask; default: any.")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Ask a run in plain language why it did something, what it saw, who was there, and more."""
+    from socialbot.runs.asking import answer
+
+    if not question and run is not None and not run.exists():
+        run, question = None, str(run)
+    if not question.strip():
+        raise ParameterError("there is no question", remedy="socialbot ask runs/waldo 'Why did you greet me?'")
+    recorded = opened_run(run)
+    at_s = None if at is None else seconds_of(at)
+    if at_s is not None and not 0 <= at_s <= recorded.history.duration_s:
+        remedy = f"give a time from 0 to {recorded.history.duration_s:.2f} s"
+        raise ParameterError(f"the run does not contain {at_s:.2f} s", where="--at", remedy=remedy)
+    found = answer(
+        recorded,
+        question,
+        at_s=at_s,
+        speaker=person,
+        agent=agent,
+        rules=lambda: rules_of_run(recorded),
+    )
+    lines = [found.text, *([found.assumes] if found.assumes else [])]
+    if not found.known and found.examples:
+        lines += ["", *(f"    {one}" for one in found.examples)]
+    print_found(found, lines, as_json=as_json)
+
+
+def rules_of_run(run: RecordedRun) -> Mapping[str, Sequence[str]]:
+    """Return the texts of the rules of the agents of ``run``, as they are now; none if they cannot be created."""
+    from socialbot.runtime.agent_rules import rules_of
+
+    if run.graph is None:
+        return {}
+    try:
+        return {agent: [str(plan) for plan in plans] for agent, plans in rules_of(run.graph).items()}
+    except SocialbotError:
+        return {}

@@ -1,0 +1,12 @@
+"""Questions about a run in plain language: why something was done or left undone, what is seen, done and intended.
+
+`answer` is the entry point, for the terminal, the page of a run, and speech. A grammar over kinds of questions, deeds
+and references understands a question; it knows no fixed sentences. Each clause of an answer names the records behind
+it. What no record supports is answered with "I don't know".
+"""
+
+from socialbot.runs.asking._answers import Answer, Rules, answer
+from socialbot.runs.asking._languages import LANGUAGES
+from socialbot.runs.asking._sentences import Claim, Clause
+
+__all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "Rules", "answer"]

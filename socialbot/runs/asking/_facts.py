@@ -1,0 +1,163 @@
+"""Facts of a run that answers rest on: who was where, what was believed when, whom a deed concerned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._topics import Subjects, arguments_of
+from socialbot.runs.history import History
+
+GAP_S = 3.0
+"""A shorter absence does not end a visit."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Time (ns) in which an agent believed something; ``end`` is None if it still does. ``record`` is the first."""
+
+    agent: str
+    what: str
+    record: TraceRecord
+    begin: int
+    end: TraceRecord | None
+
+    def at(self, stamp: int) -> bool:
+        return self.begin <= stamp and (self.end is None or stamp < self.end.stamp)
+
+    def within(self, begin: int, end: int) -> bool:
+        return self.begin <= end and (self.end is None or self.end.stamp > begin)
+
+
+@dataclass(frozen=True)
+class Presence:
+    """Frames (first and last detection record) in which a person was in view without a long gap."""
+
+    person: str
+    first: TraceRecord
+    last: TraceRecord
+
+
+class Facts:
+    """Facts of a history, read once for one question."""
+
+    def __init__(self, subjects: Subjects, now: int) -> None:
+        self.subjects, self.now = subjects, now
+        self.history: History = subjects.history
+
+    @cached_property
+    def beliefs(self) -> list[Held]:
+        """Intervals of all beliefs, in order of their begin."""
+        begun: dict[tuple[str, str], TraceRecord] = {}
+        found: list[Held] = []
+        for record in self.history:
+            key = record.source, record.what
+            if record.kind == "belief":
+                begun.setdefault(key, record)
+            elif record.kind == "unbelief" and not record.detail.get("left") and key in begun:
+                start = begun.pop(key)
+                found.append(Held(*key, start, start.stamp, record))
+        found += [Held(*key, start, start.stamp, None) for key, start in begun.items()]
+        return sorted(found, key=lambda each: each.begin)
+
+    def held(self, name: str, person: str = "", agent: str = "") -> Iterator[Held]:
+        """Yield the intervals of beliefs of a name or literal, those about ``person`` only if one is given."""
+        for each in self.beliefs:
+            is_named = each.what == name or each.what.partition("(")[0] == name
+            if is_named and agent in ("", each.agent) and (not person or person in arguments_of(each.what)):
+                yield each
+
+    @cached_property
+    def visits(self) -> list[Presence]:
+        """Visits of the detected people in order of arrival."""
+        found: list[Presence] = []
+        latest: dict[str, int] = {}
+        for record in self.history:
+            for person in persons_in(record):
+                place = latest.get(person)
+                if place is not None and record.stamp - found[place].last.stamp < nanoseconds(GAP_S):
+                    found[place] = Presence(person, found[place].first, record)
+                else:
+                    latest[person] = len(found)
+                    found.append(Presence(person, record, record))
+        return found
+
+    @cached_property
+    def arrivals(self) -> list[str]:
+        """The detected people in order of their first arrival."""
+        return list(dict.fromkeys(each.person for each in self.visits))
+
+    def frame(self, stamp: int) -> TraceRecord | None:
+        """Return the newest detections up to ``stamp``."""
+        return next((each for each in self.history.back(self.history.start, stamp) if each.kind == "detection"), None)
+
+    def present_at(self, stamp: int) -> list[str]:
+        """Return the people of the newest frame up to ``stamp``, or else those of visits around it."""
+        frame = self.frame(stamp)
+        seen = [] if frame is None or stamp - frame.stamp > SECOND else persons_in(frame)
+        return seen or [each.person for each in self.visits if each.first.stamp <= stamp <= each.last.stamp]
+
+    def concerned(self, record: TraceRecord) -> list[str]:
+        """Return the people whom a deed concerned.
+
+        These are people in its arguments, in the beliefs that its plan added, or else in the first belief of the chain
+        of causes that names somebody.
+        """
+        persons = set(self.subjects.persons) | {"somebody"}
+        named = [one for one in arguments_of(record.what) if one in persons]
+        if named or not self.subjects.persons:
+            return named
+        chain = [record, *self.history.before(record)]
+        action = next((each for each in chain if each.kind in ("action", "step")), None)
+        plan = None if action is None else self.history.cause(action)
+        if plan is not None and plan.kind == "plan":
+            beside = [each for each in self.history.effects(plan) if each.kind == "belief" and each.stamp >= plan.stamp]
+            found = [one for each in beside for one in arguments_of(each.what) if one in persons]
+            if found:
+                return list(dict.fromkeys(found))
+        for each in chain:
+            found = [one for one in arguments_of(each.what) if one in persons] if each.kind == "belief" else []
+            if found:
+                return found
+        return []
+
+    def trigger(self, record: TraceRecord) -> TraceRecord | None:
+        """Return the belief that a deed came from: the last in its chain of causes that the agent did not derive."""
+        last = None
+        for each in self.history.before(record):
+            if each.kind == "belief" and each.source == record_agent(self.history, record):
+                last = each
+                if each.detail.get("source") != "self":
+                    return each
+            elif each.kind in ("desire", "plan_start", "step"):
+                break
+        return last
+
+    def seconds(self, stamp: int) -> float:
+        return self.history.seconds(stamp)
+
+
+def record_agent(history: History, record: TraceRecord) -> str:
+    """Return the node of the agent behind a record of an action, a step or an utterance."""
+    if record.kind not in ("utterance", "speech", "head", "motion", "detection"):
+        return record.source
+    behind = (each.source for each in history.before(record) if each.kind not in ("utterance", "speech", "detection"))
+    return next(behind, "")
+
+
+def persons_in(record: TraceRecord) -> list[str]:
+    """Return the track ids in a detection record; none for other records."""
+    if record.kind != "detection":
+        return []
+    return [str(each["track_id"]) for each in record.detail.get("persons", ()) if each.get("track_id")]
+
+
+def near(records: Sequence[TraceRecord], stamp: int, within_s: float) -> list[TraceRecord]:
+    """Return the records nearest to ``stamp``, at most ``within_s`` away."""
+    best = min((abs(each.stamp - stamp) for each in records), default=None)
+    if best is None or best > nanoseconds(within_s):
+        return []
+    return [each for each in records if abs(each.stamp - stamp) == best]

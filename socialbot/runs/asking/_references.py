@@ -1,0 +1,200 @@
+"""References in questions: times, numbers of deeds, agents, things and people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from socialbot.runs.asking._languages import Language
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._words import digits, likeness, number_at, similarity, tokens
+
+
+@dataclass(frozen=True)
+class PersonReference:
+    """Person in a question: the speaker (``me``), one by order of arrival, by time, or by name; or any (``""``)."""
+
+    me: bool = False
+    ordinal: int | None = None
+    at_s: float | None = None
+    name: str = ""
+
+
+@dataclass
+class Reading:
+    """Question while it is read: its words, those that are explained, and the classes of words in it."""
+
+    language: Language
+    words: list[str]
+    taken: set[int] = field(default_factory=set)
+    found: dict[str, list[tuple[float, tuple[int, ...]]]] = field(default_factory=dict)
+
+    def has(self, *names: str) -> bool:
+        return any(self.found.get(name) for name in names)
+
+    def place(self, name: str) -> int:
+        return self.found[name][0][1][0]
+
+    def free(self) -> list[int]:
+        return [place for place in range(len(self.words)) if place not in self.taken]
+
+
+def digits_after_names(words: list[str], subjects: Subjects) -> list[str]:
+    """Return words with number words as digits behind the words of names: ``room one`` is room1."""
+    heads = {
+        phrase[0]
+        for phrase in (*subjects.things.values(), *(tuple(tokens(name)) for name in subjects.agents))
+        if phrase
+    }
+    after = {word for phrase in subjects.things.values() for word in phrase}
+    result = list(words)
+    for n in range(1, len(words)):
+        if words[n - 1] in heads or (words[n - 1] in after and len(words[n - 1]) == 1):
+            result[n] = digits([words[n]])[0]
+    return result
+
+
+# Times
+
+
+def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | None]:
+    """Take a time from the words: its value (s), whether it counts back, and the person whom it describes."""
+    phrases, words = reading.language.phrases, reading.words
+    units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
+    for n in range(len(words)):
+        found = number_at(words, n)
+        if found is None:
+            continue
+        value, used = found
+        before, after = words[n - 1] if n else "", words[n + used] if n + used < len(words) else ""
+        places = set(range(n, n + used))
+        if after in units and not (
+            after == "second" and used == 1 and not words[n].replace(".", "").isdigit() and before == "the"
+        ):
+            value, places = value * units[after], places | {n + used}
+            following = n + used + 1
+            more = number_at(words, following) if following < len(words) and units[after] == 60.0 else None
+            if more is not None:
+                value += more[0]
+                places |= set(range(following, min(len(words), following + more[1] + 1)))
+        elif before in units:
+            value, places = value * units[before], places | {n - 1}
+        elif ":" not in words[n] and (before,) not in phrases["at"]:
+            continue
+        first, last = min(places), max(places)
+        ago = any(
+            one in (tuple(words[last + 1 : last + 1 + len(one)]), tuple(words[max(0, first - len(one)) : first]))
+            for one in phrases["ago"]
+        )
+        if (
+            ago
+            and reading.language.code == "de"
+            and not {"sekunden", "sekunde", "minuten", "minute"} & {words[p] for p in places}
+        ):
+            ago = False
+        reading.taken |= places
+        describes = any(
+            similarity(words[place], one[0]) > 0.9
+            for one in phrases["people"]
+            for place in range(max(0, first - 4), first)
+        )
+        by_time = None if ago or not describes or first == 0 else PersonReference(at_s=value)
+        for name in ("ago", "at"):
+            for one in phrases[name]:
+                for start in (last + 1, first - len(one)):
+                    if start >= 0 and tuple(words[start : start + len(one)]) == one:
+                        reading.taken |= set(range(start, start + len(one)))
+        if by_time is not None:
+            reading.taken |= {
+                place for place in range(max(0, first - 4), first) if (words[place],) in phrases["people"]
+            }
+            return None, False, by_time
+        return value, ago, None
+    for name, value in (("start", 0.0), ("recently", None)):
+        for one in sorted(phrases[name], key=len, reverse=True):
+            alike, places = likeness(one, words, 0)
+            if alike > 0.95 and len(one) > 1:
+                reading.taken |= set(places)
+                return value, False, None
+    return None, False, None
+
+
+def take_ordinal(reading: Reading) -> int | None:
+    """Return which time a deed was done: 'the first time', 'the second greeting'."""
+    words, phrases = reading.words, reading.language.phrases
+    places = [(n, 1) for n, word in enumerate(words) if (word,) in phrases["first"]]
+    places += [(n, -1) for n, word in enumerate(words) if (word,) in phrases["last"]]
+    places += [
+        (n, number)
+        for number, one in enumerate(phrases["ordinals"], 2)
+        for n, word in enumerate(words)
+        if (word,) == one
+    ]
+    for n, number in places:
+        if n in reading.taken and words[n] not in ("first", "last"):
+            continue
+        reading.taken.add(n)
+        if n + 1 < len(words) and (words[n + 1],) in phrases["time"]:
+            reading.taken.add(n + 1)
+        return number
+    return None
+
+
+# Names and persons
+
+
+def take_names(reading: Reading, subjects: Subjects) -> tuple[tuple[str, ...], list[tuple[str, int]]]:
+    """Take names of things and agents from the words; agents with their places."""
+    words = reading.words
+    things: list[str] = []
+    agents: list[tuple[str, int]] = []
+    named = [(phrase, "agent", name) for name, phrases in subjects.agent_words().items() for phrase in phrases]
+    named += [(phrase, "thing", name) for name, phrase in subjects.things.items() if name not in subjects.agents]
+    named += [(tuple(tokens(name)), "person", name) for name in subjects.persons]
+    for phrase, kind, name in sorted(named, key=lambda each: -len(each[0])):
+        if len(phrase) == 1 and len(phrase[0]) < 4 and kind != "agent":
+            continue
+        alike, places = likeness(phrase, words, 0)
+        exact = [words[place] == wanted for place, wanted in zip(places, phrase, strict=False)]
+        is_name = alike > 0.95 or (bool(places) and len(phrase) > 1 and all(
+            same or len(wanted) > 2 for same, wanted in zip(exact, phrase, strict=True)))  # fmt: skip
+        if not is_name or not places or reading.taken & set(places) or (len(phrase) == 1 and not exact[0]):
+            continue
+        if kind == "person" and len(phrase) > 1 and not all(exact):
+            continue
+        reading.taken |= set(places)
+        if kind == "agent":
+            agents.append((name, places[0]))
+        elif kind == "thing":
+            things.append(name)
+        else:
+            reading.found.setdefault("named", []).append((1.0, places))
+            reading.found.setdefault(f"person {name}", []).append((1.0, places))
+    for name, phrases in subjects.agent_words().items():
+        for n, word in enumerate(words):
+            if n not in reading.taken and len(word) > 2 and len(phrases[-1]) == 1 and phrases[-1][0].startswith(word):
+                reading.taken.add(n)
+                agents.append((name, n))
+    heads = {phrase[0] for phrase in subjects.things.values()}
+    reading.taken |= {n for n, word in enumerate(words) if word in heads}
+    return tuple(things), agents
+
+
+def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
+    """Take a person by name or by order of arrival from the words."""
+    words, phrases = reading.words, reading.language.phrases
+    people = {one for one in phrases["people"] if len(one) == 1}
+    for name in subjects.persons:
+        if reading.has(f"person {name}"):
+            place = reading.place(f"person {name}")
+            if place and (words[place - 1],) in people:
+                reading.taken.add(place - 1)
+            return PersonReference(name=name)
+    numbers = {one[0]: 1 for one in phrases["first"]} | {one[0]: -1 for one in phrases["last"] if len(one) == 1}
+    numbers |= {one[0]: number for number, one in enumerate(phrases["ordinals"], 2)}
+    for n, word in enumerate(words):
+        if word in numbers and n not in reading.taken:
+            near = [place for place in (n + 1, n - 1) if 0 <= place < len(words) and (words[place],) in people]
+            if near:
+                reading.taken |= {n, near[0]}
+                return PersonReference(ordinal=numbers[word])
+    return None

@@ -1,0 +1,263 @@
+"""Clauses of answers: what each says, in words, and the claim and records behind it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import msgspec
+
+from socialbot.core.messages import TraceRecord
+from socialbot.core.vocabulary import Condition, Sentences
+from socialbot.runs.asking._facts import Facts, Held, record_agent
+from socialbot.runs.asking._languages import LANGUAGES
+from socialbot.runs.asking._questions import infinitive
+from socialbot.runs.asking._topics import Topic, arguments_of
+from socialbot.runs.narration import Narrator, past
+from socialbot.runs.why import call_of
+
+ClaimKind = Literal[
+    "did", "did_not", "said", "said_not", "believed", "not_believed", "percept", "wanted", "planned", "asked",
+    "rejected", "chose", "saw", "saw_nobody", "here", "nobody_here", "count", "count_people", "nothing_wanted",
+    "message", "outside",
+]  # fmt: skip
+
+
+class Claim(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Statement of a clause in a form that can be checked against the trace. Times are seconds from the start.
+
+    Args:
+        kind: What is stated.
+        agent: Node of the agent that it is about.
+        what: Calls of the deed, the belief, goal or desire, or the words.
+        at_s: Time, or begin of the time, for which it is stated.
+        until_s: End of that time.
+        persons: The people whom it is about.
+        value: A number in the clause: seconds, metres, a count or the number of a step.
+    """
+
+    kind: ClaimKind
+    agent: str = ""
+    what: tuple[str, ...] = ()
+    at_s: float | None = None
+    until_s: float | None = None
+    persons: tuple[str, ...] = ()
+    value: float | None = None
+
+
+class Clause(msgspec.Struct, frozen=True):
+    """Part of an answer with the ids of the records behind it."""
+
+    text: str
+    records: tuple[str, ...]
+    claim: Claim
+
+
+def number(value: float) -> str:
+    """Return a number with at most one decimal."""
+    return f"{round(value, 1):g}"
+
+
+class Speech:
+    """Puts facts of a run into clauses of one language.
+
+    Args:
+        facts: The facts.
+        language: Language of the answer (ISO 639-1).
+        you: The person who asks, if known: "you" in the answer.
+        is_single: Whether only one agent is concerned, which says "I".
+    """
+
+    def __init__(self, facts: Facts, language: str, you: str, is_single: bool) -> None:
+        self.facts, self.language, self.you = facts, language, you
+        self.is_single = is_single
+        self.fixed: Mapping[str, str] = LANGUAGES[language].sentences
+        self._narrator = Narrator(facts.subjects.wording, facts.history)
+
+    def say(self, name: str, **values: object) -> str:
+        return self.fixed[name].format(**values)
+
+    def people(self, persons: Sequence[str], nobody: str = "somebody") -> str:
+        """Return people in words; without any, the word ``nobody``."""
+        named = [self.say("somebody") if one == "somebody" else self.say("person", id=one) for one in persons]
+        if not named:
+            return self.say(nobody)
+        head = ", ".join(named[:-1])
+        return f"{head} {self.say('and')} {named[-1]}" if head else named[-1]
+
+    def subject(self, agent: str) -> str:
+        return "I" if self.is_single else self.facts.subjects.wording.name(agent)
+
+    def about(self, agent: str, text: str) -> str:
+        """Return a sentence with "I" as one about ``agent``, unless that agent speaks."""
+        if self.is_single or not agent:
+            return text
+        name = self.facts.subjects.wording.name(agent)
+        return f"{name}{text[1:]}" if self.language == "en" and text.startswith("I ") else f"{name}: {text}"
+
+    def at(self, clause: Clause, seconds: float) -> Clause:
+        """Return a clause with its time in front."""
+        return msgspec.structs.replace(clause, text=self.say("then", at=number(seconds), clause=clause.text))
+
+    def _declared(self, sentences: Sentences, persons: Sequence[str], nobody: str = "somebody") -> str | None:
+        pair = sentences.get(self.language)
+        if pair is None:
+            return None
+        if isinstance(pair, str):
+            return pair
+        if self.you and self.you in persons:
+            return pair[0]
+        return pair[1].replace("{person}", self.people(persons, nobody))
+
+    # Deeds
+
+    def did(self, record: TraceRecord, topic: Topic | None, *, at: bool = True) -> Clause:
+        """Return the clause of a deed."""
+        facts = self.facts
+        persons, agent = facts.concerned(record), record_agent(facts.history, record)
+        declared = None
+        if topic is not None and topic.declared is not None:
+            declared = self._declared(topic.declared.did, persons)
+        if record.kind == "utterance":
+            what: tuple[str, ...] = (record.what,)
+        else:
+            what = (call_of(record) or record.what,)
+        text = declared or self._generic(record, agent)
+        seconds = facts.seconds(record.stamp)
+        about = tuple(one for one in persons if declared is not None and "{person}" in _second(topic, self.language))
+        kind: ClaimKind = "said" if record.kind == "utterance" and declared is None else "did"
+        if record.kind in ("goal", "desire"):
+            kind = "wanted"
+        clause = Clause(text, (record.id,), Claim(kind, agent, what, seconds, persons=about))
+        return self.at(clause, seconds) if at else clause
+
+    def _generic(self, record: TraceRecord, agent: str) -> str:
+        if record.kind == "utterance":
+            return self.say("said", what=record.what)
+        if record.kind in ("goal", "desire"):
+            return f"{self.subject(agent)} wanted {record.what}"
+        return f"{self.subject(agent)} {past(self._sentence(record))}"
+
+    def _sentence(self, record: TraceRecord) -> str:
+        """Return a deed as a sentence in the present tense without its subject."""
+        wording = self.facts.subjects.wording
+        call = call_of(record) or record.what
+        name, _, arguments = call.rstrip(")").partition("(")
+        known = name in wording.phrases
+        return wording.call(name, [one.strip() for one in arguments.split(",")]) if known else f"does {record.what}"
+
+    def did_not(
+        self, topic: Topic, persons: Sequence[str], agent: str, span: tuple[float, float], things: Sequence[str]
+    ) -> Clause:
+        """Return the clause that a deed was not done in a span of time."""
+        declared = self._declared(topic.declared.did_not, persons, "anybody") if topic.declared is not None else None
+        text = declared
+        if text is None:
+            sentence = self._partly(topic, things)
+            is_named = bool(agent) or self.is_single
+            text = f"{self.subject(agent) if is_named else 'nobody'} "
+            text += f"did not {infinitive(sentence)}" if is_named else past(sentence)
+        claim = Claim("did_not", agent, topic.calls, *span, persons=(*persons, *things))
+        return Clause(text, (), claim)
+
+    def _partly(self, topic: Topic, things: Sequence[str]) -> str:
+        """Return the sentence of a deed with only some of its arguments, each in the place of its kind."""
+        sentence = self.facts.subjects.wording.phrases.get(topic.name)
+        if sentence is None:
+            return f"does {topic.name}" + (f" with {', '.join(things)}" if things else "")
+        done = self.facts.subjects.done(topic)
+        example = list(arguments_of(done[-1].what)) if done else []
+        values = {n: thing for thing in things for n, one in enumerate(example) if _kind(one) == _kind(thing)}
+        unfit = [thing for thing in things if thing not in values.values()]
+        told = re.split(
+            r"\s+\w+\s+\{(?!(?:%s)\})\d\}|\s*\{(?!(?:%s)\})\d\}" % (("|".join(map(str, values)) or "x",) * 2), sentence
+        )[0]
+        told = told.format(*(values.get(n, "") for n in range(10)))
+        return told + (f" with {', '.join(unfit)}" if unfit else "")
+
+    # Beliefs
+
+    def believed(self, belief: Held, stamp: int) -> Clause:
+        """Return the clause that something was believed at ``stamp``."""
+        condition = self._condition(belief.what)
+        persons = self._persons(belief.what)
+        seconds = self.facts.seconds(stamp)
+        value, records = None, [belief.record.id]
+        text = self._declared(condition.held, persons) if condition is not None else None
+        if text is not None:
+            text, value, more = self._measured(text, persons, stamp, belief.agent)
+            records += more
+        if text is None:
+            text = self._perceived(belief.record) or self.say("belief", what=belief.what)
+        if not self.is_single and text == self.say("belief", what=belief.what):
+            text = f"{self.subject(belief.agent)} believed {belief.what}"
+        return Clause(
+            text,
+            tuple(records),
+            Claim("believed", belief.agent, (belief.what,), seconds, persons=tuple(persons), value=value),
+        )
+
+    def lacked(self, name: str, persons: Sequence[str], agent: str, stamp: int) -> Clause | None:
+        """Return the clause that a belief was not held at ``stamp``; None if no sentence says so."""
+        condition = self._condition(name)
+        if condition is None:
+            return None
+        text = self._declared(condition.lacked, persons)
+        if text is None:
+            return None
+        text, value, records = self._measured(text, persons, stamp, agent)
+        if text is None:
+            return None
+        seconds = self.facts.seconds(stamp)
+        claim = Claim("not_believed", agent, (name,), seconds, persons=tuple(persons), value=value)
+        return Clause(text, tuple(records), claim)
+
+    def _condition(self, what: str) -> Condition | None:
+        known = {each.belief: each for each in self.facts.subjects.vocabulary.conditions}
+        return known.get(what) or known.get(what.partition("(")[0])
+
+    def _persons(self, what: str) -> list[str]:
+        known = {*self.facts.subjects.persons, "somebody"}
+        return [one for one in arguments_of(what) if one in known]
+
+    def _measured(
+        self, text: str, persons: Sequence[str], stamp: int, agent: str
+    ) -> tuple[str | None, float | None, list[str]]:
+        """Fill in for how long other beliefs had been held; None if one of them was not."""
+        found = re.search(r"\{([a-z]\w*)\}", text)
+        if found is None:
+            return text, None, []
+        person = persons[0] if persons else ""
+        held = next((each for each in self.facts.held(found[1], person, agent) if each.at(stamp)), None)
+        if held is None:
+            return None, None, []
+        seconds = self.facts.seconds(stamp) - self.facts.seconds(held.begin)
+        return text.replace(found[0], number(seconds)), round(seconds, 6), [held.record.id]
+
+    def _perceived(self, belief: TraceRecord) -> str | None:
+        """Return what the sensor of a belief noted, in English and in the past; None without a note."""
+        percept = self.facts.history.cause(belief)
+        if self.language != "en" or percept is None or percept.kind != "percept":
+            return None
+        return f'my sensor noted "{percept.what}"'
+
+    def narrated(self, record: TraceRecord, kind: ClaimKind) -> Clause:
+        """Return the clause that explanations have for a record."""
+        clause = self._narrator.clause(record)
+        seconds = self.facts.seconds(record.stamp)
+        text = clause.sentence()
+        if self.is_single and clause.subject and text.startswith(clause.subject):
+            text = f"I{text[len(clause.subject) :]}"
+        return Clause(text, (record.id,), Claim(kind, record.source, (record.what,), seconds))
+
+
+def _kind(name: str) -> str:
+    """Return the first word of a name: box_a1 and box_b2 are of one kind."""
+    return re.split(r"[_\d]", name)[0]
+
+
+def _second(topic: Topic | None, language: str) -> str:
+    """Return the sentence about others; it tells whether a deed is one to people."""
+    pair = topic.declared.did.get(language) if topic is not None and topic.declared is not None else None
+    return pair[1] if isinstance(pair, tuple) else ""

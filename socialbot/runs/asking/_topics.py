@@ -1,0 +1,298 @@
+"""What a run can be asked about: deeds with their words, agents, persons, and things that the agents know."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from socialbot.core.messages import TraceRecord
+from socialbot.core.vocabulary import Deed, Vocabulary
+from socialbot.runs.asking._languages import ENGLISH
+from socialbot.runs.asking._words import folded, name_tokens, tokens
+from socialbot.runs.history import History
+from socialbot.runs.narration import Wording, plan_name, rejected_plans
+from socialbot.runs.why import actions, call_of
+
+Phrase = tuple[str, ...]
+
+_CALL = re.compile(r"\(?([A-Za-z_.]\w*)(?:\((.*)\))?", re.DOTALL)
+_CALLED = re.compile(r"(?<![\w.])(?:!{0,2})([A-Za-z_]\w*)\(([^()]*)\)")
+_ARGUMENT = re.compile(r'"([^"]*)"|([^\s,()]+)')
+_PLACEHOLDER = re.compile(r"\{\d\}")
+_SMALL_WORDS = {
+    "to",
+    "from",
+    "on",
+    "of",
+    "the",
+    "a",
+    "an",
+    "at",
+    "with",
+    "that",
+    "is",
+    "be",
+    "up",
+    "down",
+    "for",
+    "has",
+    "in",
+    "req",
+}
+_CONTROL = {
+    "when",
+    "for_each",
+    "if",
+    "while",
+    "wait",
+    "wait_for",
+    "held_for",
+    "within",
+    "changed",
+    "error",
+    "error_msg",
+    "call",
+}
+MOST_DEEDS = 2000
+"""Distinct calls of a run that can be asked about; a run with more has lost its oldest ones."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Deed that can be asked about: a goal, an action, or what a vocabulary declares.
+
+    ``calls`` are names, or calls with their first arguments. A phrase of ``words`` must occur as a whole; of ``loose``
+    phrases the first word counts most.
+    """
+
+    name: str
+    calls: tuple[str, ...]
+    words: Mapping[str, tuple[Phrase, ...]] = field(default_factory=dict)
+    opposites: Mapping[str, tuple[Phrase, ...]] = field(default_factory=dict)
+    loose: tuple[Phrase, ...] = ()
+    declared: Deed | None = None
+
+    def covers(self, call: str) -> bool:
+        """Return whether ``call`` (``name(argument, ...)``, quotes do not count) is this deed."""
+        plain = call.replace('"', "")
+        name, _, arguments = plain.rstrip(")").partition("(")
+        for each in self.calls:
+            wanted, _, first = each.replace('"', "").rstrip(")").partition("(")
+            if wanted == name and (not first or [*split(arguments)][: len([*split(first)])] == [*split(first)]):
+                return True
+        return False
+
+
+def split(arguments: str) -> Iterator[str]:
+    """Yield the arguments of a call."""
+    return (quoted or plain for quoted, plain in _ARGUMENT.findall(arguments))
+
+
+def arguments_of(text: str) -> tuple[str, ...]:
+    """Return the arguments of a literal, a call or a plan step as text without quotes."""
+    inner = text.strip("()").partition(" ")[2] if text.startswith("(") else text.partition("(")[2].rpartition(")")[0]
+    return tuple(split(inner or text.partition(" ")[2]))
+
+
+class Subjects:
+    """Deeds, agents, things and persons of a run with their words.
+
+    Args:
+        history: The records of the run.
+        wording: Names of agents and phrases for actions.
+        vocabulary: Words that the agents declare.
+        rules: Texts of the rules of the agents, as far as they are known beside the records.
+    """
+
+    def __init__(
+        self, history: History, wording: Wording, vocabulary: Vocabulary, rules: Mapping[str, Sequence[str]]
+    ) -> None:
+        self.history, self.wording, self.vocabulary = history, wording, vocabulary
+        self.plans = tuple(dict.fromkeys((*_plans(history), *(text for texts in rules.values() for text in texts))))
+        self.agents = history.agents
+        self.persons = tuple(dict.fromkeys(_persons(history)))
+        self.topics = self._topics()
+        self.things = self._things()
+        self.deeds = actions(history)
+
+    # Deeds
+
+    def _topics(self) -> tuple[Topic, ...]:
+        declared = [_declared(deed) for deed in self.vocabulary.deeds]
+        calls: dict[str, str] = {}
+        conditions = self._conditions()
+        for call in self._calls():
+            if not any(topic.covers(call) for topic in declared) and len(calls) < MOST_DEEDS:
+                found = _CALL.match(call)
+                if found is None or found[1].startswith(".") or found[1] in _CONTROL:
+                    continue
+                # A text as first argument tells what is done: say("hello") and say("bye") are two deeds.
+                text = re.match(r'"([^"]*)"', found[2] or "")
+                if found[1] in conditions:
+                    continue
+                apart = text is not None and text[1] not in self.persons and text[1] not in self.agents
+                calls.setdefault(f'{found[1]}("{text[1]}")' if apart and text else found[1], call)
+        common = self._common_words(calls)
+        return (*declared, *(self._derived(key, common) for key in calls))
+
+    def _conditions(self) -> set[str]:
+        """Return the names of beliefs: those in the records, and in the events and conditions of rules."""
+        found = {_name(record.what) for record in self.history if record.kind in ("belief", "unbelief")}
+        for plan in self.plans:
+            head = plan[: len(plan) - len(_body_of(plan))]
+            named = re.findall(r"[A-Za-z_]\w*(?=\()", head)
+            found.update(name for name in named if name != _goal_of(plan))
+            found.update(re.findall(r"(?<![\w\"])[+\-~?]{1,2}([A-Za-z_]\w*)\(", plan[len(head) :]))
+        return found
+
+    def _calls(self) -> Iterator[str]:
+        """Yield the calls of goals, desires and actions that the records and rules name."""
+        seen: set[tuple[str, str]] = set()
+        for record in self.history:
+            if record.kind in ("action", "goal", "step", "desire") and (record.kind, record.what) not in seen:
+                seen.add((record.kind, record.what))
+                yield _literal(record)
+        for plan in self.plans:
+            goal = _goal_of(plan)
+            if goal:
+                yield f"{goal}()"
+            for name, arguments in _CALLED.findall(_body_of(plan)):
+                text = re.match(r'"[^"]*"', arguments)
+                yield f"{name}({text[0] if text else ''})"
+
+    def _common_words(self, calls: Iterable[str]) -> set[str]:
+        """Return the words of more than half of the names, and the names of agents."""
+        names = {_CALL.match(call)[1] for call in calls}  # type: ignore[index]
+        counts = Counter(word for name in names for word in set(name_tokens(name)))
+        often = {word for word, count in counts.items() if len(names) > 3 and count > len(names) / 2}
+        return often | {word for agent in self.agents for word in tokens(agent)}
+
+    def _derived(self, key: str, common: set[str]) -> Topic:
+        found = _CALL.match(key)
+        name = found[1] if found else key
+        unwanted = common | _SMALL_WORDS
+        words = [word for word in name_tokens(name) if len(word) > 1]
+        named = tuple(folded(word) for word in words if word not in unwanted)
+        phrases = [named] if named else [tuple(words)]
+        sentence = self.wording.phrases.get(name)
+        if sentence is not None:
+            told = tokens(_PLACEHOLDER.sub(" ", sentence))
+            phrases.append(
+                tuple(
+                    word for n, word in enumerate(told) if n == 0 or word not in _SMALL_WORDS or word in ("up", "down")
+                )
+            )
+            if len(told) > 1 and told[0] in ("has", "is", "waits"):
+                phrases.append(tuple(word for word in told[1:] if word not in _SMALL_WORDS))
+        text = found[2] if found and found[2] else ""
+        if text:
+            said = tuple(word for word in tokens(text))
+            phrases = [(*said,), (*named, *said)] if said else phrases
+        if name not in self.wording.phrases and len(named) > 1:
+            phrases += [(word,) for word in named[:1]]
+        return Topic(key, (key,), loose=tuple(dict.fromkeys(phrase for phrase in phrases if phrase)))
+
+    def done(self, topic: Topic) -> list[TraceRecord]:
+        """Return the records of a deed in order: what agents did, or else what they wanted."""
+        found = [record for record in self.deeds if any(topic.covers(call) for call in self._calls_of(record))]
+        if found:
+            return found
+        wanted = (record for record in self.history if record.kind in ("desire", "goal"))
+        return [record for record in wanted if topic.covers(_literal(record))]
+
+    def topic_of(self, record: TraceRecord) -> Topic | None:
+        """Return the deed of a record of an action; None without one."""
+        calls = self._calls_of(record)
+        return next((topic for topic in self.topics if any(topic.covers(call) for call in calls)), None)
+
+    def _calls_of(self, record: TraceRecord) -> list[str]:
+        if record.kind != "utterance":
+            return [call_of(record)]
+        action = next((each for each in self.history.before(record) if each.kind == "action"), None)
+        return [] if action is None else [call_of(action)]
+
+    # Things and agents
+
+    def _things(self) -> dict[str, Phrase]:
+        """Return the arguments of the beliefs, goals and actions with their words."""
+        found: dict[str, Phrase] = {}
+        for record in self.history:
+            if record.kind in ("belief", "goal", "action", "step", "desire"):
+                for text in arguments_of(record.what):
+                    if text not in found and re.fullmatch(r"[A-Za-z]\w{1,40}", text):
+                        found[text] = tuple(tokens(text))
+        deeds = {
+            text for topic in self.topics for call in topic.calls for text in split(call.partition("(")[2].rstrip(")"))
+        }
+        unwanted = {*self.persons, *deeds, *(topic.name for topic in self.topics)}
+        return {name: words for name, words in found.items() if set(words) - _CLASS_WORDS and name not in unwanted}
+
+    def agent_words(self) -> dict[str, list[Phrase]]:
+        """Return the ways to name each agent: its name, its display name, and the kind of agent where it is unique."""
+        names = {agent: [tuple(tokens(agent)), tuple(tokens(self.wording.name(agent)))] for agent in self.agents}
+        kinds = Counter(phrases[0][0] for phrases in names.values() if phrases[0])
+        for phrases in names.values():
+            if phrases[0] and kinds[phrases[0][0]] == 1:
+                phrases.append(phrases[0][:1])
+        return {agent: list(dict.fromkeys(phrase for phrase in phrases if phrase)) for agent, phrases in names.items()}
+
+
+def _declared(deed: Deed) -> Topic:
+    def phrases(words: Mapping[str, Sequence[str]]) -> dict[str, tuple[Phrase, ...]]:
+        return {language: tuple(tuple(tokens(one)) for one in some) for language, some in words.items()}
+
+    return Topic(deed.calls[0], tuple(deed.calls), phrases(deed.words), phrases(deed.opposites), declared=deed)
+
+
+def _literal(record: TraceRecord) -> str:
+    """Return the call of a goal, action, step or desire, with the quotes of texts."""
+    if record.kind in ("step", "desire"):
+        name, *arguments = record.what.strip("()").replace("(", " ").split() or [""]
+        return f"{name}({', '.join(arguments)})"
+    return record.what
+
+
+def _plans(history: History) -> Iterator[str]:
+    """Yield the texts or labels of the plans that were chosen, rejected or not considered."""
+    for record in history:
+        if record.kind == "plan":
+            yield str(record.detail.get("rule") or plan_name(record))
+            yield from map(str, record.detail.get("later", ()))
+        yield from (plan for plan, _ in rejected_plans(record))
+
+
+_GOAL_HEAD = re.compile(r"(?:@\S+\s+)?(?:\+!)?([A-Za-z]\w*)\b")
+
+
+def _goal_of(plan: str) -> str:
+    """Return the name of the goal that a plan is for; empty for a plan for another event, and for a label."""
+    is_rule = " >> [" in plan or " <- " in plan
+    found = _GOAL_HEAD.match(plan)
+    return (
+        found[1] if (is_rule and found and not plan.startswith(("+", "-"))) or (found and plan.startswith("+!")) else ""
+    )
+
+
+def _body_of(plan: str) -> str:
+    found = re.search(r" >> \[| <- ", plan)
+    return plan[found.start() :] if found else ""
+
+
+def _persons(history: History) -> Iterator[str]:
+    """Yield the track ids of detected people."""
+    for record in history:
+        if record.kind == "detection":
+            for person in record.detail.get("persons", ()):
+                if person.get("track_id"):
+                    yield str(person["track_id"])
+
+
+def _name(text: str) -> str:
+    return text.lstrip("~").partition("(")[0]
+
+
+_CLASS_WORDS = {word for alternatives in ENGLISH.phrases.values() for phrase in alternatives for word in phrase} | {
+    "yes"
+}

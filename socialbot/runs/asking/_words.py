@@ -1,0 +1,213 @@
+"""Words of questions: tokens, stems, numbers, and how alike two words look and sound."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import SequenceMatcher
+from functools import lru_cache
+
+ALIKE = 0.72
+"""Least similarity of a word that a person wrote or a recogniser heard to a known word."""
+
+_LETTERS = str.maketrans({"ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "\u2019": "'", "`": "'"})
+_TOKEN = re.compile(r"\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[a-z]+)?|[^\W\d_]+")
+_CONTRACTIONS = (
+    ("can't", "can not"), ("cannot", "can not"), ("won't", "will not"), ("n't", " not"), ("'ve", " have"),
+    ("'ll", " will"),
+    ("what's", "what is"), ("who's", "who is"), ("that's", "that is"), ("'re", " are"), ("i'm", "i am"),
+    ("gonna", "going to"), ("wanna", "want to"),
+)  # fmt: skip
+_ELIDED = re.compile(r"\b([cdjlmnst]|qu)'(?=\w)")
+"""French elision: ``m'as`` is two words, ``m`` and ``as``."""
+
+_NAME = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_UNDOTTED = re.compile(r"(?<=\d),(?=\d)")
+
+
+def folded(text: str) -> str:
+    """Return ``text`` in lower case without accents."""
+    plain = unicodedata.normalize("NFKD", text.casefold().translate(_LETTERS))
+    return "".join(letter for letter in plain if not unicodedata.combining(letter))
+
+
+def tokens(text: str) -> list[str]:
+    """Return the words and numbers of ``text``, without accents and contractions; ``_`` separates words."""
+    plain = folded(text).replace("_", " ")
+    for short, long in _CONTRACTIONS:
+        plain = plain.replace(short, long)
+    plain = _UNDOTTED.sub(".", _ELIDED.sub(r"\1 ", plain))
+    # "a1" and "room1" are two words, as a recogniser hears them.
+    plain = re.sub(r"(?<=[a-z])(?=\d)|(?<=\d)(?=[a-z])", " ", plain)
+    return [token.partition("'")[0] for token in _TOKEN.findall(plain)]
+
+
+def name_tokens(name: str) -> list[str]:
+    """Return the words of an identifier: ``a_openDoor2`` consists of a, open, door and 2."""
+    return [part.casefold() for part in _NAME.findall(name)]
+
+
+_ENDINGS = ("ings", "ing", "edly", "ed", "es", "s", "er", "en", "est", "et", "e")
+_SHORTEST_STEM = 3
+_LEAST_WRITTEN = 0.5
+"""Least similarity in writing of words that sound alike."""
+_IRREGULAR = {
+    form: verb
+    for verb, forms in {
+        "go": "went gone goes going", "do": "did done does doing", "take": "took taken", "drive": "drove driven",
+        "give": "gave given", "say": "said", "tell": "told", "see": "saw seen", "get": "got", "come": "came",
+        "bring": "brought", "leave": "left", "hold": "held", "begin": "began", "choose": "chose", "make": "made",
+        "send": "sent", "find": "found", "tidy": "tidied tidies", "carry": "carried carries", "speak": "spoke spoken",
+        "keep": "kept", "stand": "stood",
+    }.items()
+    for form in forms.split()
+}  # fmt: skip
+
+
+@lru_cache(maxsize=10_000)
+def stem(word: str) -> str:
+    """Return a word without its ending, the same for most forms of a verb or noun."""
+    word = _IRREGULAR.get(word, word)
+    ending = "s"
+    while ending:
+        found = (each for each in _ENDINGS if word.endswith(each) and len(word) - len(each) >= _SHORTEST_STEM)
+        ending = next(found, "")
+        word = word.removesuffix(ending)
+    if len(word) > _SHORTEST_STEM and word[-1] == word[-2] and word[-1] not in "ls":
+        word = word[:-1]
+    return word
+
+
+_SOUNDS = (
+    ("sch", "x"), ("tch", "x"), ("ch", "x"), ("sh", "x"), ("ph", "f"), ("gh", ""), ("th", "t"), ("wh", "w"),
+    ("ck", "k"), ("qu", "k"), ("kn", "n"), ("wr", "r"),
+)  # fmt: skip
+_LETTER_SOUNDS = str.maketrans("gcqdbvzjy", "kkktpfsxi")
+
+
+@lru_cache(maxsize=10_000)
+def sound(word: str) -> str:
+    """Return the consonants of a word; voiced and voiceless ones are equal, as recognisers confuse them."""
+    for letters, one in _SOUNDS:
+        word = word.replace(letters, one)
+    word = word.translate(_LETTER_SOUNDS)
+    consonants = word[:1] + re.sub(r"[aeiouhw]", "", word[1:])
+    return re.sub(r"(.)\1+", r"\1", consonants)
+
+
+@lru_cache(maxsize=50_000)
+def similarity(one: str, other: str) -> float:
+    """Return how alike two words are, from 0 to 1: equal, of one stem, written alike, or sounding alike."""
+    if one == other:
+        return 1.0
+    if one.isdigit() or other.isdigit():
+        return 0.0
+    if stem(one) == stem(other):
+        return 0.97
+    if min(len(one), len(other)) < _SHORTEST_STEM:
+        return 0.0
+    pairs = ((one, other), (stem(one), stem(other)))
+    written = sum(SequenceMatcher(None, *pair, autojunk=False).ratio() for pair in pairs) / 2
+    sounds_alike = len(sound(one)) > 1 and sound(one) == sound(other)
+    heard = 0.8 if sounds_alike and written > _LEAST_WRITTEN else 0.0
+    return min(0.95, max(written, heard))
+
+
+def occurrences(
+    phrase: Sequence[str], words: Sequence[str], most_between: int
+) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """Yield where ``phrase`` occurs in ``words``, as `likeness` has it, each place once."""
+    begin = 0
+    while begin < len(words):
+        alike, places = likeness(phrase, words[begin:], most_between)
+        if not places:
+            return
+        yield alike, tuple(begin + place for place in places)
+        begin += places[0] + 1
+
+
+def likeness(phrase: Sequence[str], words: Sequence[str], most_between: int = 2) -> tuple[float, tuple[int, ...]]:
+    """Return how well ``phrase`` occurs in ``words``, in order with few words between, and the places of its words."""
+    best: tuple[float, tuple[int, ...]] = 0.0, ()
+    for start in range(len(words)):
+        places: list[int] = []
+        least, at = 1.0, start
+        for wanted in phrase:
+            reach = range(at, min(len(words), at + (1 if not places else 1 + most_between)))
+            found = max(reach, key=lambda place: (similarity(words[place], wanted), -place), default=None)
+            alike = 0.0 if found is None else similarity(words[found], wanted)
+            if found is None or alike < ALIKE:
+                break
+            places.append(found)
+            least, at = min(least, alike), found + 1
+        else:
+            if least > best[0]:
+                best = least, tuple(places)
+    return best
+
+
+_UNITS: dict[str, int] = {}
+_TENS: dict[str, int] = {}
+for _line in (
+    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
+    "eighteen nineteen",
+    "null eins zwei drei vier funf sechs sieben acht neun zehn elf zwolf dreizehn vierzehn funfzehn sechzehn siebzehn "
+    "achtzehn neunzehn",
+    "zero un deux trois quatre cinq six sept huit neuf dix onze douze treize quatorze quinze seize",
+    "cero uno dos tres cuatro cinco seis siete ocho nueve diez once doce trece catorce quince dieciseis diecisiete "
+    "dieciocho diecinueve",
+):
+    _UNITS |= {word: number for number, word in enumerate(_line.split())}
+for _line in (
+    "twenty thirty forty fifty sixty seventy eighty ninety",
+    "zwanzig dreissig vierzig funfzig sechzig siebzig achtzig neunzig",
+    "vingt trente quarante cinquante soixante",
+    "veinte treinta cuarenta cincuenta sesenta setenta ochenta noventa",
+):
+    _TENS |= {word: 10 * number for number, word in enumerate(_line.split(), 2)}
+_UNITS |= {"ein": 1, "eine": 1, "einer": 1, "une": 1, "una": 1}
+_HUNDREDS = {"hundred": 100, "hundert": 100, "cent": 100, "cien": 100, "ciento": 100}
+_GERMAN = re.compile(rf"({'|'.join(_UNITS)})und({'|'.join(_TENS)})")
+_POINTS = {"point", "komma", "virgule", "coma", "punto"}
+
+
+def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
+    """Return the number that begins at a place, in digits or words, and how many words it takes; None without one."""
+    word = words[place]
+    if re.fullmatch(r"\d+:\d\d(\.\d+)?", word):
+        minutes, _, seconds = word.partition(":")
+        return int(minutes) * 60 + float(seconds), 1
+    if re.fullmatch(r"\d+(\.\d+)?", word):
+        return _with_point(float(word), words, place + 1, 1)
+    german = _GERMAN.fullmatch(word)
+    if german:
+        return _with_point(float(_TENS[german[2]] + _UNITS[german[1]]), words, place + 1, 1)
+    total, used = 0, 0
+    for each in words[place : place + 4]:
+        if each in _HUNDREDS:
+            total = max(total, 1) * 100
+        elif each in _TENS and total % 100 == 0:
+            total += _TENS[each]
+        elif each in _UNITS and (total % 10 == 0 or (total % 100 in (60, 80) and _UNITS[each] < 20)) and used < 3:
+            total += _UNITS[each]
+        elif not (each in ("and", "et", "y", "und") and used and place + used + 1 < len(words)):
+            break
+        used += 1
+    while used and words[place + used - 1] in ("and", "et", "y", "und"):
+        used -= 1
+    return _with_point(float(total), words, place + used, used) if used else None
+
+
+def _with_point(number: float, words: Sequence[str], place: int, used: int) -> tuple[float, int]:
+    if number.is_integer() and place + 1 < len(words) and words[place] in _POINTS:
+        digit = words[place + 1]
+        value = int(digit) if digit.isdigit() else _UNITS.get(digit)
+        if value is not None and value < 10:
+            return number + value / 10, used + 2
+    return number, used
+
+
+def digits(words: Iterable[str]) -> list[str]:
+    """Return words with number words as digits: ``room one`` as room and 1."""
+    return [str(_UNITS[word]) if word in _UNITS else word for word in words]

@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from socialbot.core.errors import ParameterError
+from socialbot.runs.asking import Answer, answer
+from socialbot.runs.history import History
+from socialbot.runs.run import RunView
+from tests.runs.asking.waldo_run import two_visitors
+from tests.runs.deliberating_runs import DETOUR, GRAPH
+
+
+@pytest.fixture(scope="module")
+def waldo() -> RunView:
+    return two_visitors()
+
+
+@pytest.fixture(scope="module")
+def ann() -> RunView:
+    """Return the run of an agent with plans and phrases, but no vocabulary."""
+    plans = {(record.source, record.stamp): record.id for record in DETOUR if record.kind == "plan_start"}
+    caused = [
+        msgspec.structs.replace(record, cause=plans.get((record.source, record.stamp), ""))
+        if record.kind == "step"
+        else record
+        for record in DETOUR
+    ]
+    return RunView(GRAPH, History(caused), None)
+
+
+def kinds(found: Answer) -> list[str]:
+    return [clause.claim.kind for clause in found.clauses]
+
+
+def deed_of(run: RunView, found: Answer) -> str:
+    """Return the action of the first record of an answer."""
+    record = run.history.find(found.clauses[0].records[0])
+    assert record is not None
+    chain = [record, *run.history.before(record)]
+    return next(each.what for each in chain if each.kind in ("action", "step"))
+
+
+class TestWhy:
+    def test_names_the_belief_and_what_was_different_before(self, waldo):
+        found = answer(waldo, "Why did you offer help to me?")
+        assert found.text == (
+            "At 10.2 s I offered you help because you had been here for 8 s; at 2.2 s you had only been here for 0 s."
+        )
+        assert kinds(found) == ["did", "believed", "not_believed"]
+        assert found.assumes == "I take you for person t1."
+
+    def test_every_clause_names_records_of_the_trace(self, waldo):
+        found = answer(waldo, "Why did you greet the second visitor?")
+        assert all(clause.records for clause in found.clauses)
+        assert all(waldo.history.find(id) is not None for clause in found.clauses for id in clause.records)
+
+    def test_the_speaker_is_you(self, waldo):
+        assert "At 2.2 s I greeted you" in answer(waldo, "Why did you greet me?", speaker="t1").text
+        assert "At 20.2 s I greeted you" in answer(waldo, "Why did you greet me?", speaker="t2").text
+
+    def test_a_step_is_explained_by_its_plan(self, ann):
+        found = answer(ann, "why did you ask bob to help")
+        assert found.text == "At 3 s ann asked bob to help because that was step 1 of 1 of ann's plan for be_home."
+
+    def test_a_deed_that_was_not_done_has_no_reason(self, waldo):
+        found = answer(waldo, "Why did you offer help to the second visitor?")
+        assert found.text.startswith("I did not offer person t2 help")
+
+
+class TestWhyNot:
+    def test_names_the_missing_belief(self, waldo):
+        found = answer(waldo, "Why didn't you offer help to the second visitor?")
+        assert found.text == "I did not offer person t2 help because person t2 had only been here for 4.7 s."
+
+    def test_at_a_time(self, waldo):
+        found = answer(waldo, "Why did you not help me at 7 s?")
+        assert found.text == "At 7 s I did not offer you help because you had only been here for 4.8 s."
+
+    def test_a_deed_that_was_done(self, waldo):
+        found = answer(waldo, "Why did you not greet the man at 5 seconds?")
+        assert found.text == "At 2.2 s I greeted person t1."
+
+    def test_names_what_was_done_before(self, waldo):
+        found = answer(waldo, "Why did you not greet t1 at 12 s?")
+        assert found.text == "At 12 s I did not greet person t1 because at 2.2 s I greeted person t1."
+
+
+@pytest.mark.parametrize(
+    ("question", "kind", "deed"),
+    [
+        ("What made you say hello to the first person?", "why", 'speak("greeting")'),
+        ("for what reason did you offer assistance", "why", 'speak("offer")'),
+        ("How come you welcomed me?", "why", 'speak("greeting")'),
+        ("can you tell me why you helped t1", "why", 'speak("offer")'),
+        ("why did you grit me", "why", 'speak("greeting")'),
+        ("wide did you creed me", "why", 'speak("greeting")'),
+        ("When was help offered?", "when", 'speak("offer")'),
+        ("at what time did you salute t2", "when", 'speak("greeting")'),
+        ("Did you greet anyone at twenty seconds?", "did", 'speak("greeting")'),
+        ("Warum hast du mich begrüßt?", "why", 'speak("greeting")'),
+        ("Wann hast du Hilfe angeboten?", "when", 'speak("offer")'),
+        ("Pourquoi m'avez-vous salué ?", "why", 'speak("greeting")'),
+        ("Quand as-tu proposé ton aide ?", "when", 'speak("offer")'),
+        ("¿Por qué me ofreciste ayuda?", "why", 'speak("offer")'),
+        ("¿Cuándo saludaste a la primera persona?", "when", 'speak("greeting")'),
+    ],
+)
+def test_other_words_reach_the_same_record(waldo, question, kind, deed):
+    found = answer(waldo, question)
+    assert (found.known, found.intent, deed_of(waldo, found)) == (True, kind, deed)
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("What did you see at 22 s?", "At 22 s I saw person t2 4 m away."),
+        ("Was siehst du bei Sekunde 22?", "Bei 22 s: ich sah Person t2 in 4 m Entfernung."),
+        ("Who was here?", "Person t1 was here from 2 to 13.9 s and person t2 was here from 20 to 24.9 s."),
+        ("How many visitors came?", "2 people were here."),
+        ("How often did you greet people?", "2 times: at 2.2 s I greeted person t1 and at 20.2 s I greeted person t2."),
+        ("Did you greet the man at 21 seconds?", "Yes: at 20.2 s I greeted person t2."),
+        ("Did you help t2?", "No: I did not offer person t2 help because person t2 had only been here for 4.7 s."),
+        ("What did you say at 10 seconds?", 'At 10.2 s I said "Can I help you with anything?".'),
+        ("When was I here?", "You were here from 20 to 24.9 s."),
+        ("Wer war hier?", "Person t1 war von 2 bis 13.9 s hier und Person t2 war von 20 bis 24.9 s hier."),
+    ],
+)
+def test_answers(waldo, question, text):
+    assert answer(waldo, question).text == text
+
+
+def test_what_is_done_and_intended_at_a_time(waldo, ann):
+    doing = answer(waldo, "What are you doing?", at_s=9.0)
+    assert doing.text == "At 9 s I was doing nothing; the last thing was at 2.2 s: I greeted person t1."
+    ahead = answer(waldo, "What will you do next at 5 s?")
+    assert ahead.text.startswith("At 5 s I had no intention; the next thing was at 10.2 s: I offered person t1 help")
+    assert answer(ann, "What will you do next?", at_s=1.0).text == (
+        "At 1 s step 2 of ann's plan for be_home was next: goes from yard to hall."
+    )
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "",
+        "?!",
+        "Where is the exit?",
+        "What is your favourite colour?",
+        "Did you offer me a drink?",
+        "Why did you dance?",
+        "How old are you?",
+        "Why is the sky blue?",
+        "What did you see at 5000 seconds?",
+        "Wo ist der Ausgang?",
+        "bla bla bla",
+    ],
+)
+def test_what_no_record_tells_is_not_known(waldo, question):
+    found = answer(waldo, question)
+    assert (found.known, found.clauses) == (False, ())
+    assert found.text.startswith(("I don't know.", "Das weiß ich nicht."))
+    assert found.examples
+
+
+def test_suggested_questions_are_understood(waldo):
+    for code in ("en", "de", "fr", "es"):
+        for one in answer(waldo, "xyzzy", language=code).examples:
+            assert answer(waldo, one, language=code).known, one
+
+
+def test_an_unknown_agent_is_refused(waldo):
+    with pytest.raises(ParameterError, match="no agent 'r2d2'"):
+        answer(waldo, "What are you doing?", agent="r2d2")
+
+
+def test_a_run_without_records():
+    assert not answer(RunView(None, History(), None), "Why did you greet me?").known
