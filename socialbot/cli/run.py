@@ -84,7 +84,7 @@ def simulate(
     rate: float,
     limit: float,
     out: Path | None,
-    bag: bool,
+    bag: bool | Path,
     show_page: bool,
     port: int,
     changes: list[str] | None,
@@ -110,7 +110,7 @@ def simulate(
     enter_domain(context, console, domain, runner, verbose=verbose)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
     world, view = terminal_view_of(graph, console), world_view_of(graph)
-    source = SimulatedSource(rate, limit, folder / "bag" if bag else None)
+    source = SimulatedSource(rate, limit, (folder / "bag" if bag is True else bag) or None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
     view_of_run = Display(console, graph.without_sources(), start=start, until=end, details=verbose)
     with RunRecord(folder, labels=options.labels_of(labels)) as record, view_of_run as display:

@@ -336,12 +336,17 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PersonDetections(Structured, frozen=True, kw_only=True):
-    """People in one frame, with the stamp of the frame. An empty list means no detections."""
+    """People in one frame, with the stamp of the frame. An empty list means no detections.
+
+    ``camera_yaw_rad`` is the direction of the camera from that of the robot's base, positive to the left, if transforms
+    tell it.
+    """
 
     frame_id: str
     width: int
     height: int
     persons: tuple[PersonDetection, ...]
+    camera_yaw_rad: float | None = None
 
     @property
     def id(self) -> str:

@@ -36,7 +36,7 @@ from socialbot.core.vocabulary import Vocabulary
 ENTRY_POINTS = "socialbot.agents"
 """Entry point group; also the package that is searched for subpackages with an attribute ``AGENT``."""
 
-_ROOMS = ("socialbot.vision", "socialbot.speech", "socialbot.robots")
+_ROOMS = ("socialbot.vision", "socialbot.speech", "socialbot.robots", "socialbot.robots.simulation")
 """Packages with shared nodes; each has an attribute ``AGENT``, too."""
 
 

@@ -385,8 +385,11 @@ class Graph:
                         where=config.place(self.name),
                         remedy="remap one of the two to another topic",
                     )
+            sources = published.union(self.inputs)
+            # One of an input and its alternatives is enough.
+            fed = {(port.alternative_to or port).name for topic, port in config.subscriptions if topic in sources}
             for topic, port in config.subscriptions:
-                if topic not in published and topic not in self.inputs and not port.optional:
+                if not port.optional and (port.alternative_to or port).name not in fed:
                     raise GraphError(
                         f"nobody publishes {topic}",
                         where=f"{config.place(self.name)}.{port.name}",

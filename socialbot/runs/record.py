@@ -24,6 +24,7 @@ from socialbot.core.messages import (
     Message,
     PersonDetections,
     SpeechStatus,
+    Structured,
     TraceRecord,
     Utterance,
 )
@@ -133,7 +134,7 @@ class RunTrace:
         self._listeners = (*self._listeners, listener)
 
     def describe(self, graph: Graph) -> None:
-        """Write graph.yaml, and record messages of simulators and node health in seen.jsonl from now on."""
+        """Write graph.yaml, and record structured messages of simulators and node health in seen.jsonl from now on."""
         worlds = (config for config in graph.nodes if config.type.is_simulator)
         self._world_topics = frozenset(topic for world in worlds for topic, _ in world.publications)
         self._seen = BoundedLog(self.folder / SEEN, self._max_bytes, self._latest_lines)
@@ -145,7 +146,7 @@ class RunTrace:
         record = trace_record(topic, message)
         if record is not None:
             self._trace.write(self._encoder.encode(record))
-        elif topic in self._world_topics or isinstance(message, Health):
+        elif isinstance(message, Structured) and (topic in self._world_topics or isinstance(message, Health)):
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:

@@ -93,8 +93,9 @@ ASSUMED = CameraPose(
 class CameraModel:
     """A pinhole camera at a ``pose`` above the floor.
 
-    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. Raises ParameterError when a focal
-    length, a size or the height of the pose is not above zero.
+    ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. ``yaw_rad`` is the direction of the
+    camera in the base of the robot, positive to the left, if it is known. Raises ParameterError when a focal length, a
+    size or the height of the pose is not above zero.
     """
 
     fx: float
@@ -104,6 +105,7 @@ class CameraModel:
     width: int
     height: int
     pose: CameraPose = ASSUMED
+    yaw_rad: float | None = None
 
     def __post_init__(self) -> None:
         sizes = {"fx": self.fx, "fy": self.fy, "width": self.width, "height": self.height}

@@ -384,6 +384,20 @@ def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -
     return None
 
 
+def yaw_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -> float | None:
+    """Direction of the camera ``frame_id`` at about ``stamp`` (ns) from that of a robot base, rad, positive to the left.
+
+    None if no base is connected to the camera.
+    """
+    for base in base_frames(transforms):
+        matrix = transforms.lookup(base, frame_id, stamp)
+        if matrix is not None and frame_id.lstrip("/") != base:
+            optical = matrix[2, 2] <= _UPRIGHT or OPTICAL.search(frame_id)
+            ahead = matrix[:2, 2] if optical else matrix[:2, 0]
+            return math.atan2(ahead[1], ahead[0])
+    return None
+
+
 def pose_beside(bag: Path) -> Path:
     """The path of the pose file of ``bag``, NAME.camera.json beside it, whether or not it exists."""
     resolved = bag.resolve()

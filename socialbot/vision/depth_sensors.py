@@ -25,7 +25,7 @@ from socialbot.core.messages import (
     Transforms,
 )
 from socialbot.vision.camera import CameraModel, CameraPose
-from socialbot.vision.camera_pose import base_frames, pose_from_transforms
+from socialbot.vision.camera_pose import base_frames, pose_from_transforms, yaw_from_transforms
 from socialbot.vision.depth import ProjectedPoints, RangeImage, RegisteredDepth, Source
 from socialbot.vision.depth_images import depth_in_metres, points_of, raw_depth, unpacked_depth
 from socialbot.vision.transforms import AXES, OPTICAL, Matrix, TransformTree, parse_pose
@@ -92,6 +92,10 @@ class DepthSensors:
                 "estimated from people; check frame_id of the images, and /tf_static"
             )
         return None
+
+    def camera_yaw(self, frame_id: str, stamp: int) -> float | None:
+        """Direction of the camera ``frame_id`` at ``stamp`` (ns) in the base of the robot, rad; None if unknown."""
+        return yaw_from_transforms(self._transforms, frame_id, stamp)
 
     def at(self, stamp: int, frame_id: str, camera: CameraModel) -> tuple[RangeImage, ...]:
         """Measurements for the picture of ``stamp`` (ns) in ``frame_id``; unusable ones are logged once."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -254,12 +254,19 @@ class PersonDetector(Node):
     @image
     def on_image(self, image: Image) -> None:
         camera = self._placed(self._camera_of(image), image)
+        yaw_rad = self._sensors.camera_yaw(image.frame_id, image.stamp)
+        camera = replace(camera, yaw_rad=yaw_rad)
         depth = self._sensors.at(image.stamp, image.frame_id, camera)
         bgr = image.bgr()
         persons = self._pipeline.find(bgr, image.stamp, camera, depth)
         self.detections.publish(
             PersonDetections(
-                stamp=image.stamp, frame_id=image.frame_id, width=image.width, height=image.height, persons=persons
+                stamp=image.stamp,
+                frame_id=image.frame_id,
+                width=image.width,
+                height=image.height,
+                persons=persons,
+                camera_yaw_rad=yaw_rad,
             )
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)

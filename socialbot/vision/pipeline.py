@@ -292,7 +292,7 @@ class PersonPipeline:
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
         attention = self._known[track.id].attention if track.id else Attention()
         if track.id and distance is not None and not track.unseen_s:
-            attention.walk(stamp_ns, distance.value, bearing)
+            attention.walk(stamp_ns, distance.value, bearing + (camera.yaw_rad or 0.0))
         return PersonDetection(
             x=x,
             y=y,

@@ -147,6 +147,8 @@ class Head(Node):
     def _seen(self, detections: PersonDetections) -> list[Seen]:
         """Persons with a known direction."""
         camera = self._pose_at(detections.stamp) if self.camera_on_head else CENTRE
+        if self.camera_on_head and detections.camera_yaw_rad is not None:
+            camera = Pose(detections.camera_yaw_rad, camera.tilt)
         level = self._wanted.tilt - camera.tilt
         found = []
         for person in detections.persons:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from statistics import fmean, median_low
 from typing import NamedTuple
 
+import msgspec
+
 # 1. Import the parts of an agent
 from socialbot.bdi import (
     Action,
@@ -296,7 +298,8 @@ class PersonSensor(Sensor):
             self._changed.clear()
             due = percept.stamp + nanoseconds(self._config.help_after_s)
             self._there = {person: until and due for person, until in self._there.items()}
-        near = [p for p in percept.persons if p.distance_m is None or p.distance_m <= self._config.range_m]
+        persons = [_in_base(person, percept.camera_yaw_rad) for person in percept.persons]
+        near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
         self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near)))
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
@@ -328,6 +331,13 @@ class PersonSensor(Sensor):
     def _company(self) -> int:
         """Return the median number of people in the recent frames with people."""
         return median_low(frame.persons for frame in self._recent(self._config.appear_s) if frame.persons)
+
+
+def _in_base(person: PersonDetection, camera_yaw_rad: float | None) -> PersonDetection:
+    """The person with the bearing from the robot's base, which does not turn with the head."""
+    if person.bearing_rad is None or not camera_yaw_rad:
+        return person
+    return msgspec.structs.replace(person, bearing_rad=person.bearing_rad + camera_yaw_rad)
 
 
 class _Path(NamedTuple):

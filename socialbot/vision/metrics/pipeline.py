@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +148,8 @@ class EvaluatedPipeline:
             if self._pose.source == "assumed":
                 known = encoded.sensors.camera_pose(encoded.content.frame_id, encoded.stamp)
                 camera = camera if known is None else camera.at(CameraPose.stated(*self._stated, known))
+            yaw_rad = encoded.sensors.camera_yaw(encoded.content.frame_id, encoded.stamp)
+            camera = replace(camera, yaw_rad=yaw_rad)
             encoded.sensors.tolerance_s = self._values["depth_tolerance_s"]
             encoded.sensors.set_pose(self._values["depth_pose"])
             depth = encoded.sensors.at(encoded.stamp, encoded.content.frame_id, camera)

@@ -1,0 +1,93 @@
+"""``socialbot sim``: a simulated place with people and a robot, live or recorded with ground truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from socialbot.cli import _options as options
+from socialbot.cli.run import LimitOption, RateOption
+
+PANEL = "Run a graph"
+EXAMPLES = (
+    "socialbot sim foyer --inspect",
+    "socialbot sim office --head sweep --seed 3 --record office_3",
+)
+
+
+def sim(
+    context: typer.Context,
+    place: Annotated[Literal["corridor", "foyer", "office"], typer.Argument(help="Place.")] = "foyer",
+    people: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
+    seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
+    duration: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Simulated duration.")] = 60.0,
+    script: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What people do (YAML), instead of a random schedule.")
+    ] = None,
+    head: Annotated[
+        Literal["waldo", "still", "sweep"], typer.Option(help="Waldo, or a head without an agent.")
+    ] = "waldo",
+    perception: Annotated[
+        Literal["camera", "truth"], typer.Option(help="truth: detections from the ground truth, without pictures.")
+    ] = "camera",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures, px.")] = "640x480",
+    fps: Annotated[float, typer.Option(min=0.5, max=60.0, metavar="HZ", help="Pictures per second.")] = 10.0,
+    record: Annotated[
+        Path | None, typer.Option(metavar="BAG", help="Record a bag with ground truth: socialbot evaluate BAG.")
+    ] = None,
+    runner: options.RunnerOption = "inline",
+    composed: options.ComposedOption = False,
+    domain: options.DomainOption = None,
+    rate: RateOption = 0.0,
+    limit: LimitOption = 86400.0,
+    out: options.OutOption = None,
+    show_page: options.InspectOption = False,
+    port: options.PortOption = options.PORT,
+    changes: options.SetOption = None,
+    labels: options.LabelOption = None,
+    verbose: options.VerboseOption = False,
+) -> None:
+    """Simulate a place with people, and a robot that meets them. Needs MuJoCo: pip install 'socialbot[sim]'.
+
+    The same options and seed give the same bag.
+    """
+    from socialbot.cli.run import simulate
+    from socialbot.core.errors import BagError, ParameterError
+    from socialbot.robots.simulation.demo import simulation
+
+    width, cross, height = size.partition("x")
+    if not (cross and width.isdigit() and height.isdigit()):
+        raise ParameterError(f"{size!r} is no size", where="--size", remedy="give width and height: --size 320x240")
+    if record is not None and record.exists():
+        raise BagError("exists already", where=str(record), remedy="give another path to --record, or remove it")
+    graph = simulation(
+        place,
+        head=head,
+        perception=perception,
+        script=script,
+        people=people,
+        seed=seed,
+        duration_s=duration,
+        width=int(width),
+        height=int(height),
+        rate_hz=fps,
+    )
+    simulate(
+        context,
+        f"People in the {place}",
+        graph,
+        runner,
+        composed,
+        domain,
+        rate,
+        limit,
+        out,
+        record or False,
+        show_page,
+        port,
+        changes,
+        labels,
+        verbose,
+    )

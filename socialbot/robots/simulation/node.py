@@ -1,0 +1,211 @@
+"""Node of a simulated place: camera, joint states, transforms and ground truth out, commands of the head in."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from socialbot.bags.types import RosbagsTypes
+from socialbot.core import paths
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import ParameterError
+from socialbot.core.messages import CameraInfo, CompressedImage, JointTrajectory, Transform, Transforms
+from socialbot.graph.node import Context, Node
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
+from socialbot.robots.simulation.figure import figure
+from socialbot.robots.simulation.head_servo import PAN, TILT, SimulatedHead
+from socialbot.robots.simulation.people import Crowd, Script, read_script
+from socialbot.robots.simulation.place import load_place, place_names
+from socialbot.robots.simulation.posture import pose
+from socialbot.robots.simulation.scene import Scene
+from socialbot.robots.simulation.schedules import Schedule
+from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, sights, truth_frame
+
+IMAGE_TOPIC = "/camera/image_raw/compressed"
+FRAME_ID = "camera_optical_frame"
+_BASE, _PAN_LINK, _TILT_LINK = "base_footprint", "head_pan_link", "head_tilt_link"
+_INFO_NS = SECOND
+_SWEEP_S, _SWEEP_RAD = 9.0, 0.55  # Period and extent of a head that sweeps.
+
+URDF = f"""<robot name="simulated"><link name="{_BASE}"/><link name="{_PAN_LINK}"/><link name="{_TILT_LINK}"/>
+<link name="{FRAME_ID}"/>
+<joint name="{PAN}" type="revolute"><parent link="{_BASE}"/><child link="{_PAN_LINK}"/>
+<origin xyz="0 0 {CAMERA_HEIGHT_M}"/><axis xyz="0 0 1"/><limit lower="-1.6" upper="1.6" effort="3" velocity="3"/></joint>
+<joint name="{TILT}" type="revolute"><parent link="{_PAN_LINK}"/><child link="{_TILT_LINK}"/>
+<axis xyz="0 -1 0"/><limit lower="-0.8" upper="0.8" effort="3" velocity="3"/></joint>
+<joint name="camera_joint" type="fixed"><parent link="{_TILT_LINK}"/><child link="{FRAME_ID}"/>
+<origin xyz="{LENS_AHEAD_M} 0 0" rpy="-1.5707963 0 -1.5707963"/></joint></robot>
+"""
+
+
+class SimulatedPlace(Node):
+    """Simulator of a place with people and a robot that stands there and turns its head.
+
+    The schedule of the people follows from ``script``, or is drawn from ``seed``. The same parameters and commands give
+    the same messages, byte for byte. The node ends after ``duration_s``.
+    """
+
+    is_simulator = True
+
+    trajectory = Input(JointTrajectory, "/head_controller/joint_trajectory", optional=True)
+    image = Output(CompressedImage, IMAGE_TOPIC)
+    camera_info = Output(CameraInfo, "/camera/camera_info", Delivery.LATCHED)
+    joint_states = Output("sensor_msgs/msg/JointState", "/joint_states")
+    tf = Output(Transforms, "/tf")
+    tf_static = Output(Transforms, "/tf_static", Delivery.LATCHED)
+    description = Output("std_msgs/msg/String", "/robot_description", Delivery.LATCHED)
+    truth = Output("std_msgs/msg/String", "/ground_truth/persons")
+
+    place = Parameter("foyer", "place", choices=tuple(place_names()), fixed=True)
+    script = Parameter("", "file with what people do (YAML), relative to the working directory; empty: random", fixed=True)
+    people = Parameter(8, "number of people of a random schedule", minimum=0, maximum=26, fixed=True)
+    seed = Parameter(0, "random seed of the schedule and of the looks of people", fixed=True)
+    duration_s = Parameter(60.0, "duration, s; 0: until all people have left", minimum=0.0, maximum=86400.0, fixed=True)
+    width = Parameter(640, "width of the images, px", minimum=64, maximum=4096, fixed=True)
+    height = Parameter(480, "height of the images, px", minimum=48, maximum=4096, fixed=True)
+    hfov_rad = Parameter(1.09, "horizontal field of view, rad", minimum=0.3, maximum=2.4, fixed=True)
+    rate_hz = Parameter(10.0, "images per second", minimum=0.5, maximum=60.0, fixed=True)
+    joints_hz = Parameter(20.0, "joint states and transforms per second", minimum=1.0, maximum=200.0, fixed=True)
+    pictures = Parameter(True, "whether images are drawn; without them, only the truth is published", fixed=True)
+    shadows = Parameter(False, "whether a lamp casts shadows, at half the speed", fixed=True)
+    quality = Parameter(85, "JPEG quality", minimum=10, maximum=100, fixed=True)
+    head = Parameter(
+        "commanded", "what moves the head: commands, nothing, or a sweep", choices=("commanded", "still", "sweep"), fixed=True
+    )
+
+    def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
+        """Raises InstallationError without MuJoCo, and ParameterError for an unusable script."""
+        super().__init__(name, context, parameters)
+        script = self._script()
+        self.crowd = Crowd(script, load_place(script.place), seed=self.seed)
+        self._figures = {each: figure(looks) for each, looks in self.crowd.looks.items()}
+        self._begin = self.clock.now()
+        self._duration = self.duration_s or self.crowd.duration
+        self.servo = SimulatedHead(self._begin)
+        self._types = RosbagsTypes()
+        self._next_image = self._next_joints = self._next_info = self._begin
+
+    def _script(self) -> Script:
+        if not self.script:
+            place = load_place(self.place)
+            duration = self.duration_s or 60.0
+            return Schedule(self.place, place, people=self.people, duration_s=duration, seed=self.seed).script()
+        path = paths.in_workspace(Path(self.script).expanduser(), where=f"{self.name}.script")
+        script = read_script(paths.read_text(path, ParameterError), where=str(path))
+        load_place(script.place)
+        return script
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The place in 3-D."""
+        size = self.width, self.height
+        return Scene(self.crowd.place, self._figures, size=size, hfov_rad=self.hfov_rad, shadows=self.shadows)
+
+    def start(self) -> None:
+        self.description.publish(self._types.make("std_msgs/msg/String", data=URDF))
+        lens = Transform(
+            stamp=self._begin,
+            parent=_TILT_LINK,
+            child=FRAME_ID,
+            translation=(LENS_AHEAD_M, 0.0, 0.0),
+            rotation=(-0.5, 0.5, -0.5, 0.5),
+        )
+        self.tf_static.publish(Transforms(stamp=self._begin, transforms=(lens,)))
+        self.context.call_at(self._begin, self._step)
+
+    def stop(self) -> None:
+        if "scene" in vars(self):
+            self.scene.close()
+
+    @trajectory
+    def on_trajectory(self, message: JointTrajectory) -> None:
+        if self.head == "commanded":
+            self.servo.advance(self.clock.now())
+            self.servo.command(message, self.clock.now())
+
+    def _step(self) -> None:
+        """Publish what is due, and schedule the next step."""
+        now = self.clock.now()
+        if (now - self._begin) / SECOND > self._duration:
+            self.report_health("ended", "the schedule of the people is over")
+            return
+        if self.head == "sweep":
+            self._sweep(now)
+        self.servo.advance(now)
+        if now >= self._next_joints:
+            self._next_joints += nanoseconds(1 / self.joints_hz)
+            self._publish_joints(now)
+        if now >= self._next_info:
+            self._next_info += _INFO_NS
+            self._publish_info(now)
+        if now >= self._next_image:
+            self._next_image += nanoseconds(1 / self.rate_hz)
+            self._publish_image(now)
+        self.context.call_at(min(self._next_joints, self._next_image), self._step)
+
+    def _sweep(self, now: int) -> None:
+        period = nanoseconds(1 / self.joints_hz) / SECOND
+        angle = math.tau * ((now - self._begin) / SECOND + period) / _SWEEP_S
+        goal = (_SWEEP_RAD * math.sin(angle), 0.0)
+        speed = (_SWEEP_RAD * math.cos(angle) * math.tau / _SWEEP_S, 0.0)
+        command = JointTrajectory(
+            stamp=now, joint_names=(PAN, TILT), positions=goal, velocities=speed, duration_s=period
+        )
+        self.servo.command(command, now)
+
+    def _publish_joints(self, now: int) -> None:
+        make, pan, tilt = self._types.make, self.servo.pan_rad, self.servo.tilt_rad
+        stamp = make("builtin_interfaces/msg/Time", sec=now // SECOND, nanosec=now % SECOND)
+        state = make(
+            "sensor_msgs/msg/JointState",
+            header=make("std_msgs/msg/Header", stamp=stamp, frame_id=""),
+            name=[PAN, TILT],
+            position=np.array([pan, tilt]),
+            velocity=np.array(self.servo.speeds_rad_s),
+            effort=np.empty(0),
+        )
+        self.joint_states.publish(state)
+        links = (
+            Transform(
+                stamp=now, parent=_BASE, child=_PAN_LINK, translation=(0.0, 0.0, CAMERA_HEIGHT_M),
+                rotation=(0.0, 0.0, math.sin(pan / 2), math.cos(pan / 2)),
+            ),
+            Transform(
+                stamp=now, parent=_PAN_LINK, child=_TILT_LINK, translation=(0.0, 0.0, 0.0),
+                rotation=(0.0, -math.sin(tilt / 2), 0.0, math.cos(tilt / 2)),
+            ),
+        )  # fmt: skip
+        self.tf.publish(Transforms(stamp=now, transforms=links))
+
+    def _publish_info(self, now: int) -> None:
+        focal = HeadCamera(self.width, self.height, self.hfov_rad).focal_px
+        k = (focal, 0.0, self.width / 2, 0.0, focal, self.height / 2, 0.0, 0.0, 1.0)
+        info = CameraInfo(stamp=now, frame_id=FRAME_ID, width=self.width, height=self.height, k=k, d=(0.0,) * 5)
+        self.camera_info.publish(info)
+
+    def _publish_image(self, now: int) -> None:
+        time_s = (now - self._begin) / SECOND
+        stances = self.crowd.at(time_s)
+        numbers = {name: number for number, name in enumerate(self.crowd.motions)}
+        frames = {name: pose(self._figures[name], stance, numbers[name]) for name, stance in stances.items()}
+        pan, tilt = self.servo.pan_rad, self.servo.tilt_rad
+        camera = HeadCamera(self.width, self.height, self.hfov_rad, pan, tilt)
+        seen = sights(camera, self.crowd.place, self._figures, stances, frames)
+        frame = truth_frame(
+            now, self.crowd, time_s, camera, seen, stances, image_topic=IMAGE_TOPIC, frame_id=FRAME_ID
+        )
+        self.truth.publish(self._types.make("std_msgs/msg/String", data=json.dumps(frame)))
+        if not self.pictures:
+            return
+        for name in self.crowd.motions:
+            self.scene.put(name, frames.get(name))
+        self.scene.turn(pan, tilt)
+        picture = cv2.cvtColor(self.scene.picture(), cv2.COLOR_RGB2BGR)
+        data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].reshape(-1)
+        self.image.publish(CompressedImage(stamp=now, frame_id=FRAME_ID, format="jpeg", data=data))

@@ -1,0 +1,379 @@
+"""What simulated people do: scripts in YAML, and their motion in time."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import msgspec
+import numpy as np
+from ruamel.yaml import YAML, YAMLError
+
+from socialbot.core.errors import ParameterError
+from socialbot.core.yaml import load_yaml
+from socialbot.robots.simulation.figure import Looks, random_looks
+from socialbot.robots.simulation.place import Place, Spot
+from socialbot.robots.simulation.posture import Stance
+
+ROBOT, WALL = "robot", "wall"
+Activity = Literal["walk", "stand", "talk", "sit"]
+Aim = Literal["", "visit", "help", "pass", "company", "rest"]
+"""What a person wants: a greeting, help, to pass by, to talk to others, or to rest."""
+
+_STEP_S = 0.05
+_WALK_MPS = 1.2
+_SIT_S, _SETTLE_S, _TURN_S = 1.4, 0.30, 0.35
+_SEAT_M = 0.42  # A person stands this far before a seat to sit down.
+_ROBOT_M = 0.3
+_BESIDE_M = 0.28  # Room that walkers leave beside furniture.
+_ROUND = {"column": 0.2, "plant": 0.26, "bin": 0.16, "low_table": 0.62}  # Furniture that people walk around, radius.
+
+
+class Leg(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One thing that a person does; exactly one of the first four.
+
+    Attributes:
+        walk: Spot, door, or x and y, to walk to. A door as the first leg is where the person comes from.
+        stand: Duration of standing, s.
+        talk: Duration of talking to ``to``, s.
+        sit: Seat, for ``seconds``.
+        face: Whom or what the person looks at: ``robot``, ``wall`` (the nearest), an id, or a spot. Default: ahead.
+    """
+
+    walk: str | Spot | None = None
+    stand: float | None = None
+    talk: float | None = None
+    sit: str | None = None
+    seconds: float = 10.0
+    to: str = ""
+    face: str = ""
+    speed: float = _WALK_MPS
+    aim: Aim = ""
+
+
+class Actor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A person of a script.
+
+    Attributes:
+        enter: Door through which the person comes.
+        start: Time of that, s.
+        looks: Seed of the appearance; default: by the place in the script.
+    """
+
+    id: str
+    enter: str
+    legs: tuple[Leg, ...]
+    start: float = 0.0
+    looks: int | None = None
+
+
+class Script(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """People in a place, and what they do."""
+
+    place: str
+    people: tuple[Actor, ...]
+    duration: float | None = None
+
+
+def read_script(text: str, *, where: str) -> Script:
+    """Read a script from YAML. Raises ParameterError if it is none."""
+    remedy = "see docs/howto/simulation.md"
+    try:
+        script = msgspec.convert(load_yaml(YAML(typ="safe"), text), Script)
+    except (msgspec.ValidationError, YAMLError) as error:
+        raise ParameterError(f"is no script: {error}", where=where, remedy=remedy) from error
+    names = [actor.id for actor in script.people]
+    if len(set(names)) < len(names) or ROBOT in names:
+        raise ParameterError(f"ids of people must differ, and none is {ROBOT!r}", where=where, remedy=remedy)
+    for actor in script.people:
+        for number, leg in enumerate(actor.legs, 1):
+            if sum(each is not None for each in (leg.walk, leg.stand, leg.talk, leg.sit)) != 1:
+                place = f"{where}: {actor.id}, leg {number}"
+                raise ParameterError("needs one of walk, stand, talk and sit", where=place, remedy=remedy)
+            if leg.talk is not None and leg.to not in names:
+                place = f"{where}: {actor.id}, leg {number}"
+                raise ParameterError(f"'to' must be a person of the script, not {leg.to!r}", where=place, remedy=remedy)
+    return script
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A part of a person's stay: what they do and want from ``begin`` to ``end`` (s), and with whom."""
+
+    begin: float
+    end: float
+    activity: Activity
+    aim: Aim = ""
+    partner: str = ""
+    face: str = ""
+
+
+@dataclass
+class _Samples:
+    x: list[float] = field(default_factory=list)
+    y: list[float] = field(default_factory=list)
+    heading: list[float] = field(default_factory=list)
+    seated: list[float] = field(default_factory=list)
+    talking: list[float] = field(default_factory=list)
+    face: list[str] = field(default_factory=list)
+
+
+class Motion:
+    """Motion of a person through a place, from their legs.
+
+    Args:
+        actor: The person and what they do.
+        place: Room, doors and furniture.
+
+    Raises:
+        ParameterError: A leg names an unknown door, spot or seat.
+    """
+
+    def __init__(self, actor: Actor, place: Place) -> None:
+        self.actor = actor
+        self.episodes: list[Episode] = []
+        self._place = place
+        self._samples = _Samples()
+        entrance = self._door(actor.enter)
+        self._at: Spot = entrance.outside
+        self._heading = math.atan2(entrance.inside[1] - self._at[1], entrance.inside[0] - self._at[0])
+        self._walk(entrance.inside, Leg(walk=actor.enter))
+        for leg in actor.legs:
+            self._act(leg)
+        self._finish()
+
+    @property
+    def begin(self) -> float:
+        """Time of the entrance, s."""
+        return self.actor.start
+
+    @property
+    def end(self) -> float:
+        """Time after which the person is gone, s."""
+        return self.actor.start + (len(self.x) - 1) * _STEP_S
+
+    def _door(self, name: str) -> msgspec.Struct:
+        if name not in self._place.doors:
+            remedy = f"choose one of: {', '.join(self._place.doors)}"
+            raise ParameterError(f"there is no door {name!r}", where=self.actor.id, remedy=remedy)
+        return self._place.doors[name]
+
+    def _now(self) -> float:
+        return self.actor.start + len(self._samples.x) * _STEP_S
+
+    def _act(self, leg: Leg) -> None:
+        begin = self._now()
+        activity: Activity = "walk"
+        if leg.walk is not None:
+            if isinstance(leg.walk, str) and leg.walk in self._place.doors:
+                door = self._door(leg.walk)
+                self._walk(door.inside, leg)  # type: ignore[attr-defined]
+                self._walk(door.outside, leg)  # type: ignore[attr-defined]
+            else:
+                self._walk(self._spot(leg.walk), leg)
+        elif leg.sit is not None:
+            activity = "sit"
+            begin = self._sit(leg)
+        else:
+            activity = "talk" if leg.talk is not None else "stand"
+            self._stay(leg.talk or leg.stand or 0.0, leg.to or leg.face, talking=leg.talk is not None)
+        self.episodes.append(Episode(begin, self._now(), activity, leg.aim, leg.to, leg.to or leg.face))
+
+    def _spot(self, goal: str | Spot) -> Spot:
+        if not isinstance(goal, str):
+            return goal
+        if goal not in self._place.spots:
+            remedy = f"choose a spot ({', '.join(self._place.spots)}), a door ({', '.join(self._place.doors)}), or [x, y]"
+            raise ParameterError(f"there is no spot {goal!r}", where=self.actor.id, remedy=remedy)
+        return self._place.spots[goal]
+
+    def _put(self, x: float, y: float, heading: float, face: str, seated: float = 0.0, talking: float = 0.0) -> None:
+        samples = self._samples
+        for values, value in (
+            (samples.x, x), (samples.y, y), (samples.heading, heading), (samples.face, face),
+            (samples.seated, seated), (samples.talking, talking),
+        ):  # fmt: skip
+            values.append(value)  # type: ignore[arg-type]
+
+    def _walk(self, goal: Spot, leg: Leg) -> None:
+        (x0, y0), (x1, y1) = self._at, goal
+        length = math.hypot(x1 - x0, y1 - y0)
+        steps = max(round(length / max(leg.speed, 0.2) / _STEP_S), 1)
+        for step in range(1, steps + 1):
+            share = step / steps
+            x, y = self._beside(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
+            self._put(x, y, math.nan, leg.face)
+        self._at = goal
+
+    def _beside(self, x: float, y: float) -> Spot:
+        """Move a point of a path out of furniture and of the robot."""
+        round_things = [(piece.at, _ROUND[piece.kind]) for piece in self._place.furniture if piece.kind in _ROUND]
+        for (px, py), size in [((0.0, 0.0), _ROBOT_M), *round_things]:
+            radius, away = size + _BESIDE_M, math.hypot(x - px, y - py)
+            if away < radius:
+                aside = ((x - px) / away, (y - py) / away) if away > 0.01 else (0.0, 1.0)
+                x, y = px + aside[0] * radius, py + aside[1] * radius
+        return x, y
+
+    def _stay(self, seconds: float, face: str, *, talking: bool = False) -> None:
+        for _ in range(round(seconds / _STEP_S)):
+            self._put(*self._at, math.nan, face or "ahead", talking=float(talking))
+
+    def _sit(self, leg: Leg) -> float:
+        seat = self._place.seats.get(leg.sit or "")
+        if seat is None:
+            remedy = f"choose one of: {', '.join(self._place.seats)}"
+            raise ParameterError(f"there is no seat {leg.sit!r}", where=self.actor.id, remedy=remedy)
+        ahead = math.cos(seat.heading), math.sin(seat.heading)
+        before = seat.at[0] + _SEAT_M * ahead[0], seat.at[1] + _SEAT_M * ahead[1]
+        self._walk(before, leg)
+        begin = self._now()
+        for share in (*np.linspace(0, 1, round(_SIT_S / _STEP_S)), *[1.0] * round(leg.seconds / _STEP_S)):
+            at = before[0] + share * (seat.at[0] - before[0]), before[1] + share * (seat.at[1] - before[1])
+            self._put(*at, seat.heading, leg.face, seated=float(share))
+        for share in np.linspace(1, 0, round(_SIT_S / _STEP_S)):
+            at = before[0] + share * (seat.at[0] - before[0]), before[1] + share * (seat.at[1] - before[1])
+            self._put(*at, seat.heading, leg.face, seated=float(share))
+        return begin
+
+    def _finish(self) -> None:
+        """Round corners, starts and stops."""
+        samples = self._samples
+        self.x, self.y = (_smoothed(np.array(values), _SETTLE_S) for values in (samples.x, samples.y))
+        self.seated = _smoothed(np.array(samples.seated), 0.2)
+        self.talking = _smoothed(np.array(samples.talking), 0.5)
+        self.faces = samples.face
+        dx, dy = np.gradient(self.x) / _STEP_S, np.gradient(self.y) / _STEP_S
+        self.speed = np.hypot(dx, dy)
+        self.walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
+        heading = np.array(samples.heading)
+        course = np.where(self.speed > 0.25, np.arctan2(dy, dx), np.nan)
+        self.wanted = np.where(np.isnan(heading), course, heading)
+
+    def settle(self, others: Mapping[str, Motion]) -> None:
+        """Turn body and head, once the ways of all people are known."""
+        course, gaze = np.empty(len(self.x)), np.empty(len(self.x))
+        last = self._heading
+        for step, face in enumerate(self.faces):
+            towards = self._direction(step, face, others)
+            if not math.isnan(self.wanted[step]):
+                last = self.wanted[step]
+            elif face and towards is not None:
+                last = towards
+            course[step] = last
+            gaze[step] = last if towards is None else towards
+        self.heading = _turned(course)
+        gaze = self.heading + np.clip(np.remainder(gaze - self.heading + math.pi, math.tau) - math.pi, -1.4, 1.4)
+        self.gaze = _smoothed(gaze, 0.15)
+
+    def _direction(self, step: int, face: str, others: Mapping[str, Motion]) -> float | None:
+        x, y = self.x[step], self.y[step]
+        if face in ("", "ahead"):
+            return None
+        if face == ROBOT:
+            return math.atan2(-y, -x)
+        if face == WALL:
+            x0, x1, y0, y1 = self._place.size
+            return min((x - x0, math.pi), (x1 - x, 0.0), (y - y0, -math.pi / 2), (y1 - y, math.pi / 2))[1]
+        if face in others:
+            at = others[face].where(self.begin + step * _STEP_S)
+            return None if at is None else math.atan2(at[1] - y, at[0] - x)
+        spot = self._spot(face)
+        return math.atan2(spot[1] - y, spot[0] - x)
+
+    def where(self, time: float) -> Spot | None:
+        """Position at ``time`` (s); None outside of the stay."""
+        step = round((time - self.begin) / _STEP_S)
+        return (float(self.x[step]), float(self.y[step])) if 0 <= step < len(self.x) else None
+
+    def stance(self, time: float) -> Stance | None:
+        """Where the person is and what they do at ``time`` (s); None outside of the stay."""
+        position = (time - self.begin) / _STEP_S
+        low = int(position)
+        if position < 0 or low >= len(self.x) - 1:
+            return None
+        share = position - low
+
+        def at(values: np.ndarray) -> float:
+            return float(values[low] + share * (values[low + 1] - values[low]))
+
+        return Stance(
+            x=at(self.x), y=at(self.y), heading_rad=at(self.heading), gaze_rad=at(self.gaze), speed_mps=at(self.speed),
+            walked_m=at(self.walked), seated=at(self.seated), talking=at(self.talking), time_s=time,
+        )  # fmt: skip
+
+    def episode(self, time: float) -> Episode | None:
+        """What the person does at ``time`` (s)."""
+        return next((one for one in reversed(self.episodes) if one.begin <= time < one.end), None)
+
+
+def _smoothed(values: np.ndarray, seconds: float) -> np.ndarray:
+    """Average over ``seconds``, twice, with the first and last values held."""
+    half = max(round(seconds / _STEP_S / 2), 1)
+    kernel = np.ones(2 * half + 1) / (2 * half + 1)
+    for _ in range(2):
+        values = np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
+    return values
+
+
+def _turned(course: np.ndarray) -> np.ndarray:
+    """Directions (rad) without jumps, smoothed."""
+    return _smoothed(np.unwrap(course), _TURN_S)
+
+
+class Crowd:
+    """All people of a script, in a place."""
+
+    def __init__(self, script: Script, place: Place, *, seed: int = 0) -> None:
+        self.script, self.place = script, place
+        self.motions = {actor.id: Motion(actor, place) for actor in script.people}
+        for motion in self.motions.values():
+            motion.settle(self.motions)
+        self._seed = seed
+
+    @cached_property
+    def looks(self) -> dict[str, Looks]:
+        """Appearance of each person."""
+        return {
+            actor.id: random_looks(random.Random(f"{self._seed} {number}" if actor.looks is None else actor.looks))
+            for number, actor in enumerate(self.script.people)
+        }
+
+    @property
+    def duration(self) -> float:
+        """Time (s) until the last person has gone, or that of the script."""
+        if self.script.duration is not None:
+            return self.script.duration
+        return max((motion.end for motion in self.motions.values()), default=0.0) + 3.0
+
+    def at(self, time: float) -> dict[str, Stance]:
+        """All people who are there at ``time`` (s)."""
+        stances = ((name, motion.stance(time)) for name, motion in self.motions.items())
+        return {name: stance for name, stance in stances if stance is not None}
+
+
+def nearest_approach(one: Motion, other: Motion) -> float:
+    """Least distance (m) of two people while both are there."""
+    begin, end = max(one.begin, other.begin), min(one.end, other.end)
+    if end <= begin:
+        return math.inf
+    count = round((end - begin) / _STEP_S)
+    first, second = (round((begin - motion.begin) / _STEP_S) for motion in (one, other))
+    count = min(count, len(one.x) - first, len(other.x) - second)
+    if count <= 0:
+        return math.inf
+    gaps = np.hypot(
+        one.x[first : first + count] - other.x[second : second + count],
+        one.y[first : first + count] - other.y[second : second + count],
+    )
+    return float(gaps.min())
+
+
+def least_gap(motions: Sequence[Motion]) -> float:
+    """Least distance (m) of any two people."""
+    pairs = ((a, b) for number, a in enumerate(motions) for b in motions[:number])
+    return min((nearest_approach(a, b) for a, b in pairs), default=math.inf)

@@ -1,0 +1,263 @@
+"""Ground truth of a simulated place: boxes, distances, visible shares, and who faces and talks to whom."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from socialbot.robots.simulation.figure import Figure
+from socialbot.robots.simulation.people import Crowd
+from socialbot.robots.simulation.place import Place, placed
+from socialbot.robots.simulation.posture import Frame, Stance
+
+CAMERA_HEIGHT_M, LENS_AHEAD_M = 1.25, 0.06
+"""Height of the tilt axis of the head, and how far the lens lies ahead of it."""
+FACES_RAD = 0.35
+"""Largest angle between the direction of a head and another one whom it faces."""
+_NEAR_M = 0.05
+_MASK = 4  # Pixels of the image in a pixel of the masks for visible shares.
+_LEAST_VISIBLE = 0.05
+
+
+@dataclass(frozen=True)
+class HeadCamera:
+    """Camera in a head that pans and tilts: pixels, field of view (rad), and pose of the head (rad, tilt up)."""
+
+    width: int = 640
+    height: int = 480
+    hfov_rad: float = 1.09
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, px."""
+        return self.width / 2 / math.tan(self.hfov_rad / 2)
+
+    def seen(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels, shape (n, 2), and depths (m) of points of the world, shape (n, 3)."""
+        cp, sp, ct, st = (f(a) for a in (self.pan_rad, self.tilt_rad) for f in (math.cos, math.sin))
+        x, y, z = points[:, 0], points[:, 1], points[:, 2] - CAMERA_HEIGHT_M
+        ahead, left = cp * x + sp * y, -sp * x + cp * y
+        depth, up = ct * ahead + st * z - LENS_AHEAD_M, -st * ahead + ct * z
+        safe = np.maximum(depth, _NEAR_M)
+        focal = self.focal_px
+        return np.stack([self.width / 2 - focal * left / safe, self.height / 2 - focal * up / safe], axis=1), depth
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the camera sees of one person.
+
+    Attributes:
+        box: x, y, w, h in the image, px.
+        visible: Share of the outline that is in the image and not covered.
+        distance_m: Along the floor, from below the camera to the pelvis.
+        bearing_rad: Direction of the head from the camera's, positive to the left.
+        elevation_rad: Direction of the head above the horizon.
+        facing_rad: Angle between the direction of the head and that to the camera.
+    """
+
+    person: str
+    stance: Stance
+    box: tuple[float, float, float, float]
+    visible: float
+    distance_m: float
+    bearing_rad: float
+    elevation_rad: float
+    facing_rad: float
+
+
+def sights(
+    camera: HeadCamera,
+    place: Place,
+    figures: Mapping[str, Figure],
+    stances: Mapping[str, Stance],
+    frames: Mapping[str, Mapping[str, Frame]],
+) -> list[Sight]:
+    """Return what ``camera`` sees of all people who are visible, the nearest first."""
+    found = []
+    covers = _furniture(camera, place)
+    for name, stance in stances.items():
+        if not _inside(place, stance.x, stance.y, 0.3):
+            continue
+        seen = _outline(camera, place, figures[name], frames[name])
+        if seen is not None:
+            covers.append((math.hypot(stance.x, stance.y), name, *seen))
+    covers.sort(key=lambda cover: cover[0])
+    high, wide = -(-camera.height // _MASK), -(-camera.width // _MASK)
+    covered = np.zeros((high, wide), np.uint8)
+    for distance, name, polygons, box, inside in covers:
+        mask = np.zeros((high, wide), np.uint8)
+        for polygon in polygons:
+            cv2.fillConvexPoly(mask, polygon, 255)
+        if name:
+            free = cv2.countNonZero(cv2.bitwise_and(mask, cv2.bitwise_not(covered)))
+            share = inside * free / max(_whole_area(polygons), 1)
+            if share >= _LEAST_VISIBLE and box is not None:
+                found.append(_sight(camera, name, stances[name], figures[name], box, min(share, 1.0), distance))
+        covered |= mask
+    return found
+
+
+def _inside(place: Place, x: float, y: float, margin: float = 0.0) -> bool:
+    x0, x1, y0, y1 = place.size
+    return x0 - margin <= x <= x1 + margin and y0 - margin <= y <= y1 + margin
+
+
+def _furniture(camera: HeadCamera, place: Place) -> list[tuple[float, str, list[np.ndarray], Any, float]]:
+    covers = []
+    for piece in place.furniture:
+        polygons = []
+        for block, (x, y, z), _ in placed(piece):
+            a, b, c = block.size if block.shape != "cylinder" else (block.size[0], block.size[0], block.size[1])
+            shrunk = 0.85 if block.shape == "ellipsoid" else 1.0
+            turn = piece.heading if block.shape == "box" else 0.0
+            signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * (a, b, c) * shrunk
+            cos, sin = math.cos(turn), math.sin(turn)
+            corners = signs @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + (x, y, z)
+            pixels, depths = camera.seen(corners)
+            if depths.min() > _NEAR_M:
+                polygons.append(_hull(pixels))
+        if polygons:
+            covers.append((math.hypot(*piece.at), "", polygons, None, 1.0))
+    return covers
+
+
+def _outline(
+    camera: HeadCamera, place: Place, body: Figure, frames: Mapping[str, Frame]
+) -> tuple[list[np.ndarray], tuple[float, float, float, float] | None, float] | None:
+    """Polygons of a person in the image, the box, and the share that is in front and not behind a wall."""
+    polygons, pixels, total, kept = [], [], 0, 0
+    x0, x1, y0, y1 = place.size
+    for segment, points in body.outline.items():
+        turned, origin = frames[segment]
+        world = points @ turned.T + origin
+        uv, depths = camera.seen(world)
+        good = (depths > _NEAR_M) & (world[:, 0] >= x0) & (world[:, 0] <= x1) & (world[:, 1] >= y0) & (world[:, 1] <= y1)
+        total, kept = total + len(good), kept + int(good.sum())
+        if good.sum() >= 3:
+            polygons.append(_hull(uv[good]))
+            pixels.append(uv[good])
+    if not polygons:
+        return None
+    every = np.vstack(pixels)
+    left, top = np.clip(every.min(axis=0), 0, (camera.width, camera.height))
+    right, bottom = np.clip(every.max(axis=0), 0, (camera.width, camera.height))
+    box = (float(left), float(top), float(right - left), float(bottom - top))
+    return polygons, box if min(box[2:]) > 1 else None, kept / total
+
+
+def _hull(pixels: np.ndarray) -> np.ndarray:
+    """Convex outline of points, in pixels of the masks."""
+    limited = np.clip(pixels / _MASK, -2000, 2000)
+    return np.round(cv2.convexHull(limited.astype(np.float32))[:, 0]).astype(np.int32)
+
+
+def _whole_area(polygons: Sequence[np.ndarray]) -> int:
+    """Pixels of the mask of a whole person, also those outside of the image."""
+    every = np.vstack(polygons)
+    low, high = every.min(axis=0), every.max(axis=0)
+    size = np.minimum(high - low + 1, 1500)
+    mask = np.zeros((int(size[1]), int(size[0])), np.uint8)
+    for polygon in polygons:
+        cv2.fillConvexPoly(mask, polygon - low, 255)
+    return cv2.countNonZero(mask)
+
+
+def _sight(
+    camera: HeadCamera, name: str, stance: Stance, body: Figure, box: Any, visible: float, distance: float
+) -> Sight:
+    lens_x, lens_y = LENS_AHEAD_M * math.cos(camera.pan_rad), LENS_AHEAD_M * math.sin(camera.pan_rad)
+    dx, dy = stance.x - lens_x, stance.y - lens_y
+    head_m = (1.60 - 0.42 * stance.seated) * body.scale
+    away = math.hypot(dx, dy)
+    return Sight(
+        person=name,
+        stance=stance,
+        box=box,
+        visible=visible,
+        distance_m=away,
+        bearing_rad=math.remainder(math.atan2(dy, dx) - camera.pan_rad, math.tau),
+        elevation_rad=math.atan2(head_m - CAMERA_HEIGHT_M, away),
+        facing_rad=abs(math.remainder(math.atan2(-dy, -dx) - stance.gaze_rad, math.tau)),
+    )
+
+
+def faces(stances: Mapping[str, Stance]) -> dict[str, str]:
+    """Return whom each person faces: ``robot``, the nearest person ahead, or nobody."""
+    found = {}
+    for name, stance in stances.items():
+        ahead = []
+        for other, x, y in (("robot", 0.0, 0.0), *((o, s.x, s.y) for o, s in stances.items() if o != name)):
+            angle = math.remainder(math.atan2(y - stance.y, x - stance.x) - stance.gaze_rad, math.tau)
+            if abs(angle) <= FACES_RAD:
+                ahead.append((math.hypot(x - stance.x, y - stance.y), other))
+        found[name] = min(ahead)[1] if ahead else ""
+    return found
+
+
+def truth_frame(
+    stamp: int,
+    crowd: Crowd,
+    time_s: float,
+    camera: HeadCamera,
+    seen: Sequence[Sight],
+    stances: Mapping[str, Stance],
+    *,
+    image_topic: str,
+    frame_id: str,
+) -> dict[str, Any]:
+    """Return the ground truth of one image as a `socialbot/truth_frame`.
+
+    Beside the fields that are scored, each person has ``at`` (x, y; m), ``heading_rad``, ``faces`` (robot, an id, or
+    nobody), ``activity``, ``aim`` and ``talks_to``. ``others`` are people whom the camera does not see, ``camera`` is its
+    pose and size.
+    """
+    facing = faces(stances)
+    visible = {sight.person for sight in seen}
+
+    def doing(name: str) -> dict[str, Any]:
+        stance, episode = stances[name], crowd.motions[name].episode(time_s)
+        talks = episode.partner if episode is not None and episode.activity == "talk" else ""
+        return {
+            "id": name,
+            "at": [round(stance.x, 3), round(stance.y, 3)],
+            "heading_rad": round(math.remainder(stance.heading_rad, math.tau), 3),
+            "faces": facing[name],
+            "activity": "walk" if episode is None else episode.activity,
+            "aim": "" if episode is None else episode.aim,
+            "talks_to": talks if talks in stances else "",
+        }
+
+    persons = []
+    for sight in seen:
+        x, y, w, h = (round(value, 2) for value in sight.box)
+        posture = "seated" if sight.stance.seated > 0.5 else "standing"
+        measured = {
+            "x": x, "y": y, "w": w, "h": h, "visible": round(sight.visible, 3),
+            "distance_m": round(sight.distance_m, 3), "facing_rad": round(min(sight.facing_rad, math.pi), 3),
+            "posture": posture, "bearing_rad": round(sight.bearing_rad, 4),
+            "elevation_rad": round(sight.elevation_rad, 4),
+        }  # fmt: skip
+        persons.append(doing(sight.person) | measured)
+    return {
+        "schema": "socialbot/truth_frame",
+        "version": 1,
+        "stamp": stamp,
+        "image_topic": image_topic,
+        "scene": crowd.script.place,
+        "light": "lamps",
+        "camera": {
+            "frame_id": frame_id, "width": camera.width, "height": camera.height,
+            "yaw_rad": round(camera.pan_rad, 5), "pitch_rad": round(-camera.tilt_rad, 5),
+        },
+        "persons": persons,
+        "others": [doing(name) for name in stances if name not in visible],
+        "objects": [],
+    }
