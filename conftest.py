@@ -36,6 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
         claim = ExitStack()
         claim.enter_context(own_domain(domains=DOMAINS))
         config.add_cleanup(claim.close)
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported; there is no screen
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-test-ros-log")
 

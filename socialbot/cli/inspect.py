@@ -110,11 +110,12 @@ def watched(
     *,
     over_ros: bool,
     bag: tuple[Path, str] | None = None,
+    images: ImageSource | None = None,
     stays: bool = True,
 ) -> Iterator[None]:
     """Serve the run of ``record``; if it ``stays``, serve the record afterwards until Ctrl-C.
 
-    Images come from a topic of a ``bag``, or from the camera of a graph over ROS.
+    Images come from ``images``, from a topic of a ``bag``, or from the camera of a graph over ROS.
     """
     from socialbot.runs.bag_images import pictures_of
     from socialbot.runs.report import recorded
@@ -122,10 +123,10 @@ def watched(
     from socialbot.runs.serving import Address, serving, token_given
 
     with ExitStack() as stack:
-        images: ImageSource | None = None
         commands: CommandSender = NoCommands(INLINE)
         if over_ros:
-            images, commands = stack.enter_context(client_node(graph))
+            topic_images, commands = stack.enter_context(client_node(graph))
+            images = images or topic_images
         if bag is not None:
             images = stack.enter_context(pictures_of(bag[0], [bag[1]]))
         live = LiveRun(graph, images)

@@ -98,18 +98,22 @@ def simulate(
     from socialbot.core.messages import Message
     from socialbot.core.registry import terminal_view_of, world_view_of
     from socialbot.graph.files import with_changes
+    from socialbot.runs.bag_images import RecentPictures
     from socialbot.runs.console import Display
     from socialbot.runs.record import STOPPED, RunRecord
     from socialbot.runs.report import RunReport
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.run import run as run_graph
-    from socialbot.runtime.simulated_source import SimulatedSource
+    from socialbot.runtime.simulated_source import SimulatedSource, image_topics
 
     graph = with_changes(graph, changes or [])
     report, folder, console = RunReport(graph), out or new_run_folder(), Console(highlight=False)
     enter_domain(context, console, domain, runner, verbose=verbose)
     logging.getLogger("socialbot").setLevel(logging.ERROR)  # the display shows failures
     world, view = terminal_view_of(graph, console), world_view_of(graph)
+    pictures = RecentPictures() if image_topics(graph) else None
+    # The page shows the pictures of the bag.
+    bag = bag or pictures is not None
     source = SimulatedSource(rate, limit, (folder / "bag" if bag is True else bag) or None)
     start, end = (None, None) if report.deliberates else (SECOND, SECOND + nanoseconds(limit))
     view_of_run = Display(console, graph.without_sources(), start=start, until=end, details=verbose)
@@ -117,6 +121,8 @@ def simulate(
 
         def observe(topic: str, message: Message) -> None:
             report.observe(topic, message)
+            if pictures is not None:
+                pictures.take(message)
             if view is not None:
                 view.take(message)
             display.show(topic, message)
@@ -124,7 +130,7 @@ def simulate(
                 world.show(message)
 
         if show_page:
-            context.with_resource(watched(record, graph, console, port, over_ros=runner == "ros"))
+            context.with_resource(watched(record, graph, console, port, over_ros=runner == "ros", images=pictures))
         result = run_graph(
             graph,
             source,

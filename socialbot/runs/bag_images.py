@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
@@ -16,7 +17,7 @@ import numpy as np
 from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
-from socialbot.core.messages import CompressedImage, Image, TraceRecord
+from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
 from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runs.run import ImageSource, Picture
 from socialbot.vision.annotate import draw
@@ -108,6 +109,25 @@ def pictures_of(path: Path, topics: Collection[str]) -> Iterator[BagPictures | N
     finally:
         if pictures is not None:
             pictures.close()
+
+
+class RecentPictures:
+    """The newest compressed images of a run in simulated time, from its messages."""
+
+    def __init__(self) -> None:
+        self._pictures: deque[Picture] = deque(maxlen=KEPT)
+        self._lock = threading.Lock()
+
+    def take(self, message: Message) -> None:
+        """Keep an image; other messages are ignored."""
+        if isinstance(message, CompressedImage):
+            with self._lock:
+                self._pictures.append(Picture(message.stamp, message.data.tobytes()))
+
+    def at(self, stamp: int) -> Picture | None:
+        """Return the newest image up to ``stamp`` (ns), if it is kept."""
+        with self._lock:
+            return next((one for one in reversed(self._pictures) if one.stamp <= stamp), None)
 
 
 class NoPictures:

@@ -12,7 +12,7 @@ from typing import Any
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import SocialbotError
-from socialbot.core.messages import AgentCommand, Health, Message, TraceRecord
+from socialbot.core.messages import AgentCommand, CompressedImage, Health, Message, TraceRecord
 from socialbot.core.registry import CompletionCheck, completion_of, recorded_types
 from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, LifecycleStatus, PlanExecutionInfo
 from socialbot.graph.files import dump_graph
@@ -138,7 +138,10 @@ class SimulatedSource(RunSource):
                 self._advance(execution, advance_clock, clock.now)
 
     def results(self, execution: Execution) -> dict[str, Any]:
-        return {"simulated_s": round(execution.result.seconds, 3)}
+        results: dict[str, Any] = {"simulated_s": round(execution.result.seconds, 3)}
+        if self.bag is not None and (topics := image_topics(execution.graph)):
+            results["bag"] = {"path": str(self.bag.resolve()), "topics": topics}
+        return results
 
     def _advance(self, execution: Execution, advance: Callable[[], int], start: int) -> None:
         """Call ``advance``, which returns the new time (ns), until completion or the time limit."""
@@ -182,6 +185,13 @@ def simulation_topics(graph: Graph) -> dict[str, type[Message]]:
     found = {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
     health: dict[str, type[Message]] = {HEALTH_TOPIC: Health}
     return {**found, **replay_topics(graph), **(health if isinstance(completion_check(graph), SimulatorsDone) else {})}
+
+
+def image_topics(graph: Graph) -> list[str]:
+    """Return the topics of compressed images that simulators of ``graph`` publish."""
+    simulators = (config for config in graph.nodes if config.type.is_simulator)
+    ports = (each for config in simulators for each in config.publications)
+    return [topic for topic, port in ports if issubclass(port.message_type, CompressedImage)]
 
 
 def replay_topics(graph: Graph) -> dict[str, type[Message]]:

@@ -385,7 +385,7 @@ def pose_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -
 
 
 def yaw_from_transforms(transforms: TransformTree, frame_id: str, stamp: int) -> float | None:
-    """Direction of the camera ``frame_id`` at about ``stamp`` (ns) from that of a robot base, rad, positive to the left.
+    """Direction of the camera ``frame_id`` at about ``stamp`` (ns) in the base of a robot: rad, positive to the left.
 
     None if no base is connected to the camera.
     """

@@ -8,6 +8,7 @@ suction, a constraint that is active while it is closed. A carrier pushes its bo
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ COLOURS = ("0.85 0.33 0.24 1", "0.23 0.51 0.80 1", "0.30 0.66 0.38 1", "0.90 0.6
 
 def load_mujoco() -> Any:
     """Import MuJoCo. Raises ParameterError with the remedy if it is not installed."""
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when it is imported; other windowing needs a screen
     try:
         return importlib.import_module("mujoco")
     except ImportError as error:

@@ -5,16 +5,14 @@ Axes of every segment: x ahead, y left, z up, in m. The origin of a segment is i
 
 from __future__ import annotations
 
-import colorsys
 import math
-import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-Colour = tuple[float, float, float]
+from socialbot.robots.simulation.looks import Colour, Looks
 
 SEGMENTS = (
     "pelvis", "chest", "head", "upper_arm_l", "upper_arm_r", "forearm_l", "forearm_r",
@@ -32,71 +30,6 @@ UPPER_ARM_M, FOREARM_M = 0.285, 0.25
 
 Ring = tuple[float, float, float, float]
 """Height, half depth, half width, and how far its middle lies ahead."""
-
-
-@dataclass(frozen=True)
-class Looks:
-    """Appearance of a person.
-
-    Attributes:
-        height_m: Height.
-        build: Width in relation to the usual one.
-        shape: Proportions of shoulders and hips.
-    """
-
-    height_m: float = 1.73
-    build: float = 1.0
-    shape: Literal["narrow", "wide"] = "wide"
-    skin: Colour = (0.80, 0.60, 0.48)
-    hair: Colour = (0.16, 0.10, 0.07)
-    hair_style: Literal["short", "long", "bun", "bald"] = "short"
-    top: Colour = (0.25, 0.35, 0.55)
-    sleeves: Literal["long", "short"] = "long"
-    jacket: Colour | None = None
-    legs: Colour = (0.15, 0.17, 0.25)
-    lower: Literal["trousers", "skirt", "shorts"] = "trousers"
-    shoes: Colour = (0.08, 0.07, 0.06)
-    bag: Colour | None = None
-    beard: bool = False
-
-
-_SKINS = (
-    (0.93, 0.74, 0.63), (0.87, 0.67, 0.54), (0.78, 0.58, 0.45),
-    (0.62, 0.44, 0.33), (0.45, 0.30, 0.22), (0.33, 0.22, 0.16),
-)  # fmt: skip
-_HAIRS = ((0.10, 0.08, 0.07), (0.20, 0.13, 0.08), (0.36, 0.22, 0.12), (0.62, 0.47, 0.26), (0.55, 0.54, 0.52))
-_TROUSERS = ((0.13, 0.16, 0.26), (0.08, 0.08, 0.09), (0.30, 0.28, 0.25), (0.42, 0.36, 0.27), (0.20, 0.25, 0.35))
-_SHOES = ((0.07, 0.06, 0.06), (0.28, 0.17, 0.10), (0.75, 0.74, 0.72))
-
-
-def random_looks(rng: random.Random) -> Looks:
-    """Draw the appearance of a person."""
-    shape: Literal["narrow", "wide"] = rng.choice(("narrow", "wide"))
-    skin = rng.choice(_SKINS)
-    light = sum(skin) > 1.5
-    style = rng.choice(("short", "short", "short", "bald") if shape == "wide" else ("long", "bun", "short"))
-    jacket = _cloth(rng, 0.12, 0.5) if rng.random() < 0.4 else None
-    lower = rng.choice(("trousers",) * 5 + (("skirt",) * 2 if shape == "narrow" else ("shorts",)))
-    return Looks(
-        height_m=round(rng.gauss(1.77 if shape == "wide" else 1.66, 0.06), 3),
-        build=round(min(max(rng.gauss(1.0, 0.09), 0.86), 1.25), 3),
-        shape=shape,
-        skin=skin,
-        hair=rng.choice(_HAIRS if light else _HAIRS[:2]),
-        hair_style=style,  # type: ignore[arg-type]
-        top=_cloth(rng, 0.25, 0.95),
-        sleeves="long" if jacket or rng.random() < 0.6 else "short",
-        jacket=jacket,
-        legs=rng.choice(_TROUSERS),
-        lower=lower,  # type: ignore[arg-type]
-        shoes=rng.choice(_SHOES),
-        bag=_cloth(rng, 0.15, 0.5) if rng.random() < 0.25 else None,
-        beard=shape == "wide" and rng.random() < 0.3,
-    )
-
-
-def _cloth(rng: random.Random, dark: float, bright: float) -> Colour:
-    return colorsys.hsv_to_rgb(rng.random(), rng.choice((0.08, 0.35, 0.6, 0.75)), rng.uniform(dark, bright))
 
 
 class Part(NamedTuple):
@@ -208,7 +141,7 @@ _CHEST = {
     ),
 }  # fmt: skip
 _PELVIS = {
-    "wide": ((-0.13, 0.095, 0.135, 0.0), (-0.06, 0.118, 0.165, -0.01), (0.03, 0.118, 0.163, 0.0), (0.1, 0.11, 0.15, 0.0)),
+    "wide": ((-0.13, 0.095, 0.135, 0), (-0.06, 0.118, 0.165, -0.01), (0.03, 0.118, 0.163, 0), (0.1, 0.11, 0.15, 0)),
     "narrow": ((-0.13, 0.1, 0.15, 0.0), (-0.05, 0.128, 0.18, -0.012), (0.03, 0.12, 0.168, 0.0), (0.1, 0.1, 0.14, 0.0)),
 }  # fmt: skip
 _HEAD = (
@@ -292,7 +225,12 @@ class _Body:
         below = looks.legs
         parts.append(self._lofted("pelvis", below, pelvis, cloth=True, square=2.2))
         if looks.lower == "skirt":
-            skirt = ((-0.47, 0.17, 0.19, 0.0), (-0.25, 0.155, 0.188, 0.0), (-0.05, 0.135, 0.182, -0.008), (0.08, 0.11, 0.15, 0.0))  # fmt: skip
+            skirt = (
+                (-0.47, 0.17, 0.19, 0.0),
+                (-0.25, 0.155, 0.188, 0.0),
+                (-0.05, 0.135, 0.182, -0.008),
+                (0.08, 0.11, 0.15, 0.0),
+            )
             parts.append(self._lofted("pelvis", below, skirt, cloth=True))
         if looks.jacket is not None:
             hem = (-0.27, 0.15, 0.205, 0.0)
@@ -301,7 +239,12 @@ class _Body:
                 self._lofted("chest", looks.jacket, coat, cloth=True, square=2.3, widen=0.014, shaped=_open_front)
             )
         if looks.bag is not None:
-            bag = ((0.0, 0.06, 0.12, -0.17), (0.08, 0.085, 0.145, -0.18), (0.25, 0.08, 0.145, -0.175), (0.36, 0.05, 0.11, -0.15))  # fmt: skip
+            bag = (
+                (0.0, 0.06, 0.12, -0.17),
+                (0.08, 0.085, 0.145, -0.18),
+                (0.25, 0.08, 0.145, -0.175),
+                (0.36, 0.05, 0.11, -0.15),
+            )
             parts.append(self._lofted("chest", looks.bag, bag, cloth=True, square=3.0, build=False))
         neck = ((0.37, 0.062, 0.066, -0.012), (0.45, 0.054, 0.056, -0.008), (0.53, 0.05, 0.05, 0.006))
         parts.append(self._lofted("chest", looks.skin, neck, build=False))
@@ -328,14 +271,24 @@ class _Body:
             self._ball("head", lips, (0.0875, 0, eye - 0.067), (0.008, 0.024, 0.0075)),
         ]
         if looks.beard:
-            beard = [(z + up - 0.006, depth * 1.05, width * 1.06, ahead + 0.002) for z, depth, width, ahead in _HEAD[:4]]
+            beard = [
+                (z + up - 0.006, depth * 1.05, width * 1.06, ahead + 0.002) for z, depth, width, ahead in _HEAD[:4]
+            ]
             parts.append(self._lofted("head", looks.hair, beard, build=False, shaped=_below_mouth(eye - 0.058)))
         if looks.hair_style != "bald":
-            cap = [(z + up, depth * 1.1 + 0.004, width * 1.12 + 0.004, ahead - 0.006) for z, depth, width, ahead in _HEAD[2:]]
+            cap = [
+                (z + up, depth * 1.1 + 0.004, width * 1.12 + 0.004, ahead - 0.006)
+                for z, depth, width, ahead in _HEAD[2:]
+            ]
             cap[-1] = (cap[-1][0] + 0.014, *cap[-1][1:])
             parts.append(self._lofted("head", looks.hair, cap, build=False, shaped=_hairline(eye)))
         if looks.hair_style == "long":
-            fall = ((-0.16, 0.03, 0.085, -0.085), (-0.06, 0.045, 0.1, -0.07), (0.06, 0.055, 0.094, -0.045), (0.17, 0.06, 0.08, -0.025))  # fmt: skip
+            fall = (
+                (-0.16, 0.03, 0.085, -0.085),
+                (-0.06, 0.045, 0.1, -0.07),
+                (0.06, 0.055, 0.094, -0.045),
+                (0.17, 0.06, 0.08, -0.025),
+            )
             parts.append(self._lofted("head", looks.hair, [(z + 0.03, *rest) for z, *rest in fall], build=False))  # type: ignore[misc]
         if looks.hair_style == "bun":
             parts.append(self._ball("head", looks.hair, (-0.105, 0, eye + 0.06), (0.045, 0.045, 0.045)))
@@ -347,18 +300,38 @@ class _Body:
         parts = []
         for side in ("l", "r"):
             sleeve = looks.sleeves == "long"
-            upper = ((-0.3, 0.043, 0.041, 0.0), (-0.2, 0.05, 0.047, 0.0), (-0.08, 0.055, 0.052, 0.0), (-0.01, 0.062, 0.055, 0.0), (0.035, 0.045, 0.04, 0.0), (0.052, 0.01, 0.01, 0.0))  # fmt: skip
+            upper = (
+                (-0.3, 0.043, 0.041, 0.0),
+                (-0.2, 0.05, 0.047, 0.0),
+                (-0.08, 0.055, 0.052, 0.0),
+                (-0.01, 0.062, 0.055, 0.0),
+                (0.035, 0.045, 0.04, 0.0),
+                (0.052, 0.01, 0.01, 0.0),
+            )
             widen = 0.010 if looks.jacket else 0.004
             if sleeve:
                 parts.append(self._lofted(f"upper_arm_{side}", outer, upper, cloth=True, widen=widen))
             else:
                 parts.append(self._lofted(f"upper_arm_{side}", looks.skin, upper))
                 parts.append(self._lofted(f"upper_arm_{side}", outer, _cut(upper, -0.19), cloth=True, widen=0.009))
-            lower = ((-0.25, 0.028, 0.024, 0.0), (-0.14, 0.037, 0.034, 0.0), (-0.05, 0.044, 0.04, 0.0), (0.02, 0.042, 0.04, 0.0))  # fmt: skip
-            parts.append(
-                self._lofted(f"forearm_{side}", outer if sleeve else looks.skin, lower, cloth=sleeve, widen=widen * sleeve)
+            lower = (
+                (-0.25, 0.028, 0.024, 0.0),
+                (-0.14, 0.037, 0.034, 0.0),
+                (-0.05, 0.044, 0.04, 0.0),
+                (0.02, 0.042, 0.04, 0.0),
             )
-            hand = ((-0.42, 0.012, 0.008, 0.012), (-0.38, 0.036, 0.014, 0.008), (-0.32, 0.044, 0.018, 0.004), (-0.27, 0.034, 0.02, 0.0), (-0.24, 0.027, 0.022, 0.0))  # fmt: skip
+            parts.append(
+                self._lofted(
+                    f"forearm_{side}", outer if sleeve else looks.skin, lower, cloth=sleeve, widen=widen * sleeve
+                )
+            )
+            hand = (
+                (-0.42, 0.012, 0.008, 0.012),
+                (-0.38, 0.036, 0.014, 0.008),
+                (-0.32, 0.044, 0.018, 0.004),
+                (-0.27, 0.034, 0.02, 0.0),
+                (-0.24, 0.027, 0.022, 0.0),
+            )
             parts.append(self._lofted(f"forearm_{side}", looks.skin, hand, build=False))
             parts.append(self._ball(f"forearm_{side}", looks.skin, (0.045, 0.0, -0.315), (0.013, 0.011, 0.035)))
         return parts
@@ -367,9 +340,28 @@ class _Body:
         looks, parts = self.looks, []
         bare = looks.lower == "skirt"
         for side in ("l", "r"):
-            thigh = ((-0.46, 0.062, 0.058, 0.005), (-0.4, 0.064, 0.06, 0.004), (-0.25, 0.078, 0.074, 0.004), (-0.08, 0.094, 0.086, 0.0), (0.02, 0.092, 0.08, -0.005), (0.07, 0.06, 0.05, -0.005))  # fmt: skip
-            shin = ((-0.4, 0.052, 0.05, 0.0), (-0.3, 0.054, 0.052, -0.006), (-0.13, 0.064, 0.06, -0.012), (-0.02, 0.06, 0.057, 0.0), (0.04, 0.056, 0.052, 0.004))  # fmt: skip
-            naked = ((-0.42, 0.034, 0.03, 0.0), (-0.32, 0.04, 0.036, -0.004), (-0.13, 0.056, 0.05, -0.012), (-0.02, 0.05, 0.047, 0.0), (0.04, 0.048, 0.046, 0.004))  # fmt: skip
+            thigh = (
+                (-0.46, 0.062, 0.058, 0.005),
+                (-0.4, 0.064, 0.06, 0.004),
+                (-0.25, 0.078, 0.074, 0.004),
+                (-0.08, 0.094, 0.086, 0.0),
+                (0.02, 0.092, 0.08, -0.005),
+                (0.07, 0.06, 0.05, -0.005),
+            )
+            shin = (
+                (-0.4, 0.052, 0.05, 0.0),
+                (-0.3, 0.054, 0.052, -0.006),
+                (-0.13, 0.064, 0.06, -0.012),
+                (-0.02, 0.06, 0.057, 0.0),
+                (0.04, 0.056, 0.052, 0.004),
+            )
+            naked = (
+                (-0.42, 0.034, 0.03, 0.0),
+                (-0.32, 0.04, 0.036, -0.004),
+                (-0.13, 0.056, 0.05, -0.012),
+                (-0.02, 0.05, 0.047, 0.0),
+                (0.04, 0.048, 0.046, 0.004),
+            )
             parts.append(self._lofted(f"thigh_{side}", looks.skin if bare else looks.legs, thigh, cloth=not bare))
             if looks.lower == "trousers":
                 parts.append(self._lofted(f"shin_{side}", looks.legs, shin, cloth=True))
@@ -381,7 +373,15 @@ class _Body:
 
 def _shoe(scale: float) -> tuple[np.ndarray, np.ndarray]:
     """A shoe, its toes ahead and its sole `ANKLE_Z` below the joint."""
-    rings = ((-0.075, 0.022, 0.026, 0.018), (-0.06, 0.048, 0.034, 0.0), (0.0, 0.052, 0.037, 0.0), (0.08, 0.034, 0.043, -0.02), (0.14, 0.026, 0.044, -0.03), (0.185, 0.02, 0.032, -0.036), (0.2, 0.008, 0.012, -0.042))  # fmt: skip
+    rings = (
+        (-0.075, 0.022, 0.026, 0.018),
+        (-0.06, 0.048, 0.034, 0.0),
+        (0.0, 0.052, 0.037, 0.0),
+        (0.08, 0.034, 0.043, -0.02),
+        (0.14, 0.026, 0.044, -0.03),
+        (0.185, 0.02, 0.032, -0.036),
+        (0.2, 0.008, 0.012, -0.042),
+    )
     vertices, faces = loft(rings, 2.4)
     x, y, z = vertices[:, 2], vertices[:, 1], vertices[:, 0] - 0.035
     shoe = np.stack([x, -y, np.maximum(z, -ANKLE_Z)], axis=1)

@@ -1,12 +1,15 @@
-"""Simulated pan-tilt head in MuJoCo (extra ``sim``): joints with inertia and limited torque that follow trajectories."""
+"""Simulated pan-tilt head in MuJoCo (extra ``sim``): joints with inertia and limited torque follow trajectories."""
 
 from __future__ import annotations
 
+import importlib
+import os
 from dataclasses import dataclass
+from typing import Any
 
 from socialbot.core.clock import SECOND
+from socialbot.core.errors import InstallationError
 from socialbot.core.messages import JointTrajectory
-from socialbot.robots.simulation.mujoco_import import load_mujoco
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 LIMITS_RAD = {PAN: 1.6, TILT: 0.8}
@@ -20,6 +23,21 @@ _HEAD = f"""<mujoco><option timestep="{_STEP_S}" integrator="implicitfast" gravi
 <body name="tilt"><inertial pos="0 0 0" mass="1.2" diaginertia="{_TILT_KG_M2} {_TILT_KG_M2} {_TILT_KG_M2}"/>
 <joint name="{TILT}" axis="0 -1 0" frictionloss="0.01"/></body></body></worldbody>
 <actuator>{{servos}}</actuator></mujoco>"""
+
+
+def load_mujoco() -> Any:
+    """Import MuJoCo, with EGL for drawing if no other OpenGL is chosen.
+
+    Raises:
+        InstallationError: It is not installed.
+    """
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise InstallationError(
+            f"simulated places need MuJoCo: {error}", remedy="pip install 'socialbot[sim]'"
+        ) from error
 
 
 def _servo(joint: str, inertia: float) -> str:
@@ -45,7 +63,9 @@ class _Spline:
         if t >= 1.0:
             return self.goal, 0.0
         a, b, m, n = self.start, self.goal, self.start_speed * span, self.goal_speed * span
-        place = (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * m + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * n
+        place = (
+            (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * m + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * n
+        )
         slope = (6 * t**2 - 6 * t) * (a - b) + (3 * t**2 - 4 * t + 1) * m + (3 * t**2 - 2 * t) * n
         return place, slope / span
 

@@ -36,7 +36,8 @@ _SWEEP_S, _SWEEP_RAD = 9.0, 0.55  # Period and extent of a head that sweeps.
 URDF = f"""<robot name="simulated"><link name="{_BASE}"/><link name="{_PAN_LINK}"/><link name="{_TILT_LINK}"/>
 <link name="{FRAME_ID}"/>
 <joint name="{PAN}" type="revolute"><parent link="{_BASE}"/><child link="{_PAN_LINK}"/>
-<origin xyz="0 0 {CAMERA_HEIGHT_M}"/><axis xyz="0 0 1"/><limit lower="-1.6" upper="1.6" effort="3" velocity="3"/></joint>
+<origin xyz="0 0 {CAMERA_HEIGHT_M}"/><axis xyz="0 0 1"/>
+<limit lower="-1.6" upper="1.6" effort="3" velocity="3"/></joint>
 <joint name="{TILT}" type="revolute"><parent link="{_PAN_LINK}"/><child link="{_TILT_LINK}"/>
 <axis xyz="0 -1 0"/><limit lower="-0.8" upper="0.8" effort="3" velocity="3"/></joint>
 <joint name="camera_joint" type="fixed"><parent link="{_TILT_LINK}"/><child link="{FRAME_ID}"/>
@@ -63,7 +64,9 @@ class SimulatedPlace(Node):
     truth = Output("std_msgs/msg/String", "/ground_truth/persons")
 
     place = Parameter("foyer", "place", choices=tuple(place_names()), fixed=True)
-    script = Parameter("", "file with what people do (YAML), relative to the working directory; empty: random", fixed=True)
+    script = Parameter(
+        "", "file of what people do (YAML), relative to the working directory; empty: random", fixed=True
+    )
     people = Parameter(8, "number of people of a random schedule", minimum=0, maximum=26, fixed=True)
     seed = Parameter(0, "random seed of the schedule and of the looks of people", fixed=True)
     duration_s = Parameter(60.0, "duration, s; 0: until all people have left", minimum=0.0, maximum=86400.0, fixed=True)
@@ -76,7 +79,10 @@ class SimulatedPlace(Node):
     shadows = Parameter(False, "whether a lamp casts shadows, at half the speed", fixed=True)
     quality = Parameter(85, "JPEG quality", minimum=10, maximum=100, fixed=True)
     head = Parameter(
-        "commanded", "what moves the head: commands, nothing, or a sweep", choices=("commanded", "still", "sweep"), fixed=True
+        "commanded",
+        "what moves the head: commands, nothing, or a sweep",
+        choices=("commanded", "still", "sweep"),
+        fixed=True,
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
@@ -197,9 +203,7 @@ class SimulatedPlace(Node):
         pan, tilt = self.servo.pan_rad, self.servo.tilt_rad
         camera = HeadCamera(self.width, self.height, self.hfov_rad, pan, tilt)
         seen = sights(camera, self.crowd.place, self._figures, stances, frames)
-        frame = truth_frame(
-            now, self.crowd, time_s, camera, seen, stances, image_topic=IMAGE_TOPIC, frame_id=FRAME_ID
-        )
+        frame = truth_frame(now, self.crowd, time_s, camera, seen, stances, image_topic=IMAGE_TOPIC, frame_id=FRAME_ID)
         self.truth.publish(self._types.make("std_msgs/msg/String", data=json.dumps(frame)))
         if not self.pictures:
             return

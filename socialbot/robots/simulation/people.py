@@ -15,8 +15,8 @@ from ruamel.yaml import YAML, YAMLError
 
 from socialbot.core.errors import ParameterError
 from socialbot.core.yaml import load_yaml
-from socialbot.robots.simulation.figure import Looks, random_looks
-from socialbot.robots.simulation.place import Place, Spot
+from socialbot.robots.simulation.looks import Looks, random_looks
+from socialbot.robots.simulation.place import Door, Place, Spot
 from socialbot.robots.simulation.posture import Stance
 
 ROBOT, WALL = "robot", "wall"
@@ -156,7 +156,7 @@ class Motion:
         """Time after which the person is gone, s."""
         return self.actor.start + (len(self.x) - 1) * _STEP_S
 
-    def _door(self, name: str) -> msgspec.Struct:
+    def _door(self, name: str) -> Door:
         if name not in self._place.doors:
             remedy = f"choose one of: {', '.join(self._place.doors)}"
             raise ParameterError(f"there is no door {name!r}", where=self.actor.id, remedy=remedy)
@@ -171,8 +171,8 @@ class Motion:
         if leg.walk is not None:
             if isinstance(leg.walk, str) and leg.walk in self._place.doors:
                 door = self._door(leg.walk)
-                self._walk(door.inside, leg)  # type: ignore[attr-defined]
-                self._walk(door.outside, leg)  # type: ignore[attr-defined]
+                self._walk(door.inside, leg)
+                self._walk(door.outside, leg)
             else:
                 self._walk(self._spot(leg.walk), leg)
         elif leg.sit is not None:
@@ -187,7 +187,9 @@ class Motion:
         if not isinstance(goal, str):
             return goal
         if goal not in self._place.spots:
-            remedy = f"choose a spot ({', '.join(self._place.spots)}), a door ({', '.join(self._place.doors)}), or [x, y]"
+            remedy = (
+                f"choose a spot ({', '.join(self._place.spots)}), a door ({', '.join(self._place.doors)}), or [x, y]"
+            )
             raise ParameterError(f"there is no spot {goal!r}", where=self.actor.id, remedy=remedy)
         return self._place.spots[goal]
 

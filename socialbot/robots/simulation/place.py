@@ -13,9 +13,9 @@ from ruamel.yaml import YAML, YAMLError
 
 from socialbot.core.errors import ParameterError
 from socialbot.core.yaml import load_yaml
+from socialbot.robots.simulation.looks import Colour
 
 Spot = tuple[float, float]
-Colour = tuple[float, float, float]
 
 
 class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -139,7 +139,7 @@ def placed(piece: Furniture) -> list[tuple[Block, tuple[float, float, float], Co
 
 def place_names() -> list[str]:
     """Return the names of the places that come with socialbot."""
-    folder = resources.files(__package__) / "places"
+    folder = resources.files("socialbot.robots.simulation") / "places"
     return sorted(Path(each.name).stem for each in folder.iterdir() if each.name.endswith(".yaml"))
 
 
@@ -148,7 +148,9 @@ def load_place(name: str) -> Place:
     """Return a place by name. Raises ParameterError for an unknown one."""
     if name not in place_names():
         raise ParameterError(f"there is no place {name!r}", remedy=f"choose one of: {', '.join(place_names())}")
-    return read_place((resources.files(__package__) / "places" / f"{name}.yaml").read_text("utf-8"), where=name)
+    return read_place(
+        (resources.files("socialbot.robots.simulation") / "places" / f"{name}.yaml").read_text("utf-8"), where=name
+    )
 
 
 def read_place(text: str, *, where: str) -> Place:

@@ -45,9 +45,7 @@ Frame = tuple[np.ndarray, np.ndarray]
 
 def _turn(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> np.ndarray:
     """Rotation by roll about x, then pitch about y, then yaw about z."""
-    cy, sy, cp, sp, cr, sr = (
-        f(angle) for angle in (yaw, pitch, roll) for f in (math.cos, math.sin)
-    )
+    cy, sy, cp, sp, cr, sr = (f(angle) for angle in (yaw, pitch, roll) for f in (math.cos, math.sin))
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -79,9 +77,7 @@ def angles(stance: Stance, scale: float, phase: float = 0.0) -> dict[str, tuple[
         knee = walk * (0.08 + 0.95 * max(0.0, math.cos(own + 0.35)) ** 2 * 0.9)
         hip -= 0.42 * walk * max(0.0, math.cos(own + 0.2)) ** 2
         ankle = -(hip + knee) * 0.75 if walk else 0.0
-        hip, knee, ankle = (
-            value * (1 - sit) + end * sit for value, end in ((hip, -1.45), (knee, 1.5), (ankle, -0.05))
-        )
+        hip, knee, ankle = (value * (1 - sit) + end * sit for value, end in ((hip, -1.45), (knee, 1.5), (ankle, -0.05)))
         found[f"thigh_{side}"] = (sign * 0.06, hip, -sign * (0.02 + 0.05 * sit))
         found[f"shin_{side}"] = (0.0, knee, sign * 0.02)
         found[f"foot_{side}"] = (sign * 0.08, ankle, 0.0)
@@ -110,7 +106,7 @@ def pose(body: Figure, stance: Stance, phase: float = 0.0) -> dict[str, Frame]:
     if stance.seated:
         seat = SEAT_M + 0.115 * body.scale
         height += (seat - height) * stance.seated
-    return {name: (turned, place + (0, 0, height)) for name, (turned, place) in frames.items()}
+    return {name: (turned, place + np.array([0.0, 0.0, height])) for name, (turned, place) in frames.items()}
 
 
 def _sole(frame: Frame, scale: float) -> float:

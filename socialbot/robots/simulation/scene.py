@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from socialbot.robots.simulation.figure import Colour, Figure, Part
-from socialbot.robots.simulation.mujoco_import import load_mujoco
+from socialbot.core.errors import InstallationError
+from socialbot.robots.simulation.figure import Figure, Part
+from socialbot.robots.simulation.head_servo import load_mujoco
+from socialbot.robots.simulation.looks import Colour
 from socialbot.robots.simulation.place import Place, placed
 from socialbot.robots.simulation.posture import Frame
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M
@@ -107,7 +109,11 @@ class Scene:
             x, y = (max(low, min(value, up)) for value, low, up in zip(door.outside, (x0, y0), (x1, y1), strict=True))
             across = abs(door.outside[1] - door.inside[1]) > abs(door.outside[0] - door.inside[0])
             for grow, colour in ((0.06, (0.55, 0.50, 0.45)), (0.0, (0.33, 0.36, 0.38))):
-                half = (0.48 + grow, 0.02 - grow / 6, 1.03 + grow / 2) if across else (0.02 - grow / 6, 0.48 + grow, 1.03 + grow / 2)  # fmt: skip
+                half = (
+                    (0.48 + grow, 0.02 - grow / 6, 1.03 + grow / 2)
+                    if across
+                    else (0.02 - grow / 6, 0.48 + grow, 1.03 + grow / 2)
+                )
                 self._geom(world, "box", colour, pos=(x, y, half[2]), size=half)
         for piece in place.furniture:
             for block, at, colour in placed(piece):
@@ -136,7 +142,14 @@ class Scene:
         spot = spec.worldbody.add_body(name=f"{name} spot", mocap=True)
         for size, shade in ((0.36, 0.07), (0.31, 0.07), (0.26, 0.08), (0.21, 0.09), (0.16, 0.10)):
             kind = self._mujoco.mjtGeom.mjGEOM_ELLIPSOID
-            spot.add_geom(type=kind, rgba=(0, 0, 0, shade), size=(size, size, 0.002), pos=(0, 0, 0.004 - 0.002 * size), contype=0, conaffinity=0)
+            spot.add_geom(
+                type=kind,
+                rgba=(0, 0, 0, shade),
+                size=(size, size, 0.002),
+                pos=(0, 0, 0.004 - 0.002 * size),
+                contype=0,
+                conaffinity=0,
+            )
         for segment in body.joints:
             link = spec.worldbody.add_body(name=f"{name} {segment}", mocap=True)
             for number, part in parts.get(segment, ()):
@@ -165,7 +178,9 @@ class Scene:
         pan.inertia = tilt.inertia = (0.01, 0.01, 0.01)
         # The camera is inside of the head, which it does not see.
         for side in (1, -1):
-            self._geom(tilt, "ellipsoid", (0.15, 0.65, 0.85), pos=(0.13, side * 0.06, 0.02), size=(0.02, 0.03, 0.03), group=3)
+            self._geom(
+                tilt, "ellipsoid", (0.15, 0.65, 0.85), pos=(0.13, side * 0.06, 0.02), size=(0.02, 0.03, 0.03), group=3
+            )
         self._geom(tilt, "ellipsoid", white, pos=(0.0, 0, 0), size=(0.14, 0.16, 0.13), group=3)
         self._geom(tilt, "ellipsoid", dark, pos=(0.05, 0, 0), size=(0.10, 0.13, 0.09), group=3)
         wide, tall = self.size
@@ -198,7 +213,14 @@ class Scene:
         """Draw what a camera sees, shape (height, width, 3), uint8, RGB."""
         mujoco, size = self._mujoco, size or self.size
         if size not in self._renderers:
-            self._renderers[size] = mujoco.Renderer(self.model, size[1], size[0], max_geom=4000)
+            try:
+                self._renderers[size] = mujoco.Renderer(self.model, size[1], size[0], max_geom=4000)
+            except Exception as error:  # of the chosen OpenGL, each with its own types
+                raise InstallationError(
+                    f"there is no off-screen OpenGL: {error}",
+                    where="simulated place",
+                    remedy="install libegl1 and libgl1-mesa-dri; or libosmesa6, and set MUJOCO_GL=osmesa",
+                ) from error
         renderer = self._renderers[size]
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)

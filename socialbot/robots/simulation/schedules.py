@@ -10,7 +10,7 @@ from socialbot.robots.simulation.place import Place
 
 _APART_M = 0.5  # Least distance of two people, who are drawn anew otherwise.
 _TRIES, _GIVE_UP = 40, 5
-NAMES = (
+NAMES: tuple[str, ...] = (
     "ada", "ben", "cleo", "dan", "eva", "finn", "gina", "hugo", "ida", "jon", "kim", "leo", "mia", "nils", "ona",
     "paul", "quin", "rosa", "sam", "tina", "udo", "vera", "wim", "xenia", "yann", "zoe",
 )  # fmt: skip
@@ -129,7 +129,10 @@ class Schedule:
                 Leg(talk=round(talk - late, 1), to=other, aim="company"),
             ]
             if number and self._rng.random() < 0.3:
-                legs += [Leg(walk=self._near("robot_1", 0.3), face="robot", aim="visit"), Leg(stand=5.0, face="robot", aim="visit")]  # fmt: skip
+                legs += [
+                    Leg(walk=self._near("robot_1", 0.3), face="robot", aim="visit"),
+                    Leg(stand=5.0, face="robot", aim="visit"),
+                ]
             legs.append(Leg(walk=self._door(), speed=self._speed()))
             actors.append(Actor(name, self._door(), tuple(legs), round(start + late, 2)))
         return actors

@@ -139,7 +139,9 @@ def _outline(
         turned, origin = frames[segment]
         world = points @ turned.T + origin
         uv, depths = camera.seen(world)
-        good = (depths > _NEAR_M) & (world[:, 0] >= x0) & (world[:, 0] <= x1) & (world[:, 1] >= y0) & (world[:, 1] <= y1)
+        good = (
+            (depths > _NEAR_M) & (world[:, 0] >= x0) & (world[:, 0] <= x1) & (world[:, 1] >= y0) & (world[:, 1] <= y1)
+        )
         total, kept = total + len(good), kept + int(good.sum())
         if good.sum() >= 3:
             polygons.append(_hull(uv[good]))
@@ -216,8 +218,8 @@ def truth_frame(
     """Return the ground truth of one image as a `socialbot/truth_frame`.
 
     Beside the fields that are scored, each person has ``at`` (x, y; m), ``heading_rad``, ``faces`` (robot, an id, or
-    nobody), ``activity``, ``aim`` and ``talks_to``. ``others`` are people whom the camera does not see, ``camera`` is its
-    pose and size.
+    nobody), ``activity``, ``aim`` and ``talks_to``. ``others`` are people whom the camera does not see,
+    ``camera`` is its pose and size.
     """
     facing = faces(stances)
     visible = {sight.person for sight in seen}
@@ -254,8 +256,11 @@ def truth_frame(
         "scene": crowd.script.place,
         "light": "lamps",
         "camera": {
-            "frame_id": frame_id, "width": camera.width, "height": camera.height,
-            "yaw_rad": round(camera.pan_rad, 5), "pitch_rad": round(-camera.tilt_rad, 5),
+            "frame_id": frame_id,
+            "width": camera.width,
+            "height": camera.height,
+            "yaw_rad": round(camera.pan_rad, 5),
+            "pitch_rad": round(-camera.tilt_rad, 5),
         },
         "persons": persons,
         "others": [doing(name) for name in stances if name not in visible],

@@ -104,7 +104,9 @@ class TruthDetector(Node):
         distance = person["distance_m"] * (1 + error)
         bearing = person["bearing_rad"] + rng.gauss(0, self.bearing_std_rad)
         direction = bearing + camera["yaw_rad"]
-        known.places.append((now, person["distance_m"] * math.cos(direction), person["distance_m"] * math.sin(direction)))
+        known.places.append(
+            (now, person["distance_m"] * math.cos(direction), person["distance_m"] * math.sin(direction))
+        )
         known.places = [place for place in known.places if now - place[0] <= 1.0]
         facing, approach = self._facing(person, known)
         edges = [rng.gauss(0, 0.02) * person["h"] for _ in range(4)]
