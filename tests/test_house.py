@@ -105,7 +105,7 @@ ROOMS = (
     ("graph", "bdi", "planning"),
     ("bags", "speech"),
     ("vision", "deliberation"),
-    ("runs", "robots"),
+    ("runs",),
     ("agents",),
     ("robots",),
     ("bridge",),
