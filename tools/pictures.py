@@ -54,6 +54,7 @@ SHOTS: Mapping[str, Shot] = {
     "waldo": Shot("corridor", "t=9.6"),
     "why": Shot("corridor", "t=17.2", ("#timeline text.beside:has-text('Can I help')",), dark=True),
     "plans": Shot("corridor", "t=9.6", ("#tab-plans", "#pane-plans button:has-text('greeting_several')"), "#side"),
+    "question": Shot("corridor", "t=18", ("#tab-ask", "#questions .others button >> nth=0"), "#side"),
     "nodes": Shot("deployment", "t=30", ("summary",), "#nodes", width=1440),
     "warehouse": Shot("warehouse", "t=92.5&agent=gripper_a", height=1260),
     "hospital": Shot(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,10 +9,10 @@ import typer
 from socialbot.cli._options import JsonOption, RunArgument
 from socialbot.cli._runs import opened_run, print_found
 from socialbot.cli.why import seconds_of
-from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
-    from socialbot.runs.folder import RecordedRun
+    pass
 
 PANEL = "Look into a run"
 EXAMPLES = (
@@ -46,27 +45,8 @@ def ask(
     if at_s is not None and not 0 <= at_s <= recorded.history.duration_s:
         remedy = f"give a time from 0 to {recorded.history.duration_s:.2f} s"
         raise ParameterError(f"the run does not contain {at_s:.2f} s", where="--at", remedy=remedy)
-    found = answer(
-        recorded,
-        question,
-        at_s=at_s,
-        speaker=person,
-        agent=agent,
-        rules=lambda: rules_of_run(recorded),
-    )
+    found = answer(recorded, question, at_s=at_s, speaker=person, agent=agent)
     lines = [found.text, *([found.assumes] if found.assumes else [])]
     if not found.known and found.examples:
         lines += ["", *(f"    {one}" for one in found.examples)]
     print_found(found, lines, as_json=as_json)
-
-
-def rules_of_run(run: RecordedRun) -> Mapping[str, Sequence[str]]:
-    """Return the texts of the rules of the agents of ``run``, as they are now; none if they cannot be created."""
-    from socialbot.runtime.agent_rules import rules_of
-
-    if run.graph is None:
-        return {}
-    try:
-        return {agent: [str(plan) for plan in plans] for agent, plans in rules_of(run.graph).items()}
-    except SocialbotError:
-        return {}

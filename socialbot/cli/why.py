@@ -13,9 +13,9 @@ from socialbot.core.errors import ParameterError, RunError, SocialbotError
 
 if TYPE_CHECKING:
     from socialbot.core.messages import TraceRecord
+    from socialbot.runs.agent_rules import NotTriggered
     from socialbot.runs.folder import RecordedRun
     from socialbot.runs.why import Considered
-    from socialbot.runtime.agent_rules import NotTriggered
 
 
 PANEL = "Look into a run"
@@ -132,7 +132,7 @@ def _not_chosen(plans: Sequence[Considered]) -> list[str]:
 
 def _never_considered(run: RecordedRun, plan: str, error: RunError) -> Sequence[NotTriggered]:
     """Return the rules like ``plan`` of the agents that the run never considered. Raises RunError if there are none."""
-    from socialbot.runtime.agent_rules import not_triggered, rules_of
+    from socialbot.runs.agent_rules import not_triggered, rules_of
 
     if run.graph is None:
         raise error

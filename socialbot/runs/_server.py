@@ -25,6 +25,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Command
 from socialbot.runs._access import FRESH, AccessGuard, BodyLimit, reply, reply_error
+from socialbot.runs.asking import answer
 from socialbot.runs.distances import distances_of
 from socialbot.runs.narration import LogLine, last_log_lines, log_lines
 from socialbot.runs.pages import PAGE, live_page
@@ -50,6 +51,7 @@ log = logging.getLogger("socialbot.inspect")
 
 KEEP_UP_S = 2.0
 MOST_LINES = 500
+LONGEST_QUESTION = 500
 
 SMALLEST_PACKED = 2048
 DRAWING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
@@ -204,6 +206,16 @@ def _why(run: RunView, query: QueryParams) -> Any:
     return explain(run.history, run.wording, record)
 
 
+def _ask(run: RunView, query: QueryParams) -> Any:
+    question, agent = query.get("question", ""), query.get("agent", "")
+    if len(question) > LONGEST_QUESTION:
+        raise HTTPException(400, f"a question has at most {LONGEST_QUESTION} characters (got {len(question)})")
+    if agent and agent not in run.history.agents:
+        agent = ""  # one without records yet
+    at_s = run.history.seconds(_stamp(run, query)) if "t" in query else None
+    return answer(run, question, at_s=at_s, agent=agent)
+
+
 _ANSWERS: Mapping[str, Callable[[RunView, QueryParams], Any]] = {
     "moment": lambda run, query: run.states.at(_stamp(run, query)),
     "trees": lambda run, query: run.trees(_stamp(run, query)),
@@ -213,6 +225,7 @@ _ANSWERS: Mapping[str, Callable[[RunView, QueryParams], Any]] = {
         run, _stamp(run, query, "from", 0.0), _stamp(run, query, "to"), MOST_LINES
     ),
     "why": _why,
+    "ask": _ask,
 }
 """Answers of the API by name, read in the thread of the run."""
 

@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import AgentAnswer, Command, Health, Message
 from socialbot.core.registry import phrases_of, world_view_of
 from socialbot.graph.node import Graph
@@ -113,6 +114,17 @@ class RunView:
     def timeline(self) -> Timeline:
         self._update()
         return self._timeline
+
+    @cached_property
+    def rules(self) -> Mapping[str, Sequence[str]]:
+        """Texts of the rules of each agent as they are now; empty without a graph, or if an agent cannot be created."""
+        from socialbot.runs.agent_rules import rules_of  # the engine takes long to import
+
+        try:
+            found = {} if self.graph is None else rules_of(self.graph)
+        except SocialbotError:
+            return {}
+        return {agent: [str(plan) for plan in plans] for agent, plans in found.items()}
 
     @cached_property
     def _timeline(self) -> Timeline:

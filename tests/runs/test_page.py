@@ -230,8 +230,30 @@ def test_page_on_a_small_screen_and_in_dark_mode(browser, waldo, width, dark):
 @pytest.mark.slow
 def test_recorded_page_accepts_no_commands(visit):
     visit.page.click("#tab-ask")
-    expect(visit.page.locator("#pane-ask")).to_contain_text("Nothing can be asked")
-    assert visit.page.locator("#pane-ask button:enabled").count() == 0
+    expect(visit.page.locator("#pane-ask")).to_contain_text("No commands")
+    assert visit.page.locator("#pane-ask fieldset button:enabled").count() == 0
+    assert faults(visit) == []
+
+
+@pytest.mark.slow
+def test_questions_are_answered_with_their_records(visit):
+    visit.page.click("#tab-ask")
+    visit.page.fill("#question", "Why did you greet me?")
+    visit.page.press("#question", "Enter")
+    expect(visit.page.locator("#answer-text")).to_contain_text("I greeted you because you paid attention to me")
+    visit.page.locator(".clauses button").first.click()
+    expect(visit.page.locator("#pane-why .first")).to_contain_text('Waldo said "Hello! Nice to see you."')
+    assert faults(visit) == []
+
+
+@pytest.mark.slow
+def test_a_question_without_an_answer_suggests_others(visit):
+    visit.page.click("#tab-ask")
+    visit.page.fill("#question", "Where is the exit?")
+    visit.page.click("#questions button[type=submit]")
+    expect(visit.page.locator("#answer-text")).to_contain_text("I don't know.")
+    visit.page.get_by_role("button", name="When did you greet?").click()
+    expect(visit.page.locator("#answer-text")).to_contain_text("I greeted person t1")
     assert faults(visit) == []
 
 

@@ -107,6 +107,14 @@ def test_overview_of_a_run(get):
     assert found["results"]["runner"] == "inline"
 
 
+def test_answers_a_question(get):
+    found = get("/api/ask", params={"question": "When did you greet me?", "t": "1.5", "agent": "nobody"}).json()
+    assert (found["known"], found["intent"], found["text"]) == (True, "when", "At 0.7 s I greeted you.")
+    assert get("/api/ask", params={"question": ""}).json()["known"] is False
+    refused = get("/api/ask", params={"question": "why " * 200})
+    assert (refused.status_code, "at most 500 characters" in refused.json()["error"]) == (400, True)
+
+
 def test_overview_says_that_a_run_was_stopped(tmp_path):
     folder = greeting(tmp_path / "evening")
     results = json.loads((folder / "results.json").read_text("utf-8"))

@@ -5,8 +5,8 @@ and references understands a question; it knows no fixed sentences. Each clause 
 it. What no record supports is answered with "I don't know".
 """
 
-from socialbot.runs.asking._answers import Answer, Rules, answer
+from socialbot.runs.asking._answers import Answer, answer
 from socialbot.runs.asking._languages import LANGUAGES
 from socialbot.runs.asking._sentences import Claim, Clause
 
-__all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "Rules", "answer"]
+__all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "answer"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 
@@ -24,9 +24,6 @@ from socialbot.runs.why import decided_at
 
 MOST_NAMED = 5
 """Deeds, people or beliefs that an answer names; it counts the others."""
-
-Rules = Callable[[], Mapping[str, Sequence[str]]]
-"""Function that returns the texts of the rules of each agent."""
 
 
 class Answer(msgspec.Struct, frozen=True):
@@ -63,7 +60,6 @@ def answer(
     at_s: float | None = None,
     speaker: str = "",
     agent: str = "",
-    rules: Rules | None = None,
 ) -> Answer:
     """Return the answer of a run to a question about it.
 
@@ -74,7 +70,6 @@ def answer(
         at_s: Time of the question, in seconds from the start; by default the end of the run.
         speaker: Track id of the person who asks; by default the person whom the deed in question concerned.
         agent: Node of the agent that is addressed; by default any.
-        rules: Rules of the agents, to say why something was not done that no record mentions.
 
     Raises:
         ParameterError: ``agent`` is no agent of the run.
@@ -86,9 +81,9 @@ def answer(
     vocabulary = vocabulary_of(run.graph)
     subjects = Subjects(history, run.wording, vocabulary, {})
     question = understand(text, subjects, language)
-    if rules is not None and (not question.topics or question.kind == "why_not" or question.confidence < SURE):
+    if not question.topics or question.kind == "why_not" or question.confidence < SURE:
         # Rules name deeds that were never considered in this run.
-        subjects = Subjects(history, run.wording, vocabulary, rules())
+        subjects = Subjects(history, run.wording, vocabulary, run.rules)
         question = understand(text, subjects, language)
     end_s = history.seconds(run.end) if len(history) else 0.0
     now_s = end_s if at_s is None else min(max(0.0, at_s), end_s)

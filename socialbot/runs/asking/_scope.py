@@ -49,13 +49,16 @@ class Scope:
         return Speech(self.facts, self.language, you, len(agents) == 1 and not self.question.agent)
 
     def _deeds(self) -> list[TraceRecord]:
-        """Return the records of the deed of the question, of its agent and things, up to now."""
+        """Return the records of the deed of the question, of its agent and things: up to now, or else later ones."""
+        later: list[TraceRecord] = []
         for topic in self.question.topics:
-            found = [each for each in self.subjects.done(topic) if each.stamp <= self.now and self._is_meant(each)]
-            if found:
-                self.topic = topic
-                return found
-        return []
+            found = [each for each in self.subjects.done(topic) if self._is_meant(each)]
+            before = [each for each in found if each.stamp <= self.now]
+            if before or (found and not later):
+                self.topic, later = topic, found
+            if before:
+                return before
+        return later
 
     def _is_meant(self, record: TraceRecord) -> bool:
         things = self.question.things

@@ -44,6 +44,9 @@ export const soundAt = name => `/api/sound/${encodeURIComponent(name)}`;
 export const trees = t => told('trees', { t });
 export const nodes = t => told('nodes', { t });
 export const why = id => told('why', { id });
+/** Whether questions in plain language are answered. */
+export const answers = true;
+export const question = (text, t, agent) => told('ask', { question: text, t, agent });
 export const whyNot = plan => told('why', { plan });
 export const worldAt = t => `/api/world?${new URLSearchParams({ t })}`;
 

@@ -35,7 +35,7 @@ export class Asking {
   /** Enables commands, unless there is a `reason` to refuse them. */
   allow(reason) {
     this.#form.disabled = Boolean(reason);
-    say(this.#reason, reason ? `Nothing can be asked: ${reason}.` : '');
+    say(this.#reason, reason ? `No commands: ${reason}.` : '');
     this.#reason.hidden = !reason;
   }
 

@@ -56,6 +56,13 @@ export async function why(id) {
   return found;
 }
 
+/** Whether questions in plain language are answered: only by the server. */
+export const answers = false;
+
+export async function question() {
+  throw new Refusal('This file answers no questions; "socialbot inspect" and "socialbot ask" do.');
+}
+
 export const whyNot = async label => data.plans.filter(each => each.plan === label);
 export const worldAt = () => '';
 

@@ -13,6 +13,7 @@ import { Mind } from './mind.js';
 import { Nodes } from './nodes.js';
 import { listPlans } from './plans.js';
 import { Playhead } from './playhead.js';
+import { Questions } from './questions.js';
 import { Sight } from './sight.js';
 import { Sound } from './sound.js';
 import { caption, spoken } from './speech.js';
@@ -48,6 +49,10 @@ class Page {
     this.mind = new Mind(id => this.pick(id));
     this.agents = new Agents(run.agents, name => this.choose(name));
     this.asking = new Asking(run.graph.wizard ?? []);
+    if (api.answers) {
+      const asker = () => ({ t: this.playhead.time, agent: run.agents.length > 1 ? this.agent : '' });
+      this.questions = new Questions({ asker, pick: (id, t) => this.pick(id, t) });
+    }
     this.sound = new Sound();
     this.nodes = new Nodes(run.graph);
     this.sight = this.#looks ? new Sight() : null;

@@ -6,8 +6,8 @@ from socialbot.bdi import Action, Belief, Goal, variables
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph
+from socialbot.runs.agent_rules import not_triggered, rules_of
 from socialbot.runs.history import History
-from socialbot.runtime.agent_rules import not_triggered, rules_of
 
 
 class near(Belief):  # noqa: N801
