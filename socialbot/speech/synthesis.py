@@ -12,10 +12,11 @@ import io
 import os
 import threading
 import wave
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,12 +24,23 @@ from socialbot.core.errors import InstallationError, MessageError, ParameterErro
 
 # From espeak-ng's speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2
-_INITIALIZE_DONT_EXIT = 0x8000
+_INITIALIZE_DONT_EXIT, _PHONEME_EVENTS, _PHONEMES_IPA = 0x8000, 0x0001, 0x0002
+_LIST_END, _WORD_EVENT, _PHONEME_EVENT = 0, 1, 7
 _RATE, _PITCH = 1, 3
 _POSITION_CHARACTER = 1
 _CHARS_UTF8 = 1
 
-_SYNTH_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.c_void_p)
+
+class _Event(ctypes.Structure):
+    """``espeak_EVENT``: position in characters from 1, and the sample at which it happens."""
+
+    _fields_ = [
+        ("type", ctypes.c_int), ("identifier", ctypes.c_uint), ("position", ctypes.c_int), ("length", ctypes.c_int),
+        ("audio_ms", ctypes.c_int), ("sample", ctypes.c_int), ("user_data", ctypes.c_void_p), ("id", ctypes.c_char * 8),
+    ]  # fmt: skip
+
+
+_SYNTH_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event))
 _LOCK = threading.Lock()
 _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
 _REMEDY = "pip install socialbot[speech]"
@@ -36,12 +48,22 @@ _REMEDY = "pip install socialbot[speech]"
 SOUNDS_KEPT = 16  # size of the cache; espeak-ng leaks about 2 kB per synthesis
 
 
+class Mark(NamedTuple):
+    """Word, or phoneme in IPA, of a sound, from ``start_s`` to ``end_s``; for mouth or LED animation."""
+
+    kind: Literal["word", "phoneme"]
+    start_s: float
+    end_s: float
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """Mono sound: ``samples`` is int16 of shape (n,), ``sample_rate`` in Hz."""
+    """Mono sound: ``samples`` is int16 of shape (n,), ``sample_rate`` in Hz, ``marks`` its words and phonemes."""
 
     samples: np.ndarray
     sample_rate: int
+    marks: tuple[Mark, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -49,7 +71,7 @@ class Sound:
 
     def at_volume(self, volume: float) -> Sound:
         """Scale the amplitude by ``volume``, from 0 to 1."""
-        return Sound(np.rint(self.samples * volume).astype(np.int16), self.sample_rate)
+        return Sound(np.rint(self.samples * volume).astype(np.int16), self.sample_rate, self.marks)
 
     def wav(self) -> bytes:
         """Return the content of a 16-bit mono .wav file."""
@@ -104,11 +126,17 @@ class Synthesizer:
         if not data.strip():
             raise MessageError("an utterance without text", remedy="give a sentence")
         chunks: list[bytes] = []
+        events: list[tuple[int, int, int, int, bytes]] = []
 
         @_SYNTH_CALLBACK
-        def collect(samples: ctypes._Pointer[ctypes.c_short], count: int, _events: int | None) -> int:
+        def collect(samples: ctypes._Pointer[ctypes.c_short], count: int, found: ctypes._Pointer[_Event]) -> int:
             if samples and count > 0:
                 chunks.append(ctypes.string_at(samples, 2 * count))
+            at = 0
+            while found[at].type != _LIST_END:
+                event = found[at]
+                events.append((event.type, event.position, event.length, event.sample, event.id))
+                at += 1
             return 0
 
         with _espeak() as (library, sample_rate):
@@ -120,7 +148,37 @@ class Synthesizer:
         samples = np.frombuffer(b"".join(chunks), np.int16)
         if status or not samples.size:
             raise MessageError(f"espeak-ng makes no sound of {text!r}", remedy=f"is it in the language {self.voice!r}?")
-        return Sound(samples, sample_rate)
+        return Sound(samples, sample_rate, tuple(_marks(data.decode(), events, samples.size, sample_rate)))
+
+
+def _marks(
+    text: str, events: Sequence[tuple[int, int, int, int, bytes]], size: int, sample_rate: int
+) -> Iterator[Mark]:
+    """Words and phonemes of events: type, position in the text, length, sample, and phoneme."""
+    for kind, wanted in (("word", _WORD_EVENT), ("phoneme", _PHONEME_EVENT)):
+        found = [event for event in events if event[0] == wanted]
+        ends = [*(event[3] for event in found), size][1:] if found else []
+        for (_, position, length, sample, symbol), end in zip(found, ends, strict=True):
+            shown = text[position - 1 : position - 1 + length] if kind == "word" else symbol.decode("utf-8", "ignore")
+            if shown.strip() and end > sample:  # pauses are phonemes without a symbol
+                yield Mark(kind, sample / sample_rate, end / sample_rate, shown)  # type: ignore[arg-type]
+
+
+def phonemes(text: str, voice: str) -> str:
+    """Return the IPA phonemes of a clause in a voice of espeak-ng, words separated by spaces.
+
+    Raises:
+        InstallationError: espeak-ng is missing.
+        ParameterError: The voice is unknown.
+    """
+    clause = ctypes.create_string_buffer(_plain(text).encode("utf-8", "replace"))
+    rest = ctypes.c_void_p(ctypes.addressof(clause))
+    found: list[str] = []
+    with _espeak() as (library, _):
+        _set_voice(library, voice)
+        while rest.value:
+            found.append(library.espeak_TextToPhonemes(ctypes.byref(rest), _CHARS_UTF8, _PHONEMES_IPA).decode("utf-8"))
+    return " ".join(part for part in found if part)
 
 
 def _plain(text: str) -> str:
@@ -144,7 +202,10 @@ def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
         library, data_path = _load()
         try:
             sample_rate = library.espeak_Initialize(
-                _AUDIO_OUTPUT_SYNCHRONOUS, 0, os.fsencode(data_path), _INITIALIZE_DONT_EXIT
+                _AUDIO_OUTPUT_SYNCHRONOUS,
+                0,
+                os.fsencode(data_path),
+                _INITIALIZE_DONT_EXIT | _PHONEME_EVENTS | _PHONEMES_IPA,
             )
             if sample_rate <= 0:
                 # espeak-ng truncates paths at 160 bytes.
@@ -176,6 +237,8 @@ def _load() -> tuple[ctypes.CDLL, str]:
         ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int, ctypes.c_uint, ctypes.c_uint,
         ctypes.c_void_p, ctypes.c_void_p,
     ]  # fmt: skip
+    library.espeak_TextToPhonemes.argtypes = [ctypes.POINTER(ctypes.c_void_p), ctypes.c_int, ctypes.c_int]
+    library.espeak_TextToPhonemes.restype = ctypes.c_char_p
     library.espeak_ListVoices.argtypes = [ctypes.c_void_p]
     library.espeak_ListVoices.restype = ctypes.POINTER(ctypes.POINTER(_Voice))
     return library, data_path
