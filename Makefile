@@ -5,6 +5,7 @@
 # make evaluate   how well people are seen, by HOG and by the network, beside the paper's tables
 # make check  style and types
 # make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
+# make robot-interfaces   builds and installs ROS types of robots that the wheels lack; make test-all tests robots with them
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make sim   installs MuJoCo; make test runs the warehouse with physics then
 # make voices   installs a neural voice; make test tests it then
@@ -27,7 +28,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces viewers sim voices check docs dist lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -77,6 +78,9 @@ fuzz: tools
 
 interfaces: setup
 	$(INSTALL) --no-deps ./interfaces/socialbot_msgs
+
+robot-interfaces: setup
+	$(INSTALL) --no-deps ./interfaces/robot_interfaces
 
 sim: setup
 	$(INSTALL) 'mujoco>=3.3,<5'

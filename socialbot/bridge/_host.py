@@ -228,6 +228,8 @@ class NodeHost:
         self._intra_process.remove(self)
         if self._thread is not None:
             self._thread.stop()
+        self._services.cancel_goals()
+        self._services.await_cancels()
         self._ros.destroy_node()
 
     def configure(self) -> None:
@@ -279,6 +281,7 @@ class NodeHost:
         self._services.stop_goals()
         if self._thread is not None:
             self._thread.stop()
+        self._services.cancel_goals()
         self._forget_thread()
 
     def clean_up(self) -> None:

@@ -20,6 +20,7 @@ from rclpy.action.server import ActionServer as RosActionServer
 from rclpy.action.server import CancelResponse, GoalResponse
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node as RosNode
 from rclpy.qos import qos_profile_system_default
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from socialbot.bridge._node_thread import NodeThread
 
 WATCH_PERIOD_S = 1.0  # period to look for the servers of clients
+CANCEL_SENT_S = 2.0  # longest time that the end of a node waits until its goals are cancelled
 CHECK_PERIOD_S = 0.05  # period to look for servers while a call is in progress
 
 _OUTCOMES: dict[int, Outcome] = {
@@ -116,6 +118,22 @@ class HostedServices:
         for server in self._servers:
             server.stop_goals()
 
+    def cancel_goals(self) -> None:
+        """Ask the servers to cancel the goals of the node."""
+        for channel in self._channels.values():
+            channel.cancel_all()
+
+    def await_cancels(self) -> None:
+        """Wait a moment until the servers have got what `cancel_goals` asks; the executor of the node has ended."""
+        if not any(channel.is_cancelling for channel in self._channels.values()):
+            return
+        executor = SingleThreadedExecutor(context=self._ros.context)
+        executor.add_node(self._ros)
+        end = time.monotonic() + CANCEL_SENT_S
+        while any(channel.is_cancelling for channel in self._channels.values()) and time.monotonic() < end:
+            executor.spin_once(timeout_sec=CHECK_PERIOD_S)
+        executor.shutdown()
+
     def close(self) -> None:
         """Destroy the clients and servers."""
         for each in (*self._channels.values(), *self._servers):
@@ -177,6 +195,14 @@ class _RosChannel:
     def close(self) -> None:
         self._ros.destroy_timer(self._timer)
 
+    @property
+    def is_cancelling(self) -> bool:
+        """Whether a server has not yet answered that a goal shall be cancelled."""
+        return False
+
+    def cancel_all(self) -> None:
+        """Cancel the goals that were sent, at once: at the end of a node the executor has no time for it."""
+
     def _open(self, call: PendingCall) -> None:
         if self.has_server():
             self._transmit(call)
@@ -231,7 +257,9 @@ def _in_executor(ros: RosNode, callback: Callable[..., None], *arguments: Any) -
             ros.get_logger().warning(f"{type(error).__name__}: {error}")
 
     executor = ros.executor
-    if executor is not None:
+    if executor is not None and executor._is_shutdown:
+        run()  # the node stops, and nothing else works any more
+    elif executor is not None:
         executor.create_task(run)
 
 
@@ -325,6 +353,14 @@ class _ActionChannel(_RosChannel):
             self._unwanted.add(call)
             if self._goals[call] is not None:
                 self._ask_to_cancel(call)
+
+    @property
+    def is_cancelling(self) -> bool:
+        return bool(self._unwanted)
+
+    def cancel_all(self) -> None:
+        for call in [*self._goals]:
+            self._cancel(call)
 
     def _ask_to_cancel(self, call: PendingCall) -> None:
         future = self._goals[call].cancel_goal_async()

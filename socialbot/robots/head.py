@@ -34,7 +34,7 @@ class RobotHead(Node):
     Of targets that arrive within ``period_s``, the robot gets the newest. When the node stops, the head stops.
 
     The present pose comes from the robot's joint states; without them, from the motions that were sent. The first
-    motion from an unknown pose is as slow as the longest way.
+    motion from an unknown pose is as slow as the longest way, and cannot be stopped before its end.
     """
 
     target = Input(JointTrajectory, TARGET)
@@ -62,6 +62,8 @@ class RobotHead(Node):
         }
         self._signs = {self.pan_joint: self.pan_sign or 1, self.tilt_joint: self.tilt_sign or 1}
         self._motion: JointMotion | None = None
+        self._from_known_pose = False
+        """Whether the start of the motion was known."""
         self._states: dict[str, float] = {}
         self._states_at = -(2**62)
         self._next: tuple[dict[str, float], float] | None = None
@@ -78,13 +80,18 @@ class RobotHead(Node):
         pose = self.pose()
         if pose is not None:
             self.send(pose, self.period_s)
+        else:
+            self.log.warning("the pose of the head is not known: it ends its motion; are there joint states?")
 
     def pose(self) -> dict[str, float] | None:
         """Return the present positions (rad) by joint; None if they are not known."""
         now = self.clock.now()
         if now - self._states_at <= nanoseconds(_FRESH_S) and self._states.keys() >= self._limits.keys():
             return {joint: self._states[joint] for joint in self._limits}
-        return None if self._motion is None else self._motion.at(now)
+        motion = self._motion
+        if motion is None or not (self._from_known_pose or now >= motion.begin + nanoseconds(motion.duration_s)):
+            return None
+        return motion.at(now)
 
     @joint_states
     def on_joint_states(self, message: RosMessage) -> None:
@@ -125,7 +132,7 @@ class RobotHead(Node):
         if whole.keys() < self._limits.keys():  # one joint of an unknown pose: controllers want all
             whole = {**dict.fromkeys(self._limits, 0.0), **whole}
         duration_s = max(asked_s, least_duration_s(start, whole, self._limits), self.period_s)
-        self._motion = JointMotion(start or whole, whole, now, duration_s)
+        self._motion, self._from_known_pose = JointMotion(start or whole, whole, now, duration_s), bool(start)
         self._earliest = now + nanoseconds(self.period_s)
         self.send(whole, duration_s)
 

@@ -67,6 +67,7 @@ class Servers(Node):
         done = []
         for left in range(goal.request.order, 0, -1):
             if goal.is_cancel_requested:
+                print("cancelled", flush=True)
                 goal.canceled()
                 result.sequence = done
                 return result

@@ -258,6 +258,44 @@ class TestActions:
             assert result.outcome == "cancelled"
             assert result.message is None or list(result.message.sequence) == list(hosted.node.seen)
 
+    @pytest.mark.parametrize("early", [True, False])
+    def test_a_node_that_stops_cancels_its_goals(self, early):
+        """A robot must not drive on when the graph has ended."""
+        with foreign_servers() as process:
+            with active(Counter) as hosted:
+                in_thread(hosted, lambda node: node.start_count(99))
+                assert eventually(lambda: (early and hosted._services._channels["count"]._goals) or hosted.node.seen)
+            assert process.stdout is not None
+            assert process.stdout.readline() == "cancelled\n"
+
+    def test_a_node_may_cancel_a_goal_when_it_stops(self):
+        class Tidy(Counter):
+            """Cancels its goal at the end."""
+
+            goal: Any = None
+            tidied = False
+
+            def stop(self) -> None:
+                self.goal.cancel()
+                self.tidied = True
+
+        with foreign_servers() as process:
+            with active(Tidy) as hosted:
+                node = hosted.node
+                in_thread(hosted, lambda node: setattr(node, "goal", node.start_count(99)))
+                assert eventually(lambda: bool(node.seen))
+            assert node.tidied
+            assert process.stdout is not None
+            assert process.stdout.readline() == "cancelled\n"
+
+    def test_a_node_that_is_deactivated_cancels_its_goals(self):
+        with foreign_servers() as process, active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(99))
+            assert eventually(lambda: bool(hosted.node.seen))
+            hosted.transition_to("inactive")
+            assert process.stdout is not None
+            assert process.stdout.readline() == "cancelled\n"
+
     def test_deadline_cancels_the_goal(self, servers):
         with active(Counter) as hosted:
             in_thread(hosted, lambda node: node.start_count(1))

@@ -81,6 +81,7 @@ class DaemonServer(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
 
     @property
     def robot(self) -> DaemonServer:

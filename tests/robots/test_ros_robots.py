@@ -1,0 +1,232 @@
+"""Robots over DDS: heads, speech and bases against a robot of plain rclpy that speaks the real interfaces."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.core.messages import JointTrajectory, Utterance
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.robots.head import NaoqiHead, TrajectoryActionHead, TrajectoryHead
+from socialbot.robots.speech import SaySkillSpeaker, TopicSpeaker, TtsSpeaker
+from tests.bridge.hosting import node_hosts
+from tests.system.running import eventually
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("control_msgs") is None, reason="needs make robot-interfaces, or a full ROS"),
+]
+
+PARAMETERS = {
+    "pan_joint": "head_1_joint", "pan_lower_rad": -1.2, "pan_upper_rad": 1.2, "pan_speed_rad_s": 1.0,
+    "tilt_joint": "head_2_joint", "tilt_lower_rad": -0.9, "tilt_upper_rad": 0.7, "tilt_speed_rad_s": 0.5,
+}  # fmt: skip
+OUTSIDE = frozenset({"/head_controller/follow_joint_trajectory", "/tts_engine/tts", "/skill/say", "/navigate_to_pose"})
+
+
+class Robot:
+    """The robot in another process, and what it has got."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.got: list[dict[str, Any]] = []
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.got.append(json.loads(line))
+
+    def has(self, **fields: Any) -> bool:
+        return any(all(each.get(key) == value for key, value in fields.items()) for each in self.got)
+
+
+@contextmanager
+def robot(mode: str = "good") -> Iterator[Robot]:
+    command = [sys.executable, str(Path(__file__).with_name("robot_servers.py")), mode]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield Robot(process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def hosted(kind: type[Node], **parameters: Any) -> Iterator[Any]:
+    config = NodeConfig("part", kind, parameters)
+    inputs = frozenset(topic for topic, _ in config.subscriptions)
+    with node_hosts(Graph("robot", (config,), inputs=inputs, services=OUTSIDE)) as host:
+        made = host("part")
+        assert eventually(lambda: made.active_thread is not None)
+        yield made
+
+
+def call(node: Any, method: str, *arguments: Any) -> None:
+    done = threading.Event()
+    node.active_thread.queue.call_soon(lambda: (getattr(node.node, method)(*arguments), done.set()))
+    assert eventually(done.is_set)
+
+
+def look(node: Any, pan: float, tilt: float) -> None:
+    target = JointTrajectory(
+        stamp=node.node.clock.now(),
+        joint_names=("head_1_joint", "head_2_joint"),
+        positions=(pan, tilt),
+        velocities=(0.0, 0.0),
+        duration_s=0.1,
+    )
+    call(node, "on_target", target)
+
+
+def health(node: Any) -> str:
+    return str(vars(node.node.context.health_monitor))
+
+
+class TestTheHead:
+    def test_a_topic_gets_clamped_positions_and_slow_motions_and_a_stop(self):
+        with robot() as tiago:
+            with hosted(TrajectoryHead, **PARAMETERS) as head:
+                assert eventually(lambda: head._senders["trajectory"].publisher.get_subscription_count() > 0)
+                assert eventually(lambda: head.node.pose() is not None)
+                look(head, 3.0, -2.0)
+                assert eventually(lambda: len(tiago.got) == 1)
+                first = tiago.got[0]
+                assert first["positions"] == [1.2, -0.9]
+                assert first["joints"] == ["head_1_joint", "head_2_joint"]
+                assert first["seconds"] == pytest.approx(0.65 / 0.5)  # from .5, -.25
+            assert eventually(lambda: len(tiago.got) == 2)
+            stop = tiago.got[1]
+            assert stop["positions"] == [0.5, -0.25]  # where it is, not where it should go
+            assert 0.0 < stop["seconds"] <= 0.1
+
+    def test_from_an_unknown_pose_the_head_is_slow_and_is_not_stopped_by_a_guess(self):
+        with robot("silent") as tiago:
+            with hosted(TrajectoryHead, **PARAMETERS) as head:
+                assert eventually(lambda: head._senders["trajectory"].publisher.get_subscription_count() > 0)
+                look(head, 1.2, 0.0)
+                assert eventually(lambda: len(tiago.got) == 1)
+                assert tiago.got[0]["seconds"] == pytest.approx(2.4)  # the longest way
+            tiago.process.stdin.close()  # type: ignore[union-attr]
+            tiago.process.wait()
+            assert len(tiago.got) == 1
+
+    def test_an_action_gives_feedback_and_a_result(self):
+        with robot() as tiago, hosted(TrajectoryActionHead, **PARAMETERS) as head:
+            look(head, 0.4, 0.1)
+            assert eventually(lambda: tiago.has(way="action", positions=[0.4, 0.1]))
+            assert eventually(lambda: head.node.error == {"head_1_joint": 0.25, "head_2_joint": 0.25})
+            assert eventually(lambda: head.node._goal.result is not None)
+            assert head.node._goal.result.ok
+
+    @pytest.mark.parametrize(("mode", "reason"), [("reject", "rejected the goal"), ("abort", "the head is blocked")])
+    def test_a_goal_that_fails_is_reported_and_the_next_is_sent(self, mode, reason):
+        with robot(mode) as tiago, hosted(TrajectoryActionHead, **PARAMETERS) as head:
+            look(head, 0.4, 0.1)
+            assert eventually(lambda: reason in health(head))
+            if mode == "abort":
+                look(head, -0.4, 0.0)
+                assert eventually(lambda: tiago.has(positions=[-0.4, 0.0]))
+
+    def test_a_goal_that_takes_too_long_is_cancelled(self):
+        with robot("slow") as tiago, hosted(TrajectoryActionHead, **PARAMETERS, late_s=0.2) as head:
+            look(head, 0.1, 0.0)
+            assert eventually(lambda: tiago.has(cancelled="FollowJointTrajectory_Result"))
+            assert eventually(lambda: "gave no result within" in health(head))
+
+    def test_the_end_of_the_node_stops_the_head(self):
+        with robot("slow") as tiago:
+            with hosted(TrajectoryActionHead, **PARAMETERS) as head:
+                look(head, 1.0, 0.0)
+                assert eventually(lambda: tiago.has(way="action", positions=[1.0, 0.0]))
+            assert eventually(lambda: tiago.has(cancelled="FollowJointTrajectory_Result"))
+
+    def test_a_controller_that_restarts_is_used_again(self):
+        with hosted(TrajectoryActionHead, **PARAMETERS) as head:
+            with robot() as tiago:
+                look(head, 0.4, 0.0)
+                assert eventually(lambda: tiago.has(positions=[0.4, 0.0]))
+            assert eventually(lambda: "no action server" in health(head))
+            with robot() as tiago:
+                look(head, -0.4, 0.0)
+                assert eventually(lambda: tiago.has(positions=[-0.4, 0.0]))
+                assert eventually(lambda: "no action server" not in health(head))
+
+    def test_naoqi_gets_a_share_of_its_full_speed(self):
+        parameters = {**PARAMETERS, "full_speed_rad_s": 8.0}
+        with robot() as nao, hosted(NaoqiHead, **parameters) as head:
+            assert eventually(lambda: head._senders["angles"].publisher.get_subscription_count() > 0)
+            look(head, 0.0, 0.0)
+            assert eventually(lambda: len(nao.got) == 1)
+            look(head, 0.8, 0.0)
+            assert eventually(lambda: len(nao.got) == 2)
+            assert nao.got[1]["angles"] == pytest.approx([0.8, 0.0])
+            assert nao.got[1]["relative"] == 0
+            assert 0.0 < nao.got[1]["speed"] <= 1.0 / 8.0 + 1e-6
+
+
+class TestSpeech:
+    def said(self, speaker: Any, text: str) -> list[str]:
+        """Say something, and return the states of the utterance."""
+        states: list[str] = []
+        status = speaker.node.status
+        publish = status.publish
+        vars(speaker.node)["status"] = type("Tap", (), {"publish": lambda _, m: (states.append(m.state), publish(m))})()
+        call(speaker, "on_say", Utterance(stamp=0, id="u1", text=text))
+        return states
+
+    @pytest.mark.parametrize(("kind", "field"), [(TtsSpeaker, "tts"), (SaySkillSpeaker, "say")])
+    def test_an_utterance_is_a_goal(self, kind, field):
+        with robot() as tiago, hosted(kind) as speaker:
+            states = self.said(speaker, "Hello!")
+            assert eventually(lambda: states == ["started", "finished"])
+            assert tiago.has(**{field: "Hello!"})
+
+    @pytest.mark.parametrize("kind", [TtsSpeaker, SaySkillSpeaker])
+    @pytest.mark.parametrize("mode", ["reject", "abort", "error"])
+    def test_an_utterance_fails_with_its_goal(self, kind, mode):
+        with robot(mode), hosted(kind) as speaker:
+            states = self.said(speaker, "Hello!")
+            assert eventually(lambda: states == ["started", "failed"])
+
+    def test_an_utterance_that_takes_too_long_fails_and_the_robot_stops(self):
+        with robot("slow") as tiago, hosted(TtsSpeaker, limit_s=1.0) as speaker:
+            states = self.said(speaker, "Hello!")
+            assert eventually(lambda: states == ["started", "failed"])
+            assert eventually(lambda: tiago.has(cancelled="TTS_Result"))
+
+    def test_the_end_of_the_node_stops_the_speech(self):
+        with robot("slow") as tiago:
+            with hosted(TtsSpeaker) as speaker:
+                self.said(speaker, "A long story.")
+                assert eventually(lambda: tiago.has(tts="A long story."))
+            assert eventually(lambda: tiago.has(cancelled="TTS_Result"))
+
+    def test_a_killed_tts_fails_the_utterance_and_the_next_one_is_spoken(self):
+        with hosted(TtsSpeaker) as speaker:
+            with robot("slow") as tiago:
+                states = self.said(speaker, "One.")
+                assert eventually(lambda: tiago.has(tts="One."))
+            assert eventually(lambda: states == ["started", "failed"])
+            with robot() as tiago:
+                states = self.said(speaker, "Two.")
+                assert eventually(lambda: states[-1:] == ["finished"])
+                assert tiago.has(tts="Two.")
+
+    def test_a_topic_gets_the_text(self):
+        with robot() as nao, hosted(TopicSpeaker, rate_wpm=450) as speaker:
+            assert eventually(lambda: speaker._senders["text"].publisher.get_subscription_count() > 0)
+            states = self.said(speaker, "Hello!")
+            assert eventually(lambda: states == ["started", "finished"])
+            assert nao.has(speech="Hello!")
