@@ -8,6 +8,7 @@ import os
 import resource
 import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,8 +62,9 @@ class Ending:
 
     @contextmanager
     def on_signals(self) -> Iterator[Ending]:
-        """Handle SIGINT and SIGTERM within this context."""
-        before = {number: signal.signal(number, self.ask) for number in ENDING_SIGNALS}
+        """Handle SIGINT and SIGTERM within this context. Python handles them in the main thread only."""
+        in_main = threading.current_thread() is threading.main_thread()
+        before = {number: signal.signal(number, self.ask) for number in ENDING_SIGNALS if in_main}
         try:
             yield self
         finally:

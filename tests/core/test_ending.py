@@ -5,8 +5,11 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from threading import Thread
 
 import pytest
+
+from socialbot.core.process import Ending
 
 SLOW_TO_GO = """
 import time
@@ -51,3 +54,16 @@ def test_signal_lost_in_a_destructor_ends_the_next_wait(number):
     command = [sys.executable, "-c", SIGNAL_IN_DESTRUCTOR, str(int(number))]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == "asked\n"
+
+
+def test_other_threads_wait_without_signal_handlers():
+    before, endings = signal.getsignal(signal.SIGINT), []
+
+    def wait() -> None:
+        with Ending().on_signals() as ending:
+            endings.append((ending.asked, signal.getsignal(signal.SIGINT)))
+
+    thread = Thread(target=wait)
+    thread.start()
+    thread.join()
+    assert endings == [(False, before)]

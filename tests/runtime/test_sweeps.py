@@ -111,6 +111,21 @@ def test_parallel_processes_find_the_same(bag, tmp_path):
     assert swept(plan, tmp_path / "one") == swept(parallel, tmp_path / "two")
 
 
+@pytest.mark.slow
+def test_two_worker_processes_of_a_cluster_find_the_same(bag, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, processes=True, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        variations = "waldo.appear_s=0.2,2", "waldo.range_m=1,40"
+        there = swept(plan_of(bag, *variations, scheduler=cluster.scheduler_address), tmp_path / "there")
+        gone = plan_of(bag, *variations, scheduler="tcp://127.0.0.1:9")
+        monkeypatch.setattr("socialbot.vision.metrics.workers.CONNECT_S", 0.5)
+        with pytest.raises(ParameterError, match="no Dask scheduler answers"):
+            swept(gone, tmp_path / "gone")
+    assert there == swept(plan_of(bag, *variations), tmp_path / "here")
+
+
 def test_expectations_of_an_agent_package_are_found_by_its_name(bag, tmp_path):
     sweep = swept(plan_of(bag, "waldo.appear_s=0.2", expectations=Path("waldo")), tmp_path)
     [verdicts] = [result.verdicts for cell in sweep.cells for result in cell.results]
