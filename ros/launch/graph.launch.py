@@ -25,8 +25,9 @@ ARGUMENTS = {
     "sim_time": ("false", "whether the time comes from /clock"),
     "respawn": ("true", "whether a node that ends is started again"),
     "translate": (
-        "false",
-        "true: say all in types of RViz, vision_msgs and ROS4HRI, too; head: also where the head is",
+        "",
+        "true: also publish in types of RViz, vision_msgs and ROS4HRI; head: also the head pose; "
+        "default: as the graph says",
     ),
 }
 RESPAWN_DELAY_S = 1.0
@@ -58,7 +59,8 @@ def nodes(context):
         )
         for process in processes(given, Path(launch_config.log_dir) / "socialbot")
     ]
-    return started if given["translate"] == "false" else [*started, translator(given)]
+    wanted = given["translate"] or ("true" if graph_of(given).standard else "false")
+    return started if wanted == "false" else [*started, translator(given)]
 
 
 def translator(given):
@@ -80,12 +82,17 @@ def translator(given):
 
 def processes(given, folder):
     """The processes of the graph or the machine."""
-    changes = shlex.split(given["set"])
+    graph = graph_of(given)
     if given["deployment"]:
-        deployment = load_deployment(Path(given["deployment"]))
-        return machine_processes(deployment, machine_of(given), folder, with_changes(deployment.graph, changes))
-    graph = with_changes(load_graph(given["graph"]), changes)
+        return machine_processes(load_deployment(Path(given["deployment"])), machine_of(given), folder, graph)
     return graph_processes(graph, folder, sim_time=given["sim_time"] == "true")
+
+
+def graph_of(given):
+    """The graph with the changes of the argument ``set``."""
+    file = given["deployment"]
+    graph = load_deployment(Path(file)).graph if file else load_graph(given["graph"])
+    return with_changes(graph, shlex.split(given["set"]))
 
 
 def machine_of(given):

@@ -486,7 +486,7 @@ def _text_field(text: str) -> str:
         raise MessageError(f"{text!r} cannot be written as UTF-8: {error}") from error
     if "\0" in text:
         raise MessageError(
-            f"{text!r} has a zero byte, which ends a ROS string", remedy="remove it, or write wire: json"
+            f"{text!r} has a zero byte, which ends a ROS string", remedy="remove it, or write messages: json"
         )
     return text
 

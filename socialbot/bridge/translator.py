@@ -1,4 +1,4 @@
-"""Republish detections and head pose of a running graph as standard ROS messages, for RViz, rqt and ROS4HRI.
+"""Republish detections, speech and head pose of a running graph as standard ROS messages, for RViz, rqt and ROS4HRI.
 
 Types of missing packages are skipped. See docs/ros-installation.md.
 """
@@ -6,15 +6,18 @@ Types of missing packages are skipped. See docs/ros-installation.md.
 from __future__ import annotations
 
 import functools
+import logging
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.transport import RclpyTypes, Sender, message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.core.messages import JointTrajectory, Message, PersonDetections
+from socialbot.core.messages import JointTrajectory, Message, PersonDetections, Utterance
 from socialbot.graph.node import Graph
 from socialbot.graph.ports import Delivery
 from socialbot.runs.standard_messages import (
@@ -30,10 +33,13 @@ from socialbot.runs.standard_messages import (
     neck_of,
 )
 
+log = logging.getLogger("socialbot.translator")
+
 TF, TF_STATIC, JOINTS = "/tf", "/tf_static", "/joint_states"
 MARKERS, BOXES, TRACKED = "/humans/bodies/markers", "/humans/bodies/boxes", "/humans/bodies/tracked"
 FACES = "/humans/faces/tracked"
 REGION, FACE_REGION = "/humans/bodies/{}/roi", "/humans/faces/{}/roi"
+SPEECH = "/speech/text"
 PERSONS, ENGAGEMENT = "/humans/persons/tracked", "/humans/persons/{}/engagement_status"
 
 TYPES: Mapping[str, str] = {
@@ -43,6 +49,7 @@ TYPES: Mapping[str, str] = {
     TRACKED: "hri_msgs/msg/IdsList",
     FACES: "hri_msgs/msg/IdsList",
     PERSONS: "hri_msgs/msg/IdsList",
+    SPEECH: "std_msgs/msg/String",
 }
 HEAD_TYPES: Mapping[str, str] = {TF_STATIC: "tf2_msgs/msg/TFMessage", JOINTS: "sensor_msgs/msg/JointState"}
 _REGION_TYPE = "hri_msgs/msg/NormalizedRegionOfInterest2D"
@@ -57,7 +64,7 @@ _FACE_KEPT_S = 1.0  # A face is listed for this long after it was last found: no
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
     """Topics of ``graph`` for a `Translator`."""
-    kinds = (PersonDetections, JointTrajectory)
+    kinds = (PersonDetections, JointTrajectory, Utterance)
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
 
 
@@ -112,6 +119,8 @@ class Translator:
                 self._joints.take(message)
             elif isinstance(message, PersonDetections):
                 self._publish_people(message)
+            elif isinstance(message, Utterance):
+                self._publish(SPEECH, lambda: self._messages.make("std_msgs/msg/String", [message.text]))
 
     def _publish_people(self, found: PersonDetections) -> None:
         if found.frame_id not in ("", self._mounting.optical):
@@ -199,3 +208,29 @@ class Translator:
         except (InstallationError, UnsupportedTypeSupport):
             # UnsupportedTypeSupport: the libraries of the package are not found.
             self.missing.add(kind.partition("/")[0])
+
+
+@contextmanager
+def with_standard_types(
+    graph: Graph, observe: Callable[[str, Message], None], nodes: Collection[str] | None = None
+) -> Iterator[Callable[[str, Message], None]]:
+    """Wrap ``observe`` for the block: if the graph asks for standard types, its messages are published in them, too.
+
+    ``nodes`` limits this to messages of these nodes, for one machine of several.
+    """
+    if not graph.standard:
+        yield observe
+        return
+    own = [config for config in graph.nodes if nodes is None or config.name in nodes]
+    topics = translated_topics(graph).keys() & {topic for config in own for topic, _ in config.publications}
+    with spinning_node("translator") as ros:
+        translator = Translator(ros, graph, head=False)
+        for package in sorted(translator.missing):
+            log.warning("no messages of %s: it is not installed, or its libraries are not found", package)
+
+        def note(topic: str, message: Message) -> None:
+            observe(topic, message)
+            if topic in topics:
+                translator.take(topic, message)
+
+        yield note

@@ -45,7 +45,7 @@ _REMEDY = (
 STANDARD_PACKAGES = frozenset(name.partition("/")[0] for name in ROS_TYPES.values())
 """Packages of the message types that socialbot itself uses."""
 
-_REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write wire: json in the graph"
+_REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write messages: json in the graph"
 
 
 @functools.cache
@@ -337,8 +337,8 @@ def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: 
         if has_keys(environment):
             raise ParameterError(
                 "sealed messages travel as text",
-                where="wire: typed",
-                remedy=f"write wire: json, or unset {KEYS_VARIABLE}",
+                where="messages: socialbot",
+                remedy=f"write messages: json, or unset {KEYS_VARIABLE}",
             )
         _check_own_types()
     seal = _seal(environment) if has_keys(environment) else None

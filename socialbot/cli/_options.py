@@ -169,7 +169,7 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="NODE.PARAMETER=VALUE",
-        help="Change a parameter; repeatable. wire=typed: messages as socialbot_msgs.",
+        help="Change a parameter; repeatable. messages=FORM: json, socialbot or standard.",
     ),
 ]
 Runner = Literal["inline", "ros"]

@@ -5,7 +5,7 @@
     name: waldo
     inputs: [/camera/image_raw]          # external topics
     paced_by: /humans/bodies/detections  # a replay waits for this topic after each frame
-    wire: json                           # or typed: socialbot_msgs instead of JSON
+    messages: json                       # or socialbot: typed messages; or standard: JSON, and standard types beside it
     robot: tiago                         # name or file of a robot profile, or a profile
     services: [/navigate_to_pose]        # services and actions of nodes outside the graph
     needs:                               # nodes outside the graph, watched by their services
@@ -24,7 +24,7 @@ from __future__ import annotations
 import importlib
 import io
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -34,8 +34,15 @@ from ruamel.yaml import YAML
 from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.yaml import YamlSection, plain, read_page
-from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.node import Graph, Node, NodeConfig, WireForm
 from socialbot.graph.wizard import read_wizard, wizard_page
+
+MESSAGE_FORMS: Mapping[str, tuple[WireForm, bool]] = {
+    "json": ("json", False),
+    "socialbot": ("typed", False),
+    "standard": ("json", True),
+}
+"""Values of ``messages`` in a graph file: encoding of structured messages, and whether to add standard ROS types."""
 
 FOREIGN_NODE = "foreign_node"
 """Registered type of the watch of a node outside the graph."""
@@ -63,7 +70,20 @@ def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None =
     ``robot`` is the name or file of a robot profile, in place of that of the text, whose files start at ``folder``.
     """
     root = read_page(text, where=where)
-    root.only("name", "inputs", "paced_by", "wire", "services", "needs", "nodes", "stand_ins", "wizard", "robot")
+    known = (
+        "name",
+        "inputs",
+        "paced_by",
+        "messages",
+        "wire",
+        "services",
+        "needs",
+        "nodes",
+        "stand_ins",
+        "wizard",
+        "robot",
+    )
+    root.only(*known)
     configs, stand_ins = (
         tuple(_config(str(node), section.section(node), section.line(node)) for node in section.page)
         for section in (root.section("nodes"), root.section("stand_ins", {}))
@@ -76,11 +96,15 @@ def parse_graph(text: str, *, where: str, robot: str = "", folder: Path | None =
         stand_ins=stand_ins,
         wizard=read_wizard(root.section("wizard", {})),
     )
-    for key in ("paced_by", "wire"):
-        try:
-            graph = replace(graph, **{key: root.text(key, getattr(graph, key))})
-        except GraphError as error:
-            raise GraphError(error.what, where=root.line(key), remedy=error.remedy) from error
+    for key in ("messages", "wire"):
+        if key == "wire" and {"messages", "wire"} <= root.page.keys():
+            raise GraphError("'wire' is the old name of 'messages'", where=root.line(key), remedy="leave 'wire' out")
+        if key in root.page:
+            graph = with_messages(graph, root.text(key), where=root.line(key))
+    try:
+        graph = replace(graph, paced_by=root.text("paced_by", ""))
+    except GraphError as error:
+        raise GraphError(error.what, where=root.line("paced_by"), remedy=error.remedy) from error
     return _with_robot(graph, root, robot, folder)
 
 
@@ -93,13 +117,25 @@ def _with_robot(graph: Graph, root: YamlSection, robot: str, folder: Path | None
     return registry.robot_binding()(graph, named, where=root.line("robot"), folder=folder)
 
 
+def with_messages(graph: Graph, form: str, *, where: str) -> Graph:
+    """Return ``graph`` with messages in one of `MESSAGE_FORMS`; ``typed`` is the old name of ``socialbot``.
+
+    Raises GraphError.
+    """
+    form = "socialbot" if form == "typed" else form
+    if form not in MESSAGE_FORMS:
+        raise GraphError(f"no form of messages: {form!r}", where=where, remedy=suggestion(form, MESSAGE_FORMS))
+    wire, standard = MESSAGE_FORMS[form]
+    return replace(graph, wire=wire, standard=standard)
+
+
 def dump_graph(graph: Graph) -> str:
     """Format a graph as YAML for `parse_graph`."""
     page = {
         "name": graph.name,
         "inputs": sorted(graph.inputs),
         "paced_by": graph.paced_by,
-        "wire": graph.wire,
+        "messages": next(name for name, form in MESSAGE_FORMS.items() if form == (graph.wire, graph.standard)),
         **({"services": sorted(graph.services)} if graph.services else {}),
         "nodes": _page(graph.nodes),
         **({"stand_ins": _page(graph.stand_ins)} if graph.stand_ins else {}),
@@ -198,7 +234,7 @@ def _watches(needs: YamlSection) -> Iterator[NodeConfig]:
 
 
 def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
-    """Return ``graph`` with ``NODE.PARAMETER=VALUE`` and ``wire=FORM`` applied; files named there may be read.
+    """Return ``graph`` with ``NODE.PARAMETER=VALUE`` and ``messages=FORM`` applied; files named there may be read.
 
     Raises:
         ParameterError: A change is malformed, or names an unknown parameter.
@@ -208,8 +244,8 @@ def with_changes(graph: Graph, changes: Sequence[str]) -> Graph:
     for change in changes:
         target, equals, text = change.partition("=")
         node, dot, name = target.partition(".")
-        if target == "wire":
-            graph = replace(graph, wire=text)  # type: ignore[arg-type]
+        if target in ("messages", "wire"):
+            graph = with_messages(graph, text, where=f"--set {target}")
             continue
         if not equals or not dot:
             raise ParameterError(f"cannot read {change!r}", where="--set", remedy="write NODE.PARAMETER=VALUE")

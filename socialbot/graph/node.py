@@ -24,7 +24,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from socialbot.core.clock import Clock, nanoseconds
 from socialbot.core.errors import GraphError, ParameterError, suggestion
@@ -325,6 +325,7 @@ class Graph:
         inputs: External topics, of a robot's own driver or a bag.
         paced_by: Topic that answers each camera frame; a replay waits for it, so it drops no frames.
         wire: Encoding of structured messages over ROS; invisible to nodes.
+        standard: Whether a run over ROS publishes detections and speech in standard ROS types, too.
         services: Services and actions of nodes outside the graph.
         stand_ins: Nodes that offer such services where there is no robot: in replays, simulations and tests.
         wizard: Keys of the run page for a person behind the scenes.
@@ -335,6 +336,7 @@ class Graph:
     inputs: frozenset[str] = frozenset()
     paced_by: str = ""
     wire: WireForm = "json"
+    standard: bool = False
     services: frozenset[str] = frozenset()
     stand_ins: tuple[NodeConfig, ...] = ()
     wizard: tuple[WizardKey, ...] = ()
@@ -359,9 +361,6 @@ class Graph:
                 what = f"the stand-in {config.name} offers no service and no action"
                 raise GraphError(what, where=config.place(self.name), remedy="name it under 'nodes'")
         check_services(self.name, configs, self.services)
-        if self.wire not in get_args(WireForm):
-            remedy = suggestion(self.wire, get_args(WireForm))
-            raise GraphError(f"no form of messages: {self.wire!r}", where=f"{self.name}.wire", remedy=remedy)
         for each in self.wizard:
             if each.agent and each.agent not in names:
                 raise GraphError(

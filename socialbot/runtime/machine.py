@@ -16,6 +16,7 @@ from socialbot.bridge.diagnostics import MACHINE_VARIABLE
 from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE
 from socialbot.bridge.graph_observer import expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
+from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError
@@ -69,7 +70,11 @@ class LiveSource(RunSource):
         while not ending.asked:
             begun = time.monotonic()
             topics = observed_topics(graph, self.nodes)
-            with self.services(), observe_graph(topics, execution.observe, note, graph.wire) as observer:
+            with (
+                self.services(),
+                with_standard_types(graph, execution.observe, self.nodes) as observe,
+                observe_graph(topics, observe, note, graph.wire) as observer,
+            ):
                 announcer = RunAnnouncer(observer.ros, graph.name, ending.ask)
                 with run_lock(announcer.run):
                     if well is None:  # a duplicate that appears later is only logged

@@ -150,9 +150,13 @@ class Execution:
             NodeError: A process failed, or a node of the same name is running already.
         """
         from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
+        from socialbot.bridge.translator import with_standard_types
 
         statistics = LatestStatistics(self.graph)
-        with observe_graph(topics, self.observe, statistics.note, self.graph.wire) as observer:
+        with (
+            with_standard_types(self.graph, self.observe) as observe,
+            observe_graph(topics, observe, statistics.note, self.graph.wire) as observer,
+        ):
             expect_free_names(observer.ros, self.graph)
             with Launch(self.graph, self.logs, sim_time=True, composed=self.composed) as launch:
                 yield observer, launch

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -174,14 +175,29 @@ def test_missing_types_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatc
     message_class.cache_clear()
 
 
-def test_graph_file_has_one_wire_form() -> None:
-    text = "name: g\nwire: typed\nnodes: {}\n"
-    graph = parse_graph(text, where="g.yaml")
-    assert graph.wire == "typed"
+@pytest.mark.parametrize(
+    ("line", "wire", "standard"),
+    [
+        ("messages: json", "json", False),
+        ("messages: socialbot", "typed", False),
+        ("messages: standard", "json", True),
+        ("wire: typed", "typed", False),
+    ],
+)
+def test_graph_file_has_one_form_of_messages(line: str, wire: str, standard: bool) -> None:
+    graph = parse_graph(f"name: g\n{line}\nnodes: {{}}\n", where="g.yaml")
+    assert (graph.wire, graph.standard) == (wire, standard)
     assert parse_graph(dump_graph(graph), where="again") == graph
-    assert with_changes(graph, ["wire=json"]).wire == "json"
+    assert with_changes(graph, ["messages=json"]) == replace(graph, wire="json", standard=False)
+    with pytest.raises(GraphError, match="--set messages: no form of messages: 'typd'"):
+        with_changes(graph, ["messages=typd"])
+
+
+def test_unknown_and_contradictory_forms_are_refused() -> None:
     with pytest.raises(GraphError, match=r"g\.yaml:2: no form of messages: 'typd'"):
-        parse_graph(text.replace("typed", "typd"), where="g.yaml")
+        parse_graph("name: g\nmessages: typd\nnodes: {}\n", where="g.yaml")
+    with pytest.raises(GraphError, match=r"g\.yaml:3: 'wire' is the old name of 'messages'"):
+        parse_graph("name: g\nmessages: standard\nwire: json\nnodes: {}\n", where="g.yaml")
 
 
 def test_nonstandard_values_are_json_in_both_forms() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.core.messages import JointTrajectory, PersonDetection, PersonDetections
+from socialbot.core.messages import JointTrajectory, PersonDetection, PersonDetections, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.runs.standard_messages import Engagement, Mounting, engagement_of, mounting_of
 from tests.system.running import eventually
@@ -41,7 +42,39 @@ def test_translates_people_and_head_joints() -> None:
     assert set(translated_topics(WALDO)) == {
         "/humans/bodies/detections",
         "/head_controller/joint_trajectory",
+        "/speech/say",
     }
+
+
+def test_runs_publish_standard_types_if_the_graph_says_so() -> None:
+    from std_msgs.msg import String
+
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.translator import SPEECH, with_standard_types
+
+    said, seen = Utterance(stamp=SECOND, id="1", text="Hello!"), []
+    graph = replace(WALDO, standard=True)
+    with with_standard_types(WALDO, print) as observe:
+        assert observe is print, "nothing is added by default"
+
+    with spinning_node("viewer") as viewer:
+        heard: list[Any] = []
+        viewer.create_subscription(String, SPEECH, heard.append, 10)
+
+        def observed(nodes: list[str] | None, count: int) -> bool:
+            with with_standard_types(graph, lambda *each: seen.append(each), nodes) as observe:
+                assert eventually(lambda: viewer.count_publishers(SPEECH) == 1)
+
+                def repeated() -> bool:
+                    observe("/speech/say", said)
+                    return eventually(lambda: len(heard) > count, 0.3)
+
+                return eventually(repeated, 10.0 if nodes is None else 1.5)
+
+        assert observed(None, 0)
+        assert {each.data for each in heard} == {"Hello!"}
+        assert seen[0] == ("/speech/say", said)
+        assert not observed(["camera"], len(heard)), "another machine publishes the sentences"
 
 
 def test_the_mounting_follows_detector_and_camera() -> None:
@@ -139,7 +172,11 @@ def test_skips_packages_that_are_not_installed(monkeypatch: pytest.MonkeyPatch) 
     with spinning_node("translator") as ros:
         translating = translator.Translator(ros, WALDO, head=True)
         assert translating.missing == {"vision_msgs", "hri_msgs", "tf2_msgs"}
-        assert [topic.partition(" ")[0] for topic in translating.topics] == [translator.MARKERS, translator.JOINTS]
+        assert [topic.partition(" ")[0] for topic in translating.topics] == [
+            translator.MARKERS,
+            translator.SPEECH,
+            translator.JOINTS,
+        ]
         translating.take("/x", people(ANN))
 
 

@@ -49,8 +49,8 @@ PEOPLE = {
 
 
 @pytest.fixture
-def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
-    """A graph that is up, and sees again and again how somebody comes nearer, and goes back: nobody ever leaps."""
+def graph_file(corridor: Path, tmp_path: Path) -> Path:
+    """A graph that sees again and again how somebody comes nearer, and goes back: nobody ever leaps."""
     pictures = tmp_path / "pictures"
     pictures.mkdir()
     with open_bag(cut(corridor, tmp_path / "visit", 7.0, 11.0)) as bag:
@@ -61,9 +61,15 @@ def graph(corridor: Path, tmp_path: Path) -> Iterator[Path]:
         (pictures / f"{number:02}.jpg").write_bytes(picture.data.tobytes())
     file = tmp_path / "seeing.yaml"
     file.write_text(SEEING.replace("PICTURES", str(pictures)))
+    return file
+
+
+@pytest.fixture
+def graph(graph_file: Path, tmp_path: Path) -> Iterator[Path]:
+    """The graph while it is up."""
     # Who translates is not told of the frame: as with the driver of another's camera.
-    with running("up", file, "--set", "camera.frame_id=eye", "--out", tmp_path / "run"):
-        yield file
+    with running("up", graph_file, "--set", "camera.frame_id=eye", "--out", tmp_path / "run"):
+        yield graph_file
 
 
 @pytest.mark.slow
@@ -77,13 +83,27 @@ def test_publishes_people_until_a_signal(graph: Path) -> None:
         viewer.create_subscription(MarkerArray, "/humans/bodies/markers", heard.append, 10)
         assert eventually(lambda: any(len(array.markers) > 1 for array in heard), LIMIT_S)
         translating.send_signal(signal.SIGINT)
-        printed, _ = translating.communicate(timeout=PATIENCE_S)
+        translating.wait(timeout=PATIENCE_S)
+        printed = translating.output()
     assert translating.returncode == 0, printed
     assert "/humans/bodies/markers  visualization_msgs/msg/MarkerArray" in printed
     cylinder, text = next(array.markers[1:3] for array in heard if len(array.markers) > 1)
     assert cylinder.header.frame_id == "base_link"
     assert 2.0 < cylinder.pose.position.x < 10.0
     assert text.text.endswith(" m")
+
+
+@pytest.mark.slow
+def test_a_graph_publishes_standard_types_by_itself(graph_file: Path, tmp_path: Path) -> None:
+    from visualization_msgs.msg import MarkerArray
+
+    from socialbot.bridge.environment import spinning_node
+
+    graph_file.write_text(graph_file.read_text() + "messages: standard\n")
+    heard: list[Any] = []
+    with spinning_node("viewer") as viewer, running("up", graph_file, "--out", tmp_path / "run"):
+        viewer.create_subscription(MarkerArray, "/humans/bodies/markers", heard.append, 10)
+        assert eventually(lambda: any(len(array.markers) > 1 for array in heard), LIMIT_S)
 
 
 @pytest.fixture
