@@ -25,14 +25,17 @@ demo = typer.Typer(
     add_completion=False, help="Run a demo of agents, with a page of what they did.", no_args_is_help=True
 )
 
-COMMON = inspect.signature(run, eval_str=True).parameters
-"""Parameters of ``socialbot run``; those after the graph are options of every demo, too."""
+_GRAPH_OPTIONS = ("graph", "robot")
+COMMON = {
+    name: each for name, each in inspect.signature(run, eval_str=True).parameters.items() if name not in _GRAPH_OPTIONS
+}
+"""Parameters of ``socialbot run``; those that do not choose the graph are options of every demo, too."""
 
 
 def add_demo(name: str, make: Demo) -> None:
     """Add the demo ``name``. Raises ParameterError if one of its options has the name of a common one."""
     own = inspect.signature(make, eval_str=True).parameters
-    context, _, *common = COMMON.values()
+    context, *common = COMMON.values()
     if taken := sorted(own.keys() & COMMON.keys()):
         remedy = "rename the parameter: all demos have an option of this name"
         raise ParameterError(f"the parameter {taken[0]!r} is taken", where=f"demo {name}", remedy=remedy)
