@@ -5,10 +5,15 @@ The public names below are imported on first use, so ``import socialbot`` is fas
 
 from __future__ import annotations
 
+import os as _os
 from typing import TYPE_CHECKING
 
 from socialbot._old_names import install as _install_old_names
 from socialbot.core.lazy import lazy_exports as _lazy_exports
+from socialbot.core.limits import IMAGE_PIXELS as _IMAGE_PIXELS
+from socialbot.core.limits import IMAGE_VARIABLE as _IMAGE_VARIABLE
+
+_os.environ.setdefault(_IMAGE_VARIABLE, str(_IMAGE_PIXELS))
 
 if TYPE_CHECKING:
     from socialbot.agents.base.agent_node import AgentNode

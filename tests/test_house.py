@@ -173,6 +173,7 @@ def test_importing_the_engine_loads_nothing_beyond_the_standard_library():
         "socialbot.core.clock",
         "socialbot.core.errors",
         "socialbot.core.lazy",
+        "socialbot.core.limits",
     }
     for name in loaded:
         assert name in own or name.startswith("socialbot.bdi") or name.partition(".")[0] in sys.stdlib_module_names

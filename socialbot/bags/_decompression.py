@@ -15,14 +15,7 @@ from rosbags.rosbag1 import reader as ros1_reader
 from rosbags.rosbag2 import reader as ros2_reader
 from rosbags.rosbag2 import storage_mcap
 
-MAX_CHUNK_BYTES = 1 << 30
-"""Maximum size of a decompressed chunk or message. rosbag2 writes chunks of 768 KiB, or of one larger message."""
-
-MAX_FILE_BYTES = 1 << 36
-"""Maximum size of a decompressed file of a bag; it goes to the temporary folder."""
-
-MAX_RATIO = 200
-"""Maximum ratio of such a file to its compressed size. Text reaches 30."""
+from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_FILE_BYTES, BAG_RATIO
 
 _zstd: Any = vars(storage_mcap)["zstd"]
 
@@ -59,11 +52,11 @@ def _zstd_decompressor() -> Any:
 
 
 def _of_chunk(make: Callable[[], Any]) -> Callable[[bytes, int], bytes]:
-    return lambda data, size: decompressed(make, data, min(size, MAX_CHUNK_BYTES))
+    return lambda data, size: decompressed(make, data, min(size, BAG_CHUNK_BYTES))
 
 
 def _of_message(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-    return lambda data: decompressed(make, data, MAX_CHUNK_BYTES)
+    return lambda data: decompressed(make, data, BAG_CHUNK_BYTES)
 
 
 class _BoundedReader:
@@ -92,7 +85,7 @@ class _BoundedZstd:
         size = file.seek(0, 2)
         file.seek(0)
         with _zstd.open(file, mode) as opened:
-            yield _BoundedReader(opened, min(MAX_FILE_BYTES, MAX_RATIO * size + MAX_CHUNK_BYTES))
+            yield _BoundedReader(opened, min(BAG_FILE_BYTES, BAG_RATIO * size + BAG_CHUNK_BYTES))
 
 
 def install() -> None:

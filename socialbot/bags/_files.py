@@ -12,6 +12,8 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from socialbot.bags import _decompression
 from socialbot.bags.repair import salvage
 from socialbot.core.errors import BagError
+from socialbot.core.limits import TEXT_BYTES
+from socialbot.core.paths import decoded, read_bytes
 from socialbot.core.yaml import check_depth
 
 Reader = Ros1Reader | Ros2Reader
@@ -64,7 +66,7 @@ def open_file(path: Path, damage: list[str]) -> Reader:
 def _open(path: Any) -> Reader:
     try:
         if isinstance(path, Path) and path.is_dir():
-            check_depth((path / "metadata.yaml").read_text("utf-8"))
+            check_depth(decoded(read_bytes(path / "metadata.yaml", TEXT_BYTES)))
         reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
         reader.open()
         # Rosbags does not check the types.

@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 
 from socialbot.bags import codec
+from socialbot.bags.image_files import SUFFIXES, open_video, read_image
 from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
-from socialbot.core.errors import BagError, MessageError, ParameterError, SocialbotError
+from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError, SocialbotError
 from socialbot.core.messages import CameraInfo, CompressedImage, Structured
 from socialbot.graph.node import WireForm
 
@@ -27,7 +28,6 @@ log = logging.getLogger("socialbot.bags")
 TOPIC = "/camera/image_raw/compressed"
 FRAME_ID = "camera_color_optical_frame"
 
-_IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 _DEFAULT_RATE_HZ = 30.0
 
 Frames = Generator[tuple[int, np.ndarray], None, None]
@@ -119,6 +119,7 @@ def import_bag(
         advance: Called with the number of images written so far.
 
     Raises:
+        ImageError: An image or video cannot be read, or is too large.
         BagError: ``source`` cannot be read, its images differ in size, or ``out`` exists.
         ParameterError: A value is out of range.
     """
@@ -146,8 +147,10 @@ def import_bag(
             if info is None:
                 remedy = "check that it is not empty or damaged"
                 raise BagError("no image could be read", where=str(source), remedy=remedy)
-        except SocialbotError:
+        except SocialbotError as error:
             bag.discard()
+            if isinstance(error, ImageError):
+                raise BagError(error.what, where=error.where, remedy=error.remedy) from error
             raise
     return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND)
 
@@ -172,14 +175,12 @@ def _camera(source: str, camera: FrameSource, clock: Clock) -> Frames:
 
 
 def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
-    paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in _IMAGE_SUFFIXES), key=natural)
+    paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=natural)
     if not paths:
         raise BagError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
     shape: tuple[int, ...] = ()
     for index, path in enumerate(paths):
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if pixels is None:
-            raise BagError("cannot be decoded", where=str(path), remedy="remove or replace this image")
+        pixels = read_image(path)
         shape = shape or pixels.shape
         if pixels.shape != shape:
             size, other = (f"{each[1]}x{each[0]}" for each in (pixels.shape, shape))
@@ -189,10 +190,8 @@ def _folder(folder: Path, rate_hz: float, start: int) -> Frames:
 
 
 def _video(path: Path, start: int) -> Frames:
-    capture = cv2.VideoCapture(str(path))
+    capture = open_video(path)
     try:
-        if not capture.isOpened():
-            raise BagError("cannot be opened as a video", where=str(path), remedy="convert it to mp4, avi or mkv")
         rate = capture.get(cv2.CAP_PROP_FPS)
         period = round(SECOND / (rate if 0 < rate <= 1000 else _DEFAULT_RATE_HZ))
         first = last = None

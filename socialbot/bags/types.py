@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 import importlib
+import importlib.util
 import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -367,6 +369,7 @@ def _installed_types(name: str) -> Typestore:
     return types
 
 
+_TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 _ROS_NAMES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 
 
@@ -376,6 +379,8 @@ def installed_definition(type_name: str) -> str:
 
     Unlike .msg files, this includes the parts of services and actions, such as ``std_srvs/srv/SetBool_Event``.
     """
+    if not _TYPE_NAME.fullmatch(type_name):
+        return ""
     package, folder, name = type_name.split("/")
     pending = [(f"{package}/{name}", _installed_class(package, name, folder))]
     texts: dict[str, str] = {}
@@ -401,16 +406,30 @@ def installed_definition(type_name: str) -> str:
 def _installed_class(package: str, name: str, *folders: str) -> Any:
     """Python class of a message, or of a part of a service or action; None if it is not installed."""
     for folder in folders or ("msg", "srv", "action"):
-        try:
-            module = importlib.import_module(f"{package}.{folder}")
-        except ImportError:
+        module = _message_module(package, folder)
+        if module is None:
             continue
         base, _, part = name.partition("_")
         owner = getattr(module, base, None)
         found = getattr(module, name, None) or getattr(owner, part, None) if part else owner
         found = found or getattr(getattr(owner, "Impl", None), part or "-", None)
-        if found is not None:
+        if hasattr(found, "get_fields_and_field_types"):
             return found
+    return None
+
+
+def _message_module(package: str, folder: str) -> Any:
+    """Python module of the messages of a ROS package; None if it is not installed.
+
+    A bag may name any package: only one that has such a folder is imported.
+    """
+    try:
+        spec = importlib.util.find_spec(package)
+        places = (spec.submodule_search_locations or ()) if spec is not None else ()
+        if any(Path(place, folder, "__init__.py").is_file() for place in places):
+            return importlib.import_module(f"{package}.{folder}")
+    except (ImportError, ValueError):
+        pass
     return None
 
 

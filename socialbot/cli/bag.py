@@ -15,7 +15,7 @@ from rich.table import Table
 from socialbot.bags import codec
 from socialbot.cli._options import BagArgument, ParentOption, bar, plain_table
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import BagError
+from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending
 
@@ -281,7 +281,7 @@ def _table(opened: Bag, images: Mapping[str, str], *, checked: bool) -> Table:
 
 def _picture(opened: Bag, topic: BagTopic) -> str:
     """Return the size and encoding of the first intact image."""
-    import cv2
+    from socialbot.bags.image_files import decode_image
 
     try:
         for _, message in opened.messages({topic.name: topic.name}):
@@ -290,8 +290,11 @@ def _picture(opened: Bag, topic: BagTopic) -> str:
             if isinstance(message, CompressedImage):
                 # Depth has a header of 12 bytes before its PNG.
                 data = message.data[12:] if "compresseddepth" in message.format.lower() else message.data
-                pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-                size = "unreadable" if pixels is None else f"{pixels.shape[1]}x{pixels.shape[0]}"
+                try:
+                    pixels = decode_image(data.tobytes(), where=topic.name)
+                    size = f"{pixels.shape[1]}x{pixels.shape[0]}"
+                except ImageError:
+                    size = "unreadable"
                 # Drivers write ``jpeg`` or ``bgr8; jpeg compressed bgr8``.
                 name = message.format
                 known = (kind for kind in ("jpeg", "png") if kind in name or kind.replace("e", "") in name)

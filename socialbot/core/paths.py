@@ -5,19 +5,36 @@ The allowed folders are the working directory and the folders in ``SOCIALBOT_FOL
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 from collections.abc import MutableMapping, Sequence
 from pathlib import Path
 
 from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.limits import DATA_BYTES, TEXT_BYTES
 
 FOLDERS_VARIABLE = "SOCIALBOT_FOLDERS"
+
+
+def read_bytes(file: Path, most: int = DATA_BYTES) -> bytes:
+    """Return the content of a file. Raises OSError if it cannot be read or has more than ``most`` bytes."""
+    with file.open("rb") as opened:
+        data = opened.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB", str(file))
+    return data
+
+
+def decoded(data: bytes, encoding: str = "utf-8") -> str:
+    """Decode text as an opened file does, with all line ends as one. Raises UnicodeDecodeError."""
+    return io.TextIOWrapper(io.BytesIO(data), encoding).read()
 
 
 def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check the path") -> str:
     """Return the text of a UTF-8 file. Raises an ``error`` if it cannot be read."""
     try:
-        return file.read_text("utf-8")
+        return decoded(read_bytes(file, TEXT_BYTES))
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
         raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem

@@ -15,12 +15,7 @@ from ruamel.yaml.nodes import MappingNode, ScalarNode
 from ruamel.yaml.scanner import RoundTripScanner, Scanner, ScannerError
 
 from socialbot.core.errors import GraphError, suggestion
-
-DEPTH = 50
-"""Maximum nesting depth of lists and mappings, with aliases in full."""
-
-GROWTH = 100_000
-"""Maximum number of values and characters that aliases add to a text, as nine aliases of nine aliases of nine do."""
+from socialbot.core.limits import YAML_DEPTH, YAML_GROWTH
 
 _BRACKET = re.compile(r"[][{}]")
 
@@ -52,16 +47,16 @@ def check_depth(text: str) -> None:
     depth = 0
     for bracket in _BRACKET.findall(text):
         depth += 1 if bracket in "[{" else -1
-        if depth > DEPTH:
-            raise YAMLError(f"nested more than {DEPTH} deep")
+        if depth > YAML_DEPTH:
+            raise YAMLError(f"nested more than {YAML_DEPTH} deep")
 
 
 class _Shallow:
     """Depth limit for scanners, since their time is quadratic in the depth and Python limits recursion."""
 
     def fetch_more_tokens(self: Any) -> Any:
-        if len(self.flow_context) + len(self.indents) > DEPTH:
-            raise ScannerError(problem=f"nested more than {DEPTH} deep", problem_mark=self.reader.get_mark())
+        if len(self.flow_context) + len(self.indents) > YAML_DEPTH:
+            raise ScannerError(problem=f"nested more than {YAML_DEPTH} deep", problem_mark=self.reader.get_mark())
         return super().fetch_more_tokens()  # type: ignore[misc]
 
 
@@ -79,15 +74,15 @@ class _Composer(Composer):
     def compose_document(self) -> Any:
         node = super().compose_document()
         mark = self.parser.scanner.reader.get_mark()
-        _expanded(node, 0, mark.index + GROWTH, {})
+        _expanded(node, 0, mark.index + YAML_GROWTH, {})
         return node
 
 
 def _expanded(node: Any, level: int, limit: int, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
     """Size and height of a node with all aliases in full. Raises ComposerError beyond the limits."""
     size, height = known.get(id(node), (0, 0))
-    if level + height > DEPTH:
-        raise ComposerError(problem=f"nested more than {DEPTH} deep", problem_mark=node.start_mark)
+    if level + height > YAML_DEPTH:
+        raise ComposerError(problem=f"nested more than {YAML_DEPTH} deep", problem_mark=node.start_mark)
     if size:
         return size, height
     size = 1

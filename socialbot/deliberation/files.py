@@ -39,7 +39,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
-from socialbot.core.paths import read_text
+from socialbot.core.paths import read_bytes, read_text
 from socialbot.core.yaml import line_of, load_yaml, plain
 from socialbot.deliberation._fact_index import FactIndex, near
 from socialbot.deliberation._matching import unfit_condition
@@ -259,7 +259,7 @@ def restore_mind(deliberator: Deliberator, path: Path) -> bool:
     """
     remedy = "delete the file to start without it"
     try:
-        saved = msgspec.json.decode(path.read_bytes(), type=SavedMind)
+        saved = msgspec.json.decode(read_bytes(path), type=SavedMind)
     except FileNotFoundError:
         return False
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

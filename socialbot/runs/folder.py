@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
 from socialbot.core.messages import Health, Message, TraceRecord
@@ -64,7 +65,9 @@ class RecordedRun(RunView):
         path = self.folder / SOUNDS / name
         if not _SOUND.fullmatch(name) or not path.is_file():
             return None
-        return path.read_bytes()
+        if not path.resolve().is_relative_to(self.folder.resolve()):
+            return None  # a link to a file elsewhere
+        return paths.read_bytes(path)
 
     # Reading
 
@@ -74,7 +77,7 @@ class RecordedRun(RunView):
             self.damage.append("results.json is missing: the run has not ended, or was broken off")
             return {}
         try:
-            return msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+            return msgspec.json.decode(paths.read_bytes(path), type=dict[str, Any])
         except (OSError, msgspec.MsgspecError) as error:
             self.damage.append(f"results.json cannot be read: {error}")
             return {}
@@ -84,7 +87,7 @@ class RecordedRun(RunView):
         if not path.exists():
             return None
         try:
-            return parse_graph(path.read_text("utf-8"), where=str(path))
+            return parse_graph(paths.read_text(path, RunError), where=str(path))
         except (OSError, UnicodeDecodeError, SocialbotError) as error:
             self.damage.append(f"graph.yaml cannot be used: {error}")
             return None
@@ -125,7 +128,7 @@ class RecordedRun(RunView):
         decoder = msgspec.json.Decoder(kind)
         for part in parts(path):
             try:
-                lines = part.read_bytes().split(b"\n")
+                lines = paths.read_bytes(part).split(b"\n")
             except OSError as error:
                 raise RunError(f"cannot be read: {error.strerror}", where=str(part)) from error
             for number, line in enumerate(lines, 1):

@@ -11,15 +11,16 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from socialbot.bags.image_files import SUFFIXES, read_image, too_many_pixels
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import DeviceError, ImageError
+from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CameraInfo, Image
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Output, Parameter
 from socialbot.vision.camera import CameraModel
 
-_IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 _USUAL_RATE_HZ = 30.0
 _FOLDER_RATE_HZ = 10.0
 
@@ -67,6 +68,7 @@ def open_frames(source: str, *, width: int = 0, height: int = 0) -> Frames:
 
 class _VideoFrames:
     def __init__(self, source: str | int) -> None:
+        self._source = source
         self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
             self._capture.release()
@@ -78,6 +80,9 @@ class _VideoFrames:
         self.rate_hz = rate if 0 < rate < 1000 else _USUAL_RATE_HZ
         width, height = (self._capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         self.size = (int(width), int(height))
+        if width * height > IMAGE_PIXELS:
+            self._capture.release()
+            raise DeviceError(too_many_pixels(), where=str(self._source), remedy="use smaller images")
 
     def read(self) -> np.ndarray | None:
         good, pixels = self._capture.read()
@@ -112,18 +117,18 @@ class _FolderFrames:
     rate_hz = _FOLDER_RATE_HZ
 
     def __init__(self, folder: Path) -> None:
-        self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in _IMAGES), key=_natural)
+        self._paths = sorted((path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_natural)
         self._next = 0
         if not self._paths:
             raise DeviceError("no images in this folder", where=str(folder), remedy="put jpg or png files there")
-        height, width = _load(self._paths[0]).shape[:2]
+        height, width = read_image(self._paths[0]).shape[:2]
         self.size = (width, height)
 
     def read(self) -> np.ndarray | None:
         if self._next == len(self._paths):
             return None
         self._next += 1
-        return _load(self._paths[self._next - 1])
+        return read_image(self._paths[self._next - 1])
 
     def close(self) -> None:
         self._paths = self._paths[: self._next]
@@ -132,13 +137,6 @@ class _FolderFrames:
 def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
     words = re.split(r"(\d+)", path.name)
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words], path.name
-
-
-def _load(path: Path) -> np.ndarray:
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if pixels is None:
-        raise ImageError("cannot be decoded", where=str(path), remedy="remove or replace this image")
-    return pixels
 
 
 _RETRY_S = 2.0

@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import read_bytes
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
 from socialbot.vision.transforms import AXES, OPTICAL, TransformTree
 
@@ -411,7 +412,7 @@ def load_pose(path: Path) -> CameraPose | None:
         ParameterError: The file is not a pose.
     """
     try:
-        pose = msgspec.json.decode(path.read_bytes(), type=CameraPose)
+        pose = msgspec.json.decode(read_bytes(path), type=CameraPose)
     except FileNotFoundError:
         return None
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:

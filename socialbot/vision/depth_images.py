@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import ImageError
+from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CompressedImage, Image, PointCloud
-from socialbot.vision.images import MOST_PIXELS
 
 NEAREST_M, FARTHEST_M = 0.15, 80.0
 """Range of valid measurements."""
@@ -70,7 +70,7 @@ def depth_from_compressed(image: CompressedImage) -> np.ndarray:
     ``format`` is that of compressed_depth_image_transport ("16UC1; compressedDepth", "32FC1; compressedDepth rvl",
     "passthrough; compressedDepth"), or of a 16-bit PNG ("16UC1; png compressed").
 
-    Raises ImageError for another format, a damaged file, and more than `MOST_PIXELS`.
+    Raises ImageError for another format, a damaged file, and more than `IMAGE_PIXELS`.
     """
     return depth_in_metres(unpacked_depth(image))
 
@@ -112,7 +112,7 @@ class _Refusal(Protocol):
 
 def _png(data: bytes, refused: _Refusal) -> np.ndarray:
     width, height = struct.unpack_from(">II", data, 16) if len(data) >= 24 else (0, 0)
-    if width * height > MOST_PIXELS:
+    if width * height > IMAGE_PIXELS:
         raise refused(f"{width}x{height} pixels are too many", "use a lower resolution")
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if b"IEND" in data[-12:] else None
@@ -129,7 +129,7 @@ def _rvl(data: bytes, refused: _Refusal) -> np.ndarray:
     """Decode run-length and variable-length coded depth: differences of neighbours in groups of 3 bits."""
     width, height = struct.unpack_from("<II", data) if len(data) >= 8 else (0, 0)
     count = width * height
-    if not 0 < count <= MOST_PIXELS:
+    if not 0 < count <= IMAGE_PIXELS:
         raise refused(f"{width}x{height} pixels cannot be")
     words = np.frombuffer(data[8 : 8 + (len(data) - 8) // 4 * 4], "<u4").byteswap().view(np.uint8)
     nibbles = np.empty(2 * words.size, np.uint8)

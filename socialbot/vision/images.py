@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import ImageError
+from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Node
@@ -34,9 +35,6 @@ _CODES = {"rgb8": cv2.COLOR_RGB2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "8UC4": cv2.CO
 
 ENCODINGS = tuple(_BYTES)
 """Every encoding that `bgr_from_image` takes."""
-
-MOST_PIXELS = 1 << 25
-"""Largest compressed image (8K): a small file may claim gigabytes of pixels."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
@@ -103,7 +101,7 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     compressed ". With "compressed rgb", red and blue are exchanged in the file, and exchanged again here. An
     orientation in the file is ignored, since CameraInfo describes the sensor.
 
-    Raises ImageError for another format, no data, a damaged or truncated file, and more than `MOST_PIXELS`.
+    Raises ImageError for another format, no data, a damaged or truncated file, and more than `IMAGE_PIXELS`.
     """
 
     def refused(what: str, remedy: str) -> ImageError:
@@ -117,8 +115,8 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
         raise refused("no data", "check the camera and its driver")
     file = data.tobytes()
     width, height = _size(file)
-    if width * height > MOST_PIXELS:
-        remedy = f"send images of {MOST_PIXELS / 1e6:.0f} million pixels at most"
+    if width * height > IMAGE_PIXELS:
+        remedy = f"send images of {IMAGE_PIXELS / 1e6:.0f} million pixels at most"
         raise refused(f"{width}x{height} pixels are too many", remedy)
     if width * height and not (_is_complete_png if file.startswith(_PNG) else _is_complete_jpeg)(file):
         raise refused("the file is truncated", "check the camera's cable and bandwidth")

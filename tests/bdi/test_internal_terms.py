@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 
 import pytest
@@ -216,3 +217,33 @@ def test_all_beliefs_of_a_pattern_are_found_with_and_without_a_lookup():
         "[1,2,3,4][1,3][4][6,5][a,a][f(1),f(3)]",
         "[4,a,b][]0",
     ]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "text", "what"),
+    [
+        ("(a+)+b", "a" * 40, "for ever"),
+        ("(a|aa)*b", "a" * 60, "for ever"),
+        ("(a?b?)*c", "a" * 60, "for ever"),
+        ("(a?){30}a{30}", "a" * 30, "for ever"),
+        ("a?" * 30 + "a" * 30, "a" * 30, "for ever"),
+        ("(?=(a+)+b)", "a" * 40, "for ever"),
+        ("a*a*b", "a" * 5000, "more than 2000 characters"),
+        (".*.*.*x", "a" * 1000, "more than 500 characters"),
+    ],
+)
+@pytest.mark.parametrize("action", [".replace(T, P, X, R)", ".delete(P, T, R)"])
+def test_a_regular_expression_that_takes_for_ever_is_refused(action, pattern, text, what):
+    body = f'P = "{pattern}"; T = "{text}"; X = ""; {action}'
+    lines = Mas(me=f"!go. +!go <- {body}. -!go[error_msg(M)] <- .print(M).").until(60).lines
+    assert [what in line for line in lines] == [True], lines
+
+
+@pytest.mark.parametrize(
+    ("pattern", "text"),
+    [("a*b*c", "ab" * 900), (".*x", "a" * 10_000), ("[a-z]+ [0-9]+ ?(am|pm)", "a" * 2000), ("(ab)+c", "ab" * 5000)],
+)
+def test_the_slowest_allowed_expressions_end_soon(pattern, text):
+    begun = time.process_time()
+    assert does(f'T = "{text}"; .replace(T, "{pattern}", "", R); .length(R, N); .print(N)') == [str(len(text))]
+    assert time.process_time() - begun < 5

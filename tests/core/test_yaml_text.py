@@ -7,7 +7,8 @@ import pytest
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from socialbot.core.yaml import DEPTH, check_depth, load_yaml
+from socialbot.core.limits import YAML_DEPTH
+from socialbot.core.yaml import check_depth, load_yaml
 
 
 def loaders() -> list[YAML]:
@@ -39,8 +40,8 @@ def test_deeply_nested_files_are_refused_with_the_line(loader: YAML, unit: str) 
 
 @pytest.mark.parametrize("loader", loaders())
 def test_some_depth_is_allowed(loader: YAML) -> None:
-    nested = load_yaml(loader, "[" * (DEPTH - 5) + "]" * (DEPTH - 5))
-    for _ in range(DEPTH - 6):
+    nested = load_yaml(loader, "[" * (YAML_DEPTH - 5) + "]" * (YAML_DEPTH - 5))
+    for _ in range(YAML_DEPTH - 6):
         [nested] = nested
     assert nested == []
 
@@ -48,7 +49,7 @@ def test_some_depth_is_allowed(loader: YAML) -> None:
 def test_the_depth_can_be_checked_before_loading() -> None:
     check_depth("a: {b: [c]}\n" * 1000)
     with pytest.raises(YAMLError, match="nested more than"):
-        check_depth("[{" * DEPTH)
+        check_depth("[{" * YAML_DEPTH)
 
 
 def levels(first: str, more: str) -> str:

@@ -28,19 +28,21 @@ from socialbot.agents.teams.missions import CoordinatorMemory
 from socialbot.agents.warehouse.scenario import parse_faults as parse_warehouse_faults
 from socialbot.agents.warehouse.scenario import scenario_of
 from socialbot.bags import codec
+from socialbot.bags.image_files import decode_image, open_video
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.bags.types import RosbagsTypes
-from socialbot.bdi import Engine, Record
+from socialbot.bdi import Engine, Failed, Record
 from socialbot.bdi.agentspeak.loading import load as load_program
 from socialbot.bdi.saving import read as read_mind
 from socialbot.bdi.saving import restore, write
+from socialbot.bdi.stdlib._strings import replaced
 from socialbot.bdi.trace import JsonLines, read_trace
 from socialbot.bridge.keys import Keys, load_private_key
 from socialbot.bridge.security import Freshness, Opener, Stream
 from socialbot.bridge.topics import parse_message
 from socialbot.core import paths
 from socialbot.core.clock import SECOND, ManualClock
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import RuleError, SocialbotError
 from socialbot.core.messages import (
     BoxMarkers,
     CameraInfo,
@@ -123,6 +125,11 @@ def _messages() -> Iterator[Decoder]:
     yield Decoder("cdr-boxes", _cdr(BoxMarkers), (_serialized(boxes),))
     files = tuple(bytes(picture.data) for picture in _compressed())
     yield Decoder("picture", lambda data: bgr_from_compressed(_picture(data)), files)
+    encoded = tuple(
+        cv2.imencode(suffix, np.zeros((6, 8, 3), np.uint8))[1].tobytes()
+        for suffix in (".png", ".jpg", ".bmp", ".ppm", ".tiff", ".webp")
+    )
+    yield Decoder("image-file", lambda data: decode_image(data, where="image"), encoded)
     sealed = tuple(_stream().seal(text_of(text)).encode() for text in texts[:4])
     yield Decoder("sealed", lambda data: _opener().open(text_of(data)), sealed)
     yield Decoder("sent-by-hand", _by_hand, tuple(_handwritten(message) for message in structured()))
@@ -267,6 +274,23 @@ def _files() -> Iterator[Decoder]:
     yield Decoder("pictures", _file(load_labels), (pictures,))
     yield from _data_sets()
     yield Decoder("private-key", _private_key, (_pem(),))
+    yield Decoder("video", _file(_read_video, "video.avi"), (_video(),))
+
+
+def _video() -> bytes:
+    path = scratch() / "made.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (16, 12))
+    for _ in range(2):
+        writer.write(np.zeros((12, 16, 3), np.uint8))
+    writer.release()
+    return path.read_bytes()
+
+
+def _read_video(path: Path) -> None:
+    capture = open_video(path)
+    for _ in range(3):
+        capture.read()
+    capture.release()
 
 
 def _data_sets() -> Iterator[Decoder]:
@@ -354,6 +378,8 @@ def _engine() -> Engine:
 def _minds() -> Iterator[Decoder]:
     programs = _content("agents/hospital/nurse.asl", "agents/hospital/uvd.asl", "agents/hospital/spot.asl")
     yield Decoder("agentspeak", lambda data: load_program(_engine(), text_of(data)), programs)
+    replaced = (b"(ab)+\nabab", b"[a-z]+ (x|y)\nab x", b"(?P<n>a{2,3}?)\\1\naaaa")
+    yield Decoder("regular-expression", _replaced, replaced)
     program = 'light(on). !wander. @p[atomic] +!wander : light(on) <- -light(on); +light([1, 2.5, "x", f(y)]); !later.'
     engine = _engine()
     load_program(engine, program)
@@ -370,6 +396,14 @@ def _minds() -> Iterator[Decoder]:
         for number, kind in enumerate(("belief", "plan", "action")):
             trace(Record(f"r{number}", STAMP + number, kind, "wander", f"r{number - 1}", {"source": "self"}))
     yield Decoder("trace", _file(read_trace), (path.read_bytes(),))
+
+
+def _replaced(data: bytes) -> None:
+    pattern, _, text = text_of(data).partition("\n")
+    try:
+        replaced(".replace", pattern, "", text)
+    except Failed as failed:
+        raise RuleError(str(failed)) from failed
 
 
 def _restored(path: Path) -> None:

@@ -9,7 +9,7 @@ from socialbot.core.errors import RunError
 from socialbot.core.messages import Health, State
 from socialbot.graph.files import load_graph
 from socialbot.runs.folder import newest_run, open_run
-from socialbot.runs.record import RunRecord, RunTrace
+from socialbot.runs.record import SOUNDS, RunRecord, RunTrace
 from socialbot.runs.run import Picture, wording_of
 from tests.runs.deliberating_runs import record
 from tests.runs.runs import START, greeting, long_run
@@ -166,3 +166,14 @@ def test_newest_run_is_the_last_written(tmp_path):
         trace.touch()
         os.utime(trace, (1e9 - age, 1e9 - age))
     assert newest_run(tmp_path) == tmp_path / "new"
+
+
+def test_a_sound_is_a_file_of_the_run(tmp_path):
+    run = open_run(greeting(tmp_path / "run"))
+    (tmp_path / "secret.wav").write_bytes(b"secret")
+    sounds = tmp_path / "run" / SOUNDS
+    sounds.mkdir(exist_ok=True)
+    (sounds / "own.wav").write_bytes(b"own")
+    (sounds / "link.wav").symlink_to(tmp_path / "secret.wav")
+    assert run.sound("own.wav") == b"own"
+    assert run.sound("link.wav") is None

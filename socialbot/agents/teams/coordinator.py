@@ -293,7 +293,7 @@ class TeamCoordinator(Node):
         if path is None or not path.exists():
             return CoordinatorMemory()
         try:
-            return msgspec.json.decode(path.read_bytes(), type=CoordinatorMemory)
+            return msgspec.json.decode(paths.read_bytes(path), type=CoordinatorMemory)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ParameterError(
                 f"cannot read the memory file: {error}", where=str(path), remedy="delete the file"

@@ -41,6 +41,9 @@ from socialbot.bdi.terms import (
 )
 from socialbot.core.errors import RuleError
 
+MAX_OPERANDS = 100
+"""Most operands of one expression or conjunction, whose evaluation is nested."""
+
 VARIABLE, NAME, NUMBER, STRING, QUOTED = range(1, 6)
 KINDS = {
     **dict.fromkeys("ABCDEFGHIJKLMNOPQRSTUVWXYZ_", VARIABLE),
@@ -131,11 +134,16 @@ class TermReader:
                     start,
                     "a condition is a term as an argument, such as a(X > 1), not in a list or an annotation",
                 )
+        joined = 0
         while True:
             operator = BINARY.get(words[self.at])
             # A missing '.' before the next plan: +!g
             if operator is None or operator[0] < level or words[self.at + 1] in ("!", "?"):
                 return value
+            joined += operator[0] != Level.OR
+            if joined == MAX_OPERANDS:
+                remedy = "compute it in several steps, or by rules"
+                raise self.source.error(self.at, f"more than {MAX_OPERANDS} operands in one expression", remedy)
             value = self.joined(value, start, *operator)
 
     def joined(self, left: object, start: int, level: int, symbol: str) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,9 @@ from socialbot.bdi.terms import NOTHING, Atom, Variable, conjunction
 from socialbot.core.errors import RuleError
 
 _local_numbers = itertools.count(1)
+
+MAX_BYTES = 1 << 24  # largest program file
+MAX_INCLUDES = 1000  # most included files: each may include the next one twice
 
 DIRECTIVES = {
     "include": (1, 2),
@@ -97,6 +101,8 @@ def read_program(file: Path, paths: IncludePaths | None = None) -> Program:
 def read_text(file: Path) -> str:
     """Read a text file. Raises RuleError if it cannot be read."""
     try:
+        if file.stat().st_size > MAX_BYTES:
+            raise OSError(errno.EFBIG, f"larger than {MAX_BYTES >> 20} MiB")
         return file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as problem:
         what = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
@@ -106,10 +112,17 @@ def read_text(file: Path) -> str:
 class ProgramParser(Parser):
     """Parser of programs."""
 
-    def __init__(self, source: Source, paths: IncludePaths | None = None, including: tuple[Path, ...] = ()) -> None:
+    def __init__(
+        self,
+        source: Source,
+        paths: IncludePaths | None = None,
+        including: tuple[Path, ...] = (),
+        included: list[Path] | None = None,
+    ) -> None:
         super().__init__(source)
         self.paths = paths
         self.including = including
+        self.included = [] if included is None else included
         self.beliefs: list[Literal] = []
         self.inferences: list[Inference] = []
         self.goals: list[Literal] = []
@@ -295,7 +308,10 @@ class ProgramParser(Parser):
         if place in including:
             chain = " -> ".join(each.name for each in (*including[including.index(place) :], place))
             raise self.source.error(at, f"the file includes itself: {chain}", "remove one of the includes")
-        inner = ProgramParser(Source(text, str(file)), self.paths, including)
+        self.included.append(place)
+        if len(self.included) > MAX_INCLUDES:
+            raise self.source.error(at, f"more than {MAX_INCLUDES} files are included", "include each file once")
+        inner = ProgramParser(Source(text, str(file)), self.paths, including, self.included)
         own = self.namespace
         if namespace:
             given = namespace[0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -71,12 +73,63 @@ def substring(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     return each(args[2:], ((at, at + len(part) - 1)[: len(span)] for at in places), trail)
 
 
-def pattern_of(name: str, text: str) -> re.Pattern[str]:
-    """Compile a regular expression. Raises Failed for a wrong one."""
+MAX_SEARCHED = (10_000, 10_000, 2_000, 500)
+"""Most characters of a text by the number of unlimited repeats in its regular expression, the last for more."""
+
+MAX_REPEATS = 16
+"""Most repeats of variable length in a regular expression; more repetitions than that count as unlimited."""
+
+
+def replaced(name: str, pattern: str, template: str, text: str) -> str:
+    """Replace each match of a regular expression, in a time that is bounded whatever the text.
+
+    Raises Failed for a wrong expression, one with a variable repeat in an unlimited one, whose time can double with
+    each character, more than `MAX_REPEATS`, and a text beyond `MAX_SEARCHED`.
+    """
     try:
-        return re.compile(text)
-    except re.error as problem:
-        raise Failed("wrong_arguments", f"{name}: {text!r} is not a regular expression: {problem}") from problem
+        compiled = re.compile(pattern)
+        variable, unlimited = _repeats(_parser().parse(pattern), inside=False)
+        if variable > MAX_REPEATS:
+            raise Failed("wrong_arguments", f"{name}: {pattern!r} repeats repeats, which can take for ever")
+        limit = MAX_SEARCHED[min(unlimited, len(MAX_SEARCHED) - 1)]
+        if len(text) > limit:
+            raise Failed("wrong_arguments", f"{name}: more than {limit} characters for the repeats of {pattern!r}")
+        return compiled.sub(template, text)
+    except (re.error, RecursionError, OverflowError) as problem:
+        raise Failed("wrong_arguments", f"{name}: {pattern!r} is not a regular expression: {problem}") from problem
+
+
+def _parser() -> Any:
+    """The parser of `re`."""
+    return vars(re).get("_parser") or importlib.import_module("sre_parse")  # before Python 3.11
+
+
+def _repeats(parsed: Any, *, inside: bool) -> tuple[float, int]:
+    """Count the repeats of variable and of unlimited length; infinite if one is ``inside`` of an unlimited one."""
+    variable, unlimited = 0.0, 0
+    for code, value in parsed:
+        name, times = str(code), 1
+        if name in ("MAX_REPEAT", "MIN_REPEAT"):
+            least, most, body = value
+            is_unlimited = most > max(MAX_REPEATS, least)
+            variable += (math.inf if inside else 1) if most > least else 0
+            unlimited += is_unlimited
+            times = most if most <= MAX_REPEATS else max(least, 1)
+            parts: Any = (body,)
+            inner = inside or is_unlimited
+        else:
+            if name == "BRANCH":
+                variable += math.inf if inside else 0
+                value = value[1]
+            parts = [
+                part for part in (value if isinstance(value, (tuple, list)) else (value,)) if hasattr(part, "data")
+            ]
+            inner = inside
+        for part in parts:
+            more, endless = _repeats(part, inside=inner)
+            variable += more * times
+            unlimited += endless * times
+    return variable, unlimited
 
 
 @internal(".replace", 4, binds=True)
@@ -87,8 +140,8 @@ def replace(engine: Any, args: Args, trail: Trail) -> bool:
         raise wrong(".replace", by if isinstance(what, str) else what, "a string")
     template = re.sub(r"\\(.)|\$(\d)|[\\$]", _group, by, flags=re.DOTALL)
     try:
-        return gives(args[3], pattern_of(".replace", what).sub(template, text), trail)
-    except (re.error, IndexError) as problem:
+        return gives(args[3], replaced(".replace", what, template, text), trail)
+    except IndexError as problem:
         raise Failed("wrong_arguments", f".replace: {by!r} cannot replace {what!r}: {problem}") from problem
 
 

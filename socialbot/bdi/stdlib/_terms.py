@@ -11,7 +11,7 @@ from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.literals import Event, Literal, literal, source
 from socialbot.bdi.plans import Inference, Plan
-from socialbot.bdi.stdlib._strings import pattern_of, text_of
+from socialbot.bdi.stdlib._strings import replaced, text_of
 from socialbot.bdi.stdlib.registry import (
     Args,
     Collection,
@@ -176,7 +176,7 @@ def delete(engine: Any, args: Args, trail: Trail) -> bool:
     if len(rest) != 2:
         raise wrong(".delete", rest[0], "a list or a string, after one or two numbers, or after a term")
     if isinstance(what, str) and rest[0].__class__ is not tuple:
-        return gives(rest[1], pattern_of(".delete", what).sub("", text_of(".delete", rest[0])), trail)
+        return gives(rest[1], replaced(".delete", what, "", text_of(".delete", rest[0])), trail)
     matches: Trail = []
     left = tuple(item for item in items_of(".delete", rest[0]) if not gives(what, item, matches))
     undo(matches, 0)

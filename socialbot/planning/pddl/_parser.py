@@ -8,10 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from socialbot.core.errors import PlanningError
+from socialbot.core.limits import PDDL_DEPTH
 from socialbot.planning.pddl.domain import OBJECT, PddlDomain, Signature
 from socialbot.planning.pddl.formulas import Terms, TypedName
-
-MAX_DEPTH = 100
 
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 
@@ -68,8 +67,8 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
             if whole is not None:
                 continue
             if token == "(":
-                if len(open_groups) == MAX_DEPTH:
-                    raise PlanningError(f"more than {MAX_DEPTH} parentheses in each other", where=f"{where}:{number}")
+                if len(open_groups) == PDDL_DEPTH:
+                    raise PlanningError(f"more than {PDDL_DEPTH} parentheses in each other", where=f"{where}:{number}")
                 open_groups.append((number, []))
             elif not open_groups:
                 raise PlanningError(

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-import cv2
 import msgspec
 import numpy as np
 
 from socialbot.bags.codec import STRING
+from socialbot.bags.image_files import decode_image, open_video
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.types import RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
+from socialbot.core.paths import read_bytes
 from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.depth import measure_people
 from socialbot.vision.depth_sensors import DepthSensors
@@ -64,11 +65,7 @@ class EncodedImage(NamedTuple):
             return bgr_from_image(self.content)
         if isinstance(self.content, CompressedImage):
             return bgr_from_compressed(self.content)
-        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = cv2.imdecode(np.frombuffer(self.content, np.uint8), flags) if self.content else None
-        if pixels is None:
-            raise ImageError("cannot be decoded", where=self.name, remedy="remove or replace this image")
-        return pixels
+        return decode_image(self.content, where=self.name)
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ class FolderImages:
             path = Path(self.folder) / image
             stamp = self.stamps[number] if self.stamps else number * IMAGE_NS
             try:
-                content = path.read_bytes()
+                content = read_bytes(path)
             except OSError as error:
                 raise BagError(
                     error.strerror or str(error), where=str(path), remedy="check the folder given by --images"
@@ -133,11 +130,9 @@ class VideoImages:
     consecutive = True
 
     def read(self) -> Iterator[EncodedImage]:
-        """Read the images in order. Raises BagError for an unreadable file."""
-        capture = cv2.VideoCapture(self.path)
+        """Read the images in order. Raises ImageError for an unreadable file."""
+        capture = open_video(self.path)
         try:
-            if not capture.isOpened():
-                raise BagError("cannot be opened as a video", where=self.path, remedy="convert it to mp4, avi or mkv")
             number = 0
             while (read := capture.read())[0]:
                 yield EncodedImage(round(number * SECOND / self.rate_hz), read[1], name=f"{self.path}: frame {number}")

@@ -27,6 +27,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from socialbot.core.errors import TruthError
+from socialbot.core.paths import read_bytes
 
 TRUTH_TOPIC = "/ground_truth/persons"
 """Topic of ground truth in a bag."""
@@ -142,7 +143,7 @@ def truth_beside(bag: Path) -> Path:
 def read_json(path: str | Path) -> bytes:
     """Read a file. Raises TruthError if that fails."""
     try:
-        return Path(path).read_bytes()
+        return read_bytes(Path(path))
     except OSError as error:
         raise TruthError(error.strerror or str(error), where=str(path), remedy="check the path") from error
 

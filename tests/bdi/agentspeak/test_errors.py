@@ -21,6 +21,7 @@ from socialbot.bdi.agentspeak import (
 )  # fmt: skip
 from tests.bdi.agentspeak.programs import SLOW
 from tests.bdi.agentspeak.shape import shape
+from tests.bdi.mas import said
 
 
 def message(text, read=parse):
@@ -216,3 +217,23 @@ def test_a_long_text_is_read_or_refused_soon(unit):
     with contextlib.suppress(AgentSpeakError):
         parse("+b <- a." + unit * 20_000)
     assert time.process_time() - begun < 2.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "!a. +!a <- X = " + "1 + " * 5000 + "1.",
+        "!a. +!a : " + "p & " * 5000 + "p <- .print(x).",
+        "q :- " + "p & " * 5000 + "p.",
+        "q :- " + "not p & " * 5000 + "p.",
+        "q :- a(" + "1 * " * 5000 + "1).",
+    ],
+)
+def test_a_chain_of_operators_without_end_is_refused(text):
+    assert "more than 100 operands" in message(text)
+
+
+def test_the_longest_chain_of_operators_runs():
+    assert said("!a. +!a <- X = " + "1 + " * 99 + "1; .print(X).") == ["100"]
+    assert said("p. q :- " + "p & " * 99 + "p. !a. +!a : q & " + "p & " * 98 + "p <- .print(yes).") == ["yes"]
+    assert said("p. q :- " + "z | " * 500 + "p. !a. +!a : q <- .print(yes).") == ["yes"]

@@ -13,9 +13,11 @@ from typing import Literal
 
 import cv2
 
+from socialbot.bags.image_files import open_video, read_image
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError, TruthError
+from socialbot.core.paths import read_bytes
 from socialbot.vision.metrics.frames import (
     BLOCK_S,
     IMAGE_NS,
@@ -77,7 +79,7 @@ def fault(what: str, where: object, remedy: str) -> TruthError:
 def read_text(path: Path) -> str:
     """Read a text file. Raises TruthError if that fails."""
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return read_bytes(path).decode("utf-8-sig")
     except OSError as error:
         raise fault(error.strerror or str(error), path, "check the path") from error
     except UnicodeDecodeError as error:
@@ -340,10 +342,10 @@ def video(path: Path, rate_hz: float | None = None) -> tuple[VideoImages, int]:
     Raises:
         ImageError: It cannot be read, or does not say how long it is.
     """
-    capture = cv2.VideoCapture(str(path))
+    capture = open_video(path)
     try:
         count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
-        if not capture.isOpened() or not 0 < count < 1e8:
+        if not 0 < count < 1e8:
             raise ImageError("cannot be opened as a video", where=str(path), remedy="convert it to mp4, avi or mkv")
     finally:
         capture.release()
@@ -369,9 +371,7 @@ def image_size(path: Path) -> tuple[int, int]:
         raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
     size = _png_size(head) or _jpeg_size(head)
     if size is None:
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        if pixels is None:
-            raise ImageError("cannot be decoded", where=str(path), remedy="remove or replace this image")
+        pixels = read_image(path)
         size = pixels.shape[1], pixels.shape[0]
     return size
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from socialbot.core.paths import read_bytes
 from socialbot.vision.metrics.formats._labels import fault, numbers
 
 
@@ -18,7 +19,7 @@ class Element(ElementTree.Element):
 def read_xml(path: Path) -> Element:
     """Read an XML file. Raises TruthError, with the line, if it is invalid or has entities of its own."""
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise fault(error.strerror or str(error), path, "check the path") from error
     builder = ElementTree.TreeBuilder(element_factory=Element)

@@ -10,6 +10,7 @@ import msgspec
 
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
+from socialbot.core.paths import read_bytes
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,
     Entry,
@@ -74,7 +75,7 @@ class _File(msgspec.Struct):
 def is_coco(path: Path) -> bool:
     """Whether a file is a JSON object with images and annotations."""
     try:
-        msgspec.json.decode(path.read_bytes(), type=_File)
+        msgspec.json.decode(read_bytes(path), type=_File)
     except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
         return False
     return True

@@ -1,0 +1,60 @@
+"""Images and videos from files, within the limits of `socialbot.core.limits`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from socialbot.core import paths
+from socialbot.core.errors import ImageError
+from socialbot.core.limits import IMAGE_PIXELS
+
+SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+"""Suffixes of images in a folder."""
+
+_REMEDY = "remove or replace this image"
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Decode an image file: shape (height, width, 3), uint8, BGR, as stored, whatever its orientation.
+
+    Raises ImageError if it cannot be read or decoded, or has more than `IMAGE_PIXELS`.
+    """
+    try:
+        data = paths.read_bytes(path)
+    except OSError as error:
+        raise ImageError(error.strerror or str(error), where=str(path), remedy="check the path") from error
+    return decode_image(data, where=str(path))
+
+
+def decode_image(data: bytes, *, where: str) -> np.ndarray:
+    """Decode the content of an image file as `read_image` does. Errors name ``where``."""
+    try:
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    except cv2.error as error:
+        what = too_many_pixels() if "MAX_IMAGE_PIXELS" in str(error) else f"cannot be decoded: {error.err}"
+        raise ImageError(what, where=where, remedy=_REMEDY) from error
+    if pixels is None:
+        raise ImageError("cannot be decoded", where=where, remedy=_REMEDY)
+    if pixels.shape[0] * pixels.shape[1] > IMAGE_PIXELS:
+        raise ImageError(too_many_pixels(), where=where, remedy=_REMEDY)
+    return pixels
+
+
+def open_video(path: str | Path) -> cv2.VideoCapture:
+    """Open a video file. Raises ImageError if it is none, or its frames have more than `IMAGE_PIXELS`."""
+    capture = cv2.VideoCapture(str(path))
+    width, height = (capture.get(each) for each in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if capture.isOpened() and width * height <= IMAGE_PIXELS:
+        return capture
+    what = too_many_pixels() if capture.isOpened() else "cannot be opened as a video"
+    capture.release()
+    raise ImageError(what, where=str(path), remedy="convert it to mp4, avi or mkv, with smaller frames")
+
+
+def too_many_pixels() -> str:
+    """Describe a violation of the limit."""
+    return f"more than {IMAGE_PIXELS / 1e6:.0f} million pixels"

@@ -1,0 +1,33 @@
+"""Limits of the readers of files and messages. docs/fuzzing.md lists them with those of the engine."""
+
+from __future__ import annotations
+
+TEXT_BYTES = 1 << 24
+"""Largest text file: graph, deployment, AgentSpeak, PDDL, YAML, behaviours."""
+
+DATA_BYTES = 1 << 30
+"""Largest file of data that is read at once: labels, saved states, records, images, sounds."""
+
+IMAGE_PIXELS = 1 << 25
+"""Most pixels of an image or a frame of a video (8K): a small file may claim gigabytes of pixels."""
+
+IMAGE_VARIABLE = "OPENCV_IO_MAX_IMAGE_PIXELS"
+"""Variable that gives this limit to OpenCV, which reads it when it is imported."""
+
+YAML_DEPTH = 50
+"""Maximum nesting depth of lists and mappings, with aliases in full."""
+
+YAML_GROWTH = 100_000
+"""Maximum number of values and characters that aliases add to a text, as nine aliases of nine aliases of nine do."""
+
+PDDL_DEPTH = 100
+"""Maximum number of parentheses in each other."""
+
+BAG_CHUNK_BYTES = 1 << 30
+"""Maximum size of a decompressed chunk or message. rosbag2 writes chunks of 768 KiB, or of one larger message."""
+
+BAG_FILE_BYTES = 1 << 36
+"""Maximum size of a decompressed file of a bag; it goes to the temporary folder."""
+
+BAG_RATIO = 200
+"""Maximum ratio of such a file to its compressed size. Text reaches 30."""

@@ -1,0 +1,91 @@
+"""Image and video files that claim more pixels than the memory holds."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from socialbot.bags.conversion import import_bag
+from socialbot.bags.image_files import SUFFIXES, open_video, read_image
+from socialbot.core.errors import BagError, ImageError
+from socialbot.vision.camera_node import open_frames
+from socialbot.vision.metrics.formats._labels import image_size
+
+SIDE = 60_000  # 3.6 gigapixels
+
+
+def png(width: int, height: int) -> bytes:
+    def part(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(1_000_000))
+    return b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", rows) + part(b"IEND", b"")
+
+
+def bmp(width: int, height: int) -> bytes:
+    content = bytes(1000)
+    return (
+        b"BM"
+        + struct.pack("<IHHI", 54 + len(content), 0, 0, 54)
+        + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0)
+        + content
+    )
+
+
+def ppm(width: int, height: int) -> bytes:
+    return f"P6 {width} {height} 255\n".encode() + bytes(1000)
+
+
+@pytest.mark.parametrize(("suffix", "make"), [(".png", png), (".bmp", bmp), (".ppm", ppm)])
+@pytest.mark.parametrize(
+    "read",
+    [
+        read_image,
+        lambda path: open_frames(str(path.parent)),
+        lambda path: import_bag(str(path.parent), path.parent / "bag"),
+    ],
+    ids=["file", "camera", "import"],
+)
+def test_a_gigapixel_image_is_refused(
+    tmp_path: Path, suffix: str, make: Callable[[int, int], bytes], read: Callable[[Path], object]
+) -> None:
+    path = tmp_path / f"image{suffix}"
+    path.write_bytes(make(SIDE, SIDE))
+    with pytest.raises((ImageError, BagError), match=r"more than 34 million pixels|cannot be decoded"):
+        read(path)
+
+
+@pytest.mark.parametrize("suffix", sorted(SUFFIXES))
+def test_images_of_all_suffixes_are_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"image{suffix}"
+    assert cv2.imwrite(str(path), np.full((4, 6, 3), 200, np.uint8))
+    assert read_image(path).shape == (4, 6, 3)
+    assert image_size(path) == (6, 4)
+
+
+@pytest.mark.parametrize("content", [b"", b"text"])
+def test_other_files_are_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "image.png").write_bytes(content)
+    with pytest.raises(ImageError, match="cannot be decoded") as caught:
+        read_image(tmp_path / "image.png")
+    assert caught.value.where == str(tmp_path / "image.png")
+
+
+def test_a_video_of_huge_frames_is_refused(tmp_path: Path) -> None:
+    small, large = tmp_path / "small.avi", tmp_path / "large.avi"
+    for path, size in ((small, (64, 48)), (large, (8192, 4200))):
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, size)
+        writer.write(np.zeros((size[1], size[0], 3), np.uint8))
+        writer.release()
+    open_video(small).release()
+    with pytest.raises(ImageError, match="more than 34 million pixels"):
+        open_video(large)
+    with pytest.raises(ImageError, match="cannot be opened"):
+        open_video(tmp_path / "none.avi")
