@@ -13,6 +13,7 @@ from rich.text import Text
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     HeadCommand,
+    HeardSpeech,
     JointTrajectory,
     Message,
     PersonDetection,
@@ -117,6 +118,8 @@ class Display:
                 self._line(message.stamp, "says", f'"{message.text}"')
             case SpeechStatus(state="failed" | "expired" | "replaced" | "interrupted"):
                 self._line(message.stamp, "fails", f'to say "{message.text}": {message.state} {message.detail}')
+            case HeardSpeech():
+                self._line(message.stamp, "hears", f'"{message.text}"')
             case HeadCommand():
                 direction = f"looks at {_degrees(message.pan_rad)}, {_degrees(message.tilt_rad)}"
                 known = {"track": "follows people", "centre": "looks straight on"}

@@ -9,7 +9,7 @@ from itertools import islice
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import TraceRecord
 
-OF_TOPICS = frozenset({"detection", "utterance", "speech", "head", "motion"})
+OF_TOPICS = frozenset({"detection", "hearing", "utterance", "speech", "head", "motion"})
 """Kinds of records whose source is a topic; the source of all others is an agent."""
 
 LONGEST_CHAIN = 1000

@@ -102,6 +102,8 @@ _TEXTS = {
     "event": "notices {what}",
     "failure": "fails at {what}{because}",
     "goal": "wants {what}",
+    "answer": 'answers "{what}"',
+    "hearing": 'hears "{what}"',
     "head centre": "looks straight ahead",
     "head look": "turns its head",
     "head track": "follows people with its head",

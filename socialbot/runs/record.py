@@ -20,6 +20,7 @@ from socialbot.core.messages import (
     ActionRequest,
     HeadCommand,
     Health,
+    HeardSpeech,
     JointTrajectory,
     Message,
     PersonDetections,
@@ -36,7 +37,7 @@ from socialbot.vision.metrics.scores import ScoredFrame
 T = TypeVar("T", bound="RunTrace")
 
 RECORDED: tuple[type[Message], ...] = (
-    PersonDetections, TraceRecord, ActionRequest, Utterance, SpeechStatus, HeadCommand, JointTrajectory,
+    PersonDetections, TraceRecord, ActionRequest, HeardSpeech, Utterance, SpeechStatus, HeadCommand, JointTrajectory,
 )  # fmt: skip
 """Message types of a run."""
 
@@ -215,6 +216,11 @@ def trace_record(topic: str, message: Message) -> TraceRecord | None:
             cause = f"frame-{message.stamp}"
             if persons:
                 detail = {"persons": msgspec.to_builtins(persons), "width": message.width, "height": message.height}
+        case HeardSpeech(id=id, text=what):
+            kind = "hearing"
+            names = ("person", "language", "voice")
+            detail = {name: getattr(message, name) for name in names if getattr(message, name)}
+            detail |= {"confidence": message.confidence, "start": message.start}
         case Utterance(id=id, text=what, cause=cause):
             kind = "utterance"
         case SpeechStatus(utterance_id=cause, state=what):

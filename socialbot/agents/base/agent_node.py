@@ -237,16 +237,18 @@ class AgentNode(Node):
             self._beliefs = None
         if self._mind_file is not None:
             self._mind_file.changed()
-        self.trace.publish(
-            TraceRecord(
-                stamp=record.time,
-                id=record.id,
-                source=self.name,
-                kind=record.kind,
-                what=record.what,
-                cause=record.cause,
-                detail=record.detail,
-            )
+        self.trace.publish(self.trace_message(record))
+
+    def trace_message(self, record: Record) -> TraceRecord:
+        """Return the message of a trace record."""
+        return TraceRecord(
+            stamp=record.time,
+            id=record.id,
+            source=self.name,
+            kind=record.kind,
+            what=record.what,
+            cause=record.cause,
+            detail=record.detail,
         )
 
     def _show_mind(self) -> None:

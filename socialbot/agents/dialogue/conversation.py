@@ -13,7 +13,6 @@ from typing import NamedTuple
 from socialbot.agents.dialogue.intents import UNKNOWN, Reading
 from socialbot.agents.dialogue.script import ANY, Question, Script
 from socialbot.bdi import (
-    ANYTHING,
     Belief,
     Engine,
     Goal,
@@ -29,7 +28,7 @@ from socialbot.bdi import (
     variables,
     wait_for,
 )
-from socialbot.core.messages import HeardSpeech, SpeechStatus
+from socialbot.core.messages import HeardSpeech, SpeechStatus, VoiceActivity
 
 SOMEBODY = "somebody"
 """Person of speech whose speaker is unknown."""
@@ -119,9 +118,9 @@ class Verdict(Goal):
 
 
 class tell(LongAction):
-    """tell(Person, Situation, Arguments): say the sentence for a situation; ends with its utterance."""
+    """tell(Situation, Person, Arguments): say the sentence for a situation; ends with its utterance."""
 
-    def start(self, person: str, situation: str, arguments: tuple[object, ...] = ()) -> None:
+    def start(self, situation: str, person: str, arguments: tuple[object, ...] = ()) -> None:
         self.engine.robot.conversation.tell(self, person, situation, arguments)
 
     def cancel(self) -> None:
@@ -156,6 +155,8 @@ class Policy(NamedTuple):
     """Longest duration of an utterance, with its wait in the queue of the speaker."""
     waiting_s: float = 30.0
     """Time after which a waiting person is given up."""
+    longest_speech_s: float = 30.0
+    """Time after which nobody is believed to be still speaking: the end was lost, or it is no speech."""
     least_confidence: float = 0.3
     """Recognized speech below this confidence counts as not understood."""
 
@@ -169,6 +170,7 @@ class SpeechSensor(Sensor):
     def sense(self, percept: HeardSpeech) -> Sensed:
         talk = self._conversation
         person = talk.speaker(percept)
+        talk.last_heard[person] = percept
         reading = talk.read(percept, person)
         by = f"{percept.text!r}, recognized with a confidence of {percept.confidence:.2f}"
         if reading:
@@ -213,6 +215,9 @@ class Conversation:
     ) -> None:
         self.engine, self.script, self.language = engine, script, language
         self.present, self.attends, self.policy = present, attends, policy or Policy()
+        self._voices: dict[str, str] = {}  # persons who are speaking, by voice
+        self.last_heard: dict[str, HeardSpeech] = {}
+        """Last sentence of each person."""
         self._telling: dict[str, LongAction] = {}
         self._last: dict[str, tuple[str, tuple[object, ...]]] = {}
         self.sensor = SpeechSensor(self)
@@ -223,15 +228,19 @@ class Conversation:
     def hear(self, message: HeardSpeech) -> None:
         """Turn recognized speech into beliefs."""
         if message.text.strip():
-            cause = f"heard-{message.stamp}"
-            self.engine.perceive(self.sensor, message, cause=cause, since=min(message.stamp, self.engine.clock.now()))
+            since = min(message.stamp, self.engine.clock.now())
+            self.engine.perceive(self.sensor, message, cause=message.id, since=since)
 
-    def activity(self, person: str, *, active: bool, cause: str = "") -> None:
-        """Note that a person begins or ends to speak."""
-        if active:
-            self.engine.believe(talks(person or SOMEBODY), source="speech", cause=cause)
-        else:
-            self.engine.forget(talks(person or ANYTHING))
+    def activity(self, message: VoiceActivity) -> None:
+        """Note that a person begins or ends to speak; the person of a voice may become known in between."""
+        cause = f"voice-{message.stamp}"
+        before = self._voices.pop(message.voice, "")
+        if message.active:
+            person = self._voices[message.voice] = message.person or before or SOMEBODY
+            if person != before:
+                self.engine.believe(talks(person), source="speech", cause=cause)
+        if before and before not in self._voices.values():
+            self.engine.forget(talks(before), cause=cause)
 
     def speaker(self, message: HeardSpeech) -> str:
         """The person who spoke: as recognized, or who was asked, or the only one present, or `SOMEBODY`."""
@@ -271,6 +280,10 @@ class Conversation:
         """Say the sentence for a situation in the language of a person; `note` ends the action."""
         text, language = self.script.sentence(situation, arguments, self.language_of(person))
         self._last[person] = (situation, arguments)
+        self.say(action, person, situation, text, language)
+
+    def say(self, action: LongAction, person: str, situation: str, text: str, language: str) -> None:
+        """Say a text; `note` ends the action."""
         if utterance := self.engine.robot.utter(action, person, situation, text, language):
             self._telling[utterance] = action
         else:
@@ -329,6 +342,7 @@ def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]
         +heard(Who, What, Slots) >> [Turn(Who, What, Slots)],
         -turn(_) / (waits(Who, What, Slots) & ~turn(_)) >> [-waits(Who, What, Slots), Turn(Who, What, Slots)],
         +waits(Who, What, Slots).held_for(policy.waiting_s) >> [-waits(Who, What, Slots)],
+        +talks(Who).held_for(policy.longest_speech_s) >> [-talks(Who)],
         # A turn ends with its response, whatever comes of it.
         Turn(Who, What, Slots) >> [wait_for(~turn(_)), +turn(Who), Respond(Who, What, Slots), -turn(Who)],
         -Turn(Who, What, Slots) >> [-turn(Who)],
@@ -336,7 +350,7 @@ def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]
         >> [wait_for(~turn(_)), +turn(Who), Ask(Who, Q, A, What, Slots), Respond(Who, What, Slots), -turn(Who)],
         -Converse(Who, Q, A)[error_msg(M)] >> [-turn(Who), fail(M)],
         # Sentences
-        Answer(Who, T, A) >> [wait_for(~talks(_), policy.polite_s), tell(Who, T, A).within(policy.speech_s)],
+        Answer(Who, T, A) >> [wait_for(~talks(_), policy.polite_s), tell(T, Who, A).within(policy.speech_s)],
         # Questions
         Ask(Who, Q, A, What, Slots) >> [Pose(Who, Q, A, 1, What, Slots)],
         Pose(Who, Q, A, N, What, Slots)

@@ -26,7 +26,7 @@ UNKNOWN = "unknown"
 """Intent of a sentence that no phrase matches."""
 
 TEXT = "text"
-"""Slot that takes any words up to the end of the clause."""
+"""Slot that takes any words up to the end of the clause; an intent may leave it out of its slots."""
 
 LEAST_SIMILARITY = 0.8
 """Words and slot values match from this similarity on: one wrong letter in five."""
@@ -148,7 +148,7 @@ class Grammar:
                     where = f"intent {intent.name}, {language}"
                     variants = expand(phrase, language, where)
                     used = {part.name for variant in variants for part in variant if isinstance(part, Slot)}
-                    if unknown := sorted(used - set(intent.slots)):
+                    if unknown := sorted(used - {*intent.slots, TEXT}):
                         remedy = suggestion(unknown[0], intent.slots)
                         raise RuleError(
                             f"phrase {phrase!r} has the unknown slot {unknown[0]!r}", where=where, remedy=remedy

@@ -167,7 +167,7 @@ class Listener(Node):
                 self.say.publish(
                     Utterance(stamp=action.stamp, id=f"say-{action.id}", text=text, key=situation, cause=action.id)
                 )
-            case _, (str(person), str(), str(text), str(language)) if action.name in ("tell", "tell_again", "explain"):
+            case "tell" | "tell_again" | "explain", (str(), str(person), str(text), str(language)):
                 self._look("track", action)
                 self.say.publish(
                     Utterance(
@@ -187,7 +187,7 @@ class Listener(Node):
                 self._look("centre", action)
             case _:
                 what = f"unknown action {action.name}{action.arguments}"
-                remedy = "send speak(situation, sentence), tell(person, situation, sentence, language), or stayIdle()"
+                remedy = "send speak(situation, sentence), tell(situation, person, sentence, language), or stayIdle()"
                 raise MessageError(what, where=self.name, remedy=remedy)
 
     def _look(self, mode: str, action: ActionRequest) -> None:

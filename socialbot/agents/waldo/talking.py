@@ -43,7 +43,9 @@ from socialbot.bdi import (
     Engine,
     Goal,
     Inference,
+    LongAction,
     Plan,
+    Record,
     SingletonBelief,
     apart,
     drop,
@@ -53,8 +55,11 @@ from socialbot.bdi import (
 )
 from socialbot.core import paths
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import HeardSpeech, SpeechStatus
+from socialbot.core.messages import HeardSpeech, Message, PersonDetections, SpeechStatus, VoiceActivity
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
+from socialbot.runs.asking import answer
+from socialbot.runs.run import LiveRun
 
 
 class asleep(SingletonBelief):
@@ -83,6 +88,20 @@ class wakeUp(Action):
         self.engine.robot.act(self)
 
 
+class explain(LongAction):
+    """explain(Person): answer the last question of a person about what Waldo sees, did, or will do."""
+
+    def start(self, person: str) -> None:
+        self.engine.robot.explain(self, person)
+
+    def cancel(self) -> None:
+        self.engine.robot.conversation.forget(self)
+        self.cancelled()
+
+
+READ_EVERY = 200
+"""Number of messages after which the run of the past is read, which drops old ones."""
+
 WAKING = ("wake", "hello", "help")
 """Intents that wake Waldo."""
 
@@ -104,9 +123,14 @@ class TalkingWaldo(WaldoNode):
 
     language = Parameter("en", "language of people who have not spoken yet (ISO 639-1)", fixed=True)
     script = Parameter("", "YAML file with more intents, questions and sentences; empty: none", fixed=True)
+    voice_activity = Input(VoiceActivity, "/humans/voices/activity", optional=True)
+
     sleep_after_s = Parameter(300.0, "time without people until Waldo sleeps, s", minimum=1.0, maximum=86400.0)
 
     def build(self) -> Engine:
+        config = NodeConfig(self.name, type(self))
+        self._past = LiveRun(Graph(self.name, (config,), inputs=frozenset(topic for topic, _ in config.subscriptions)))
+        self._unread = 0
         engine = super().build()
         script = self.make_script()
         if self.language not in script.languages:
@@ -131,9 +155,20 @@ class TalkingWaldo(WaldoNode):
         """Return further plans, which come before those of Waldo; subclasses may override it."""
         return []
 
+    @WaldoNode.detections
+    def on_detections(self, message: PersonDetections) -> None:
+        super().on_detections(message)
+        self._remember(WaldoNode.detections.topic, message)
+
     @speech
     def on_speech(self, message: HeardSpeech) -> None:
         self.conversation.hear(message)
+        self._remember(TalkingWaldo.speech.topic, message)
+
+    @voice_activity
+    def on_voice_activity(self, activity: VoiceActivity) -> None:
+        """Waldo waits with a sentence while somebody is speaking."""
+        self.conversation.activity(activity)
 
     @speech_status
     def on_speech_status(self, status: SpeechStatus) -> None:
@@ -143,8 +178,36 @@ class TalkingWaldo(WaldoNode):
         """Request an utterance; return its id."""
         if language == "en" and situation in ("greeting", "greeting_several", "offer"):
             text = self.sentence(situation)
-        self.act(action, person, situation, text, language)
+        self.act(action, situation, person, text, language)
         return f"say-{action.id}"
+
+    def explain(self, action: explain, person: str) -> None:
+        """Say the answer to the last question of a person; record it with the records that it rests on."""
+        question = self.conversation.last_heard[person]
+        found = answer(
+            self._past, question.text, language=self.conversation.language_of(person), speaker=person, agent=self.name
+        )
+        self.engine.trace.record(
+            "answer",
+            found.text,
+            action.id,
+            question=question.text,
+            known=found.known,
+            clauses=[{"text": clause.text, "records": list(clause.records)} for clause in found.clauses],
+        )
+        self.conversation.say(action, person, "explanation", found.text, found.language)
+
+    def record(self, record: Record) -> None:
+        super().record(record)
+        self._remember(WaldoNode.trace.topic, self.trace_message(record))
+
+    def _remember(self, topic: str, message: Message) -> None:
+        """Keep a message for answers to questions; the run drops old ones when it is read."""
+        self._past.observe(topic, message)
+        self._unread += 1
+        if self._unread >= READ_EVERY:
+            self._unread = 0
+            _ = self._past.history
 
     def _people(self, kind: type[Belief]) -> list[str]:
         return [str(one.args[0]) for one in self.conversation.believed(kind)]
@@ -191,6 +254,7 @@ def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
         Respond(Who, "abilities", _) >> [Answer(Who, "abilities", ())],
         Respond(Who, "sleep", _) >> [Answer(Who, "sleeping", ()), Sleep("told")],
         Respond(Who, "wake", _) >> [Answer(Who, "awake", ())],
+        Respond(Who, "ask_why", _) >> [wait_for(~talks(_), 15), explain(Who).within(30)],
         Respond(Who, "repeat", _) >> [wait_for(~talks(_), 15), tell_again(Who).within(30)],
         Respond(Who, "stop", _) >> [drop(Converse(_, _, _)), Answer(Who, "no_help", ())],
     ]

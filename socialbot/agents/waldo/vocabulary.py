@@ -5,7 +5,13 @@ from socialbot.core.vocabulary import Condition, Deed, Vocabulary
 VOCABULARY = Vocabulary(
     deeds=(
         Deed(
-            calls=("GreetPeople", 'speak("greeting")', 'speak("greeting_several")'),
+            calls=(
+                "GreetPeople",
+                'speak("greeting")',
+                'speak("greeting_several")',
+                'tell("greeting")',
+                'tell("greeting_several")',
+            ),
             words={
                 "en": ("greet", "greeting", "welcome", "salute", "say hello", "say hi", "hello", "address"),
                 "de": (
@@ -42,7 +48,7 @@ VOCABULARY = Vocabulary(
             },
         ),
         Deed(
-            calls=("OfferHelp", 'speak("offer")'),
+            calls=("OfferHelp", 'speak("offer")', 'tell("offer")'),
             words={
                 "en": ("offer help", "offer", "help", "assist", "assistance", "support", "aid", "helpful"),
                 "de": ("hilfe anbieten", "hilfe angeboten", "helfen", "geholfen", "unterstützung", "unterstützen"),

@@ -18,7 +18,7 @@ from socialbot.agents.dialogue import (
     speaks,
 )
 from socialbot.bdi import Action, Engine, Goal, Record, variables
-from socialbot.core.messages import HeardSpeech, SpeechStatus
+from socialbot.core.messages import HeardSpeech, SpeechStatus, VoiceActivity
 from socialbot.testing import SECOND, ManualClock, run_engine
 
 Who, What, Slots, Place, _ = variables("Who What Slots Place _")
@@ -103,6 +103,10 @@ class Robot:
             HeardSpeech(stamp=now, start=now, text=text, language=language, confidence=confidence, person=person)
         )
         self.run(0.1)
+
+    def voice(self, voice: str, active: bool, person: str = "") -> None:
+        now = self.engine.clock.now()
+        self.conversation.activity(VoiceActivity(stamp=now, active=active, voice=voice, person=person))
 
     def run(self, seconds: float = 3.0) -> None:
         run_engine(self.engine, seconds)
@@ -255,22 +259,45 @@ def test_a_question_does_not_forbid_another_topic():
 
 def test_the_agent_never_speaks_over_a_person():
     robot = Robot()
-    robot.conversation.activity("bob", active=True)
+    robot.voice("v1", True, "bob")
     robot.hear("ann", "Thank you")
     robot.run(5.0)
     assert robot.said == []
-    robot.conversation.activity("bob", active=False)
+    robot.voice("v1", False)
     robot.run(0.1)
     assert robot.said == ["ann: welcome"]
+
+
+def test_a_voice_without_an_end_does_not_silence_the_agent():
+    robot = Robot(longest_speech_s=5.0)
+    robot.voice("v1", True)
+    robot.hear("ann", "Thank you")
+    robot.run(4.0)
+    assert robot.said == []
+    robot.run(2.0)
+    assert robot.said == ["ann: welcome"]
+
+
+def test_the_person_of_a_voice_may_become_known_while_it_speaks():
+    robot = Robot()
+    robot.voice("v1", True)
+    robot.voice("v2", True, "bob")
+    robot.voice("v1", True, "ann")
+    robot.run(0.1)
+    assert {one for one in robot.beliefs() if one.startswith("talks")} == {'talks("ann")', 'talks("bob")'}
+    robot.voice("v1", False)
+    robot.voice("v2", False)
+    robot.run(0.1)
+    assert not {one for one in robot.beliefs() if one.startswith("talks")}
 
 
 def test_a_question_waits_while_the_person_is_speaking():
     robot = Robot()
     robot.engine.achieve(go("ask"))
     robot.run(8.5)
-    robot.conversation.activity("ann", active=True)
+    robot.voice("v1", True)
     robot.run(4.0)
-    robot.conversation.activity("ann", active=False)
+    robot.voice("v1", False, "ann")
     robot.hear("ann", "yes")
     assert robot.notes == [("yes", ())]
 

@@ -4,6 +4,7 @@ import pytest
 
 from socialbot.agents.waldo import TalkingWaldo, small_talk
 from socialbot.core.errors import GraphError, ParameterError
+from socialbot.core.messages import VoiceActivity
 from tests.agents.waldo.corridor import GREETING, OFFER
 from tests.agents.waldo.hall import Hall
 
@@ -141,6 +142,50 @@ def test_a_new_visitor_wakes_and_is_greeted_after_all_have_left():
         hall.see(5.0)
         hall.see(3.0, "t2")
     assert hall.said == [GREETING, "Good night.", GREETING]
+
+
+@pytest.mark.parametrize(
+    ("language", "question", "parts"),
+    [
+        ("en", "Why did you greet me?", ("I greeted you because", "you paid attention to me")),
+        ("en", "Why did you offer help?", ("I offered you help because", "you had been here for 8 s")),
+        ("de", "Warum hast du mich gegrüßt?", ("ich habe dich begrüßt, denn", "du hast dich mir zugewandt")),
+        ("en", "What do you see?", ("I saw person t1",)),
+    ],
+)
+def test_answers_questions_about_what_it_did_from_the_trace(language, question, parts):
+    with Hall() as hall:
+        hall.see(2.0)
+        hall.see(14.0, "t1")
+        hall.hear("t1", question, language)
+        hall.see(4.0, "t1")
+        (record,) = [one for one in hall.trace if one.kind == "answer"]
+        detections = {one.id for one in hall.messages("/humans/bodies/detections")}
+        known = {one.id for one in hall.trace} | detections
+    assert [part for part in parts if part not in record.what] == []
+    assert record.what == hall.said[-1]
+    assert record.detail["known"]
+    assert record.detail["question"] == question
+    assert all(clause["records"] and set(clause["records"]) <= known for clause in record.detail["clauses"])
+
+
+def test_says_that_it_does_not_know():
+    with Hall() as hall:
+        hall.see(4.0, "t1")
+        hall.hear("t1", "Why is the sky blue?")
+        hall.see(4.0, "t1")
+    assert hall.said[-1].startswith("I don't know")
+
+
+def test_waits_while_a_person_is_speaking():
+    with Hall(inputs=("/humans/voices/activity",)) as hall:
+        hall.see(1.0)
+        hall.send("/humans/voices/activity", VoiceActivity(stamp=hall.clock.now(), active=True, voice="v1"))
+        hall.see(4.0, "t1")
+        assert hall.said == []
+        hall.send("/humans/voices/activity", VoiceActivity(stamp=hall.clock.now(), active=False, voice="v1"))
+        hall.see(1.0, "t1")
+    assert hall.said == [GREETING]
 
 
 def test_a_script_adds_intents_and_sentences(tmp_path, monkeypatch):
