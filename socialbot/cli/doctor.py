@@ -21,7 +21,7 @@ from rich.text import Text
 
 from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding, installed_version
-from socialbot.cli._options import JsonOption, many
+from socialbot.cli._options import JsonOption, RobotOption, many
 from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
 from socialbot.graph.files import load_graph
 
@@ -31,6 +31,7 @@ PANEL = "Start here"
 EXAMPLES = (
     "socialbot doctor",
     "socialbot doctor --quick",
+    "socialbot doctor --robot reachy_mini",
 )
 GB = 1_000_000_000
 MIN_FREE_BYTES = 1 * GB
@@ -56,6 +57,45 @@ def examine(*, quick: bool = False, graph: str = "waldo") -> Iterator[Finding]:
             finding = Finding(name, "error", f"cannot be checked: {type(error).__name__}: {error}")
         if finding is not None:
             yield finding
+
+
+def examine_robot(name: str) -> Iterator[Finding]:
+    """Check that a robot has and answers all that its profile needs. Raises GraphError for an invalid profile."""
+    from socialbot.bridge.robot_checks import check_topics
+    from socialbot.robots.profile import load_profile
+    from socialbot.robots.requirements import daemon_answers, requirements
+
+    profile = load_profile(name)
+    text = profile.title or profile.name
+    if profile.tested == "hardware":
+        yield Finding("profile", "ok", f"{text}; tested on a robot")
+    else:
+        remedy = "compare names and limits with your robot, and let it move slowly at first"
+        where = "tested in simulation only" if profile.tested == "simulation" else "not tested on a robot"
+        yield Finding("profile", "warning", f"{text}; {where}", remedy)
+    for answer in daemon_answers(profile):
+        state = "error" if answer.problem else "ok"
+        yield Finding(answer.part, state, answer.problem or answer.text, answer.remedy if answer.problem else "")
+    if profile.camera is not None and profile.camera.device:
+        yield _robot_camera(profile.camera.device)
+    if needed := tuple(requirements(profile)):
+        ros = ros_checks.ros()
+        if ros.state == "error":
+            yield ros
+        else:
+            yield from check_topics(needed, profile.hint)
+
+
+def _robot_camera(source: str) -> Finding:
+    """Check that the camera of a robot can be opened on this computer."""
+    from socialbot.vision.camera_node import open_frames
+
+    try:
+        with closing(open_frames(source)) as frames:
+            return Finding("camera", "ok", f"{source}: {frames.size[0]}x{frames.size[1]}")
+    except DeviceError as error:
+        remedy = f"{error.remedy}; or use --camera FILE"
+        return Finding("camera", "warning", f"{error.where or source}: {error.what}", remedy)
 
 
 def python() -> Finding:
@@ -217,12 +257,13 @@ def doctor(
         bool, typer.Option("--quick", help="Skip a slow check: the round trip of images over DDS.")
     ] = False,
     graph: Annotated[str, typer.Option(help="Graph whose camera pose is shown.")] = "waldo",
+    robot: RobotOption = None,
 ) -> None:
-    """Check the installation and print remedies. Exit code 5: a check failed."""
+    """Check the installation, or with --robot a robot, and print remedies. Exit code 5: a check failed."""
     console = Console(highlight=False)
     findings: list[Finding] = []
     with console.status("examining"):
-        for finding in examine(quick=quick, graph=graph):
+        for finding in examine(quick=quick, graph=graph) if robot is None else examine_robot(robot):
             findings.append(finding)
             if not as_json:
                 console.print(_paragraph(finding, min(console.width, WIDEST)), soft_wrap=True)

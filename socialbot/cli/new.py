@@ -14,17 +14,20 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._options import RobotOption
 from socialbot.core.errors import ParameterError, SocialbotError
 
 PANEL = "Start here"
 EXAMPLES = (
     "socialbot new greeter && cd greeter && socialbot run graph.yaml",
     "socialbot new rover --template planning",
+    "socialbot new host --robot reachy_mini",
 )
 Language = Literal["python", "asl"]
 Template = Literal["greeter", "planning"]
 
 PLACEHOLDER = "my_robot"
+PROFILE = "ROBOT_PROFILE"
 SUFFIX = ".template"
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -44,6 +47,10 @@ NEXT: Mapping[str, str] = {
     "python -m pytest": "run its tests; pip install pytest, if missing",
     "socialbot up camera.yaml --camera 0": "run with a camera, until Ctrl-C",
 }
+NEXT_ROBOT: Mapping[str, str] = {
+    "socialbot doctor --robot robot.yaml": "check that the robot answers",
+    "socialbot up robot_graph.yaml": "run on the robot, until Ctrl-C",
+}
 NEXT_PLANNING: Mapping[str, str] = {
     "cd {project}": "",
     "socialbot run graph.yaml --limit 60": "run in simulated time",
@@ -61,29 +68,38 @@ def new(
     template: Annotated[
         Template, typer.Option(help="greeter: greets people; planning: plans its actions with a PDDL domain.")
     ] = "greeter",
+    robot: RobotOption = None,
 ) -> None:
-    """Create a small project with a robot: an agent, its graph and tests. It runs without changes."""
+    """Create a small project with a robot: an agent, its graph and tests. It runs without changes.
+
+    With --robot, the project has a profile and a graph for this robot, too.
+    """
     if template == "planning" and language == "asl":
         raise ParameterError("is written in Python", where="--template planning", remedy="omit --language asl")
-    project = write_project(name, language, out, template)
+    if template == "planning" and robot is not None:
+        raise ParameterError("has no camera and no head", where="--template planning", remedy="omit --robot")
+    project = write_project(name, language, out, template, robot)
     console = Console(highlight=False)
     rules = f"{name}/agent.{'asl' if language == 'asl' else 'py'}"
     what = f"a robot that greets people who come near. Its rules are in {rules}."
     if template == "planning":
         what = f"a robot that plans. Its actions are in {name}/domain.pddl and {rules}."
     console.print(f"{project}: {what}\n", soft_wrap=True)
-    following = NEXT_PLANNING if template == "planning" else NEXT
+    following = NEXT_PLANNING if template == "planning" else {**NEXT, **(NEXT_ROBOT if robot else {})}
     commands = {command.format(project=project): meaning for command, meaning in following.items()}
     width = max(map(len, commands))
     for command, meaning in commands.items():
         console.print(Text.assemble(f"  {command:<{width}}   ", (meaning, "dim")), soft_wrap=True)
 
 
-def write_project(name: str, language: Language, folder: Path, template: Template = "greeter") -> Path:
+def write_project(
+    name: str, language: Language, folder: Path, template: Template = "greeter", robot: str | None = None
+) -> Path:
     """Create the project ``name`` in a new subfolder of ``folder``, and return that subfolder.
 
     Raises:
         ParameterError: The name is invalid, or the subfolder exists.
+        GraphError: The ``robot`` is unknown, or its profile is invalid.
         SocialbotError: The files cannot be written.
     """
     project = folder / name
@@ -92,7 +108,7 @@ def write_project(name: str, language: Language, folder: Path, template: Templat
         raise ParameterError("exists already", where=str(project), remedy=remedy)
     check_name(name)
     try:
-        for path, text in project_files(name, language, template).items():
+        for path, text in project_files(name, language, template, robot).items():
             (project / path).parent.mkdir(parents=True, exist_ok=True)
             (project / path).write_text(text, encoding="utf-8")
     except OSError as error:
@@ -113,11 +129,24 @@ def check_name(name: str) -> None:
         raise ParameterError(what, where="NAME", remedy=f"give another name: {name}_robot")
 
 
-def project_files(name: str, language: Language, template: Template = "greeter") -> dict[str, str]:
-    """Return the files of a project by their relative paths."""
+def project_files(
+    name: str, language: Language, template: Template = "greeter", robot: str | None = None
+) -> dict[str, str]:
+    """Return the files of a project by their relative paths. Raises GraphError for an unknown ``robot``."""
     if template == "planning":
         return {".gitignore": _files_of("common", name)[".gitignore"], **_files_of("planning", name)}
-    return _files_of("common", name) | _files_of(language, name)
+    return _files_of("common", name) | _files_of(language, name) | _robot_files(name, robot)
+
+
+def _robot_files(name: str, robot: str | None) -> dict[str, str]:
+    if robot is None:
+        return {}
+    from socialbot.core.registry import robot_files
+    from socialbot.robots.profile import load_profile
+
+    load_profile(robot)
+    named = robot if robot in robot_files() else str(Path(robot).resolve())
+    return {path: text.replace(PROFILE, named) for path, text in _files_of("robot", name).items()}
 
 
 def _files_of(part: str, name: str) -> dict[str, str]:

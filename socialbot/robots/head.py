@@ -116,11 +116,11 @@ class RobotHead(Node):
             self._timer = self.context.call_at(max(self._earliest, self.clock.now()), self._move)
 
     def stop(self) -> None:
-        self._stopped = True
         if self._timer is not None:
             self._timer.cancel()
-        if self._motion is not None:
+        if self._motion is not None and not self._stopped:
             self.halt()
+        self._stopped = True
 
     def _move(self) -> None:
         self._timer = None

@@ -65,6 +65,22 @@ def test_a_planning_robot_runs_and_its_tests_pass(planning_project: Path) -> Non
     assert not [path for path in files if "my_robot" in (planning_project / path).read_text("utf-8", "ignore")]
 
 
+def test_a_project_for_a_robot_has_its_profile_and_graph(tmp_path: Path) -> None:
+    done = socialbot_here("new", "hostess", "--robot", "reachy_mini", "--out", tmp_path)
+    assert done.returncode == 0
+    assert "socialbot doctor --robot robot.yaml" in done.stdout
+    graph = load_graph(str(tmp_path / "hostess" / "robot_graph.yaml"))
+    assert graph.node("robot_head").type.__name__ == "ReachyHead"
+    assert (tmp_path / "hostess" / "robot.yaml").read_text().splitlines()[1:3] == ["like: reachy_mini", "name: hostess"]
+
+
+def test_an_unknown_robot_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    done = socialbot_here("new", "hostess", "--robot", "reachy", "--out", tmp_path)
+    assert (done.returncode, list(tmp_path.iterdir())) == (4, [])
+    done = socialbot_here("new", "hostess", "--robot", "tiago", "--template", "planning", "--out", tmp_path)
+    assert (done.returncode, list(tmp_path.iterdir())) == (4, [])
+
+
 def test_a_planning_robot_in_agentspeak_is_refused(tmp_path: Path) -> None:
     done = socialbot("new", "courier", "--template", "planning", "--language", "asl", "--out", tmp_path)
     assert done.returncode != 0

@@ -1,0 +1,146 @@
+"""What a robot must answer for its profile to work: topics, actions, types, the daemon and the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from socialbot.core.errors import DeviceError, SocialbotError
+from socialbot.robots.daemon_client import DaemonClient
+from socialbot.robots.profile import CameraProfile, HeadProfile, Part, RobotProfile
+from socialbot.vision.camera_node import is_device
+
+Kind = Literal["publisher", "subscriber", "action"]
+"""What a robot has under a name: it publishes a topic, subscribes to one, or offers an action."""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """Topic or action that a part of the robot needs.
+
+    Attributes:
+        part: Part of the robot, such as "head".
+        kind: What the robot does with the name.
+        name: Full name.
+        type: Its ROS type.
+        needed: Whether the part does not work without it.
+        joints: Joints that messages of joint states must have.
+    """
+
+    part: str
+    kind: Kind
+    name: str
+    type: str
+    needed: bool = True
+    joints: tuple[str, ...] = ()
+
+
+def requirements(profile: RobotProfile) -> Iterator[Requirement]:
+    """Yield the topics and actions that a profile needs, part by part."""
+    if profile.camera is not None:
+        yield from _camera(profile.camera)
+    if profile.head is not None:
+        yield from _head(profile.head)
+    for name, part in (("speech", profile.speech), ("people", profile.people), ("base", profile.base)):
+        if part is not None:
+            yield from _part(name, part)
+
+
+def _camera(camera: CameraProfile) -> Iterator[Requirement]:
+    if camera.image:
+        yield Requirement("camera", "publisher", camera.image, "sensor_msgs/msg/Image", not camera.compressed)
+    if camera.compressed:
+        yield Requirement("camera", "publisher", camera.compressed, "sensor_msgs/msg/CompressedImage", not camera.image)
+    if camera.info:
+        yield Requirement("camera", "publisher", camera.info, "sensor_msgs/msg/CameraInfo", needed=False)
+
+
+def _head(head: HeadProfile) -> Iterator[Requirement]:
+    if "action" in head.names:
+        yield Requirement("head", "action", head.names["action"], "control_msgs/action/FollowJointTrajectory")
+    elif "trajectory" in head.names:
+        yield Requirement("head", "subscriber", head.names["trajectory"], "trajectory_msgs/msg/JointTrajectory")
+    elif "angles" in head.names:
+        yield Requirement("head", "subscriber", head.names["angles"], "naoqi_bridge_msgs/msg/JointAnglesWithSpeed")
+    else:
+        return
+    joints = (head.pan.joint, head.tilt.joint)
+    yield Requirement("head", "publisher", "/joint_states", "sensor_msgs/msg/JointState", False, joints)
+
+
+_TYPES: dict[str, tuple[Kind, str, str]] = {
+    "tts": ("action", "action", "tts_msgs/action/TTS"),
+    "say_skill": ("action", "action", "communication_skills/action/Say"),
+    "topic": ("subscriber", "topic", "std_msgs/msg/String"),
+    "ros4hri": ("publisher", "bodies", "hri_msgs/msg/IdsList"),
+    "nav2": ("action", "action", "nav2_msgs/action/NavigateToPose"),
+}
+"""Kind, key of the name and ROS type by type of a part."""
+
+
+def _part(name: str, part: Part) -> Iterator[Requirement]:
+    if part.type in _TYPES:
+        kind, key, ros_type = _TYPES[part.type]
+        yield Requirement(name, kind, part.names[key], ros_type)
+    if part.type in ("ros4hri", "nav2"):
+        yield Requirement(name, "publisher", "/tf", "tf2_msgs/msg/TFMessage")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer of the robot to one check: ``problem`` is empty if all is well."""
+
+    part: str
+    text: str
+    problem: str = ""
+    remedy: str = ""
+
+
+def daemon_answers(profile: RobotProfile) -> Iterator[Answer]:
+    """Ask the daemon of a robot, if the profile names one, for its state, motors, pose and media."""
+    if not profile.url:
+        return
+    client = DaemonClient(profile.url)
+    try:
+        status = client.status()
+    except SocialbotError as error:
+        yield Answer("daemon", profile.url, error.what, _start(profile, error))
+        return
+    state, version = status.get("state"), status.get("version")
+    kind = "a simulation" if status.get("mockup_sim_enabled") or status.get("simulation_enabled") else "a robot"
+    text = f"{profile.url}: version {version}, {kind}"
+    if state != "running":
+        yield Answer(
+            "daemon", text, f"{text}; it is {state}: {status.get('error') or 'no reason'}", "wake up the robot"
+        )
+        return
+    yield Answer("daemon", text)
+    yield from _motors(client)
+    yield _media(client, profile)
+
+
+def _motors(client: DaemonClient) -> Iterator[Answer]:
+    try:
+        mode, state = client.motor_mode(), client.full_state()
+        head: Any = state["head_pose"]
+        text = f"motors {mode}; yaw {head['yaw']:.2f}, pitch {0.0 - head['pitch']:.2f} rad"
+    except (DeviceError, KeyError, TypeError, ValueError) as error:
+        yield Answer("head", "", f"the daemon tells no pose: {error}", "update reachy-mini")
+        return
+    yield Answer("head", text, "" if mode == "enabled" else text, "wake up the robot: its motors are off")
+
+
+def _media(client: DaemonClient, profile: RobotProfile) -> Answer:
+    camera = profile.camera
+    try:
+        available = client.media_available()
+    except DeviceError as error:
+        return Answer("speech", "", error.what, error.remedy or "")
+    if available and camera is not None and is_device(camera.device):
+        return Answer("speech", "on this computer, while its camera is open here")
+    return Answer("speech", "on the robot" if available else "on this computer: the daemon has no sound")
+
+
+def _start(profile: RobotProfile, error: SocialbotError) -> str:
+    return f"start it: {profile.hint}" if profile.hint else error.remedy or ""

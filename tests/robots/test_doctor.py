@@ -1,0 +1,149 @@
+"""``socialbot doctor --robot``: one line for each thing that a robot has to answer, and a remedy."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socialbot.robots.profile import load_profile, parse_profile
+from socialbot.robots.requirements import Requirement, requirements
+from tests.robots.daemon_server import DaemonServer, running_daemon
+from tests.system.running import socialbot_here
+
+
+@pytest.fixture
+def daemon() -> Iterator[DaemonServer]:
+    with running_daemon() as server:
+        yield server
+
+
+def examined(folder: Path, url: str, more: str = "") -> tuple[int, dict[str, dict[str, Any]]]:
+    """Exit code and findings by name, for a Reachy Mini at ``url``."""
+    profile = folder / "mini.yaml"
+    profile.write_text(f"like: reachy_mini\nurl: {url}\n{more}")
+    done = socialbot_here("doctor", "--robot", profile, "--json")
+    return done.returncode, {each["name"]: each for each in json.loads(done.stdout)["findings"]}
+
+
+def test_a_robot_that_answers_is_well(daemon, tmp_path):
+    code, found = examined(tmp_path, daemon.url)
+    assert code == 0
+    assert (found["profile"]["state"], found["profile"]["text"]) == (
+        "warning",
+        "Reachy Mini; tested in simulation only",
+    )
+    assert found["daemon"]["text"] == f"{daemon.url}: version 1.13.0, a robot"
+    assert found["head"]["text"] == "motors enabled; yaw 0.00, pitch 0.00 rad"
+    assert found["speech"]["text"] == "on this computer, while its camera is open here"
+    assert (found["camera"]["state"], "--camera FILE" in found["camera"]["remedy"]) == ("warning", True)
+    assert not [request for request in daemon.requests if request.startswith("POST")]  # it looks, and changes nothing
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "text", "remedy"),
+    [
+        ({"state": "stopped"}, "daemon", "it is stopped", "wake up the robot"),
+        ({"mode": "disabled"}, "head", "motors disabled", "its motors are off"),
+    ],
+)
+def test_a_robot_that_sleeps_is_an_error(daemon, tmp_path, change, name, text, remedy):
+    vars(daemon).update(change)
+    code, found = examined(tmp_path, daemon.url)
+    assert code == 5
+    assert found[name]["state"] == "error"
+    assert text in found[name]["text"]
+    assert remedy in found[name]["remedy"]
+
+
+def test_a_daemon_that_is_away_is_an_error_with_the_command_that_starts_it(tmp_path):
+    code, found = examined(tmp_path, "http://127.0.0.1:9")
+    assert code == 5
+    assert "does not answer" in found["daemon"]["text"]
+    assert found["daemon"]["remedy"].startswith("start it: reachy-mini-daemon;")
+    assert "head" not in found
+
+
+def test_an_unknown_robot_is_refused():
+    done = socialbot_here("doctor", "--robot", "reachy")
+    assert done.returncode == 4
+    assert "no robot 'reachy'" in done.stderr
+    assert "did you mean 'reachy_mini'?" in done.stderr
+
+
+def test_a_profile_needs_its_topics_and_actions():
+    needed = {(each.part, each.kind, each.name) for each in requirements(load_profile("tiago"))}
+    assert needed == {
+        ("camera", "publisher", "/head_front_camera/rgb/image_raw"),
+        ("camera", "publisher", "/head_front_camera/rgb/camera_info"),
+        ("head", "subscriber", "/head_controller/joint_trajectory"),
+        ("head", "publisher", "/joint_states"),
+        ("speech", "action", "/tts_engine/tts"),
+        ("base", "action", "/navigate_to_pose"),
+        ("base", "publisher", "/tf"),
+    }
+    seer = parse_profile("name: seer\npeople: {type: ros4hri}\n", "seer.yaml")
+    assert {each.name for each in requirements(seer)} == {"/humans/bodies/tracked", "/tf"}
+
+
+class TestOverDds:
+    """Topics of standard types, which the wheels have."""
+
+    def findings(self, *needed: Requirement, timeout_s: float = 1.0) -> list[tuple[str, str, str]]:
+        from socialbot.bridge.robot_checks import check_topics
+
+        found = check_topics(needed, "ros2 launch robby", timeout_s)
+        return [(each.state, each.text, each.remedy) for each in found]
+
+    def test_missing_ones_have_the_command_that_starts_the_drivers(self):
+        image = Requirement("camera", "publisher", "/cam/image_raw", "sensor_msgs/msg/Image")
+        neck = Requirement("head", "subscriber", "/neck", "trajectory_msgs/msg/JointTrajectory")
+        first, second = self.findings(image, neck, timeout_s=0.2)
+        assert first[:2] == ("error", "nobody publishes /cam/image_raw")
+        assert "ros2 launch robby" in first[2]
+        assert second[:2] == ("error", "nobody subscribes to /neck")
+        assert second[2] == "as above; or correct the name in the profile"
+
+    def test_a_type_that_is_not_installed_is_named(self):
+        (found,) = self.findings(Requirement("x", "action", "/x", "absent_msgs/action/X"), timeout_s=0.1)
+        assert found == (
+            "error",
+            "/x: the package absent_msgs is not installed",
+            "make robot-interfaces, or source a ROS installation that has absent_msgs",
+        )
+
+    def test_messages_are_awaited_and_looked_at(self):
+        from sensor_msgs.msg import Image, JointState
+
+        from socialbot.bridge.environment import spinning_node
+
+        with spinning_node("driver") as ros:
+            images, joints = (
+                ros.create_publisher(Image, "/cam", 5),
+                ros.create_publisher(JointState, "/joint_states", 5),
+            )
+            picture = Image(width=640, height=480, encoding="rgb8")
+            ros.create_timer(0.02, lambda: images.publish(picture))
+            ros.create_timer(0.02, lambda: joints.publish(JointState(name=["wheel"], position=[0.0])))
+            ros.create_publisher(Image, "/asleep", 5)
+            ros.create_subscription(Image, "/neck", lambda _: None, 5)
+            image = "sensor_msgs/msg/Image"
+            found = self.findings(
+                Requirement("camera", "publisher", "/cam", image),
+                Requirement("head", "publisher", "/joint_states", "sensor_msgs/msg/JointState", False, ("pan",)),
+                Requirement("camera", "publisher", "/asleep", image),
+                Requirement("head", "subscriber", "/neck", "trajectory_msgs/msg/JointTrajectory"),
+                Requirement("camera", "subscriber", "/neck", image),
+                timeout_s=3.0,
+            )
+        assert [(state, text) for state, text, _ in found] == [
+            ("ok", "/cam, by /driver: 640x480 rgb8"),
+            ("warning", "/joint_states has no joint pan"),
+            ("error", "/asleep: /driver publishes nothing"),
+            ("error", "/neck is sensor_msgs/msg/Image, not trajectory_msgs/msg/JointTrajectory"),
+            ("ok", "/neck, by /driver"),
+        ]
+        assert "there are wheel" in found[1][2]

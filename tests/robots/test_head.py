@@ -1,0 +1,124 @@
+"""Heads of ROS robots, in simulated time: what reaches the controller."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from socialbot.core.errors import NodeError
+from socialbot.core.messages import JointTrajectory, RosMessage, ros_message
+from socialbot.robots.head import TARGET, TrajectoryHead
+from socialbot.testing import GraphTester
+
+SENT = "/head_controller/joint_trajectory"
+LIMITS = {
+    "pan_joint": "pan", "pan_lower_rad": -1.0, "pan_upper_rad": 1.5, "pan_speed_rad_s": 1.0,
+    "tilt_joint": "tilt", "tilt_lower_rad": -0.5, "tilt_upper_rad": 0.3, "tilt_speed_rad_s": 0.5,
+}  # fmt: skip
+
+
+def target(graph: GraphTester, pan: float, tilt: float, duration_s: float = 0.1, **fields: Any) -> None:
+    values = {"joint_names": ("pan", "tilt"), "positions": (pan, tilt), "velocities": (0.0, 0.0), **fields}
+    graph.send(TARGET, JointTrajectory(stamp=graph.clock.now(), duration_s=duration_s, **values))
+
+
+def end(graph: GraphTester) -> None:
+    """Stop the node as a host does, while its messages are still delivered."""
+    graph.node().stop()
+    graph.run(0.0)
+
+
+def joint_states(graph: GraphTester, pan: float, tilt: float) -> RosMessage:
+    states = SimpleNamespace(name=["tilt", "pan"], position=[tilt, pan])
+    return ros_message("sensor_msgs/msg/JointState")(stamp=graph.clock.now(), ros=states)
+
+
+def test_positions_are_clamped_and_motions_stretched_to_the_speeds():
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        graph.send("/joint_states", joint_states(graph, 0.0, 0.0))
+        target(graph, 0.5, 0.3)
+        graph.run(0.1)
+        graph.send("/joint_states", joint_states(graph, 0.5, 0.3))
+        target(graph, -4.0, 2.0, duration_s=5.0)
+        graph.run(0.1)
+        first, second = graph.messages(SENT)
+    assert (first.joint_names, first.positions) == (("pan", "tilt"), (0.5, 0.3))
+    assert first.duration_s == pytest.approx(0.6)  # .3 rad at .5 rad/s
+    assert (second.positions, second.duration_s) == ((-1.0, 0.3), 5.0)
+
+
+def test_a_joint_that_is_positive_down_gets_the_other_sign():
+    with GraphTester(TrajectoryHead, parameters={**LIMITS, "tilt_sign": -1}) as graph:
+        target(graph, 0.0, 0.4)
+        graph.run(0.1)
+        target(graph, 0.0, -0.4)
+        graph.run(0.1)
+        up, down = graph.messages(SENT)
+    assert (up.positions[1], down.positions[1]) == (-0.4, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("fields", "what"),
+    [
+        ({"positions": (math.nan, 0.0)}, "position nan of joint 'pan'"),
+        ({"positions": (0.0, -math.inf)}, "position -inf of joint 'tilt'"),
+        ({"positions": (0.0, 0.0, 0.0)}, "3 positions for 2 joints"),
+        ({"joint_names": ("pan", "arm")}, "unknown joint 'arm'"),
+        ({"joint_names": (), "positions": ()}, "0 positions for 0 joints"),
+        ({"duration_s": math.inf}, "duration inf s"),
+    ],
+)
+def test_an_invalid_target_is_refused(fields, what):
+    graph = GraphTester(TrajectoryHead, parameters=LIMITS)
+
+    def refuse() -> None:
+        with graph:
+            target(graph, 0.1, 0.1, **fields)
+            graph.run(1.0)
+
+    with pytest.raises(NodeError, match=what):
+        refuse()
+    assert graph.messages(SENT) == []
+
+
+def test_of_many_targets_the_newest_is_sent_at_the_rate():
+    with GraphTester(TrajectoryHead, parameters={**LIMITS, "period_s": 0.1}) as graph:
+        for step in range(1000):
+            target(graph, step / 1000, 0.0)
+            graph.run(0.001)
+        sent = graph.messages(SENT)
+    assert 9 <= len(sent) <= 11
+    assert sent[-1].positions[0] >= 0.9
+
+
+def test_the_head_stops_where_it_is_at_the_end():
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        graph.send("/joint_states", joint_states(graph, 0.0, 0.0))
+        target(graph, 1.0, 0.0)
+        graph.run(0.1)
+        graph.send("/joint_states", joint_states(graph, 0.35, 0.0))
+        end(graph)
+    last = graph.messages(SENT)[-1]
+    assert last.positions == (0.35, 0.0)
+    assert last.duration_s <= 0.1
+
+
+def test_without_joint_states_the_head_stops_by_dead_reckoning():
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        target(graph, 0.0, 0.0)
+        graph.run(3.0)  # from an unknown pose it is slow; then the pose is known
+        target(graph, 1.0, 0.0)
+        graph.run(0.5)
+        end(graph)
+    last = graph.messages(SENT)[-1]
+    assert last.positions[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_head_that_did_not_move_sends_nothing_at_the_end():
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        graph.run(1.0)
+        end(graph)
+    assert graph.messages(SENT) == []
