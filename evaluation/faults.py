@@ -20,6 +20,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from evaluation.faults_load import busy_processes
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError, SocialbotError, suggestion
@@ -103,6 +104,9 @@ ROWS: Mapping[str, Row] = {
 }
 
 OnlyOption = Annotated[str, typer.Option(metavar="ROW,ROW", help=f"Only these rows: {', '.join(ROWS)}.")]
+LoadOption = Annotated[
+    int, typer.Option("--load", min=0, max=1000, metavar="N", help="Run N busy processes beside all rows.")
+]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Shorter runs: minutes instead of hours.")]
 OutOption = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Folder for the records; default: a new one in runs/.")
@@ -154,13 +158,16 @@ def main(
     domain: DomainOption = 51,
     json: JsonOption = None,
     out: OutOption = None,
+    load: LoadOption = 0,
 ) -> None:
     """Inject network faults, crashes and attacks, and compare the results with the requirements."""
     rows = {name: ROWS[name] for name in chosen(only)}
     folder = out or Path("runs") / f"faults-{datetime.now(timezone.utc):%Y%m%d-%H%M%S}"
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     report = Report("faults", quick)
-    try_all(rows, report, Plan(folder.resolve(), domain, lambda line: console.print(line, markup=False), quick))
+    report.add("busy_processes", "busy processes beside the rows", load)
+    with busy_processes(load):
+        try_all(rows, report, Plan(folder.resolve(), domain, lambda line: console.print(line, markup=False), quick))
     report.finish(json)
     if report.unmet:
         sys.exit(UNMET_EXIT)

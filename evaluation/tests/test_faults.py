@@ -1,11 +1,14 @@
 import json
 
+import psutil
 import pytest
 
 from evaluation.faults import ROWS, Row, chosen, main, try_all
+from evaluation.faults_load import busy_processes
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import Report
 from socialbot.core.errors import NodeError, ParameterError
+from tests.system.running import eventually
 
 
 def meets(report, plan):
@@ -67,3 +70,9 @@ def test_rows_have_records_of_their_own(tmp_path):
     assert plan.records("clear").is_dir()
     with pytest.raises(FileExistsError):
         plan.records("clear")
+
+
+def test_busy_processes_use_the_processor_until_the_end():
+    with busy_processes(2) as pids:
+        assert eventually(lambda: all(psutil.Process(pid).cpu_times().user > 0.1 for pid in pids))
+    assert not [pid for pid in pids if psutil.pid_exists(pid)]

@@ -178,7 +178,7 @@ class NodeThread:
             self.failure = start_failure(self.name, error)
             return
         self._on_alive()
-        while (item := self.queue.take()) is not None:
+        while self.failure is None and (item := self.queue.take()) is not None:
             self._handle(item)
         self.node.stop()
 
@@ -208,6 +208,12 @@ class NodeThread:
             else:
                 queue, message = item
                 queue.port.deliver(self.node, message)
+        except MemoryError as error:
+            # Whatever the node keeps remains: only a new process has memory again.
+            log_failure(self.name, "out of memory", error, 1)
+            remedy = "raise memory_mb of its process, or use a machine with more memory"
+            self.failure = NodeError("out of memory", where=self.name, remedy=remedy)
+            return
         except Exception as error:  # noqa: BLE001 - a failing callback must not stop the graph
             self._statistics.failures += 1
             self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"

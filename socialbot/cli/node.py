@@ -30,6 +30,9 @@ def node(
 
     ROS arguments are accepted, too: --ros-args -p NAME:=VALUE --params-file FILE.
     """
+    from socialbot.core.process_settings import apply_settings
+
+    apply_settings()  # before other imports start threads
     from socialbot.bridge.process import run_nodes
     from socialbot.graph.files import load_graph, with_changes
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import getpass
 import re
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.process_settings import ProcessSettings
 
 PANEL = "Run a graph"
 EXAMPLES = ("socialbot systemd deploy.yaml --machine robot",)
@@ -34,7 +36,7 @@ KillSignal=SIGINT
 KillMode=mixed
 TimeoutStopSec=20
 NoNewPrivileges=yes
-
+{limits}
 [Install]
 WantedBy=multi-user.target
 """
@@ -48,8 +50,10 @@ def systemd(
     """Write the systemd unit that starts the nodes of a machine at boot."""
     from socialbot.runtime.deployment import load_deployment
 
-    load_deployment(file).address(machine)
-    text = unit(file, machine)
+    deployment = load_deployment(file)
+    deployment.address(machine)
+    settings = [deployment.processes[one.name] for one in deployment.half(machine) if one.name in deployment.processes]
+    text = unit(file, machine, settings=settings)
     if out is None:
         typer.echo(text, nl=False)
         return
@@ -62,16 +66,20 @@ def systemd(
     typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
 
 
-def unit(file: Path, machine: str, *, user: str | None = None) -> str:
+def unit(file: Path, machine: str, *, user: str | None = None, settings: Collection[ProcessSettings] = ()) -> str:
     """Return the unit for the nodes of ``machine`` in the deployment ``file`` as ``user``, by default this one.
 
+    It permits the priorities and niceness of the ``settings`` of its processes.
     Runs are recorded beside the file. Raises ParameterError for paths that systemd cannot express.
     """
     file = file.resolve()
     if not str(file).isprintable():
         raise ParameterError("a unit cannot hold this path", where=repr(str(file)), remedy="use letters and digits")
     command = [sys.executable, "-m", "socialbot", "up", str(file), "--machine", machine]
+    priority = max((each.priority or 0 for each in settings), default=0)
+    nice = min((each.nice or 0 for each in settings), default=0)
     return UNIT.format(
+        limits=(f"LimitRTPRIO={priority}\n" if priority else "") + (f"LimitNICE={nice:+d}\n" if nice < 0 else ""),
         description=f"socialbot: {machine} of {file.name}".replace("%", "%%"),
         user=user or getpass.getuser(),
         folder=str(file.parent).replace("%", "%%"),

@@ -17,6 +17,7 @@ from socialbot.bridge.environment import HIGHEST_DOMAIN, TOPIC_NAME, Across
 from socialbot.core import paths
 from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.messages import Image, Structured
+from socialbot.core.process_settings import ProcessSettings
 from socialbot.core.registry import graph_names
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.files import load_graph
@@ -109,6 +110,7 @@ class Deployment:
         open_topics: Topics of standard types that need no seal.
         minds: Folder where agents save their state for a restart.
         drivers: Domain of drivers, for commands in standard types that one node publishes.
+        processes: Scheduling and memory of the processes of some nodes.
     """
 
     written: Graph
@@ -122,12 +124,17 @@ class Deployment:
     open_topics: tuple[str, ...] = ()
     minds: Path | None = None
     drivers: DriverDomain | None = None
+    processes: Mapping[str, ProcessSettings] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_machines()
         self._check_places()
         self._check_pictures()
         self._check_drivers()
+        for node, settings in self.processes.items():
+            where = f"processes.{node}"
+            _check_known(f"no node {node!r}", node, [config.name for config in self.graph.nodes], where)
+            settings.check(where)
         _ = self.graph
 
     @property
@@ -266,6 +273,7 @@ _KEYS = (
     "nodes",
     "pictures",
     "restart",
+    "processes",
     "security",
     "minds",
     "parameters",
@@ -311,6 +319,7 @@ def parse_deployment(text: str, *, where: str, folder: Path, robot: str = "") ->
             restart=_restart(root.section("restart", {})),
             open_topics=_open_topics(root),
             keys=folder / root.section("security").text("keys") if "security" in root.page else None,
+            processes=_processes(root.section("processes", {})),
             drivers=_drivers(root.section("security", {})),
             minds=folder / root.text("minds") if "minds" in root.page else None,
         )
@@ -412,6 +421,23 @@ def _pictures(section: YamlSection) -> dict[str, Pictures]:
         parameters = {str(name): plain(value) for name, value in one.page.items() if name != "transport"}
         pictures[topic] = Pictures(cast("Transport", transport), parameters)
     return pictures
+
+
+def _processes(section: YamlSection) -> dict[str, ProcessSettings]:
+    found = {}
+    for node, one in _sections(section):
+        one.only("priority", "nice", "cpus", "memory_mb")
+        whole = {
+            name: one.whole(name, 0, minimum=-(2**40), maximum=2**40)
+            for name in ("priority", "nice", "memory_mb")
+            if name in one.page
+        }
+        written = one.page.get("cpus", [])
+        cpus = tuple(cpu for cpu in map(plain, written) if type(cpu) is int) if isinstance(written, list) else ()
+        if not isinstance(written, list) or len(cpus) != len(written):
+            raise GraphError(f"'cpus' must be a list of numbers, got {written!r}", where=one.line("cpus"))
+        found[node] = ProcessSettings(**whole, cpus=cpus if "cpus" in one.page else None)
+    return found
 
 
 def _restart(section: YamlSection) -> RestartPolicy:

@@ -201,7 +201,9 @@ def machine_source(
         prepared: dict[str, str] = {}
         raw = any(map(deployment.raw_pictures, nodes))
         environment.prepare(prepared, across=deployment.across(machine), raw_pictures=raw)
-        return {environment.DATAGRAM_VARIABLE: prepared[environment.DATAGRAM_VARIABLE]}
+        settings = [deployment.processes[node] for node in nodes if node in deployment.processes]
+        own = settings[0].variables() if settings else {}
+        return {environment.DATAGRAM_VARIABLE: prepared[environment.DATAGRAM_VARIABLE], **own}
 
     with Network(deployment.address(machine)) as network:
         yield LiveSource(
@@ -257,6 +259,8 @@ def machine_processes(
         if process.name in names:
             prepared = dict(os.environ)
             enter(deployment, machine, prepared, raw_pictures=deployment.raw_pictures(process.name))
+            if process.name in deployment.processes:
+                prepared |= deployment.processes[process.name].variables()
             found.append(replace(process, variables={**process.variables, **_changed(prepared)}))
     return found
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from socialbot.bridge.environment import Across
 from socialbot.bridge.transport import open_topics
 from socialbot.core.errors import GraphError, ParameterError, SocialbotError
+from socialbot.core.process_settings import ProcessSettings
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runtime._processes import RestartPolicy
@@ -212,3 +213,29 @@ def test_checks_addresses():
     )
     assert is_own("127.0.0.1")
     assert not is_own("192.0.2.7")
+
+
+def test_processes_have_priorities_cores_and_memory() -> None:
+    settings = "{head: {priority: 20, memory_mb: 500}, person_detector: {nice: 5, cpus: [0, 1]}}"
+    read = deployment(("parameters:", f"processes: {settings}\nparameters:"))
+    assert read.processes == {
+        "head": ProcessSettings(priority=20, memory_mb=500),
+        "person_detector": ProcessSettings(nice=5, cpus=(0, 1)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ("{hed: {nice: 5}}", "no node 'hed'"),
+        ("{head: {nice: 50}}", "'nice' must be from -20 to 19"),
+        ("{head: {speed: 5}}", "speed"),
+        ("{head: {nice: low}}", "'nice' must be a whole number"),
+        ("{head: {cpus: 0}}", "'cpus' must be a list of numbers"),
+        ("{head: 5}", "expected names with values"),
+    ],
+)
+def test_mistakes_in_processes_are_named(settings: str, message: str) -> None:
+    with pytest.raises((GraphError, ParameterError), match=message) as caught:
+        deployment(("parameters:", f"processes: {settings}\nparameters:"))
+    assert re.match(r"d.*yaml:\d+", caught.value.where or ""), caught.value.where

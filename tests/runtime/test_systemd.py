@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from socialbot.cli.systemd import quoted, unit
 from socialbot.core.errors import ParameterError
+from socialbot.core.process_settings import ProcessSettings
 
 
 def test_a_unit_starts_the_nodes_of_its_machine(tmp_path: Path):
@@ -53,3 +54,10 @@ def test_systemd_accepts_the_unit(tmp_path: Path):
     done = subprocess.run(["systemd-analyze", "verify", path], capture_output=True, text=True, check=False)
     assert str(path) not in done.stderr, done.stderr
     assert path.name not in done.stderr, done.stderr
+
+
+def test_a_unit_permits_the_priorities_of_its_processes(tmp_path: Path):
+    priorities = [ProcessSettings(priority=20), ProcessSettings(priority=5, nice=-3), ProcessSettings(nice=5)]
+    text = unit(tmp_path / "waldo.yaml", "robot", user="pi", settings=priorities)
+    assert "\nLimitRTPRIO=20\nLimitNICE=-3\n" in text
+    assert "Limit" not in unit(tmp_path / "waldo.yaml", "robot", user="pi")

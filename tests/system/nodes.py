@@ -93,3 +93,10 @@ def detector_graph(detector: str, folder: Path) -> Path:
         f"  detector: {{type: 'tests.system.nodes:{detector}'}}\n"
     )
     return graph
+
+
+class LeakingDetector(Detector):
+    """Takes another 50 MB with each image."""
+
+    def look(self, image: Image) -> None:
+        self.taken = [*getattr(self, "taken", []), bytearray(b"x" * 50_000_000)]
