@@ -11,6 +11,7 @@ from socialbot.core.messages import (
     ActionRequest,
     CameraInfo,
     HeadCommand,
+    HeardSpeech,
     JointTrajectory,
     Mind,
     PersonDetection,
@@ -27,11 +28,12 @@ BELIEF = TraceRecord(stamp=SECOND, id="waldo-1", source="waldo", kind="belief", 
 ACTION = ActionRequest(stamp=SECOND, id="waldo-2", agent="waldo", name="speak", arguments=("greeting", "Hello!"))
 UTTERANCE = Utterance(stamp=SECOND, id="say-waldo-2", text="Hello!", key="greeting", cause="waldo-2")
 STATUS = SpeechStatus(stamp=2 * SECOND, utterance_id="say-waldo-2", state="started", text="Hello!", detail="001.wav")
+HEARD = HeardSpeech(stamp=SECOND, start=SECOND // 2, text="Hello", person="t1", confidence=0.9)
 HEAD = HeadCommand(stamp=SECOND, mode="track", cause="waldo-2")
 MOTION = JointTrajectory(
     stamp=SECOND, joint_names=("pan", "tilt"), positions=(0.5, -0.25), velocities=(0.0, 0.0), duration_s=0.5
 )
-RUN = (DETECTIONS, BELIEF, ACTION, UTTERANCE, HEAD, MOTION, STATUS)
+RUN = (DETECTIONS, BELIEF, ACTION, HEARD, UTTERANCE, HEAD, MOTION, STATUS)
 
 
 def lines(folder) -> list[dict]:
@@ -46,6 +48,7 @@ def test_run_is_recorded_as_a_chain(tmp_path):
     assert [(line["kind"], line["id"], line.get("cause", "")) for line in kept] == [
         ("detection", f"detection-{SECOND}", f"frame-{SECOND}"),
         ("belief", "waldo-1", f"detection-{SECOND}"),
+        ("hearing", f"heard-{SECOND}", ""),
         ("utterance", "say-waldo-2", "waldo-2"),
         ("head", "head-waldo-2", "waldo-2"),
         ("motion", f"motion-{SECOND}", ""),
