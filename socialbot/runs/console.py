@@ -31,6 +31,7 @@ _STYLES = {
     "believes": "yellow",
     "wants": "magenta",
     "does": "bold",
+    "hears": "bold cyan",
     "says": "bold green",
     "head": "blue",
     "fails": "bold red",

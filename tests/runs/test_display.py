@@ -14,6 +14,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import (
     ActionRequest,
     HeadCommand,
+    HeardSpeech,
     JointTrajectory,
     Message,
     PersonDetection,
@@ -75,6 +76,7 @@ def shown(*messages: Message, terminal: bool = False, details: bool = True) -> l
         (record(2.0, "action", 'speak("greeting")'), '   2.00 s  does     speak("greeting")'),
         (record(2.0, "failure", "go()", reason="no applicable plan"), "   2.00 s  fails    go(): no applicable plan"),
         (record(2.0, "failure", "go()", reason="failed", message="no cup"), "   2.00 s  fails    go(): no cup"),
+        (HeardSpeech(stamp=at(3), start=at(2), text="Hi!"), '   3.00 s  hears    "Hi!"'),
         (SpeechStatus(stamp=at(3), utterance_id="1", state="started", text="Hi!"), '   3.00 s  says     "Hi!"'),
         (
             SpeechStatus(stamp=at(3), utterance_id="1", state="failed", text="Hi!", detail="no voice"),
