@@ -5,12 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
 from socialbot.cli import _options as options
+
+if TYPE_CHECKING:
+    from socialbot.graph.node import Graph
 
 PANEL = "Run a graph"
 EXAMPLES = (
@@ -52,22 +55,71 @@ def replay(
     verbose: options.VerboseOption = False,
 ) -> None:
     """Replay a bag through a graph; show, record and score the run."""
+    from socialbot.graph.files import load_graph
+    from socialbot.runtime.bag_source import graph_of
+
+    replay_bag(
+        context,
+        bag,
+        load_graph(graph) if graph else graph_of(bag),
+        runner=runner,
+        composed=composed,
+        domain=domain,
+        image_topic=image_topic,
+        rate=rate,
+        pace=pace,
+        truth=truth,
+        out=out,
+        cache=cache,
+        privacy=privacy,
+        video=video,
+        show_page=show_page,
+        port=port,
+        changes=changes,
+        labels=labels,
+        verbose=verbose,
+    )
+
+
+def replay_bag(
+    context: typer.Context,
+    bag: Path,
+    graph: Graph,
+    *,
+    runner: options.Runner,
+    composed: bool,
+    domain: int | None,
+    image_topic: str | None,
+    rate: float,
+    pace: bool,
+    truth: Path | None,
+    out: Path | None,
+    cache: bool,
+    privacy: Literal["none", "blur", "no-images"],
+    video: bool,
+    show_page: bool,
+    port: int,
+    changes: list[str] | None,
+    labels: list[str] | None,
+    verbose: bool,
+) -> None:
+    """Replay a bag through ``graph``, with the options of ``socialbot replay``."""
     from socialbot.bags.playback import takes_images
     from socialbot.bags.reader import open_bag
     from socialbot.cli._runs import ROS_OPTIONS, enter_domain, print_outcome, write_page
     from socialbot.cli.inspect import watched
     from socialbot.core.errors import SocialbotError
-    from socialbot.graph.files import load_graph, with_changes
+    from socialbot.graph.files import with_changes
     from socialbot.runs.bag_images import write_video
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunRecord
-    from socialbot.runtime.bag_source import BagSource, find_truth, graph_of
+    from socialbot.runtime.bag_source import BagSource, find_truth
     from socialbot.runtime.perception_cache import PerceptionCache
     from socialbot.runtime.run import new_run_folder, run
 
     console = Console(highlight=False)
     enter_domain(context, console, domain, runner, (*ROS_OPTIONS, "rate"), verbose=verbose)
-    whole = with_changes(load_graph(graph) if graph else graph_of(bag), changes or [])
+    whole = with_changes(graph, changes or [])
     takes_images = takes_images(whole.without_sources())
     title, folder = f"{whole.name.capitalize()}: replay of {bag}", out or new_run_folder()
     with open_bag(bag) as opened:

@@ -65,6 +65,9 @@ class AgentPackage:
         demos: Demos of ``socialbot demo``: name to a reference to a function that returns ``(title, graph)``. Its
             docstring is the help text. Its parameters are typer options of this demo; the options of every demo
             (``--runner``, ``--rate``, ``--out``, ...) are added; their names are taken.
+        replays: Demos of ``socialbot demo`` on a recorded bag: name to a reference to a function that returns
+            ``(graph, bag)``, the graph and the path of the bag. Parameters and docstring are as for ``demos``; the
+            options of ``socialbot replay`` are added.
         behaviours: Path of a Python file with expectations, relative to the folder of ``module``, for
             ``socialbot test``.
         robots: Robot profiles by name: path of a YAML file, relative to the folder of ``module``, for ``--robot``.
@@ -83,6 +86,7 @@ class AgentPackage:
     completion: str = ""
     terminal_view: str = ""
     demos: Mapping[str, str] = field(default_factory=dict)
+    replays: Mapping[str, str] = field(default_factory=dict)
     behaviours: str = ""
     robots: Mapping[str, str] = field(default_factory=dict)
 

@@ -232,15 +232,20 @@ class Conversation:
             self.engine.perceive(self.sensor, message, cause=message.id, since=since)
 
     def activity(self, message: VoiceActivity) -> None:
-        """Note that a person begins or ends to speak; the person of a voice may become known in between."""
-        cause = f"voice-{message.stamp}"
-        before = self._voices.pop(message.voice, "")
+        """Note that a person begins or ends to speak; an end without a voice is that of all."""
+        cause, before = f"voice-{message.stamp}", set(self._voices.values())
         if message.active:
-            person = self._voices[message.voice] = message.person or before or SOMEBODY
-            if person != before:
-                self.engine.believe(talks(person), source="speech", cause=cause)
-        if before and before not in self._voices.values():
-            self.engine.forget(talks(before), cause=cause)
+            known = self._voices.get(message.voice, SOMEBODY)
+            self._voices[message.voice] = message.person or known
+        elif message.voice:
+            self._voices.pop(message.voice, None)
+        else:
+            self._voices.clear()
+        now = set(self._voices.values())
+        for person in sorted(now - before):
+            self.engine.believe(talks(person), source="speech", cause=cause)
+        for person in sorted(before - now):
+            self.engine.forget(talks(person), cause=cause)
 
     def speaker(self, message: HeardSpeech) -> str:
         """The person who spoke: as recognized, or who was asked, or the only one present, or `SOMEBODY`."""

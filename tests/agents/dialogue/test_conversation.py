@@ -291,6 +291,15 @@ def test_the_person_of_a_voice_may_become_known_while_it_speaks():
     assert not {one for one in robot.beliefs() if one.startswith("talks")}
 
 
+def test_an_end_without_a_voice_ends_all_voices():
+    robot = Robot()
+    robot.voice("v1", True, "ann")
+    robot.voice("v2", True, "bob")
+    robot.voice("", False)
+    robot.run(0.1)
+    assert not {one for one in robot.beliefs() if one.startswith("talks")}
+
+
 def test_a_question_waits_while_the_person_is_speaking():
     robot = Robot()
     robot.engine.achieve(go("ask"))
