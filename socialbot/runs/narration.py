@@ -64,6 +64,7 @@ def rejected_plans(record: TraceRecord) -> list[tuple[str, str]]:
 
 
 _PAST = {
+    "hears": "heard",
     "begins": "began", "chooses": "chose", "does": "did", "drives": "drove", "drops": "dropped", "finds": "found",
     "gets": "got", "gives": "gave", "goes": "went", "has": "had", "holds": "held", "is": "was", "makes": "made",
     "patrols": "patrolled", "plans": "planned", "puts": "put", "says": "said", "sees": "saw", "sends": "sent",
@@ -223,6 +224,8 @@ class Narrator:
                 return Clause("", self._frame(record, about))
             case "percept":
                 return Clause("", record.what)
+            case "hearing":
+                return Clause("", f'{record.detail.get("person") or "somebody"} said "{record.what}"')
             case "rule":
                 return Clause("", f"the rule {record.what} of {self.agent(record)} applied")
             case "utterance" if record.cause.startswith(PERSON):

@@ -15,6 +15,7 @@ AGENT = AgentPackage(
     module="socialbot.agents.reception",
     nodes={"receptionist": "socialbot.agents.reception.receptionist:Receptionist"},
     graphs={"reception": "graph.yaml"},
+    behaviours="behaviours.py",
     replays={"reception": "socialbot.agents.reception.demo:reception"},
     messages=("socialbot.agents.reception.messages:MESSAGES",),
 )

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from socialbot.agents.reception import demo
+from socialbot.bags.reader import open_bag
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import AudioData, HeardSpeech
+from socialbot.runs.folder import open_run
+from tests.system.running import socialbot
+
+ANSWER = "At 3.6 s I greeted you because you paid attention to me; at 2.6 s nobody was near me."
+SAID = [
+    "Hello! Nice to see you.",
+    "Can I help you with anything?",
+    "The library is on the second floor. Take the lift and turn left.",
+    ANSWER,
+    "You are welcome.",
+]
+
+
+def test_the_bag_has_pictures_sound_and_recognized_speech():
+    graph, path = demo.reception("recorded")
+    assert "/humans/voices/speech" in graph.inputs
+    assert sum(file.stat().st_size for file in path.iterdir()) < 1_000_000
+    with open_bag(path) as bag:
+        assert {name: bag.topic(name).count for name in ("/camera/image_raw/compressed", "/audio")} == {
+            "/camera/image_raw/compressed": 230,
+            "/audio": 230,
+        }
+        topics = {name: name for name in ("/audio", "/humans/voices/speech")}
+        messages = [message for _, message in bag.messages(topics)]
+    sound = [one for one in messages if isinstance(one, AudioData)]
+    speech = [one for one in messages if isinstance(one, HeardSpeech)]
+    assert [one.text for one in speech] == [
+        "Yes, please. Where is the library?",
+        "Why did you greet me?",
+        "Thank you very much.",
+    ]
+    loud = [one.stamp for one in sound if any(one.samples)]
+    assert all(any(one.start <= stamp <= one.stamp for stamp in loud) for one in speech)
+    assert all(any(one.start - SECOND // 5 <= stamp <= one.stamp for one in speech) for stamp in loud)
+
+
+def test_speech_is_recognized_live_if_that_is_installed(monkeypatch):
+    monkeypatch.setattr(demo, "can_hear", lambda: True)
+    graph, _ = demo.reception()
+    assert "hearing" in [node.name for node in graph.nodes]
+    assert graph.inputs >= {"/audio"}
+    assert "/humans/voices/speech" not in graph.inputs
+    monkeypatch.setattr(demo, "can_hear", lambda: False)
+    assert demo.reception()[0] == demo.reception("recorded")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--recognition", "recorded"),
+        ("--recognition", "recorded", "--runner", "ros"),
+        pytest.param(
+            ("--recognition", "live"),
+            marks=pytest.mark.skipif(not demo.can_hear(), reason="needs speech recognition (make hear)"),
+        ),
+        pytest.param(
+            ("--recognition", "live", "--runner", "ros"),
+            marks=pytest.mark.skipif(not demo.can_hear(), reason="needs speech recognition (make hear)"),
+        ),
+    ],
+    ids=" ".join,
+)
+def test_the_demo_decides_the_same_inline_over_dds_and_with_recognition(options, tmp_path: Path):
+    folder = tmp_path / "run"
+    socialbot("demo", "reception", "--no-video", "--no-cache", "--out", str(folder), *options)
+    run = open_run(folder)
+    assert [record.what for record in run.history if record.kind == "utterance"] == SAID
+    assert [record.what for record in run.history if record.kind == "action"] == [
+        "stayIdle()",
+        'tell("greeting", "t1", [])',
+        'tell("offer", "t1", [])',
+        'tell("way_library", "t1", [])',
+        'explain("t1")',
+        'tell("welcome", "t1", [])',
+        "stayIdle()",
+    ]
+    assert len([record for record in run.history if record.kind == "hearing"]) == 3
