@@ -92,6 +92,7 @@ MEANINGS = {
     "--token": "Token that ",
     "--truth": "Ground truth",
     "--verbose": "Also print ",
+    "--video": "Write the annotated video",
 }
 """Options of several commands, with the beginning of their help."""
 
