@@ -86,7 +86,10 @@ def write_page(
     if max_bytes is not None and record.size > max_bytes:
         page = f"the run was long: socialbot report {record.folder} writes its page"
     else:
-        page = f"its page: {(report.write if report else write_report)(record.folder, title)}"
+        try:
+            page = f"its page: {(report.write if report else write_report)(record.folder, title)}"
+        except OSError as error:
+            page = f"its page cannot be written: {error.strerror}"
     console.print(f"The record of this run: {record.folder}; {page}", soft_wrap=True, markup=False)
 
 

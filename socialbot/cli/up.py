@@ -81,7 +81,9 @@ def up(
             if source.nodes is None or config.name in source.nodes:
                 config.type.expect_available(config.parameters)
         console.print(f"{whole.name}: Ctrl-C ends it; its record: {folder}", markup=False)
-        record = stack.enter_context(RunTrace(folder, max_bytes=log_bytes(keep), labels=options.labels_of(labels)))
+        labels_of_run = options.labels_of(labels)
+        trace = RunTrace(folder, max_bytes=log_bytes(keep), labels=labels_of_run, lossy=True)
+        record = stack.enter_context(trace)
         if show_page:
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
         if show_foxglove:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 PARTS = 4
 """Maximum number of parts, including the current one."""
@@ -20,9 +22,9 @@ def nothing() -> Iterable[bytes]:
 
 
 class BoundedLog:
-    """Size-limited log file that keeps the newest lines; `write` flushes each line.
+    """Size-limited log file that keeps the newest lines; `write` writes each line whole or not at all.
 
-    With ``room`` (bytes), each full quarter of it becomes PATH.1, PATH.2 and so on; the oldest part is removed. Each
+    With ``max_bytes``, each full quarter of it becomes PATH.1, PATH.2 and so on; the oldest part is removed. Each
     part begins with the lines of ``opening``. Raises FileExistsError and other OSErrors.
     """
 
@@ -33,22 +35,47 @@ class BoundedLog:
         self._longest = None if max_bytes is None else max_bytes // PARTS
         self._opening = opening
         self._number = 0
-        self._file: BinaryIO = path.open("xb")
+        self._length = 0
+        self._file: FileIO = path.open("xb", buffering=0)
 
     def write(self, line: bytes) -> None:
-        """Append ``line``, which has no newline."""
-        if self._longest is not None and self._file.tell() >= self._longest:
+        """Append ``line``, which has no newline. Raises OSError, and keeps no part of it."""
+        if self._longest is not None and self._length >= self._longest:
             self._begin_part()
-        self._file.write(line + b"\n")
-        self._file.flush()
+        self._append(line + b"\n")
 
     def close(self) -> None:
         self._file.close()
 
     @property
+    def is_gone(self) -> bool:
+        """Whether the file was removed, so that nobody will read it."""
+        return os.fstat(self._file.fileno()).st_nlink == 0
+
+    def reopen(self) -> None:
+        """Begin a new file, and its folder, after the old one was removed. Raises OSError."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        file = self._path.open("xb", buffering=0)
+        self._file.close()
+        self._file, self._length, self._number = file, 0, 0
+        for line in self._opening():
+            self._append(line + b"\n")
+
+    def _append(self, data: bytes) -> None:
+        written = 0
+        try:
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError:
+            os.ftruncate(self._file.fileno(), self._length)
+            self._file.seek(self._length)
+            raise
+        self._length += len(data)
+
+    @property
     def size(self) -> int:
         """Total size of all parts in bytes."""
-        return sum(part.stat().st_size for part in parts(self._path))
+        return sum(part.stat().st_size for part in parts(self._path) if part.exists())
 
     def _begin_part(self) -> None:
         self._file.close()
@@ -56,8 +83,55 @@ class BoundedLog:
         self._path.replace(_part(self._path, self._number))
         if (oldest := self._number - PARTS + 1) > 0:
             _part(self._path, oldest).unlink(missing_ok=True)
-        self._file = self._path.open("xb")
-        self._file.writelines(line + b"\n" for line in self._opening())
+        self._file, self._length = self._path.open("xb", buffering=0), 0
+        for line in self._opening():
+            self._append(line + b"\n")
+
+
+RETRY_S = 1.0
+"""Time (s) between two attempts to write to a disk that is full, read-only or gone."""
+
+
+class LossyLog:
+    """Bounded log that drops lines while they cannot be written, and goes on when they can.
+
+    Attributes:
+        problem: Why lines cannot be written at present; empty if they can.
+        lost: Number of dropped lines.
+    """
+
+    def __init__(self, log: BoundedLog, steady_s: Callable[[], float] = time.monotonic) -> None:
+        self._log = log
+        self._steady_s = steady_s
+        self._look_at = 0.0
+        self.problem = ""
+        self.lost = 0
+
+    def write(self, line: bytes) -> None:
+        """Append ``line``, or drop it."""
+        now = self._steady_s()
+        if self.problem and now < self._look_at:
+            self.lost += 1
+            return
+        try:
+            if now >= self._look_at:
+                self._look_at = now + RETRY_S
+                if self._log.is_gone:
+                    self._log.reopen()
+            self._log.write(line)
+        except OSError as error:
+            self.problem = error.strerror or str(error)
+            self.lost += 1
+        else:
+            self.problem = ""
+
+    def close(self) -> None:
+        self._log.close()
+
+    @property
+    def size(self) -> int:
+        """Total size of all parts in bytes."""
+        return self._log.size
 
 
 def parts(path: Path) -> list[Path]:
@@ -103,8 +177,9 @@ class Rotation:
         for newer, older in reversed(list(itertools.pairwise(parts))):
             if newer.exists():
                 newer.replace(older)
-        if parts:
-            shutil.copyfile(log, parts[0])
+        with contextlib.suppress(OSError):  # on a full disk the old lines are lost
+            if parts:
+                shutil.copyfile(log, parts[0])
         os.truncate(log, 0)
         return True
 

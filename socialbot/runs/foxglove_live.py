@@ -240,6 +240,9 @@ class LiveFeed:
         """Receive a report of a node, from any thread."""
         self._run.note_node(stamp, name, values)
 
+    def note_problem(self, text: str) -> None:
+        self._run.note_problem(text)
+
     def _work(self) -> None:
         while not self._stopped.wait(_TICK_S):
             try:

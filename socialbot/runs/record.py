@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
@@ -14,7 +16,7 @@ from msgspec.structs import replace
 
 from socialbot import __version__
 from socialbot.core import paths
-from socialbot.core.bounded_log import BoundedLog
+from socialbot.core.bounded_log import BoundedLog, LossyLog
 from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import (
     ActionRequest,
@@ -58,6 +60,9 @@ SCORED = "scored.jsonl"
 """File with found, missed and false detections by frame with ground truth."""
 
 DIAGNOSTICS = "/diagnostics"
+GRAPH = "graph.yaml"
+
+log = logging.getLogger("socialbot.record")
 
 
 class SeenLine(msgspec.Struct, frozen=True):
@@ -82,6 +87,9 @@ class RunListener(Protocol):
 
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None: ...
 
+    def note_problem(self, text: str) -> None:
+        """Note why the record cannot be written; empty when it can."""
+
 
 Privacy = Literal["none", "blur", "no-images"]
 """Pictures in a record: as they are, with people blurred, or left out."""
@@ -94,26 +102,37 @@ class RunTrace:
         folder: Folder of the run; nodes may keep files there.
         max_bytes: Size limit of the trace, and of seen.jsonl; the newest lines are kept.
         labels: Labels of the run for results.json, such as its participant and condition in a study.
+        lossy: Go on without a record while it cannot be written, for live runs. Otherwise this ends the run.
 
     Raises:
-        SocialbotError: The folder cannot be created, or holds a run.
+        SocialbotError: The folder cannot be created or written, or holds a run.
     """
 
-    def __init__(self, folder: Path, *, max_bytes: int | None = None, labels: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        max_bytes: int | None = None,
+        labels: Mapping[str, str] | None = None,
+        lossy: bool = False,
+    ) -> None:
         self.folder = folder
+        self._lossy = lossy
         self.labels = dict(labels or {})
         self.privacy: Privacy = "none"
         self._max_bytes = max_bytes
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._trace = BoundedLog(folder / TRACE, max_bytes)
+            self._trace = LossyLog(BoundedLog(folder / TRACE, max_bytes))
         except FileExistsError as error:
             raise _unusable("holds a run already", folder, "give another folder with --out") from error
         except OSError as error:
             raise _unusable(f"cannot be written: {error.strerror}", folder, "give another --out") from error
         paths.allow(folder)
         self._encoder = msgspec.json.Encoder()
-        self._seen: BoundedLog | None = None
+        self._seen: LossyLog | None = None
+        self._graph = ""
+        self._told = ""
         self._world_topics: frozenset[str] = frozenset()
         self._last: dict[tuple[str, str], Message] = {}
         self._listeners: tuple[RunListener, ...] = ()
@@ -138,21 +157,51 @@ class RunTrace:
         """Write graph.yaml, and record structured messages of simulators and node health in seen.jsonl from now on."""
         worlds = (config for config in graph.nodes if config.type.is_simulator)
         self._world_topics = frozenset(topic for world in worlds for topic, _ in world.publications)
-        self._seen = BoundedLog(self.folder / SEEN, self._max_bytes, self._latest_lines)
-        (self.folder / "graph.yaml").write_text(dump_graph(graph), encoding="utf-8")
+        try:
+            self._seen = LossyLog(BoundedLog(self.folder / SEEN, self._max_bytes, self._latest_lines))
+            self._graph = dump_graph(graph)
+            (self.folder / GRAPH).write_text(self._graph, encoding="utf-8")
+        except OSError as error:
+            raise _unusable(f"cannot be written: {error.strerror}", self.folder, "give another --out") from error
+
+    @property
+    def lost(self) -> int:
+        """Number of lines that could not be written."""
+        return sum(file.lost for file in (self._trace, self._seen) if file is not None)
+
+    def check(self) -> str:
+        """Return why the record cannot be written at present; empty if it can. Listeners learn of a change."""
+        problem = self._trace.problem or ("" if self._seen is None else self._seen.problem)
+        with contextlib.suppress(OSError):
+            graph = self.folder / GRAPH
+            if self._graph and not problem and not graph.exists():  # the folder was removed, and is there again
+                graph.write_text(self._graph, encoding="utf-8")
+        text = f"the record cannot be written ({problem}): {self.lost} lines are lost" if problem else ""
+        if bool(text) != bool(self._told):
+            log.warning("%s", text or f"the record is written again; {self.lost} lines are lost")
+        if text != self._told:
+            self._told = text
+            for listener in self._listeners:
+                listener.note_problem(text)
+        return problem
 
     def observe(self, topic: str, message: Message) -> None:
         for listener in self._listeners:
             listener.observe(topic, message)
         record = trace_record(topic, message)
         if record is not None:
-            self._trace.write(self._encoder.encode(record))
+            self._write(self._trace, self._encoder.encode(record))
         elif isinstance(message, Structured) and (topic in self._world_topics or isinstance(message, Health)):
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:
         path = self.folder / "results.json"
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
+        try:
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
+        except OSError as error:
+            if not self._lossy:
+                raise _unusable(f"cannot be written: {error.strerror}", self.folder, "free some space") from error
+            log.warning("%s cannot be written: %s", path, error.strerror)
         return path
 
     def write_scored(self, frames: Iterable[ScoredFrame]) -> None:
@@ -178,7 +227,12 @@ class RunTrace:
 
     def _write_seen(self, topic: str, message: Message | NodeReport) -> None:
         if self._seen is not None:
-            self._seen.write(self._encoder.encode(SeenLine(topic, message)))
+            self._write(self._seen, self._encoder.encode(SeenLine(topic, message)))
+
+    def _write(self, file: LossyLog, line: bytes) -> None:
+        file.write(line)
+        if file.problem and not self._lossy:
+            raise _unusable(f"cannot be written: {file.problem}", self.folder, "free some space, or give another --out")
 
 
 class RunRecord(RunTrace):

@@ -200,6 +200,11 @@ class LiveRun(RunView):
         self._end = 0
         self._recent: deque[int] = deque(maxlen=RECENT)
         self._forgot = 0
+        self._problem = ""
+
+    @property
+    def problems(self) -> list[str]:
+        return [self._problem] if self._problem else []
 
     # Inputs, from any thread
 
@@ -208,6 +213,9 @@ class LiveRun(RunView):
 
     def note_node(self, stamp: int, name: str, values: Mapping[str, str]) -> None:
         self._received.append(("", NodeReport(stamp, name, values)))
+
+    def note_problem(self, text: str) -> None:
+        self._problem = text
 
     # Views, from one thread
 

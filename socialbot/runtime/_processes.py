@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import subprocess
@@ -12,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from socialbot.bridge import environment
 from socialbot.bridge.process import CHANNEL_VARIABLE
@@ -20,6 +21,8 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.process import ENDING_SIGNALS
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
+
+log = logging.getLogger("socialbot.processes")
 
 GRACE_S = 8.0  # time between SIGINT and SIGKILL
 ASKED_AGAIN_S = 3.0  # time between the first and the second SIGINT
@@ -53,16 +56,16 @@ def environment_of(log_folder: Path) -> dict[str, str]:
 
 
 def start_process(
-    arguments: list[str], log: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
+    arguments: list[str], log_path: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
 ) -> subprocess.Popen[bytes]:
     """Start ``socialbot *arguments`` as a process that ends with this one.
 
     ``variables`` extend the environment; ``channel`` is the file descriptor of the supervisor channel.
     """
-    inherited = {**environment_of(log.parent), **variables}
+    inherited = {**environment_of(log_path.parent), **variables}
     if channel is not None:
         inherited[CHANNEL_VARIABLE] = str(channel)
-    with log.open("ab") as output, blocked_signals():
+    with opened_log(log_path) as output, blocked_signals():
         return subprocess.Popen(
             [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
             env=inherited,
@@ -72,6 +75,16 @@ def start_process(
             start_new_session=True,
             pass_fds=() if channel is None else (channel,),
         )
+
+
+def opened_log(path: Path) -> BinaryIO:
+    """Open a log file, to append; without a disk that can be written, output is discarded."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("ab")
+    except OSError as error:
+        log.warning("%s cannot be written: %s", path, error.strerror)
+        return open(os.devnull, "ab")
 
 
 def until_parent_ends(arguments: list[str]) -> list[str]:
@@ -137,7 +150,8 @@ def log_file(folder: Path, name: str) -> Path:
 
 def failure(name: str, code: int, log: Path) -> SocialbotError:
     """Return the error for a failed process, with its exit code and the end of its log."""
-    lines = log.read_text("utf-8", errors="replace").splitlines()[-LOG_TAIL_LINES:]
+    text = log.read_text("utf-8", errors="replace") if log.exists() else ""
+    lines = text.splitlines()[-LOG_TAIL_LINES:]
     what = "\n    ".join([f"the process {how_it_ended(code)}", *lines])
     error = NodeError(what, where=name, remedy=f"the whole log: {log}")
     if code in DOCUMENTED:

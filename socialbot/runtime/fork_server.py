@@ -29,7 +29,14 @@ import msgspec
 
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.graph.node import Graph
-from socialbot.runtime._processes import Process, blocked_signals, environment_of, start_process, until_parent_ends
+from socialbot.runtime._processes import (
+    Process,
+    blocked_signals,
+    environment_of,
+    opened_log,
+    start_process,
+    until_parent_ends,
+)
 
 log = logging.getLogger("socialbot.fork_server")
 
@@ -166,7 +173,7 @@ class ForkServer:
         if self._socket is None:
             return None
         request = msgspec.json.encode(ForkRequest(file.stem, until_parent_ends(arguments), dict(variables)))
-        with file.open("ab") as output:
+        with opened_log(file) as output:
             files = [output.fileno(), *([] if channel is None else [channel])]
             try:
                 with _adopting_orphans():

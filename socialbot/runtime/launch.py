@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import select
@@ -12,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.bridge import environment
-from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher
+from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE, DiagnosticsPublisher, status_of
 from socialbot.bridge.environment import remove_stale
 from socialbot.bridge.process import SupervisorChannel, channel_pair
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
 from socialbot.graph.node import Graph
+from socialbot.runs.record import RunTrace
 from socialbot.runtime._processes import (
     DOCUMENTED,
     Process,
@@ -247,7 +249,8 @@ class Supervisor:
             self._go_on_bringing_up(now)
         if now >= self._rotate_at:
             self._rotate_at = now + ROTATE_EVERY_S
-            self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
+            with contextlib.suppress(OSError):  # a full disk, or a folder that was removed meanwhile
+                self._rotation.rotate_all([log_file(self._folder, name) for name in self.members], self._folder / "ros")
         for member in self.members.values():
             if member.process is not None:
                 code = member.process.poll()
@@ -257,7 +260,7 @@ class Supervisor:
                     member.hung = hung
                     member.process.kill()
             elif member.due is not None and now >= member.due:
-                self._start(member)
+                self._restart(member, now)
         if self.members and all(member.state == "given up" for member in self.members.values()):
             raise NodeError(
                 "all processes have crashed too often",
@@ -291,6 +294,15 @@ class Supervisor:
     @property
     def pids(self) -> dict[str, int]:
         return {name: one.process.pid for name, one in self.members.items() if one.process is not None}
+
+    def _restart(self, member: Member, now: float) -> None:
+        try:
+            if not self._file.exists():  # the folder of the run was removed
+                write_graph(self._graph, self._folder)
+            self._start(member)
+        except OSError as error:
+            log.warning("%s cannot be started: %s; again in %.0f s", member.name, error, self._policy.longest_s)
+            member.due = now + self._policy.longest_s
 
     def _start(self, member: Member) -> None:
         channel, theirs = channel_pair()
@@ -392,6 +404,26 @@ class Supervisor:
 
 
 EVERY_S = 1.0
+
+
+class RecordDiagnostics:
+    """Publisher of a status on /diagnostics while the record of a run cannot be written; checks once a second."""
+
+    def __init__(self, ros: Any, graph: str, record: RunTrace) -> None:
+        self._name, self._record = f"{graph} record", record
+        self._publisher = DiagnosticsPublisher(ros)
+        self._due, self._problem = 0.0, ""
+
+    def publish(self) -> None:
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = now + EVERY_S
+        before, self._problem = self._problem, self._record.check()
+        if self._problem or before:
+            values = {"problem": self._problem, "lost": str(self._record.lost)}
+            level, text = ("WARN", f"not written: {self._problem}") if self._problem else ("OK", "written")
+            self._publisher.publish([status_of(self._name, level, text, values)])
 
 
 class DeadNodeDiagnostics:

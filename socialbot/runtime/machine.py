@@ -24,7 +24,7 @@ from socialbot.graph.node import Graph
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
 from socialbot.runtime.deployment import Deployment, is_own
-from socialbot.runtime.launch import DeadNodeDiagnostics, Supervisor, Variables
+from socialbot.runtime.launch import DeadNodeDiagnostics, RecordDiagnostics, Supervisor, Variables
 from socialbot.runtime.run import Execution, Runner, RunSource, observed_topics, with_speech_files
 
 ATTEND_S = 0.1
@@ -90,9 +90,11 @@ class LiveSource(RunSource):
                     )
                     with announcer, supervisor:
                         diagnostics = DeadNodeDiagnostics(observer.ros, supervisor)
+                        record_diagnostics = RecordDiagnostics(observer.ros, graph.name, record)
                         while not (ending.asked or restarted(supervisor, begun, self.missed())):
                             supervisor.attend(ATTEND_S)
                             diagnostics.publish()
+                            record_diagnostics.publish()
                             announcer.announce()
                             watch.check()
                         well = supervisor.well

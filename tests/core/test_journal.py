@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import resource
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 
-from socialbot.core.bounded_log import PARTS, BoundedLog, is_whole, parts
+from socialbot.core.bounded_log import PARTS, RETRY_S, BoundedLog, LossyLog, is_whole, parts
 
 
 def lines(path) -> list[bytes]:
@@ -63,3 +68,55 @@ def test_existing_files_are_not_overwritten(tmp_path):
     (tmp_path / "j").write_text("mine")
     with pytest.raises(FileExistsError):
         BoundedLog(tmp_path / "j")
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """The system refuses to write more to a file, as to a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_line_is_written_whole_or_not_at_all(tmp_path):
+    log = BoundedLog(tmp_path / "j")
+    log.write(b"first")
+    with files_of_at_most(50), pytest.raises(OSError, match="File too large"):
+        log.write(b"x" * 100)
+    log.write(b"last")
+    assert lines(tmp_path / "j") == [b"first", b"last"]
+
+
+def test_lines_are_counted_while_the_disk_is_full_and_written_again_later(tmp_path):
+    now = [100.0]
+    log = LossyLog(BoundedLog(tmp_path / "j"), steady_s=lambda: now[0])
+    log.write(b"first")
+    with files_of_at_most(50):
+        for _ in range(3):
+            log.write(b"x" * 100)
+        assert (log.problem, log.lost) == ("File too large", 3)
+    log.write(b"too soon")
+    assert log.lost == 4
+    now[0] += RETRY_S
+    log.write(b"last")
+    assert (log.problem, log.lost) == ("", 4)
+    assert lines(tmp_path / "j") == [b"first", b"last"]
+
+
+def test_a_removed_folder_is_made_again(tmp_path):
+    now = [100.0]
+    log = LossyLog(_log_in(tmp_path), lambda: now[0])
+    log.write(b"first")
+    shutil.rmtree(tmp_path / "run")
+    now[0] += RETRY_S
+    log.write(b"second")
+    assert lines(tmp_path / "run" / "j") == [b"opening", b"second"]
+    assert (log.problem, log.lost) == ("", 0)
+
+
+def _log_in(folder):
+    (folder / "run").mkdir()
+    return BoundedLog(folder / "run" / "j", opening=lambda: [b"opening"])

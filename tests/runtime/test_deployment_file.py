@@ -170,8 +170,9 @@ def test_errors_of_wrong_values_name_the_file(line: str, value: str):
 
 def test_the_examples_in_the_documentation_are_valid():
     text = (Path(__file__).parents[2] / "docs" / "deploy.md").read_text("utf-8")
-    laptop, two, pictures = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
-    for page in (laptop, two, two + pictures):
+    laptop, two, *parts = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    assert len(parts) == 2
+    for page in (laptop, two, *(two + part for part in parts)):
         read = parse_deployment(page, where="deploy.md", folder=Path("/here"))
         assert all(f"`{one.name}`" in text or one.name in page for one in read.graph.nodes)
 
