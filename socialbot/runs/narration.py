@@ -297,8 +297,8 @@ class Narrator:
         plan = plan_of(self._history, step)
         if plan is None:
             return ""
-        steps = [re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", line) for line in plan.detail.get("steps", ())]
-        number = f"step {steps.index(step.what) + 1} of {len(steps)}" if step.what in steps else "a step"
+        place, count = place_in_plan(self._history, plan, step), len(plan.detail.get("steps", ()))
+        number = f"step {place} of {count}" if place else "a step"
         whose = "" if plan.source == step.source else f"{self.wording.name(plan.source)}'s "
         return f", {number} of {whose}plan {plan.detail.get('plan', '')} for {plan.what}"
 
@@ -400,6 +400,21 @@ def plan_of(history: History, step: TraceRecord) -> TraceRecord | None:
     before = history.back(history.start, step.stamp)
     numbered = (each for each in before if each.kind == "plan_start" and each.source == director)
     return next((each for each in numbered if each.detail.get("plan") == number), None)
+
+
+def step_in(line: str) -> str:
+    """Return the call of a step in a line of a plan, without its times."""
+    return re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", line)
+
+
+def place_in_plan(history: History, plan: TraceRecord, step: TraceRecord) -> int | None:
+    """Return the number of a step in its plan, which may contain an equal step before; None for a step outside it."""
+    places = [n for n, line in enumerate(plan.detail.get("steps", ()), 1) if step_in(line) == step.what]
+    if len(places) < 2:
+        return places[0] if places else None
+    begun = [each for each in history.between(plan.stamp, step.stamp) if each.kind == "step" and each.what == step.what]
+    before = sum(each is not step and plan_of(history, each) is plan for each in begun)
+    return places[min(before, len(places) - 1)]
 
 
 def _person(person: dict[str, Any]) -> str:

@@ -26,6 +26,7 @@ AGENT = AgentPackage(
     messages=("socialbot.agents.hospital.ward.messages:WARD_MESSAGES",),
     recorded=("socialbot.agents.teams.messages:MISSION_MESSAGES",),
     phrases="socialbot.agents.hospital.event_log:PHRASES",
+    vocabulary="socialbot.agents.hospital.vocabulary:VOCABULARY",
     world_view="socialbot.agents.hospital.result:world_view",
     event_log="socialbot.agents.hospital.event_log:event_log",
     completion="socialbot.agents.hospital.result:completion",

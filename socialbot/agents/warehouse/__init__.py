@@ -14,6 +14,7 @@ AGENT = AgentPackage(
     },
     graphs={"warehouse": "graph.yaml"},
     messages=("socialbot.agents.warehouse.messages:WAREHOUSE_MESSAGES",),
+    vocabulary="socialbot.agents.warehouse.vocabulary:VOCABULARY",
     world_view="socialbot.agents.warehouse.drawing:world_view",
     demos={"warehouse": "socialbot.agents.warehouse.demo:demo"},
     behaviours="behaviours.py",

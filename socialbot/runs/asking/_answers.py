@@ -10,15 +10,15 @@ import msgspec
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
-from socialbot.runs.asking._causes import contrast, reasons, reasons_against, step_in
+from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._facts import Presence, near
 from socialbot.runs.asking._languages import LANGUAGES
 from socialbot.runs.asking._questions import SURE, examples, understand, with_time
 from socialbot.runs.asking._scope import NEAR_S, Scope
 from socialbot.runs.asking._sentences import Claim, Clause, number
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import similarity, tokens
-from socialbot.runs.narration import plan_of
+from socialbot.runs.asking._words import ALIKE, similarity, tokens
+from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.run import RunView
 from socialbot.runs.why import decided_at
 
@@ -156,15 +156,14 @@ class _Answering(Scope):
         return self._numbered(self._of_persons(deeds))
 
     def _quoted(self, deeds: Sequence[TraceRecord]) -> TraceRecord | None:
-        said = set(self.question.says)
-        best, least = None, 0.5
+        """Return the last utterance with most of the words in question; None if it has less than half of them."""
+        wanted = set(self.question.says)
+        best, most = None, 0.5
         for each in deeds:
-            words = set(tokens(each.what)) if each.kind == "utterance" else set()
-            shared = sum(max((similarity(one, other) for other in words), default=0.0) > 0.75 for one in said)
-            if (words and shared / max(len(said), 1) > least) or (
-                words and best is not None and shared / len(said) == least
-            ):
-                best, least = each, shared / len(said)
+            words = set(tokens(self.subjects.words_said(each)))
+            shared = sum(max((similarity(one, other) for other in words), default=0.0) > ALIKE for one in wanted)
+            if words and shared / len(wanted) >= most:
+                best, most = each, shared / len(wanted)
         return best
 
     def _why_not(self) -> tuple[str, list[Clause]] | None:
@@ -181,7 +180,7 @@ class _Answering(Scope):
         assert topic is not None
         span = self._span()
         agent = self._only_agent()
-        undone = self.speech.did_not(topic, self.persons, agent, span, self.question.things)
+        undone = self.speech.did_not(topic, self.persons, agent, span, list(self.question.things))
         if self.question.at_s is not None:
             undone = self.speech.at(undone, self.question.at_s)
         earlier = [each for each in self._of_persons(self.deeds) if self.history.seconds(each.stamp) < span[0]]
@@ -254,7 +253,9 @@ class _Answering(Scope):
         if not deeds:
             told, clauses = self._left_undone()
             return f"{self.speech.say('no')}: {told}", clauses
-        undone = self.speech.did_not(self.topic, self.persons, self._only_agent(), self._span(), self.question.things)
+        undone = self.speech.did_not(
+            self.topic, self.persons, self._only_agent(), self._span(), list(self.question.things)
+        )
         if self.question.at_s is not None:
             undone = self.speech.at(undone, self.question.at_s)
         other = self.speech.did(deeds[-1], self.topic)
@@ -317,15 +318,16 @@ class _Answering(Scope):
         return seconds, self.history.stamp(seconds)
 
     def _see(self) -> tuple[str, list[Clause]] | None:
-        seconds, stamp = self._moment()
+        _, stamp = self._moment()
         frame = self.facts.frame(stamp)
         if frame is None or (self.agent and not self._sees(self.agent)):
             return self._sensed(stamp)
         if self.persons and self.question.at_s is None:
             return self._who()
+        seconds = self.history.seconds(frame.stamp)
         people = [each for each in frame.detail.get("persons", ()) if each.get("track_id") or not self.subjects.persons]
         if not people:
-            claim = Claim("saw_nobody", at_s=self.history.seconds(frame.stamp))
+            claim = Claim("saw_nobody", at_s=seconds)
             clause = self.speech.at(Clause(self.speech.say("saw_none"), (frame.id,), claim), seconds)
             return clause.text, [clause]
         clauses = []
@@ -334,7 +336,7 @@ class _Answering(Scope):
             shown, distance = self.speech.people([name]), person.get("distance_m")
             if distance is not None:
                 shown = self.speech.say("away", person=shown, distance=number(distance))
-            claim = Claim("saw", at_s=self.history.seconds(frame.stamp), persons=(name,), value=distance)
+            claim = Claim("saw", at_s=seconds, persons=(name,), value=distance)
             clauses.append(Clause(shown, (frame.id,), claim))
         told = self.speech.say("saw_one", people=self._joined(clauses))
         return self.speech.say("then", at=number(seconds), clause=told), clauses
@@ -354,7 +356,8 @@ class _Answering(Scope):
         return (self._joined(clauses), clauses) if clauses else None
 
     def _said(self) -> tuple[str, list[Clause]] | None:
-        spoken = [each for each in self.subjects.deeds if each.kind == "utterance" and each.stamp <= self.now]
+        deeds = [each for each in self.subjects.deeds if self.subjects.words_said(each)]
+        spoken = [each for each in deeds if each.stamp <= self.now] or deeds
         spoken = self._of_persons(each for each in spoken if self._is_meant(each))
         at_s = self.question.at_s
         if at_s is not None:
@@ -416,6 +419,7 @@ class _Answering(Scope):
             for mind in state.agents
             if self.agent in ("", mind.name)
             for goal in (*mind.desires, *mind.goals)
+            if not self.facts.has_failed(goal.id, stamp)
         ][:MOST_NAMED]
         nothing = self.speech.about(self.agent, self.speech.say("nothing_next"))
         clauses = wanted or [Clause(nothing, (), Claim("nothing_wanted", self._only_agent(), at_s=seconds))]

@@ -9,7 +9,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, Held, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech, number
 from socialbot.runs.asking._topics import Subjects, Topic
-from socialbot.runs.narration import plan_of, rejected_plans
+from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
 from socialbot.runs.why import explain, head_of
 
 _OWN = {"plan", "goal", "action", "step", "utterance"}
@@ -41,10 +41,9 @@ def _place_in_plan(speech: Speech, deed: TraceRecord) -> list[Clause]:
     plan = plan_of(facts.history, deed) if deed.kind == "step" else None
     clauses = []
     if plan is not None:
-        steps = [step_in(line) for line in plan.detail.get("steps", ())]
-        place = steps.index(deed.what) + 1 if deed.what in steps else None
+        place, count = place_in_plan(facts.history, plan, deed), len(plan.detail.get("steps", ()))
         whose = speech.facts.subjects.wording.name(plan.source)
-        text = f"that was step {place} of {len(steps)}" if place else "that was a step"
+        text = f"that was step {place} of {count}" if place else "that was a step"
         owner = "my" if speech.is_single and plan.source == deed.source else f"{whose}'s"
         text += f" of {owner} plan for {plan.what}"
         value = float(place) if place else None
@@ -60,11 +59,6 @@ def _place_in_plan(speech: Speech, deed: TraceRecord) -> list[Clause]:
         claim = Claim("outside", desire.source, (desire.cause,), facts.seconds(desire.stamp))
         clauses.append(Clause(desire.cause, (desire.id,), claim))
     return clauses
-
-
-def step_in(line: str) -> str:
-    """Return the call of a step in a line of a plan, without its times."""
-    return re.sub(r"^[\d.]+: | \[[\d.]+\]$", "", line)
 
 
 def _nearest_cause(speech: Speech, deed: TraceRecord) -> list[Clause]:

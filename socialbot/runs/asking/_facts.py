@@ -136,6 +136,11 @@ class Facts:
                 break
         return last
 
+    def has_failed(self, goal: str, stamp: int) -> bool:
+        """Return whether a goal, by the id of its record, had failed by ``stamp``; its failure plan may go on."""
+        failures = (each for each in self.history.between(self.history.start, stamp) if each.kind == "failure")
+        return any(goal == cause.id for each in failures for cause in self.history.before(each))
+
     def seconds(self, stamp: int) -> float:
         return self.history.seconds(stamp)
 

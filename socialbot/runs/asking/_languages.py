@@ -32,12 +32,16 @@ ENGLISH = Language(
     "en",
     {
         "why": (
-            "why,how come,for what reason,what reason,what was the reason,what is the reason,reason,what for,"
-            "what made you,what makes you,made you,what caused,cause,what led,led you to,what prompted,prompted you,"
-            "motivated,explain,on what grounds,what brought you to,justify,account for"
+            "motive,motivation,purpose,justification,why,what made,what makes,what brought,how come,for what reason,"
+            "what reason,what was the reason,what is the reason,reason,what for,what made you,what makes you,"
+            "made you,what caused,cause,what led,led you to,what prompted,prompted you,motivated,explain,"
+            "on what grounds,what brought you to,justify,account for"
         ),
         "what": "what,which thing,anything,describe,something",
-        "who": "who,whom,which people,which person,which persons,which visitors,which of you,which agent,which robot",
+        "who": (
+            "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
+            "which agent,which robot"
+        ),
         "when": (
             "when,at what time,what time,at which time,which time,at what moment,at what point,what moment,since when"
         ),
@@ -50,13 +54,13 @@ ENGLISH = Language(
             "how tall,how do,how did,how are,how can,how was,how is,how will,how big,what is your name,how"
         ),
         "not": (
-            "not,never,no,without,refuse,refused,fail to,failed to,forget to,forgot to,omit,skip,avoid,neither,"
-            "stop you from,stopped you from,keep you from,kept you from,prevented you from,instead of"
+            "nothing,nobody,no one,not,never,no,without,refuse,refused,fail to,failed to,forget to,forgot to,omit,"
+            "skip,avoid,neither,stop you from,stopped you from,keep you from,kept you from,prevented you from,"
+            "instead of"
         ),
         "see": (
-            "see,look like,notice,observe,in view,in sight,in front of you,visible,perceive,sense,detect,"
-            "spot anybody,watching,recognise,your camera,camera show,looking at,ahead of you,before your eyes,"
-            "your view"
+            "see,look like,notice,observe,in view,in sight,in front of,visible,perceive,sense,detect,spot anybody,"
+            "watching,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
         ),
         "do": "do,doing,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed",
         "happen": "happen,going on,occur,went on",
@@ -67,8 +71,8 @@ ENGLISH = Language(
         ),
         "say": "say,speak,tell,utter,words,talk",
         "here": (
-            "here,come,came,visit,visited,arrive,there,around,show up,present,pass by,walk by,drop by,stop by,enter,"
-            "appear,leave,left"
+            "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
+            "walk by,drop by,stop by,enter,appear,leave,left"
         ),
         "people": (
             "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
@@ -92,13 +96,15 @@ ENGLISH = Language(
         "start": "at the start,at the beginning,in the beginning,initially,to begin with",
         "recently": "just now,right now,a moment ago,just,lately,now",
         "filler": (
-            "please,hey,hi,okay,ok,well,so,tell me,can you tell me,could you tell me,i would like to know,"
-            "i want to know,do you know,let me know,would you say,could you say,can you say,the,a,an,of,to,for,that,"
-            "this,on,with,and,any,kind,by,it,from,as,ever,even,really,then,actually,in,at,be,being,like,earth,hell,"
-            "up,your,want to,decide to,decided to,choose to,chose to,have to,had to,need to,started to,start,begin,"
-            "began,some,all,exactly,precisely,there,here,if,whether,or,but,run,recording,video,during,during the run,"
-            "total,altogether,together,please tell,time,whole,again,once,twice,too,also,still,only,thing,things,"
-            "these,those,such,own,so far,way"
+            "behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,my,his,her,"
+            "their,its,very,quite,altogether,get,got,receive,received,give,gave,given,given to,away,back,off,out,"
+            "over,into,onto,inside,toward,towards,please,hey,hi,okay,ok,well,so,tell me,can you tell me,"
+            "could you tell me,i would like to know,i want to know,do you know,let me know,would you say,"
+            "could you say,can you say,the,a,an,of,to,for,that,this,on,with,and,any,kind,by,it,from,as,ever,even,"
+            "really,then,actually,in,at,be,being,like,earth,hell,up,your,want to,decide to,decided to,choose to,"
+            "chose to,have to,had to,need to,started to,start,begin,began,some,all,exactly,precisely,there,here,if,"
+            "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
+            "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,way"
         ),
     },
     {
@@ -187,10 +193,10 @@ GERMAN = Language(
         "start": "am anfang,zu beginn,anfangs",
         "recently": "gerade eben,soeben,gerade,jetzt,eben",
         "filler": (
-            "bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,ich mochte wissen,der,die,"
-            "das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,eigentlich,an,auf,am,im,in,so,"
-            "doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,des,nun,alle,alles,aufgehort,"
-            "dort,welche"
+            "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
+            "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
+            "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"
+            "des,nun,alle,alles,aufgehort,dort,welche"
         ),
     },
     {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from typing import Literal
 
@@ -19,7 +19,7 @@ from socialbot.runs.asking._references import (
     take_time,
 )
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, likeness, occurrences, similarity, sound, tokens
+from socialbot.runs.asking._words import ALIKE, likeness, occurrences, similarity, sound, stem, tokens
 from socialbot.runs.why import call_of
 
 Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "count", "did"]
@@ -44,9 +44,19 @@ _ONLY_EXACT = {
     "last",
     "first",
 }
+_MISHEARD = {"past", "present", "future"}
+_STEM = 0.96
+"""Least similarity of two forms of a word."""
+_SOUNDS, _FORM = 0.79, 0.9
+"""Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
+_EXACT = 0.999
 _TAKES_NOTHING = {"past", "present", "future"}
-_UNKNOWN_NEAR, _UNKNOWN_FAR = 0.5, 0.1
+_UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
+_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
+_PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _NEAR = 3
+_LONG = 5
+"""Least length of a word that is heard as two."""
 _SOUNDS_LIKE, _GUESSED = 0.6, 0.8
 _SOFT = (
     "see",
@@ -77,7 +87,7 @@ class Question:
         topics: The deed it is about; other deeds with the same words follow.
         person: The person it is about.
         agent: The agent that acted; empty for any.
-        things: Names in it, such as box_a1.
+        things: Names in it, such as box_a1, with the word before each, such as "to".
         at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
         ordinal: Which time a deed was done: 1 for the first, -1 for the last.
         is_past: Whether it asks about the past.
@@ -91,7 +101,7 @@ class Question:
     topics: tuple[Topic, ...] = ()
     person: PersonReference | None = None
     agent: str = ""
-    things: tuple[str, ...] = ()
+    things: Mapping[str, str] = field(default_factory=dict)
     at_s: float | None = None
     ago: bool = False
     ordinal: int | None = None
@@ -113,10 +123,26 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
     if not words:
         return Question(None, language or "en", 0.0)
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
-    read = [_read(words, subjects, LANGUAGES[code]) for code in candidates]
+    read = [_read(_joined(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
     exact = {question.language: _exact(words, LANGUAGES[question.language]) for question in read}
-    best = max(read, key=lambda question: (question.confidence, exact[question.language]))
+    # A question in one language may contain names and phrases of another.
+    own = [question for question in read if exact[question.language] >= max(exact.values()) - 1]
+    best = max(own, key=lambda question: (question.confidence, exact[question.language]))
     return best if best.confidence >= SURE else max(read, key=lambda question: exact[question.language])
+
+
+def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
+    """Join pairs of words that are one known word: a recogniser may hear ``of ten`` for ``often``."""
+    known = {word for alternatives in language.phrases.values() for phrase in alternatives for word in phrase}
+    known |= _domain(subjects, language.code)
+    result: list[str] = []
+    for word in words:
+        is_whole = bool(result) and result[-1] in known and word in known
+        if result and not is_whole and len(result[-1]) + len(word) >= _LONG and result[-1] + word in known:
+            result[-1] += word
+        else:
+            result.append(word)
+    return result
 
 
 def _exact(words: Sequence[str], language: Language) -> int:
@@ -130,25 +156,30 @@ def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Quest
     at_s, ago, person = take_time(reading)
     things, agents = take_names(reading, subjects)
     person = take_person(reading, subjects) or person
-    _classify(reading)
+    _classify(reading, _domain(subjects, language.code))
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
     ordinal = take_ordinal(reading)
     topics, fit, is_opposite = _topics(reading, subjects)
     topic = next(iter(topics), None)
+    if topic is not None:
+        deed = set(reading.found["topic"][0][1])
+        reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
     _guess_interrogative(reading, topic is not None)
     agent = _acting(reading, agents, topic is not None)
-    things = tuple(dict.fromkeys((*things, *(name for name, _ in agents if name != agent))))
+    things |= {name: words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)}
     kind, sure = _kind(reading, topic is not None, at_s is not None)
     if kind in ("why", "why_not", "did") and is_opposite:
         kind = "why_not" if kind == "why" else "why" if kind == "why_not" else kind
     says: tuple[str, ...] = ()
-    if topic is None and kind in ("why", "when", "did", "count") and reading.has("say"):
+    if kind in ("why", "when", "did", "count") and reading.has("say"):
         last = max(place for _, places in reading.found["say"] for place in places)
-        says = tuple(reading.words[last + 1 :])
-        reading.taken.update(range(last + 1, len(reading.words)))
+        words_said = tuple(reading.words[last + 1 :])
+        if words_said and (topic is None or (topic.declared is None and subjects.is_quoted(words_said))):
+            says, topics, topic, fit = words_said, (), None, 1.0
+            reading.taken.update(range(last + 1, len(reading.words)))
     unknown = tuple(reading.words[place] for place in reading.free())
-    confidence = min(sure, fit) * _coverage(reading, topic)
+    confidence = min(sure, fit) * _coverage(reading, topic, subjects.known_words | _domain(subjects, language.code))
     return Question(
         kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, ordinal,
         is_past=reading.has("past") and not reading.has("future"), says=says,
@@ -174,25 +205,40 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
 # Classes of words
 
 
-def _classify(reading: Reading) -> None:
-    """Find the classes of the words; longer phrases and better matches first."""
+def _domain(subjects: Subjects, language: str) -> set[str]:
+    """Return the words of the deeds of the agents in a language."""
+    phrases = (one for topic in subjects.topics for one in (*topic.words.get(language, ()), *topic.loose))
+    return {word for phrase in phrases for word in phrase}
+
+
+def _classify(reading: Reading, domain: Set[str]) -> None:
+    """Find the classes of the words; longer phrases and better matches first.
+
+    A word that only resembles one of a class is none of it if it is a form of a word of the ``domain``.
+    """
+    stems = {stem(word) for word in domain}
+    deeds = {place for place, word in enumerate(reading.words) if stem(word) in stems}
     matches: list[tuple[float, int, str, tuple[int, ...]]] = []
     for name, alternatives in reading.language.phrases.items():
         for phrase in alternatives:
             between = 1 if len(phrase) > 1 and name in ("why", "how_often", "see", "plan") else 0
             for alike, places in occurrences(phrase, reading.words, between):
-                if alike > 0.999 or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and alike >= ALIKE + 0.06):
+                if (
+                    alike > _EXACT
+                    or (name in _MISHEARD and _SOUNDS < alike < _FORM)
+                    or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and alike >= ALIKE + 0.06)
+                ):
                     matches.append((alike, len(phrase), name, places))
-    exact = {place for alike, _, _, places in matches if alike > 0.999 for place in places}
-    matches = [each for each in matches if each[0] > 0.999 or not exact.intersection(each[3]) or each[1] > 1]
-    matches.sort(key=lambda each: (each[0] < 0.999, -each[1], -each[0]))
+    exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}
+    matches = [each for each in matches if each[0] > _EXACT or not exact.intersection(each[3]) or each[1] > 1]
+    matches.sort(key=lambda each: (each[0] < _EXACT, -each[1], -each[0]))
     claimed: dict[int, str] = {}
     for alike, _, name, places in matches:
         others = {claimed[place] for place in places if place in claimed}
-        if any(claimed.get(place) == "polite" for place in places):
+        if any(claimed.get(place) == "polite" for place in places) or (alike < _STEM and deeds & set(places)):
             continue
         soft = name in _TAKES_NOTHING or name in ("filler", "next", "plan", "me", "you", "people", "last", "first")
-        if (reading.taken & set(places) and alike < 0.999) or (alike < 0.999 and others):
+        if (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
             continue
         if (
             others
@@ -263,7 +309,7 @@ def _topics(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...], fl
     reading.found["topic"] = [(fit, places)]
     reading.taken |= set(places)
     named = {word for phrase in (*near[0][2].words.get(code, ()), *near[0][2].loose) for word in phrase}
-    reading.taken |= {at for at in free if any(similarity(words[at], word) > 0.9 for word in named)}
+    reading.taken |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in named)}
     return tuple(each[2] for each in near), min(1.0, fit), opposite
 
 
@@ -291,14 +337,23 @@ def _loosely(phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int
     return (total, tuple(found)) if set(found) & free else (0.0, ())
 
 
-def _coverage(reading: Reading, topic: Topic | None) -> float:
-    """Return how much of the question is explained; unknown words near the deed count most."""
+def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
+    """Return how much of the question is explained.
+
+    An unknown object of the deed counts most; less count words behind a preposition, adverbs, and words far away.
+    """
     places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
+    aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
     penalty = 0.0
     for place in reading.free():
         word = reading.words[place]
+        if word in known:
+            continue
+        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
+        is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
         near = not places or any(abs(place - at) <= _NEAR for at in places)
-        penalty += _UNKNOWN_FAR if word.endswith("ly") or len(word) < 3 or not near else _UNKNOWN_NEAR
+        far = word.endswith("ly") or len(word) < 3 or not near
+        penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
     return 1.0 / (1.0 + penalty)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from socialbot.runs.asking._languages import Language
-from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import digits, likeness, number_at, similarity, tokens
+from socialbot.runs.asking._topics import Phrase, Subjects
+from socialbot.runs.asking._words import digits, likeness, number_at, ordinal_at, similarity, tokens
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,13 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     phrases, words = reading.language.phrases, reading.words
     units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
     for n in range(len(words)):
-        found = number_at(words, n)
+        found = number_at(words, n) or ordinal_at(words, n, units)
         if found is None:
             continue
         value, used = found
         before, after = words[n - 1] if n else "", words[n + used] if n + used < len(words) else ""
         places = set(range(n, n + used))
-        if after in units and not (
-            after == "second" and used == 1 and not words[n].replace(".", "").isdigit() and before == "the"
-        ):
+        if after in units:
             value, places = value * units[after], places | {n + used}
             following = n + used + 1
             more = number_at(words, following) if following < len(words) and units[after] == 60.0 else None
@@ -92,11 +91,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
         ):
             ago = False
         reading.taken |= places
-        describes = any(
-            similarity(words[place], one[0]) > 0.9
-            for one in phrases["people"]
-            for place in range(max(0, first - 4), first)
-        )
+        describes = _names_person(reading, first)
         by_time = None if ago or not describes or first == 0 else PersonReference(at_s=value)
         for name in ("ago", "at"):
             for one in phrases[name]:
@@ -118,19 +113,39 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     return None, False, None
 
 
+_ALIKE_ORDINAL = 0.79
+_BETWEEN = ("at", "past", "here", "them", "filler")
+"""Classes of the words between a person and the time that describes them: ``the man who was here at 12 s``."""
+
+
+def _names_person(reading: Reading, time: int) -> bool:
+    """Return whether a time describes the person named before it, and not the whole question."""
+    phrases, words = reading.language.phrases, reading.words
+    between = {word for name in _BETWEEN for one in phrases[name] for word in one} | {"who", "that", "qui", "que"}
+    for place in range(time - 1, max(-1, time - 6), -1):
+        if (words[place],) in phrases["people"]:
+            return place > 0
+        if words[place] not in between:
+            return False
+    return False
+
+
+def _order(word: str, phrases: Mapping[str, Sequence[Phrase]]) -> int | None:
+    """Return the number of an ordinal in any form: 1 for the first, -1 for the last; None for other words."""
+    known = [(one[0], 1) for one in phrases["first"] if len(one) == 1]
+    known += [(one[0], -1) for one in phrases["last"] if len(one) == 1]
+    known += [(one[0], number) for number, one in enumerate(phrases["ordinals"], 2)]
+    forms = ((similarity(word[: len(each)], each), similarity(word[:-1], each[:-1]), number) for each, number in known)
+    alike, number = max((max(one, other), number) for one, other, number in forms)
+    return number if alike == 1.0 or (len(word) > 4 and alike >= _ALIKE_ORDINAL) else None
+
+
 def take_ordinal(reading: Reading) -> int | None:
     """Return which time a deed was done: 'the first time', 'the second greeting'."""
     words, phrases = reading.words, reading.language.phrases
-    places = [(n, 1) for n, word in enumerate(words) if (word,) in phrases["first"]]
-    places += [(n, -1) for n, word in enumerate(words) if (word,) in phrases["last"]]
-    places += [
-        (n, number)
-        for number, one in enumerate(phrases["ordinals"], 2)
-        for n, word in enumerate(words)
-        if (word,) == one
-    ]
-    for n, number in places:
-        if n in reading.taken and words[n] not in ("first", "last"):
+    for n, word in enumerate(words):
+        number = _order(word, phrases)
+        if number is None or (n in reading.taken and word not in ("first", "last")):
             continue
         reading.taken.add(n)
         if n + 1 < len(words) and (words[n + 1],) in phrases["time"]:
@@ -142,16 +157,16 @@ def take_ordinal(reading: Reading) -> int | None:
 # Names and persons
 
 
-def take_names(reading: Reading, subjects: Subjects) -> tuple[tuple[str, ...], list[tuple[str, int]]]:
-    """Take names of things and agents from the words; agents with their places."""
+def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], list[tuple[str, int]]]:
+    """Take names from the words: things with the words before them (from, to), and agents with their places."""
     words = reading.words
-    things: list[str] = []
+    things: dict[str, str] = {}
     agents: list[tuple[str, int]] = []
     named = [(phrase, "agent", name) for name, phrases in subjects.agent_words().items() for phrase in phrases]
     named += [(phrase, "thing", name) for name, phrase in subjects.things.items() if name not in subjects.agents]
     named += [(tuple(tokens(name)), "person", name) for name in subjects.persons]
     for phrase, kind, name in sorted(named, key=lambda each: -len(each[0])):
-        if len(phrase) == 1 and len(phrase[0]) < 4 and kind != "agent":
+        if len(phrase) == 1 and len(phrase[0]) < 3:
             continue
         alike, places = likeness(phrase, words, 0)
         exact = [words[place] == wanted for place, wanted in zip(places, phrase, strict=False)]
@@ -165,7 +180,8 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[tuple[str, ...], l
         if kind == "agent":
             agents.append((name, places[0]))
         elif kind == "thing":
-            things.append(name)
+            before = [words[at] for at in range(places[0]) if words[at] not in ("the", "a", "an")]
+            things[name] = before[-1] if before else ""
         else:
             reading.found.setdefault("named", []).append((1.0, places))
             reading.found.setdefault(f"person {name}", []).append((1.0, places))
@@ -174,9 +190,7 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[tuple[str, ...], l
             if n not in reading.taken and len(word) > 2 and len(phrases[-1]) == 1 and phrases[-1][0].startswith(word):
                 reading.taken.add(n)
                 agents.append((name, n))
-    heads = {phrase[0] for phrase in subjects.things.values()}
-    reading.taken |= {n for n, word in enumerate(words) if word in heads}
-    return tuple(things), agents
+    return things, agents
 
 
 def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
@@ -189,12 +203,10 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
             if place and (words[place - 1],) in people:
                 reading.taken.add(place - 1)
             return PersonReference(name=name)
-    numbers = {one[0]: 1 for one in phrases["first"]} | {one[0]: -1 for one in phrases["last"] if len(one) == 1}
-    numbers |= {one[0]: number for number, one in enumerate(phrases["ordinals"], 2)}
     for n, word in enumerate(words):
-        if word in numbers and n not in reading.taken:
-            near = [place for place in (n + 1, n - 1) if 0 <= place < len(words) and (words[place],) in people]
-            if near:
-                reading.taken |= {n, near[0]}
-                return PersonReference(ordinal=numbers[word])
+        number = None if n in reading.taken else _order(word, phrases)
+        near = [place for place in (n + 1, n - 1) if 0 <= place < len(words) and (words[place],) in people]
+        if number is not None and near:
+            reading.taken |= {n, near[0]}
+            return PersonReference(ordinal=number)
     return None

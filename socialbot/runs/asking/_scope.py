@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
@@ -12,9 +13,14 @@ from socialbot.runs.asking._questions import Question
 from socialbot.runs.asking._sentences import Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.run import RunView
+from socialbot.runs.why import call_of
 
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
+
+_SHOWN = re.compile(r"\{(\d)\}")
+_PLACE = re.compile(r"(\w+) \{(\d)\}")
+"""Argument of a phrase with the word before it: ``from {1}``."""
 
 T = TypeVar("T")
 
@@ -61,9 +67,17 @@ class Scope:
         return later
 
     def _is_meant(self, record: TraceRecord) -> bool:
-        things = self.question.things
-        if things and not set(things) <= {*arguments_of(record.what), record.source}:
+        """Return whether a deed is one of the agent and things in question, each in the place that its word names."""
+        things, arguments = self.question.things, arguments_of(record.what)
+        phrase = self.subjects.wording.phrases.get(call_of(record).partition("(")[0], "")
+        shown = [arguments[n] for n in map(int, _SHOWN.findall(phrase)) if n < len(arguments)] if phrase else arguments
+        if things and not set(things) <= {*shown, *arguments[:1], record.source}:
             return False
+        places = {word: int(n) for word, n in _PLACE.findall(phrase)}
+        for thing, before in things.items():
+            place = places.get(before)
+            if place is not None and arguments[place : place + 1] != (thing,):
+                return False
         return not self.agent or record_agent(self.history, record) == self.agent
 
     def _persons(self, speaker: str) -> list[str]:

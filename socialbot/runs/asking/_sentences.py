@@ -94,7 +94,9 @@ class Speech:
         if self.is_single or not agent:
             return text
         name = self.facts.subjects.wording.name(agent)
-        return f"{name}{text[1:]}" if self.language == "en" and text.startswith("I ") else f"{name}: {text}"
+        if self.language != "en" or not text.startswith("I "):
+            return f"{name}: {text}"
+        return f"{name}{text[1:]}"
 
     def at(self, clause: Clause, seconds: float) -> Clause:
         """Return a clause with its time in front."""
@@ -133,8 +135,9 @@ class Speech:
         return self.at(clause, seconds) if at else clause
 
     def _generic(self, record: TraceRecord, agent: str) -> str:
-        if record.kind == "utterance":
-            return self.say("said", what=record.what)
+        words = self.facts.subjects.words_said(record)
+        if words:
+            return self.about(agent, self.say("said", what=words))
         if record.kind in ("goal", "desire"):
             return f"{self.subject(agent)} wanted {record.what}"
         return f"{self.subject(agent)} {past(self._sentence(record))}"

@@ -55,6 +55,7 @@ _CONTROL = {
     "error_msg",
     "call",
 }
+_SAYING = {"say", "speak", "tell", "utter", "announce"}
 MOST_DEEDS = 2000
 """Distinct calls of a run that can be asked about; a run with more has lost its oldest ones."""
 
@@ -116,11 +117,15 @@ class Subjects:
         self.topics = self._topics()
         self.things = self._things()
         self.deeds = actions(history)
+        heads = {phrase[0] for phrase in self.things.values()}
+        named = {word for name in self._conditions() for word in name_tokens(name) if len(word) > 2}
+        self.known_words = (heads | named) - {one[0] for topic in self.topics for one in topic.loose}
+        """Words of things and beliefs: they are no deeds, but no unknown words either."""
 
     # Deeds
 
     def _topics(self) -> tuple[Topic, ...]:
-        declared = [_declared(deed) for deed in self.vocabulary.deeds]
+        declared = [self._declared(deed) for deed in self.vocabulary.deeds]
         calls: dict[str, str] = {}
         conditions = self._conditions()
         for call in self._calls():
@@ -145,7 +150,23 @@ class Subjects:
             named = re.findall(r"[A-Za-z_]\w*(?=\()", head)
             found.update(name for name in named if name != _goal_of(plan))
             found.update(re.findall(r"(?<![\w\"])[+\-~?]{1,2}([A-Za-z_]\w*)\(", plan[len(head) :]))
-        return found
+        goals = {_name(record.what) for record in self.history if record.kind == "goal"}
+        return found - goals - {_goal_of(plan) for plan in self.plans}
+
+    def _declared(self, deed: Deed) -> Topic:
+        def phrases(words: Mapping[str, Sequence[str]]) -> dict[str, tuple[Phrase, ...]]:
+            return {language: tuple(tuple(tokens(one)) for one in some) for language, some in words.items()}
+
+        told = (self._told(call) for call in deed.calls)
+        loose = tuple(phrase for phrase in told if phrase)
+        words, opposites = phrases(deed.words), phrases(deed.opposites)
+        return Topic(deed.calls[0], tuple(deed.calls), words, opposites, loose, deed)
+
+    def _told(self, name: str) -> Phrase:
+        """Return the words of the phrase for an action; none without a phrase."""
+        told = tokens(_PLACEHOLDER.sub(" ", self.wording.phrases.get(name, "")))
+        kept = _SMALL_WORDS - {"up", "down"}
+        return tuple(word for n, word in enumerate(told) if n == 0 or word not in kept)
 
     def _calls(self) -> Iterator[str]:
         """Yield the calls of goals, desires and actions that the records and rules name."""
@@ -176,16 +197,10 @@ class Subjects:
         words = [word for word in name_tokens(name) if len(word) > 1]
         named = tuple(folded(word) for word in words if word not in unwanted)
         phrases = [named] if named else [tuple(words)]
-        sentence = self.wording.phrases.get(name)
-        if sentence is not None:
-            told = tokens(_PLACEHOLDER.sub(" ", sentence))
-            phrases.append(
-                tuple(
-                    word for n, word in enumerate(told) if n == 0 or word not in _SMALL_WORDS or word in ("up", "down")
-                )
-            )
-            if len(told) > 1 and told[0] in ("has", "is", "waits"):
-                phrases.append(tuple(word for word in told[1:] if word not in _SMALL_WORDS))
+        told = self._told(name)
+        phrases.append(told)
+        if told[:1] in (("has",), ("is",), ("waits",)):
+            phrases.append(told[1:])
         text = found[2] if found and found[2] else ""
         if text:
             said = tuple(word for word in tokens(text))
@@ -201,6 +216,19 @@ class Subjects:
             return found
         wanted = (record for record in self.history if record.kind in ("desire", "goal"))
         return [record for record in wanted if topic.covers(_literal(record))]
+
+    def words_said(self, record: TraceRecord) -> str:
+        """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""
+        if record.kind == "utterance":
+            return record.what
+        named = record.kind == "action" and _SAYING & set(name_tokens(_name(record.what)))
+        texts = re.findall(r'"([^"]*)"', record.what) if named else ()
+        return " ".join(text for text in texts if text not in self.agents)
+
+    def is_quoted(self, words: Sequence[str]) -> bool:
+        """Return whether an utterance has most of ``words``."""
+        said = (set(tokens(self.words_said(each))) for each in self.deeds)
+        return any(2 * len(set(words) & each) > len(set(words)) for each in said)
 
     def topic_of(self, record: TraceRecord) -> Topic | None:
         """Return the deed of a record of an action; None without one."""
@@ -226,7 +254,11 @@ class Subjects:
         deeds = {
             text for topic in self.topics for call in topic.calls for text in split(call.partition("(")[2].rstrip(")"))
         }
-        unwanted = {*self.persons, *deeds, *(topic.name for topic in self.topics)}
+        done = {
+            text for record in self.history if record.kind in ("action", "step") for text in arguments_of(record.what)
+        }
+        heads = {words[0] for words in found.values() if len(words) > 1} - done  # box, of box_a1, is no thing
+        unwanted = {*self.persons, *deeds, *heads, *(topic.name for topic in self.topics)}
         return {name: words for name, words in found.items() if set(words) - _CLASS_WORDS and name not in unwanted}
 
     def agent_words(self) -> dict[str, list[Phrase]]:
@@ -237,13 +269,6 @@ class Subjects:
             if phrases[0] and kinds[phrases[0][0]] == 1:
                 phrases.append(phrases[0][:1])
         return {agent: list(dict.fromkeys(phrase for phrase in phrases if phrase)) for agent, phrases in names.items()}
-
-
-def _declared(deed: Deed) -> Topic:
-    def phrases(words: Mapping[str, Sequence[str]]) -> dict[str, tuple[Phrase, ...]]:
-        return {language: tuple(tuple(tokens(one)) for one in some) for language, some in words.items()}
-
-    return Topic(deed.calls[0], tuple(deed.calls), phrases(deed.words), phrases(deed.opposites), declared=deed)
 
 
 def _literal(record: TraceRecord) -> str:

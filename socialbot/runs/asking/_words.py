@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
 
@@ -49,6 +49,8 @@ def name_tokens(name: str) -> list[str]:
 
 
 _ENDINGS = ("ings", "ing", "edly", "ed", "es", "s", "er", "en", "est", "et", "e")
+_WEAK_ENDINGS = {"er", "est", "et"}
+"""Endings that are parts of short words: offer, rest, greet."""
 _SHORTEST_STEM = 3
 _LEAST_WRITTEN = 0.5
 """Least similarity in writing of words that sound alike."""
@@ -71,7 +73,8 @@ def stem(word: str) -> str:
     word = _IRREGULAR.get(word, word)
     ending = "s"
     while ending:
-        found = (each for each in _ENDINGS if word.endswith(each) and len(word) - len(each) >= _SHORTEST_STEM)
+        fits = ((each, len(word) - len(each) - (2 if each in _WEAK_ENDINGS else 0)) for each in _ENDINGS)
+        found = (each for each, left in fits if word.endswith(each) and left >= _SHORTEST_STEM)
         ending = next(found, "")
         word = word.removesuffix(ending)
     if len(word) > _SHORTEST_STEM and word[-1] == word[-2] and word[-1] not in "ls":
@@ -88,11 +91,11 @@ _LETTER_SOUNDS = str.maketrans("gcqdbvzjy", "kkktpfsxi")
 
 @lru_cache(maxsize=10_000)
 def sound(word: str) -> str:
-    """Return the consonants of a word; voiced and voiceless ones are equal, as recognisers confuse them."""
+    """Return the consonants of a word; voiced and voiceless ones are equal, a last r is silent."""
     for letters, one in _SOUNDS:
         word = word.replace(letters, one)
     word = word.translate(_LETTER_SOUNDS)
-    consonants = word[:1] + re.sub(r"[aeiouhw]", "", word[1:])
+    consonants = word[:1] + re.sub(r"[aeiouhw]|r$", "", word[1:])
     return re.sub(r"(.)\1+", r"\1", consonants)
 
 
@@ -197,6 +200,27 @@ def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
     while used and words[place + used - 1] in ("and", "et", "y", "und"):
         used -= 1
     return _with_point(float(total), words, place + used, used) if used else None
+
+
+_ORDINALS: dict[str, int] = {}
+for _line in (
+    "third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth fifteenth sixteenth "
+    "seventeenth eighteenth nineteenth twentieth",
+    "dritten vierten funften sechsten siebten achten neunten zehnten elften zwolften dreizehnten vierzehnten "
+    "funfzehnten sechzehnten siebzehnten achtzehnten neunzehnten zwanzigsten",
+    "troisieme quatrieme cinquieme sixieme septieme huitieme neuvieme dixieme onzieme douzieme treizieme quatorzieme "
+    "quinzieme seizieme",
+    "tercer cuarto quinto sexto septimo octavo noveno decimo",
+):
+    _ORDINALS |= {word: number for number, word in enumerate(_line.split(), 3)}
+
+
+def ordinal_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:
+    """Return the number of an ordinal before a unit of time: ``the eleventh second``, ``the 30 th second``."""
+    following = words[place + 1] if place + 1 < len(words) else ""
+    if words[place] in _ORDINALS and following in units:
+        return float(_ORDINALS[words[place]]), 1
+    return None
 
 
 def _with_point(number: float, words: Sequence[str], place: int, used: int) -> tuple[float, int]:

@@ -1,0 +1,153 @@
+"""Questions to recorded runs: do the answers reach the right records, and does the trace support every clause?
+
+``python -m evaluation.questions`` asks the questions of questions.yaml about six runs: Waldo on a recorded corridor and
+with five visitors, two warehouses, a hospital, and an agent without vocabulary. `questions_check` re-evaluates each
+clause from trace.jsonl alone. ``--spoken`` makes speech of the questions and recognises it first.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from ruamel.yaml import YAML
+
+from evaluation.questions_check import Verifier, covers
+from evaluation.questions_runs import RUNS
+from evaluation.report import JsonOption, QuickOption, Report, run
+from socialbot.runs.asking import Answer, answer
+from socialbot.runs.folder import RecordedRun, open_run
+
+QUESTIONS = Path(__file__).with_name("questions.yaml")
+REACHED = 0.9
+"""Least share of the questions whose answers rest on the right record."""
+NEAR_S = 0.15
+SLOW_RUNS = {"corridor"}
+
+Listen = Callable[[str], str]
+"""Return what a recogniser hears of a question."""
+
+
+def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
+    """Return whether an answer rests on the record that ``target`` describes, as in questions.yaml."""
+    kind, _, rest = target.partition(" ")
+    claims = [clause.claim for clause in found.clauses]
+    if kind == "unknown":
+        return not found.known
+    if kind == "idle":
+        return any(claim.kind == "did_not" and not claim.what for claim in claims)
+    if kind == "intends":
+        return any(claim.kind == ("nothing_wanted" if rest == "nothing" else "wanted") for claim in claims)
+    if kind == "plan":
+        desire, step = rest.split()
+        return any(
+            claim.kind == "planned" and claim.what[1] == desire and claim.value == float(step) for claim in claims
+        )
+    if kind in ("people", "times"):
+        wanted = "count_people" if kind == "people" else "count"
+        return any(claim.kind == wanted and claim.value == float(rest) for claim in claims) or (
+            kind == "people" and sum(claim.kind == "here" for claim in claims) == int(rest)
+        )
+    if kind == "here":
+        return any(claim.kind == "here" and rest in claim.persons for claim in claims)
+    if kind == "not":
+        call, _, person = rest.partition(" ")
+        named = [claim for claim in claims if claim.kind == "did_not" and call in claim.what]
+        return any(not person or person in claim.persons for claim in named)
+    call, _, at = rest.rpartition("@ ")
+    whole = kind == "frame" or (bool(claims) and claims[0].kind == "count")
+    clauses = found.clauses if whole else found.clauses[:1]
+    lines = [verifier.trace.by_id[id] for clause in clauses for id in clause.records]
+    near = [line for line in lines if abs(verifier.trace.seconds(line) - float(at)) <= NEAR_S]
+    if kind == "frame":
+        return any(line["kind"] == "detection" for line in near)
+    chains = [each for line in near for each in (line, *verifier.trace.causes(line))]
+    return any(_is_call(call.strip(), one) for each in chains for one in (*verifier.trace.calls(each), each["what"]))
+
+
+def _is_call(call: str, text: str) -> bool:
+    plain = text.replace('"', "")
+    return covers(call, plain) or plain.startswith(call.replace('"', ""))
+
+
+def asked(
+    record: RecordedRun, verifier: Verifier, questions: list[str], listen: Listen | None
+) -> tuple[int, list[str], list[str], Counter[str]]:
+    """Ask questions about a run.
+
+    Returns:
+        The number of right answers, the wrong ones, the unsupported clauses, and the clauses by kind of claim.
+    """
+    right, wrong, unsupported, kinds = 0, [], [], Counter()
+    for line in questions:
+        question, _, target = line.partition(" -> ")
+        heard = question if listen is None else listen(question)
+        found = answer(record, heard)
+        kinds.update(clause.claim.kind for clause in found.clauses)
+        unsupported += verifier.faults(json.loads(msgspec.json.encode(found)))
+        if reaches(found, target, verifier):
+            right += 1
+        else:
+            spoken = "" if heard == question else f" (heard: {heard!r})"
+            wrong.append(f"{question}{spoken}: wanted {target!r}, got {found.text!r}")
+    return right, wrong, unsupported, kinds
+
+
+def questions(
+    quick: QuickOption = False,
+    spoken: Annotated[bool, typer.Option("--spoken", help="Speak and recognise each question (extra hear).")] = False,
+    runs: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder that keeps the runs.")] = None,
+    json: JsonOption = None,
+) -> None:
+    """Ask recorded runs questions, and check the records and clauses of the answers."""
+    report = Report("Questions", quick)
+    parts: Mapping[str, Mapping[str, list[str]]] = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
+    listen = None
+    if spoken:
+        from evaluation.questions_spoken import Listener
+
+        listen = Listener().hear
+    counts: dict[str, list[int]] = {part: [0, 0] for part in parts}
+    rows: dict[str, dict[str, Any]] = {}
+    faults: list[str] = []
+    kinds: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as temporary:
+        for name, make in RUNS.items():
+            if quick and name in SLOW_RUNS:
+                continue
+            folder = (runs or Path(temporary)) / name
+            if not (folder / "trace.jsonl").exists():
+                make(folder)
+            record, verifier = open_run(folder), Verifier(folder)
+            rows[name] = {}
+            for part, by_run in parts.items():
+                right, wrong, unsupported, found = asked(record, verifier, by_run.get(name, []), listen)
+                counts[part][0] += right
+                counts[part][1] += len(by_run.get(name, []))
+                rows[name] |= {f"{part}: right": right, f"{part}: asked": len(by_run.get(name, []))}
+                faults += unsupported
+                kinds += found
+                for each in wrong:
+                    typer.echo(f"{part}, {name}: {each}")
+    for part, (right, number) in counts.items():
+        text = f"{part.replace('_', ' ')}: answers that miss the record, of {number} (share)"
+        report.add(f"missed_{part}", text, round(1 - right / max(number, 1), 3), round(1 - REACHED, 3))
+    report.add("clauses", "clauses of answers", kinds.total())
+    report.add("unsupported", "unsupported clauses", len(faults), 0)
+    report.tables["runs"] = rows
+    report.tables["clauses"] = {kind: {"checked": count} for kind, count in sorted(kinds.items())}
+    for each in faults[:20]:
+        typer.echo(f"unsupported: {each}")
+    report.finish(json)
+    if report.unmet:
+        raise typer.Exit(1)
+
+
+if __name__ == "__main__":
+    run(questions)

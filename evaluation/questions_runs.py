@@ -1,0 +1,125 @@
+"""Recorded runs for `evaluation.questions`: replays, simulations, played visits, and an agent of a user."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+
+from socialbot.bdi import Engine, Record
+from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
+from socialbot.graph.files import parse_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.runs.record import RunRecord
+from socialbot.runtime.run import observed_topics
+from socialbot.testing import ManualClock, run_engine
+
+DETECTIONS = "/humans/bodies/detections"
+START = 1_700_000_000 * SECOND
+GUARD = Path("examples/door_guard.py")
+
+WALDO = """
+name: waldo
+inputs: [/humans/bodies/detections]
+nodes:
+  bdi_engine: {type: waldo}
+  listener: {type: listener}
+  speech: {type: speaker, parameters: {playback: 'off'}}
+  head: {type: head}
+"""
+
+TOWARDS, AWAY = 0.2, 2.9
+VISITS = (
+    ("t1", 3.0, 16.0, 3.0, TOWARDS),
+    ("t2", 22.0, 26.0, 2.5, TOWARDS),
+    ("t3", 33.0, 39.0, 4.0, AWAY),
+    ("t4", 45.0, 58.0, 2.0, TOWARDS),
+    ("t5", 45.0, 50.0, 3.5, TOWARDS),
+)
+"""Track id, first and last second, distance (m) and facing (rad) of the visitors of the run ``visits``."""
+VISITS_END_S = 65.0
+
+
+def visits(folder: Path) -> None:
+    """Record Waldo with five visitors: a long stay, a short one, one who looks away, and two who come together."""
+    graph = parse_graph(WALDO, where="evaluation/questions_runs.py")
+    runner = InlineRunner(graph, start=START)
+    with RunRecord(folder) as record:
+        record.describe(graph)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+        for frame in _frames():
+            runner.feed(DETECTIONS, frame)
+        runner.close()
+        record.write_results({"graph": "waldo", "runner": "inline"})
+
+
+def _frames() -> Iterator[PersonDetections]:
+    for tenth in range(int(VISITS_END_S * 10)):
+        persons = tuple(
+            PersonDetection(
+                x=100.0, y=50.0, w=80.0, h=200.0, score=0.9, track_id=name, distance_m=distance_m, facing_rad=facing
+            )
+            for name, begin, end, distance_m, facing in VISITS
+            if begin <= tenth / 10 < end
+        )  # fmt: skip
+        stamp = START + tenth * nanoseconds(0.1)
+        yield PersonDetections(stamp=stamp, frame_id="camera", width=640, height=480, persons=persons)
+
+
+def guard(folder: Path) -> None:
+    """Record the door guard of the examples, an agent without vocabulary and phrases."""
+    spec = importlib.util.spec_from_file_location("door_guard", GUARD)
+    assert spec is not None
+    assert spec.loader is not None
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    records: list[TraceRecord] = []
+
+    def keep(record: Record) -> None:
+        about = {name: getattr(record, name) for name in ("id", "kind", "what", "cause", "detail")}
+        records.append(TraceRecord(stamp=record.time, source="guard", **about))
+
+    engine = Engine("guard", ManualClock(), sink=keep)
+    engine.add_rules(*program.RULES)
+    with redirect_stdout(StringIO()):
+        engine.believe(program.known("Ann"))
+        for name in ("Ann", "Bob"):
+            engine.believe(program.bell())
+            run_engine(engine, 3.0)
+            engine.believe(program.badge(name))
+            run_engine(engine, 17.0)
+        engine.believe(program.door_open())
+        run_engine(engine, 12.0)
+        engine.forget(program.door_open())
+        run_engine(engine, 5.0)
+    folder.mkdir(parents=True)
+    (folder / "trace.jsonl").write_bytes(b"".join(msgspec.json.encode(record) + b"\n" for record in records))
+    (folder / "results.json").write_text("{}")
+
+
+def _made_by(*arguments: str) -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        command = [sys.executable, "-m", "socialbot", *arguments, "--out", str(folder)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+    return make
+
+
+RUNS: Mapping[str, Callable[[Path], None]] = {
+    "visits": visits,
+    "guard": guard,
+    "hospital": _made_by("demo", "hospital", "--problems", "100", "--seed", "3"),
+    "warehouse": _made_by("demo", "warehouse"),
+    "warehouse2": _made_by("demo", "warehouse", "--run", "2"),
+    "corridor": _made_by("replay", "data/synthetic/corridor", "--no-video"),
+}
+"""Functions that record each run into a folder, the cheapest ones first."""

@@ -1,0 +1,88 @@
+"""The verifier of answers finds each kind of unsupported clause; answers to the questions of two runs reach records."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from ruamel.yaml import YAML
+
+from evaluation.questions import QUESTIONS, asked
+from evaluation.questions_check import Verifier
+from evaluation.questions_runs import RUNS
+from socialbot.runs.asking import answer
+from socialbot.runs.folder import RecordedRun, open_run
+
+Recorded = tuple[RecordedRun, Verifier]
+
+
+@pytest.fixture(scope="module")
+def visits(tmp_path_factory) -> Recorded:
+    return recorded("visits", tmp_path_factory.mktemp("questions"))
+
+
+def recorded(name: str, folder: Path) -> Recorded:
+    RUNS[name](folder / name)
+    return open_run(folder / name), Verifier(folder / name)
+
+
+def told(run: RecordedRun, question: str) -> dict[str, Any]:
+    return json.loads(msgspec.json.encode(answer(run, question)))
+
+
+def change_claim(name: str, value: object) -> Callable[[dict[str, Any]], None]:
+    return lambda found: found["clauses"][0]["claim"].update({name: value})
+
+
+def change_text(old: str, new: str) -> Callable[[dict[str, Any]], None]:
+    def change(found: dict[str, Any]) -> None:
+        for part in (found, *found["clauses"]):
+            part["text"] = part["text"].replace(old, new)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("question", "change"),
+    [
+        ("When did you offer help?", change_claim("at_s", 12.5)),
+        ("When did you offer help?", change_claim("what", ["Good bye!"])),
+        ("When did you offer help?", change_text("11.2", "12.2")),
+        ("When did you offer help?", change_text("person t1", "person t2")),
+        ("When did you offer help?", change_text("offered", "never offered")),
+        ("Did you offer help to t2?", change_text("only been here", "been here")),
+        ("Did you help t2?", change_claim("persons", ["t1"])),
+        ("What do you see at 12 s?", change_claim("value", 5.0)),
+        ("What do you see at 12 s?", change_claim("persons", ["t2"])),
+        ("Who was here?", change_claim("until_s", 60.0)),
+        ("How many people were here?", change_claim("value", 6.0)),
+        ("How often did you offer help?", change_claim("value", 3.0)),
+        ("What will you do next at 12 s?", change_claim("kind", "wanted")),
+        ("Why did you greet t1?", lambda found: found["clauses"][1]["claim"].update(what=['stays("t1")'])),
+        ("Why did you greet t1?", lambda found: found["clauses"][0].update(records=["nothing-1"])),
+        ("Why did you greet t1?", lambda found: found.update(text=f"{found['text']} I like people.")),
+        ("Why did you greet t1?", lambda found: found.update(clauses=[])),
+    ],
+)
+def test_unsupported_clauses_are_found(visits, question, change):
+    run, verifier = visits
+    found = told(run, question)
+    assert verifier.faults(found) == []
+    changed = copy.deepcopy(found)
+    change(changed)
+    assert changed != found
+    assert verifier.faults(changed) != []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["visits", "guard", "hospital"])
+def test_answers_reach_the_right_records(name, tmp_path):
+    parts = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
+    questions = [line for by_run in parts.values() for line in by_run.get(name, [])]
+    right, wrong, unsupported, _ = asked(*recorded(name, tmp_path), questions, None)
+    assert (unsupported, right >= 0.9 * len(questions)) == ([], True), wrong
