@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,9 +18,11 @@ import pytest
 from socialbot.core.messages import JointTrajectory, Utterance
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.robots.head import NaoqiHead, TrajectoryActionHead, TrajectoryHead
+from socialbot.robots.people import RobotPeople
 from socialbot.robots.speech import SaySkillSpeaker, TopicSpeaker, TtsSpeaker
 from tests.bridge.hosting import node_hosts
-from tests.system.running import eventually
+from tests.robots.usher import Usher, go_home
+from tests.system.running import eventually, socialbot_here
 
 pytestmark = [
     pytest.mark.slow,
@@ -31,6 +34,15 @@ PARAMETERS = {
     "tilt_joint": "head_2_joint", "tilt_lower_rad": -0.9, "tilt_upper_rad": 0.7, "tilt_speed_rad_s": 0.5,
 }  # fmt: skip
 OUTSIDE = frozenset({"/head_controller/follow_joint_trajectory", "/tts_engine/tts", "/skill/say", "/navigate_to_pose"})
+
+
+class HomeUsher(Usher):
+    """Drives home when it is told to."""
+
+    keeps_mind = False
+
+    def set_home_goal(self) -> None:
+        self.engine.achieve(go_home())
 
 
 class Robot:
@@ -230,3 +242,103 @@ class TestSpeech:
             states = self.said(speaker, "Hello!")
             assert eventually(lambda: states == ["started", "finished"])
             assert nao.has(speech="Hello!")
+
+
+class TestTheBase:
+    def drive_home(self, usher: Any) -> None:
+        call(usher, "set_home_goal")
+
+    def believes(self, usher: Any, text: str) -> bool:
+        return any(str(held.belief) == text for held in list(usher.node.engine.beliefs))
+
+    def test_home_is_a_goal_with_feedback(self):
+        with robot() as turtlebot, hosted(HomeUsher, home="1.5 -0.5 0.5") as usher:
+            self.drive_home(usher)
+            assert eventually(lambda: self.believes(usher, 'met("home")'))
+            (goal,) = [each for each in turtlebot.got if "navigate" in each]
+            assert goal["navigate"] == pytest.approx([1.5, -0.5, 0.5])
+            assert goal["frame"] == "map"
+            assert eventually(lambda: self.believes(usher, "distance_left(1.5)"))
+
+    @pytest.mark.parametrize(("mode", "why"), [("reject", "rejected"), ("abort", "aborted")])
+    def test_a_goal_that_fails_fails_the_goal_of_the_agent(self, mode, why):
+        with robot(mode), hosted(HomeUsher) as usher:
+            self.drive_home(usher)
+            assert eventually(lambda: self.believes(usher, f'failed("{why}")'))
+
+    def test_the_time_limit_cancels_the_goal(self):
+        with robot("slow") as turtlebot, hosted(HomeUsher) as usher:
+            self.drive_home(usher)
+            assert eventually(lambda: turtlebot.has(cancelled="NavigateToPose_Result"))
+            assert eventually(lambda: self.believes(usher, 'failed("timeout")'))
+
+    def test_the_end_of_the_agent_stops_the_base(self):
+        with robot("slow") as turtlebot:
+            with hosted(HomeUsher) as usher:
+                self.drive_home(usher)
+                assert eventually(lambda: any("navigate" in each for each in turtlebot.got))
+            assert eventually(lambda: turtlebot.has(cancelled="NavigateToPose_Result"))
+
+    def test_a_killed_nav2_fails_the_goal_and_the_next_one_is_driven(self):
+        with hosted(HomeUsher) as usher:
+            with robot("slow") as turtlebot:
+                self.drive_home(usher)
+                assert eventually(lambda: any("navigate" in each for each in turtlebot.got))
+                turtlebot.process.kill()
+                # A killed process stays discovered for up to 20 s, longer than the time limit of the step.
+                assert eventually(lambda: any(self.believes(usher, f'failed("{why}")') for why in ("timeout", "lost")))
+            with robot():
+                self.drive_home(usher)
+                assert eventually(lambda: self.believes(usher, 'met("home")'))
+
+
+class TestPeople:
+    def test_bodies_and_their_frames_become_people(self):
+        from geometry_msgs.msg import TransformStamped
+
+        from socialbot.bridge.environment import spinning_node
+        from socialbot.bridge.transport import message_class
+
+        IdsList = message_class("hri_msgs/msg/IdsList")  # noqa: N806
+        TFMessage = message_class("tf2_msgs/msg/TFMessage")  # noqa: N806
+        with spinning_node("detector") as ros, hosted(RobotPeople) as people:
+            seen: list[Any] = []
+            publish = people.node.detections.publish
+            vars(people.node)["detections"] = SimpleNamespace(publish=lambda m: (seen.append(m), publish(m)))
+            ids, frames = (
+                ros.create_publisher(IdsList, "/humans/bodies/tracked", 5),
+                ros.create_publisher(TFMessage, "/tf", 5),
+            )
+
+            def tell() -> None:
+                now = ros.get_clock().now().to_msg()
+                frame = TransformStamped(child_frame_id="body_x1")
+                frame.header.stamp, frame.header.frame_id = now, "base_link"
+                frame.transform.translation.x, frame.transform.rotation.z = 2.5, 1.0
+                frame.transform.rotation.w = 0.0
+                frames.publish(TFMessage(transforms=[frame]))
+                message = IdsList(ids=["x1"])
+                message.header.stamp = now
+                ids.publish(message)
+
+            ros.create_timer(0.05, tell)
+            assert eventually(lambda: any(each.persons and each.persons[0].distance_m for each in seen))
+            person = next(each.persons[0] for each in seen if each.persons and each.persons[0].distance_m)
+            assert (person.track_id, person.distance_m) == ("x1", pytest.approx(2.5))
+            assert person.facing_rad == pytest.approx(0.0, abs=1e-6)
+
+
+def test_doctor_finds_the_whole_robot(tmp_path):
+    profile = tmp_path / "robby.yaml"
+    profile.write_text(
+        "like: tiago\nname: robby\ncamera: {info: /camera_info}\n"
+        "head: {action: /head_controller/follow_joint_trajectory}\n"
+    )
+    with robot():
+        done = socialbot_here("doctor", "--robot", profile, "--json")
+    found = [(each["name"], each["state"]) for each in json.loads(done.stdout)["findings"]]
+    assert ("head", "ok") in found
+    assert ("speech", "ok") in found
+    assert found.count(("base", "ok")) == 1
+    assert ("camera", "error") in found
+    assert done.returncode == 5
