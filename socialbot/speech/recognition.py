@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -14,8 +15,8 @@ from socialbot.speech.audio import RATE_HZ, REMEDY
 from socialbot.speech.recognition_models import load_files
 
 _LONGEST_S = 30  # Sound that the network takes.
-_PADDING_S = 2  # Silence after the speech; with less the network repeats the end.
-_SHORTEST_S = 6
+_PADDING_S = 4  # Silence after the speech; with less the network repeats itself.
+_SHORTEST_S = 10
 _TOKENS_PER_S, _TOKENS = 12, 16  # More text than anybody speaks is a repetition.
 _FRAMES_PER_S = 100
 _MIN_LOG_PROBABILITY = -1.0
@@ -83,8 +84,17 @@ class WhisperRecognizer:
         }
 
     def recognize(self, samples: np.ndarray) -> RecognizedText | None:
-        sound = self._padded(samples[: _LONGEST_S * RATE_HZ])
-        features = self._network.feature_extractor(sound)[:, : sound.size * _FRAMES_PER_S // RATE_HZ]
+        samples = samples[: _LONGEST_S * RATE_HZ]
+        found = self._recognize(
+            samples, min(_LONGEST_S, max(_SHORTEST_S, math.ceil(samples.size / RATE_HZ) + _PADDING_S))
+        )
+        return self._recognize(samples, _LONGEST_S) if found is not None and repeats(found.text) else found
+
+    def _recognize(self, samples: np.ndarray, seconds: int) -> RecognizedText | None:
+        """Recognise speech that is padded to a number of seconds."""
+        sound = np.zeros(seconds * RATE_HZ, np.float32)
+        sound[: samples.size] = samples.astype(np.float32) / 32768
+        features = self._network.feature_extractor(sound)[:, : seconds * _FRAMES_PER_S]
         encoded = self._network.encode(features)
         language = self._language(encoded)
         tokenizer = self._tokenizers[language]
@@ -92,7 +102,7 @@ class WhisperRecognizer:
         most = len(prompt) + _TOKENS + round(_TOKENS_PER_S * samples.size / RATE_HZ)
         result = self._network.model.generate(
             encoded, [prompt], beam_size=5, max_length=min(most, self._network.max_length), return_scores=True,
-            return_no_speech_prob=True, suppress_tokens=[-1],
+            return_no_speech_prob=True,
         )[0]  # fmt: skip
         text = tokenizer.decode(result.sequences_ids[0]).strip()
         likely = float(result.scores[0])
@@ -106,9 +116,9 @@ class WhisperRecognizer:
         shares = {token[2:-2]: share for token, share in self._network.model.detect_language(encoded)[0]}
         return max(self._languages, key=lambda language: shares.get(language, 0.0))
 
-    @staticmethod
-    def _padded(samples: np.ndarray) -> np.ndarray:
-        seconds = min(_LONGEST_S, max(_SHORTEST_S, math.ceil(samples.size / RATE_HZ) + _PADDING_S))
-        sound = np.zeros(seconds * RATE_HZ, np.float32)
-        sound[: samples.size] = samples.astype(np.float32) / 32768
-        return sound
+
+def repeats(text: str) -> bool:
+    """Whether three words of a text occur twice in the same order, as the network writes when it loops."""
+    words = re.findall(r"\w+", text.lower())
+    triples = list(zip(words, words[1:], words[2:], strict=False))
+    return len(set(triples)) < len(triples)

