@@ -88,6 +88,9 @@ sim: setup
 	$(INSTALL) 'mujoco>=3.3,<5'
 
 reception: setup
+	rm -rf runs/reception
+	$(BIN)/socialbot demo reception --no-video --out runs/reception
+	$(BIN)/socialbot test reception runs/reception --strict
 	$(BIN)/socialbot test reception socialbot/agents/reception/bag --graph reception --strict
 
 voices: setup

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         asked,
         conversation_rules,
         heard,
+        replied,
         speaks,
         talks,
         tell_again,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ANY", "SILENCE", "SOMEBODY", "UNKNOWN", "Answer", "Ask", "Confirm", "Conversation", "Converse", "Grammar",
     "Intent", "Policy", "Question", "Reading", "Repair", "Respond", "Script", "Turn", "asked", "conversation_rules",
-    "heard", "load_script", "speaks", "talks", "tell_again", "turn", "waits",
+    "heard", "load_script", "replied", "speaks", "talks", "tell_again", "turn", "waits",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from socialbot.agents.dialogue.intents import UNKNOWN, Reading
 from socialbot.agents.dialogue.script import ANY, Question, Script
 from socialbot.bdi import (
+    Action,
     Belief,
     Engine,
     Goal,
@@ -144,6 +145,13 @@ class tell_again(LongAction):
         self.cancelled()
 
 
+class forget_person(Action):
+    """forget_person(Person): drop what the conversation keeps about a person beside the beliefs."""
+
+    def execute(self, person: str) -> None:
+        self.engine.robot.conversation.forget_person(person)
+
+
 class Policy(NamedTuple):
     """Limits of a conversation: durations in s, and numbers of tries."""
 
@@ -157,6 +165,10 @@ class Policy(NamedTuple):
     """Time after which a waiting person is given up."""
     longest_speech_s: float = 30.0
     """Time after which nobody is believed to be still speaking: the end was lost, or it is no speech."""
+    longest_turn_s: float = 120.0
+    """Time after which a turn ends in any case."""
+    forget_s: float = 600.0
+    """Time after the last sentence of a person after which the conversation forgets the person."""
     least_confidence: float = 0.3
     """Recognized speech below this confidence counts as not understood."""
 
@@ -309,6 +321,11 @@ class Conversation:
             else:
                 action.failed(f"the utterance is {status.state}: {status.detail}".rstrip(": "))
 
+    def forget_person(self, person: str) -> None:
+        """Drop the last sentences of and to a person."""
+        self.last_heard.pop(person, None)
+        self._last.pop(person, None)
+
     def forget(self, action: LongAction) -> None:
         """Stop to wait for the end of an utterance."""
         self._telling = {key: other for key, other in self._telling.items() if other is not action}
@@ -348,6 +365,9 @@ def conversation_rules(talk: Conversation) -> list[Plan | Inference | list[Plan]
         -turn(_) / (waits(Who, What, Slots) & ~turn(_)) >> [-waits(Who, What, Slots), Turn(Who, What, Slots)],
         +waits(Who, What, Slots).held_for(policy.waiting_s) >> [-waits(Who, What, Slots)],
         +talks(Who).held_for(policy.longest_speech_s) >> [-talks(Who)],
+        +heard(Who, What, Slots).held_for(policy.forget_s)
+        >> [-heard(Who, _, _), -speaks(Who, _), -misheard(Who, _), forget_person(Who)],
+        +turn(Who).held_for(policy.longest_turn_s) >> [-asked(Who, _), -turn(Who)],
         # A turn ends with its response, whatever comes of it.
         Turn(Who, What, Slots) >> [wait_for(~turn(_)), +turn(Who), Respond(Who, What, Slots), -turn(Who)],
         -Turn(Who, What, Slots) >> [-turn(Who)],

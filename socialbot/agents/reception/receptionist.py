@@ -70,6 +70,7 @@ class Receptionist(TalkingWaldo):
             Respond(Who, "elsewhere", _) / lost(Who) >> [-lost(Who), Answer(Who, "unknown_room", ())],
             Respond(Who, "elsewhere", _)
             >> [+lost(Who), Ask(Who, "which_room", (), What, Slots), Respond(Who, What, Slots), -lost(Who)],
+            -Respond(Who, "elsewhere", _) >> [-lost(Who)],
             Respond(Who, "find_colleague", (Person,)) / (lambda Person: bool(place.colleagues[Person].room))  # noqa: N803
             >> [Answer(Who, compute(lambda Person: f"way_{place.colleagues[Person].room}"), ())],  # noqa: N803
             Respond(Who, "find_colleague", (Person,)) >> [Respond(Who, "call", (Person,))],

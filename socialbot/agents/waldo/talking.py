@@ -18,9 +18,11 @@ from socialbot.agents.dialogue import (
     conversation_rules,
     heard,
     load_script,
+    replied,
     talks,
     tell_again,
     turn,
+    waits,
 )
 from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.agents.waldo.waldo import (
@@ -38,6 +40,7 @@ from socialbot.agents.waldo.waldo import (
     unoffered,
 )
 from socialbot.bdi import (
+    ANYTHING,
     Action,
     Belief,
     Engine,
@@ -143,6 +146,18 @@ class TalkingWaldo(WaldoNode):
         engine.add_rules(*reversed([*self.rules(), *talking_rules(self)]), first=True)
         engine.add_rules(*conversation_rules(self.conversation))
         return engine
+
+    def on_recalled(self) -> None:
+        """Conversations of before a restart are over."""
+        super().on_recalled()
+        for belief in (
+            turn(ANYTHING),
+            asked(ANYTHING, ANYTHING),
+            replied(ANYTHING, ANYTHING, ANYTHING),
+            waits(ANYTHING, ANYTHING, ANYTHING),
+            talks(ANYTHING),
+        ):
+            self.engine.forget(belief)
 
     def make_script(self) -> Script:
         """Return the script of the conversation; subclasses may extend it. Raises GraphError or RuleError."""
@@ -250,11 +265,14 @@ def talking_rules(node: TalkingWaldo) -> list[Plan | Inference | list[Plan]]:
         Respond(Who, "yes", _) >> [Ask(Who, "what_help", (), What, Slots), Respond(Who, What, Slots)],
         Respond(Who, "no", _) >> [Answer(Who, "no_help", ())],
         Respond(Who, "thanks", _) >> [Answer(Who, "welcome", ())],
-        Respond(Who, "goodbye", _) >> [Answer(Who, "goodbye", ())],
         Respond(Who, "abilities", _) >> [Answer(Who, "abilities", ())],
         Respond(Who, "sleep", _) >> [Answer(Who, "sleeping", ()), Sleep("told")],
         Respond(Who, "wake", _) >> [Answer(Who, "awake", ())],
         Respond(Who, "ask_why", _) >> [wait_for(~talks(_), 15), explain(Who).within(30)],
         Respond(Who, "repeat", _) >> [wait_for(~talks(_), 15), tell_again(Who).within(30)],
-        Respond(Who, "stop", _) >> [drop(Converse(_, _, _)), Answer(Who, "no_help", ())],
+        # Who ends the conversation says no to an open question.
+        Respond(Who, "goodbye", _) / asked(Who, _) >> [+replied(Who, "no", ()), Answer(Who, "goodbye", ())],
+        Respond(Who, "goodbye", _) >> [Answer(Who, "goodbye", ())],
+        Respond(Who, "stop", _) / asked(Who, _) >> [+replied(Who, "no", ())],
+        Respond(Who, "stop", _) >> [Answer(Who, "no_help", ())],
     ]

@@ -16,6 +16,7 @@ from socialbot.agents.dialogue import (
     conversation_rules,
     heard,
     speaks,
+    turn,
 )
 from socialbot.bdi import Action, Engine, Goal, Record, variables
 from socialbot.core.messages import HeardSpeech, SpeechStatus, VoiceActivity
@@ -338,6 +339,27 @@ def test_an_utterance_that_is_not_spoken_fails_its_goal(state):
     robot.run(3.0)
     assert robot.notes == [("failed",)]
     assert not {one for one in robot.beliefs() if one.startswith("asked")}
+
+
+def test_people_are_forgotten_after_a_while():
+    robot = Robot(forget_s=30.0)
+    for number in range(5):
+        robot.hear(f"p{number}", "Thank you")
+        robot.run(10.0)
+    robot.run(40.0)
+    assert robot.beliefs() == set()
+    assert robot.conversation.last_heard == {}
+    assert robot.conversation.last_said("p0") is None
+
+
+def test_a_turn_ends_in_any_case():
+    robot = Robot(longest_turn_s=20.0)
+    robot.engine.believe(turn("ann"))
+    robot.hear("bob", "Thank you")
+    robot.run(10.0)
+    assert robot.said == ["bob: one_moment"]
+    robot.run(15.0)
+    assert robot.said == ["bob: one_moment", "bob: welcome"]
 
 
 def test_the_speaker_is_who_was_asked_or_the_only_person_present():

@@ -111,6 +111,17 @@ def test_calls_nobody_without_a_confirmation():
         assert reception.messages("/reception/calls") == []
 
 
+@pytest.mark.parametrize(
+    ("farewell", "replies"), [("Goodbye!", ["Goodbye!", "All right."]), ("Never mind", ["All right."])]
+)
+def test_who_ends_the_conversation_says_no_to_a_question(farewell, replies):
+    with Reception() as reception:
+        said = reception.talk("Could you call Anna Miller?", farewell)
+        assert reception.messages("/reception/calls") == []
+        assert not {one for one in reception.believes() if one.startswith(("turn", "asked", "replied"))}
+    assert sorted(said) == sorted(["Shall I call Anna Miller?", *replies])
+
+
 def test_a_corrected_name_is_confirmed_again():
     with Reception() as reception:
         said = reception.talk("Could you call Anna Miller?", "No, call Thomas Brown", "Yes")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from socialbot.agents.waldo import TalkingWaldo, small_talk
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, ParameterError
 from socialbot.core.messages import VoiceActivity
 from tests.agents.waldo.corridor import GREETING, OFFER
@@ -167,6 +168,20 @@ def test_answers_questions_about_what_it_did_from_the_trace(language, question, 
     assert record.detail["known"]
     assert record.detail["question"] == question
     assert all(clause["records"] and set(clause["records"]) <= known for clause in record.detail["clauses"])
+
+
+def test_an_open_question_is_asked_again_after_a_restart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Hall(mind_file="mind.json") as hall:
+        hall.see(11.5, "t1")
+        assert 'turn("t1")' in hall.believes()
+    with Hall(mind_file="mind.json", start=round(12 * SECOND)) as hall:
+        hall.see(25.0, "t1")
+        assert 'greeted("t1")' in hall.believes()
+        assert not {one for one in hall.believes() if one.startswith(("turn", "asked", "replied", "talks"))}
+        hall.hear("t1", "Thank you")
+        hall.see(3.0, "t1")
+    assert hall.said == [OFFER, "You are welcome."]
 
 
 def test_says_that_it_does_not_know():
