@@ -45,6 +45,11 @@ _REMEDY = (
 STANDARD_PACKAGES = frozenset(name.partition("/")[0] for name in ROS_TYPES.values())
 """Packages of the message types that socialbot itself uses."""
 
+ROBOT_PACKAGES = frozenset(
+    {"communication_skills", "control_msgs", "hri_msgs", "naoqi_bridge_msgs", "nav2_msgs", "std_skills", "tts_msgs"}
+)
+"""Packages that interfaces/robot_interfaces builds for the ROS wheels."""
+
 _REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write messages: json in the graph"
 
 
@@ -62,6 +67,8 @@ def message_class(type_name: str) -> Any:
         package = type_name.partition("/")[0]
         known = find_spec("rclpy") is not None and package not in STANDARD_PACKAGES
         own = f"source the ROS workspace that has the package {package}, or install it with pip"
+        if package in ROBOT_PACKAGES:
+            own = f"source a ROS installation that has the package {package}, or make robot-interfaces in a checkout"
         remedy = _REMEDY_TYPED if package == PACKAGE else own if known else _REMEDY
         raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
 

@@ -6,6 +6,7 @@ from socialbot.core.lazy import lazy_exports
 from socialbot.core.registry import AgentPackage
 
 if TYPE_CHECKING:
+    from socialbot.robots.asking import AskingAgent, answered, ask
     from socialbot.robots.head import RobotHead
     from socialbot.robots.navigation import MobileAgent, approach, give_way, return_home
     from socialbot.robots.profile import RobotProfile, load_profile, robot_names
@@ -31,8 +32,8 @@ AGENT = AgentPackage(
 )
 
 __all__ = [
-    "AGENT", "ActionSpeaker", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker", "approach", "give_way",
-    "load_profile", "return_home", "robot_names",
+    "AGENT", "ActionSpeaker", "AskingAgent", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker", "answered",
+    "approach", "ask", "give_way", "load_profile", "return_home", "robot_names",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

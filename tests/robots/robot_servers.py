@@ -1,7 +1,7 @@
 """A robot of plain rclpy, in a process of its own: ``python robot_servers.py [MODE]``.
 
-It offers FollowJointTrajectory, NavigateToPose, TTS and Say under their usual names, subscribes to the topics of heads
-and speech, and prints each thing that it gets as a line of JSON.
+It offers FollowJointTrajectory, NavigateToPose, TTS, Say and Ask under their usual names, subscribes to the topics of
+heads and speech, and prints each thing that it gets as a line of JSON.
 
 Modes: ``good`` succeeds; ``reject`` refuses goals; ``abort`` aborts them; ``error`` succeeds with an error in the
 result; ``slow`` works until it is cancelled; ``silent`` succeeds, and publishes no joint states. Else
@@ -31,6 +31,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 # Packages that type checkers need not find.
 Say: Any = import_module("communication_skills.action").Say
+Ask: Any = import_module("communication_skills.action").Ask
 FollowJointTrajectory: Any = import_module("control_msgs.action").FollowJointTrajectory
 JointAnglesWithSpeed: Any = import_module("naoqi_bridge_msgs.msg").JointAnglesWithSpeed
 NavigateToPose: Any = import_module("nav2_msgs.action").NavigateToPose
@@ -51,6 +52,7 @@ class Robot(Node):
             (NavigateToPose, "/navigate_to_pose", self.navigate),
             (TTS, "/tts_engine/tts", self.speak),
             (Say, "/skill/say", self.say_skill),
+            (Ask, "/skill/ask", self.ask),
         )
         self.offered = [
             ActionServer(
@@ -121,6 +123,10 @@ class Robot(Node):
         if self.mode == "error":
             result.result.error_code, result.result.error_msg = 5, "the loudspeaker is off"
         return self.work(goal, Say.Feedback(), result)
+
+    def ask(self, goal: Any) -> Any:
+        say(ask=goal.request.question, schema=goal.request.answers_schema)
+        return self.work(goal, Ask.Feedback(), Ask.Result(answers='{"drink": "tea"}'))
 
     def work(self, goal: Any, feedback: Any, result: Any) -> Any:
         if self.mode == "abort":

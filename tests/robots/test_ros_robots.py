@@ -21,6 +21,7 @@ from socialbot.robots.head import NaoqiHead, TrajectoryActionHead, TrajectoryHea
 from socialbot.robots.people import RobotPeople
 from socialbot.robots.speech import SaySkillSpeaker, TopicSpeaker, TtsSpeaker
 from tests.bridge.hosting import node_hosts
+from tests.robots.test_asking import Host, serve
 from tests.robots.usher import Usher, go_home
 from tests.system.running import eventually, socialbot_here
 
@@ -33,7 +34,9 @@ PARAMETERS = {
     "pan_joint": "head_1_joint", "pan_lower_rad": -1.2, "pan_upper_rad": 1.2, "pan_speed_rad_s": 1.0,
     "tilt_joint": "head_2_joint", "tilt_lower_rad": -0.9, "tilt_upper_rad": 0.7, "tilt_speed_rad_s": 0.5,
 }  # fmt: skip
-OUTSIDE = frozenset({"/head_controller/follow_joint_trajectory", "/tts_engine/tts", "/skill/say", "/navigate_to_pose"})
+OUTSIDE = frozenset(
+    {"/head_controller/follow_joint_trajectory", "/tts_engine/tts", "/skill/say", "/skill/ask", "/navigate_to_pose"}
+)
 
 
 class HomeUsher(Usher):
@@ -290,6 +293,22 @@ class TestTheBase:
             with robot():
                 self.drive_home(usher)
                 assert eventually(lambda: self.believes(usher, 'met("home")'))
+
+
+def test_an_answer_of_the_ask_skill_becomes_a_belief():
+    class TellableHost(Host):
+        """Asks when it is told to."""
+
+        keeps_mind = False
+
+        def begin(self) -> None:
+            self.engine.achieve(serve())
+
+    with robot() as tiago, hosted(TellableHost) as host:
+        call(host, "begin")
+        expected = 'answered("drink", "tea")'
+        assert eventually(lambda: any(str(held.belief) == expected for held in list(host.node.engine.beliefs)))
+        assert tiago.has(ask="What would you like to drink?", schema='{"drink": "string"}')
 
 
 class TestPeople:
