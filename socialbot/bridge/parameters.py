@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -92,6 +93,13 @@ def parameter_client(*, timeout_s: float = 5.0) -> Iterator[ParameterClient]:
     """Open a client for the parameters of running nodes. Raises InstallationError without ROS."""
     with observer("_param") as (ros, executor):
         yield ParameterClient(ros, executor, timeout_s)
+
+
+def set_parameter(node: str, name: str, value: Value) -> Value:
+    """Set a parameter of a running node and return its value. Raises what `ParameterClient` does."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    with parameter_client() as client:
+        return client.set(node, name, text)
 
 
 def _python(value: Any) -> Any:

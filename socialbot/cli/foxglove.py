@@ -65,13 +65,14 @@ def foxglove(
 
 @contextmanager
 def shown_in_foxglove(record: RunTrace, graph: Graph, console: Console, address: Address) -> Iterator[None]:
-    """Serve the live run of ``record`` to Foxglove, with images of its camera."""
+    """Serve the live run of ``record`` to Foxglove, with images of its camera, and parameters that can be set."""
+    from socialbot.bridge.parameters import set_parameter
     from socialbot.cli.inspect import client_node
     from socialbot.runs.foxglove_live import LiveFeed, foxglove_server
 
     with ExitStack() as stack:
         images, _ = stack.enter_context(client_node(graph))
-        server, url = stack.enter_context(foxglove_server(graph.name, graph, address))
+        server, url = stack.enter_context(foxglove_server(graph.name, graph, address, set_parameter))
         record.add_listener(stack.enter_context(LiveFeed(server, graph, images)))
         console.print(f"Foxglove: open connection, WebSocket, [bold]{url}[/]")
         yield

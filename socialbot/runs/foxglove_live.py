@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -15,7 +15,7 @@ from socialbot.bags import codec
 from socialbot.bags.reader import Bag
 from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import DeviceError, InstallationError
+from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
 from socialbot.core.messages import CompressedImage, JointTrajectory, Message, Mind, PersonDetections, TraceRecord
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs._foxglove_gate import gate
@@ -40,6 +40,9 @@ from socialbot.runs.standard_messages import HEAD_HZ, TF_MESSAGE, HeadCourse
 log = logging.getLogger("socialbot.foxglove")
 
 PICTURES = "/camera/image_raw/compressed"
+SetParameter = Callable[[str, str, Any], Any]
+"""Function that sets a parameter of a running node, by node and name, and returns its value; raises SocialbotError."""
+
 _TICK_S = 0.05
 _POSES = 32  # Target poses of the head that are kept: a turn takes a second or two.
 
@@ -52,9 +55,12 @@ class FoxgloveServer:
         graph: Graph whose parameters and connections are shown, if known.
         host: Address to listen at.
         port: Port on ``host``; 0: any free one.
+        set_parameter: Function for clients that set a parameter; without one they cannot.
     """
 
-    def __init__(self, name: str, graph: Graph | None, host: str, port: int) -> None:
+    def __init__(
+        self, name: str, graph: Graph | None, host: str, port: int, set_parameter: SetParameter | None = None
+    ) -> None:
         """Start the server. Raises InstallationError or DeviceError."""
         try:
             foxglove = importlib.import_module("foxglove")
@@ -69,7 +75,7 @@ class FoxgloveServer:
         self._types = RosbagsTypes()
         self._context = foxglove.Context()
         self._channels: dict[tuple[str, str], Any] = {}
-        listener: Any = _Parameters(graph)
+        listener: Any = _Parameters(graph, set_parameter)
         try:
             self._server = foxglove.start_server(
                 name=name,
@@ -145,9 +151,10 @@ def topics_of(graph: Graph | None) -> dict[str, str]:
 
 
 class _Parameters:
-    """Answers requests for parameters with those of the graph, as ``node.name``."""
+    """Answers requests for parameters with those of the graph, as ``node.name``, and sets them by ``change``."""
 
-    def __init__(self, graph: Graph | None) -> None:
+    def __init__(self, graph: Graph | None, change: SetParameter | None) -> None:
+        self._change = change
         self._values: dict[str, Any] = {}
         for config in graph.nodes if graph is not None else ():
             values = check_parameters(config.type, config.parameters, where=config.name)
@@ -157,6 +164,23 @@ class _Parameters:
         parameter = importlib.import_module("foxglove").Parameter
         names = param_names or list(self._values)
         return [parameter(name, value=self._values[name]) for name in names if name in self._values]
+
+    def on_set_parameters(self, client: Any, parameters: Sequence[Any], request_id: str | None = None) -> list[Any]:
+        """Set known parameters of running nodes; the answer holds the values that are valid then."""
+        for each in parameters:
+            if each.name not in self._values:
+                continue
+            if self._change is None:
+                log.warning("%s stays as it is: viewers may set parameters of a live run with a token", each.name)
+                continue
+            node, _, name = each.name.partition(".")
+            try:
+                self._values[each.name] = self._change(node, name, each.get_value())
+            except SocialbotError as error:
+                log.warning("a viewer could not set %s: %s", each.name, error)
+            else:
+                log.warning("a viewer set %s to %r", each.name, self._values[each.name])
+        return self.on_get_parameters(client, [each.name for each in parameters], request_id)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("on_"):
@@ -187,8 +211,12 @@ def _connections(graph: Graph) -> Any:
 
 
 @contextmanager
-def foxglove_server(name: str, graph: Graph | None, address: Address) -> Iterator[tuple[FoxgloveServer, str]]:
+def foxglove_server(
+    name: str, graph: Graph | None, address: Address, set_parameter: SetParameter | None = None
+) -> Iterator[tuple[FoxgloveServer, str]]:
     """Serve at ``address``; yield the server and its URL. With a token, only clients that know it get through.
+
+    ``set_parameter`` needs a token: any page in a browser of this computer can connect to an open port.
 
     Raises:
         InstallationError: The package is missing.
@@ -196,7 +224,7 @@ def foxglove_server(name: str, graph: Graph | None, address: Address) -> Iterato
     """
     with ExitStack() as stack:
         inner = ("127.0.0.1", 0) if address.token else (address.host, address.port)
-        server = FoxgloveServer(name, graph, *inner)
+        server = FoxgloveServer(name, graph, *inner, set_parameter=set_parameter if address.token else None)
         stack.callback(server.close)
         port = server.port
         if address.token:

@@ -14,10 +14,13 @@ import pytest
 
 from socialbot.bags.reader import open_bag
 from socialbot.bags.types import RosbagsTypes
+from socialbot.bridge.parameters import set_parameter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, ParameterError
 from socialbot.core.messages import JointTrajectory, PersonDetection, PersonDetections, TraceRecord, Utterance
 from socialbot.graph.files import load_graph
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Parameter
 from socialbot.runs.folder import open_run
 from socialbot.runs.run import Picture
 from socialbot.runs.serving import Address
@@ -27,6 +30,8 @@ websocket = pytest.importorskip("tornado.websocket")
 
 from socialbot.runs.foxglove_live import PICTURES, LiveFeed, foxglove_server, play_to_foxglove  # noqa: E402
 from socialbot.runtime.bag_source import replay  # noqa: E402
+from tests.bridge.hosting import node_hosts  # noqa: E402
+from tests.system.running import eventually  # noqa: E402
 from tests.vision.metrics.scenes import drawn_bag  # noqa: E402
 
 T = TypeVar("T")
@@ -212,6 +217,34 @@ def test_other_addresses_need_a_token():
         for wrong in (url.replace("secret", "guess"), url.partition("?")[0]):
             with pytest.raises(Exception, match="401"):
                 viewing(wrong, look)
+
+
+class Guard(Node):
+    """A node with parameters."""
+
+    share = Parameter(0.5, "share that counts", minimum=0.0, maximum=1.0)
+    device = Parameter(3, "number of the device", fixed=True)
+
+
+@pytest.mark.slow
+def test_viewers_with_a_token_set_parameters_of_running_nodes():
+    graph = Graph("guard", (NodeConfig("guard", Guard),))
+
+    async def setting(viewer: Viewer) -> dict[str, Any]:
+        await viewer.until(lambda one: bool(one.info))
+        wanted = {"guard.share": 1, "guard.device": 4, "guard.other": 1}
+        given = [{"name": name, "value": value} for name, value in wanted.items()]
+        await viewer.send(op="setParameters", parameters=given, id="set")
+        await viewer.until(lambda one: bool(one.answers))
+        return {each["name"]: each["value"] for each in viewer.answers[-1]["parameters"]}
+
+    with node_hosts(graph) as host:
+        hosted = host("guard")
+        assert eventually(lambda: hosted.active_thread is not None)
+        for token, share in ("", 0.5), ("secret-token", 1.0):
+            with foxglove_server("guard", graph, Address(port=0, token=token), set_parameter) as (_, url):
+                assert viewing(url, setting) == {"guard.share": share, "guard.device": 3}
+            assert hosted.node.share == share
 
 
 def test_a_port_in_use_is_told():
