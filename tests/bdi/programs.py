@@ -8,7 +8,17 @@ from socialbot.bdi import Plan, ask, send, test
 from socialbot.bdi.agentspeak import agentspeak, parse
 from socialbot.bdi.literals import Change, Event, Literal, source
 from socialbot.bdi.steps import Achieve, Ask, Await, Constrain, Do, For, Forget, If, Nested, Step, Update, While
-from socialbot.bdi.terms import NOTHING, Atom, Comparison, Condition, Conjunction, Disjunction, Negation, conjunction
+from socialbot.bdi.terms import (
+    NOTHING,
+    Atom,
+    Comparison,
+    Condition,
+    Conjunction,
+    Disjunction,
+    Negation,
+    Pattern,
+    conjunction,
+)
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import X, Y, Z, _, crash, do, go, mood, nap, p, ping, q, r, sub
 
@@ -174,7 +184,18 @@ def spoken(program: list[Plan]) -> list[Plan]:
 
 
 def can_be_spoken(program: list[Plan]) -> bool:
-    return not any(isinstance(step, Forget) for plan in program for step in steps_in(plan.body))
+    """Whether the text of a program means the same: it may add beliefs with variables, which fails in Python."""
+    steps = [(plan, step) for plan in program for step in steps_in(plan.body)]
+    added = [(plan, names_in(step.literal)) for plan, step in steps if isinstance(step, Update)]
+    asks_openly = any(isinstance(step, Achieve) and names_in(step.goal) for _, step in steps)
+    return not (
+        any(isinstance(step, Forget) for _, step in steps)
+        or any(names and (asks_openly or names - names_in(plan.event)) for plan, names in added)
+    )
+
+
+def names_in(item: object) -> set[str]:
+    return item.names() if isinstance(item, Pattern) else set()
 
 
 __all__ = [

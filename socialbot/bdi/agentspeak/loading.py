@@ -47,6 +47,9 @@ from socialbot.core.errors import RuleError, SocialbotError
 if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
+SELECT_OPTION = "select__option/4"
+"""Rules by which Jason 3.3 chooses among the applicable plans."""
+
 _LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
 _WORD = re.compile(r"\.?\w+(?:\.\w+)*")
 
@@ -164,6 +167,9 @@ def problems_of(
     found: list[AgentSpeakError] = []
     for inference in program.inferences:
         try:
+            if inference.head.key == SELECT_OPTION:
+                remedy = "order the plans, or give them priorities: @label[priority(2)]"
+                raise RuleError("rules that choose among plans have no effect", remedy=remedy)
             compile_inference(CompiledInference(inference, scratch))
         except SocialbotError as problem:
             found.append(_placed(problem, inference, program))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._open_beliefs import any_belief
 from socialbot.bdi.agentspeak.lexer import qualified
-from socialbot.bdi.intentions import SUBGOAL, EventPause, Failed
+from socialbot.bdi.intentions import OPEN, SUBGOAL, EventPause, Failed
 from socialbot.bdi.library import BODY, CompiledPlan, Trigger
 from socialbot.bdi.literals import SELF, Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan, parts_of
@@ -73,24 +73,33 @@ def embeds(term: object) -> bool:
 
 def substituted(item: Any, values: Mapping[str, Any]) -> Any:
     """Copy a plan, rule or body with the values of some variables."""
-    if isinstance(item, Variable):
-        value = resolve(values.get(item.name, item))
-        return item if value.__class__ is Var else value
+
+    def value_of(leaf: Any) -> Any:
+        value = resolve(values.get(leaf.name, leaf)) if leaf.__class__ is not Var else leaf
+        return leaf if value.__class__ is Var else value
+
+    return _rewritten(item, value_of)
+
+
+def _rewritten(item: Any, change: Callable[[Any], Any]) -> Any:
+    """Copy a plan, rule or body with other terms in place of its variables and cells."""
+    if isinstance(item, (Variable, Var)):
+        return change(item)
     if isinstance(item, tuple):
-        return tuple(substituted(part, values) for part in item)
+        return tuple(_rewritten(part, change) for part in item)
     if not isinstance(item, (Pattern, Step, Plan, Inference)):
         return item
     if isinstance(item, LiteralVariable):
-        variable, notes = substituted(item.variable, values), substituted(item.annotations, values)
-        made = literal_with(variable, notes, item.negated, substituted(item.namespace, values))
+        variable, notes = _rewritten(item.variable, change), _rewritten(item.annotations, change)
+        made = literal_with(variable, notes, item.negated, _rewritten(item.namespace, change))
         return made if isinstance(made, Literal) else item
     if isinstance(item, Cons):
-        items, tail = substituted(item.items, values), substituted(item.tail, values)
+        items, tail = _rewritten(item.items, change), _rewritten(item.tail, change)
         return (*items, *tail) if isinstance(tail, tuple) else Cons(items, tail)
     twin = copy.copy(item)
     twin.__dict__.pop("compiled", None)
     for name, part in vars(item).items():
-        changed = substituted(part, values)
+        changed = _rewritten(part, change)
         if changed is not part:
             if isinstance(changed, Atom) and isinstance(item, (Do, Achieve, Update, Ask, Holds)):
                 changed = literal(changed.name)
@@ -98,6 +107,23 @@ def substituted(item: Any, values: Mapping[str, Any]) -> Any:
     if isinstance(twin, Holds) and isinstance(twin.what, Condition):
         return twin.what
     return twin
+
+
+def shared(item: Any, cells: dict[str, Any]) -> Any:
+    """Copy a part of a plan with cells, which its other parts share, for its variables."""
+    return _rewritten(item, lambda leaf: cells.setdefault(leaf.name, Var()) if isinstance(leaf, Variable) else leaf)
+
+
+def _parameterised(item: Any) -> tuple[Any, dict[str, Any]]:
+    """Replace the cells without a value in steps or a condition by variables; return these with their cells."""
+    names: dict[Any, Variable] = {}
+
+    def variable_of(leaf: Any) -> Any:
+        value = resolve(leaf)
+        return names.setdefault(value, Variable(f"_Cell{len(names)}")) if value.__class__ is Var else value
+
+    made = _rewritten(item, variable_of)
+    return made, {variable.name: cell for cell, variable in names.items()}
 
 
 def is_template(term: object) -> bool:
@@ -133,9 +159,7 @@ def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -
     if isinstance(pattern, Plan):
         if not isinstance(other, Plan) or pattern.event.change is not other.event.change:
             return False
-        known = other.known
-        label = known.label if known else literal(other.label or "unlabelled", (), (*other.annotations, *SELF))
-        condition = other.condition if other.condition.terms else Atom("true")
+        label, condition = _label_of(other), _condition_of(other)
         return (
             (not isinstance(pattern.label, Variable) or _matches(cells, pattern.label, label, trail))
             and (not isinstance(pattern.label, str) or pattern.label == other.label)
@@ -146,6 +170,21 @@ def _matches(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -
     if isinstance(pattern, PlanBody):
         return isinstance(other, PlanBody) and _matches_steps(cells, pattern.steps, other.steps, trail, bare=False)
     return unify(substitute_cells(cells, pattern), other, trail)
+
+
+def plan_parts(plan: Plan) -> tuple[Any, ...]:
+    """Return the label with annotations, event, condition and body of a plan as terms that share cells."""
+    cells: dict[str, Any] = {}
+    parts = plan.event, _condition_of(plan), PlanBody(plan.body, bare=True)
+    return _label_of(plan), *(shared(part, cells) for part in parts)
+
+
+def _label_of(plan: Plan) -> Any:
+    return plan.known.label if plan.known else literal(plan.label or "unlabelled", (), (*plan.annotations, *SELF))
+
+
+def _condition_of(plan: Plan) -> Any:
+    return plan.condition if plan.condition.terms else Atom("true")
 
 
 def _matches_condition(cells: Mapping[str, Any], pattern: Any, other: Any, trail: Trail) -> bool:
@@ -224,8 +263,14 @@ def solutions_of(ag: Interpreter, condition: Any, trail: Trail) -> Iterator[None
     if isinstance(condition, Condition) and (not isinstance(condition, Literal) or condition.functor in COLLECTORS):
         from socialbot.bdi.compiler._plans import compile_query
 
-        _, solve = compile_query(conjunction(condition), ag.library, lenient=True)
-        yield from (None for _ in solve(ag, trail))
+        condition, cells = _parameterised(condition)
+        names, solve = compile_query(conjunction(condition), ag.library, lenient=True)
+        mark = len(trail)
+        for values in solve(ag, trail):
+            found = dict(zip(names, values, strict=True))
+            if all(unify(cell, found[name], trail) for name, cell in cells.items() if name in found):
+                yield
+            undo(trail, mark)
         return
     item = literal_of("a condition", condition)
     entry = find(item.functor) if "." in item.functor else None
@@ -259,17 +304,22 @@ def run_value(ag: Interpreter, value: Any, cause: Any) -> Any:
         other = isinstance(value, Condition) and not isinstance(value, Literal)
         action: Any = value if other else literal_of("an action", value)
         value = PlanBody((Do(action),))
-    return (SUBGOAL, _trigger(ag, value), (), SELF, cause)
+    trigger, cells = _trigger(ag, value)
+    return (SUBGOAL | OPEN if cells else SUBGOAL, trigger, cells, SELF, cause)
 
 
-def _trigger(ag: Interpreter, body: PlanBody) -> Any:
+def _trigger(ag: Interpreter, body: PlanBody) -> tuple[Trigger, tuple[Any, ...]]:
+    """Return the trigger of a plan with this body, and the cells of the body, which are its arguments."""
     known = body.__dict__.get("compiled")
     if known is not None and known[0] is ag.library:
-        return known[1]
-    plan = Plan(Event(Change.WANTED, literal(BODY)), NOTHING, body.steps, text=str(body))
-    trigger = Trigger(f"+!{BODY}/0", (CompiledPlan(plan, ag.library),))
-    body.__dict__["compiled"] = (ag.library, trigger)
-    return trigger
+        return known[1], ()
+    made, cells = _parameterised(body)
+    head = literal(BODY, tuple(map(Variable, cells)))
+    plan = Plan(Event(Change.WANTED, head), NOTHING, made.steps, text=str(body))
+    trigger = Trigger(f"+!{BODY}/{len(cells)}", (CompiledPlan(plan, ag.library),))
+    if not cells:
+        body.__dict__["compiled"] = (ag.library, trigger)
+    return trigger, tuple(cells.values())
 
 
 def pause_until(change: Change, value: Any, limit_s: float | None) -> EventPause:

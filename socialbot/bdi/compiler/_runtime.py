@@ -21,6 +21,7 @@ from socialbot.bdi.compiler._dynamic import (
     change_rule,
     literal_with,
     pause_until,
+    plan_parts,
     run_value,
     solutions_of,
     spread,
@@ -43,7 +44,7 @@ from socialbot.bdi.intentions import (
     timed,
 )
 from socialbot.bdi.literals import SELF, Event, Literal, literal, source_notes
-from socialbot.bdi.plans import Inference
+from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
 from socialbot.bdi.steps import Action
@@ -203,9 +204,14 @@ def mod(left: Any, right: Any) -> Any:
 
 
 def univ(term: Any, parts: Any, trail: Trail) -> bool:
-    """Unify ``term =.. [namespace, name, [args], [annotations]]``; the namespace may be left out."""
+    """Unify ``term =.. [namespace, name, [args], [annotations]]``, or a plan with ``[label, event, condition, body]``.
+
+    The namespace, or the label, may be left out.
+    """
     term, parts = resolve(term), resolve(parts)
     size = len(parts) if parts.__class__ is tuple else 0
+    if isinstance(term, Plan):
+        return unify(parts, plan_parts(term)[1 if size == 3 else 0 :], trail)
     if term.__class__ is Atom:
         term = literal(term.name)
     if isinstance(term, Literal):

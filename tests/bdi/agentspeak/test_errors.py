@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import (
     AgentSpeakError,
     agentspeak,
@@ -19,6 +20,7 @@ from socialbot.bdi.agentspeak import (
     parse_term,
     rules,
 )  # fmt: skip
+from socialbot.core.clock import ManualClock
 from tests.bdi.agentspeak.programs import SLOW
 from tests.bdi.agentspeak.shape import shape
 from tests.bdi.mas import said
@@ -237,3 +239,9 @@ def test_the_longest_chain_of_operators_runs():
     assert said("!a. +!a <- X = " + "1 + " * 99 + "1; .print(X).") == ["100"]
     assert said("p. q :- " + "p & " * 99 + "p. !a. +!a : q & " + "p & " * 98 + "p <- .print(yes).") == ["yes"]
     assert said("p. q :- " + "z | " * 500 + "p. !a. +!a : q <- .print(yes).") == ["yes"]
+
+
+def test_rules_that_choose_among_plans_are_refused():
+    engine = Engine("me", ManualClock())
+    with pytest.raises(AgentSpeakError, match=r"(?s)choose among plans have no effect.*priority"):
+        engine.add_text("select__option(E, I, P, U) :- true.")

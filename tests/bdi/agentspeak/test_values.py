@@ -40,6 +40,30 @@ CASES = {
     "steps with values of the plan around them": (
         "!go. +!go <- X = 3; !do({ Y = X + 1; .print(Y) }). +!do(A) <- A.", ["4"],
     ),
+    "label, event, condition and body of a plan": (
+        "!go. @a[k] +!g(1) : q <- b. "
+        "+!go <- .relevant_plans({+!g(_)}, [P]); P =.. [L|_]; L =.. [F, _, N]; .member(k, N); P =.. [E, C, B]; "
+        ".print(F, C, B); P =.. [_, {+!g(1)}, _, _]; .print(E).",
+        ["aqb", "{ +!g(1) }"],
+    ),
+    "a plan without condition and body": (
+        "!go. +!g. +!go <- .relevant_plans({+!g}, [P]); P =.. [_, _, C, {}]; if (C) { .print(yes) }.", ["yes"],
+    ),
+    "steps of a plan, one by one, share its variables": (
+        "b(10). !go. +!g <- ?b(X); Y = X + 1; .print(X, Y). +!run({}). +!run({H; R}) <- H; !run(R). "
+        "+!go <- .relevant_plans({+!g}, [P]); P =.. [_, _, _, B]; !run(B).",
+        ["1011"],
+    ),
+    "a condition of a plan gives its body values": (
+        "b(1). b(2). !go. +!g(Y) : b(Y) & Y > 1 <- .print(Y). "
+        "+!go <- .relevant_plans({+!g(_)}, [P]); P =.. [_, _, C, B]; if (C) { B }.",
+        ["2"],
+    ),
+    "parts of a plan can be taken again": (
+        "b(1). !go. +!g : b(Y) <- .print(Y). "
+        "+!go <- .relevant_plans({+!g}, [P]); for (.range(I, 1, 2)) { P =.. [_, _, C, B]; if (C) { B } }.",
+        ["1", "1"],
+    ),
     "a failure in steps of a term": (
         "!go. +!go <- !do({ .print(a); .fail }). +!do(A) <- A. -!do(_) <- .print(failed).", ["a", "failed"],
     ),
