@@ -13,10 +13,12 @@ from typing import Any, Protocol, TypeVar, Union, cast
 import msgspec
 import numpy as np
 
+from socialbot.bags.sound import AUDIO_TYPES, is_sound, sound_of
 from socialbot.bags.types import BYTE, JSON, Field, fields_of, type_name, typed_messages
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
+    AudioData,
     BoxMarkers,
     CameraInfo,
     CompressedDepth,
@@ -67,7 +69,8 @@ def decodable_types() -> Mapping[str, type[Message]]:
     """Message classes by ROS type for `decode`; `Structured` stands for the schema named in the JSON."""
     names = {name: kind for kind, name in ROS_TYPES.items()}
     # Old bags of ROS 1 have transforms in the package tf.
-    return MappingProxyType({**names, "tf/msg/tfMessage": Transforms, **typed_messages()})
+    sounds = dict.fromkeys(AUDIO_TYPES, AudioData)
+    return MappingProxyType({**names, "tf/msg/tfMessage": Transforms, **sounds, **typed_messages()})
 
 
 CDR_BEGIN = 4
@@ -113,6 +116,8 @@ def message_type_of(ros_name: str) -> type[Message]:
 
 def carries(ros_name: str, message_type: type[Message]) -> bool:
     """Whether the ROS type ``ros_name`` carries ``message_type`` in one of the forms."""
+    if message_type is AudioData and ros_name in AUDIO_TYPES:
+        return True
     return ros_name in (ros_type(message_type), ros_type(message_type, "typed"))
 
 
@@ -140,6 +145,8 @@ def decode(message_type: type[M], ros_message: Any, *, stamp: int = 0) -> M:
     Pixels and compressed data are views of the ROS message. With `Structured`, the schema in the JSON selects the
     type. Raises MessageError when the content does not fit, or ``ros_message`` is of another type.
     """
+    if message_type is AudioData and is_sound(ros_message):
+        return cast(M, _decode_sound(ros_message, stamp))
     if issubclass(message_type, Structured):
         decode_form = _decode_typed if hasattr(ros_message, "header") else _decode_json
         return cast(M, decode_form(message_type, ros_message, stamp))
@@ -181,6 +188,13 @@ def _remade(ros: Any, name: str, types: TypeFactory) -> Any:
         return types.make(name, **{field: part(getattr(ros, field)) for field in names})
     except (AttributeError, TypeError, ValueError, AssertionError) as error:
         raise MessageError(f"not a valid {name}: {error}") from error
+
+
+def _decode_sound(ros_message: Any, stamp: int) -> AudioData:
+    try:
+        return sound_of(ros_message, stamp)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise MessageError(f"not a valid message with sound: {error}") from error
 
 
 def _json(value: Any, what: str = "") -> str:

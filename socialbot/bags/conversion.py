@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import shutil
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +17,11 @@ import numpy as np
 from socialbot.bags import codec
 from socialbot.bags.image_files import SUFFIXES, open_video, read_image
 from socialbot.bags.reader import RosbagsTypes, Skipped, natural, open_bag
+from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError, SocialbotError
-from socialbot.core.messages import CameraInfo, CompressedImage, Structured
+from socialbot.core.messages import AudioData, CameraInfo, CompressedImage, Structured
 from socialbot.graph.node import WireForm
 
 log = logging.getLogger("socialbot.bags")
@@ -48,13 +49,14 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import: the bag, and the number, size (pixels) and duration of its images."""
+    """Result of an import: the bag, the number, size (pixels) and duration of its images, and that of its sound."""
 
     path: Path
     images: int
     width: int
     height: int
     duration_s: float
+    sound_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,11 +99,12 @@ def import_bag(
     topic: str = TOPIC,
     limit_s: float | None = None,
     width: int | None = None,
+    sound: bool = True,
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Imported:
-    """Write images and, once a second, their CameraInfo to the new bag ``out``.
+    """Write images, once a second their CameraInfo, and the sound of a video to the new bag ``out``.
 
     Args:
         source: A video file or a folder of images; with ``camera``, its name.
@@ -114,6 +117,7 @@ def import_bag(
         topic: The topic of the images.
         limit_s: The maximum duration of the import.
         width: The width (pixels) to scale images to.
+        sound: Whether to keep the sound of a video, on `AUDIO_TOPIC`, if PyAV is installed.
         clock: The clock for the stamps of camera images.
         stopped: Whether to end the import now.
         advance: Called with the number of images written so far.
@@ -129,6 +133,8 @@ def import_bag(
     until = math.inf if limit_s is None else nanoseconds(limit_s)
     info_topic = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
     first = last = next_info = images = 0
+    sound_ns = 0
+    sounds = _Sounds(_sounds(Path(source), start, limit_s) if sound and camera is None else iter(()))
     info = None
     with BagWriter(out) as bag:
         try:
@@ -138,6 +144,7 @@ def import_bag(
                     if stamp - first >= until or stopped():
                         break
                     image, info = image_format.image(stamp, pixels)
+                    sound_ns += sounds.write(bag, stamp)
                     if stamp >= next_info:
                         bag.write(info_topic, info, stamp)
                         next_info = stamp + SECOND
@@ -147,12 +154,43 @@ def import_bag(
             if info is None:
                 remedy = "check that it is not empty or damaged"
                 raise BagError("no image could be read", where=str(source), remedy=remedy)
+            if not stopped():
+                sound_ns += sounds.write(bag, None)
         except SocialbotError as error:
             bag.discard()
             if isinstance(error, ImageError):
                 raise BagError(error.what, where=error.where, remedy=error.remedy) from error
             raise
-    return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND)
+    return Imported(bag.path, images, info.width, info.height, (last - first) / SECOND, sound_ns / SECOND)
+
+
+class _Sounds:
+    """Sound of a video, one piece ahead; the video is opened at the first `write`."""
+
+    def __init__(self, pieces: Iterator[AudioData]) -> None:
+        self._pieces = pieces
+        self._next: AudioData | None = None
+        self._opened = False
+
+    def write(self, bag: BagWriter, until: int | None) -> int:
+        """Write the pieces up to a stamp (ns), or all; return their duration (ns)."""
+        duration = 0
+        if not self._opened:
+            self._opened, self._next = True, next(self._pieces, None)
+        while self._next is not None and (until is None or self._next.stamp <= until):
+            bag.write(AUDIO_TOPIC, self._next, self._next.stamp)
+            duration += len(self._next.samples) // (2 * self._next.channels) * SECOND // self._next.sample_rate
+            self._next = next(self._pieces, None)
+        return duration
+
+
+def _sounds(path: Path, start: int, limit_s: float | None) -> Iterator[AudioData]:
+    if not path.is_file():
+        return iter(())
+    if not has_decoder():
+        log.warning("%s: its sound, if it has any, is left out: pip install socialbot[hear]", path)
+        return iter(())
+    return video_sound(path, start, until=None if limit_s is None else start + nanoseconds(limit_s))
 
 
 def _frames(source: str, camera: FrameSource | None, rate_hz: float, start: int, clock: Clock) -> Frames:

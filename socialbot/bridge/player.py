@@ -18,6 +18,7 @@ from socialbot.bags.cameras import depth_first
 from socialbot.bags.codec import ROS_TYPES, STRING, decode, message_type_of, raw_stamp, with_stamp
 from socialbot.bags.playback import STEP_S, PlaybackResult, WorldScript, play
 from socialbot.bags.reader import IMAGE_TYPES, MEASURED, SENSOR_TYPES, Bag, RosbagsTypes
+from socialbot.bags.sound import AUDIO_TYPES
 from socialbot.bridge.diagnostics import Connection, sender_connections, subscription_connection
 from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import await_graph, not_connected
@@ -182,11 +183,18 @@ class BagPlayer:
             self._senders[topic].forward(deserialize_message(cdr, message_class(STRING)))
         else:
             try:
-                message = decode(message_type_of(name), self._types.deserialize(cdr, name), stamp=at)
+                message = decode(message_type_of(name), self._deserialize(cdr, name), stamp=at)
             except MessageError as error:
                 log.warning("%s: message skipped: %s", topic, error)
                 return
             self._senders[topic].publish(message)
+
+    def _deserialize(self, cdr: bytes, name: str) -> Any:
+        if name not in AUDIO_TYPES:
+            return self._types.deserialize(cdr, name)
+        from rclpy.serialization import deserialize_message
+
+        return deserialize_message(cdr, message_class(name))
 
     def _pass_time(self, until: int) -> None:
         """Publish /clock up to ``until`` in real time, or faster after a delay."""

