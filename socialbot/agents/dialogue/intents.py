@@ -67,12 +67,14 @@ class Intent:
         slots: Names of its slots; a slot that a phrase lacks is "".
         phrases: Phrases by language (ISO 639-1), as in ``{"en": ["where is [the] {place}"]}``.
         only_expected: Whether it is only understood as the reply to a question that expects it.
+        fallback: Whether it is only understood if no other intent is.
     """
 
     name: str
     slots: tuple[str, ...] = ()
     phrases: Mapping[str, Sequence[str]] = field(default_factory=dict)
     only_expected: bool = False
+    fallback: bool = False
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ class Grammar:
         starts = set(itertools.accumulate(map(len, clauses)))
         sentence = [word for clause in clauses for word in clause]
         spans, rejected = self._spans(sentence, starts, language)
-        best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (0.0, False, 0.0)
+        best, best_rank = Reading(UNKNOWN, language=language, rejected=rejected), (False, 0.0, False, 0.0)
         for variant in self._variants.get(language, ()):
             is_expected = variant.intent.name in expected
             if variant.intent.only_expected and not is_expected:
@@ -202,7 +204,7 @@ class Grammar:
                 continue
             score = 1 - match.cost / len(variant.parts)
             free = sum(len(value.split()) for name, value in match.slots if name == TEXT)
-            rank = (match.words - _FREE_WORD * free - match.cost, is_expected, score)
+            rank = (not variant.intent.fallback, match.words - _FREE_WORD * free - match.cost, is_expected, score)
             if rank <= best_rank or _is_negated(variant, match, sentence, starts, language):
                 continue
             slots = dict(match.slots)

@@ -36,6 +36,9 @@ ANY = "any"
 """Stands for all intents, except those that are only understood if they are expected."""
 
 
+_FLAGS = ("only_expected", "fallback")
+
+
 @dataclass(frozen=True)
 class Question:
     """Question that a person may answer.
@@ -201,15 +204,12 @@ def _language(section: YamlSection, key: object) -> str:
 
 
 def _intent(name: str, section: YamlSection) -> Intent:
-    phrases = {
-        _language(section, key): _texts(section, key) for key in section.page if key not in ("slots", "only_expected")
-    }
-    only_expected = section.page.get("only_expected", False)
-    if not isinstance(only_expected, bool):
-        raise GraphError(
-            f"'only_expected' must be true or false, got {only_expected!r}", where=section.line("only_expected")
-        )
-    return Intent(name, tuple(section.texts("slots")), phrases, only_expected)
+    phrases = {_language(section, key): _texts(section, key) for key in section.page if key not in ("slots", *_FLAGS)}
+    flags = {key: section.page.get(key, False) for key in _FLAGS}
+    for key, value in flags.items():
+        if not isinstance(value, bool):
+            raise GraphError(f"{key!r} must be true or false, got {value!r}", where=section.line(key))
+    return Intent(name, tuple(section.texts("slots")), phrases, **flags)
 
 
 def _question(name: str, section: YamlSection) -> Question:

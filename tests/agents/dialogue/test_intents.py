@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from socialbot.agents.dialogue import UNKNOWN, Grammar, Intent
+from socialbot.agents.dialogue._templates import words
 from socialbot.agents.dialogue.intents import similarity
 from socialbot.core.errors import RuleError
 
@@ -25,7 +28,7 @@ GRAMMAR = Grammar(
                 "fr": ["où est [la|le] {place}"],
             },
         ),
-        Intent("elsewhere", ("text",), {"en": ["where is [the] {text}"]}),
+        Intent("elsewhere", ("text",), {"en": ["(where is|how do I get to) [the] {text}"]}, fallback=True),
         Intent("place", ("place",), {"en": ["[the] {place}"], "fr": ["[la] {place}"]}, only_expected=True),
         Intent(
             "call",
@@ -49,6 +52,12 @@ GRAMMAR = Grammar(
         ("¿Dónde está el laboratorio?", "es", "directions", ("laboratory",)),
         ("Où est la bibliothèque ?", "fr", "directions", ("library",)),
         ("Call Anna Smith, please", "en", "call", ("anna",)),
+        (
+            "I would like to know how I can get to the lab on the second floor",
+            "en",
+            "directions",
+            ("laboratory",),
+        ),
         ("Where is the swimming pool?", "en", "elsewhere", ("swimming pool",)),
         ("I have a dog", "en", UNKNOWN, ()),
         ("", "en", UNKNOWN, ()),
@@ -135,3 +144,10 @@ def test_invalid_phrases_are_refused_with_their_place(phrase, problem):
 def test_slots_need_values():
     with pytest.raises(RuleError, match="slot 'place' has no values"):
         Grammar([Intent("directions", ("place",))])
+
+
+@given(st.text(max_size=120), st.sampled_from(["en", "de", "es", "fr", "xx", ""]))
+def test_any_text_is_read(text, language):
+    reading = GRAMMAR.read(text, language, {"yes", "no", "place"})
+    assert 0 <= reading.score <= 1
+    assert reading.words <= sum(map(len, words(text, language)))

@@ -50,6 +50,7 @@ def test_a_script_extends_another():
         ("tries: 2", "tries: 0", "'tries' must be a whole number from 1 to 10"),
         ("patience_s: 5", "patience: 5", "unknown key 'patience'"),
         ("{en: Which room?, de: Welcher Raum?}", "Which room?", "expected names with values"),
+        ("slots: [place]", "fallback: maybe", "'fallback' must be true or false"),
         ("slots: [place]", "slots: [room]", "slot 'room' has no values"),
         ("de: Welcher Raum?", "deutsch: Welcher Raum?", "'deutsch' is no language"),
         ("floor {1}", "floor {floor}", "unknown field {floor}"),
