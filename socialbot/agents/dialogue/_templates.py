@@ -28,6 +28,12 @@ class Slot(NamedTuple):
     name: str
 
 
+class Extra(str):
+    """Optional word of a phrase. It does not count toward the share of the phrase that matches."""
+
+    __slots__ = ()
+
+
 Part = str | Slot
 """Word or slot of a phrase."""
 
@@ -111,7 +117,11 @@ class _Reader:
                 options: list[tuple[Part, ...]] = [(Slot(match[2]),)]
             elif match["sign"]:
                 options = self._alternatives(")" if match["sign"] == "(" else "]")
-                options = options if match["sign"] == "(" else [(), *options]
+                if match["sign"] == "[":
+                    options = [
+                        (),
+                        *(tuple(Extra(one) if isinstance(one, str) else one for one in each) for each in options),
+                    ]
             else:
                 options = [tuple(itertools.chain(*words(match["word"], self._language)))]
             variants = [(*before, *more) for before in variants for more in options]

@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from socialbot.agents.dialogue._templates import Part, Slot, expand, words
+from socialbot.agents.dialogue._templates import Extra, Part, Slot, expand, words
 from socialbot.core.errors import RuleError, suggestion
 
 UNKNOWN = "unknown"
@@ -34,8 +34,11 @@ LEAST_SIMILARITY = 0.8
 LEAST_SCORE = 0.75
 """Phrases match from this share of their words on, each weighted by its similarity."""
 
+LEAST_SCORE_FREE = 0.92
+"""The same for phrases with a free text."""
+
 _EXTRA_WORD = 0.25  # cost of a word between those of a phrase; a missing word costs 1
-_FREE_WORD = 0.5  # what a word of a free text counts less than a word of a phrase
+_FREE_WORD = 0.75  # what a word of a free text counts less than a word of a phrase
 _JOINED = 0.05  # what a name counts less that is split or joined differently
 _LONGEST_TEXT = 12
 
@@ -106,7 +109,9 @@ class _Span(NamedTuple):
     similarity: float
 
 
-class _Variant(NamedTuple):
+class Variant(NamedTuple):
+    """Word sequence of a phrase of an intent."""
+
     intent: Intent
     phrase: str
     parts: tuple[Part, ...]
@@ -142,7 +147,7 @@ class Grammar:
     ) -> None:
         self.intents = {intent.name: intent for intent in intents}
         self.values = {name: dict(known) for name, known in (values or {}).items()}
-        self._variants: dict[str, list[_Variant]] = {}
+        self._variants: dict[str, list[Variant]] = {}
         for intent in self.intents.values():
             self._check_slots(intent)
             for language, phrases in intent.phrases.items():
@@ -156,7 +161,7 @@ class Grammar:
                             f"phrase {phrase!r} has the unknown slot {unknown[0]!r}", where=where, remedy=remedy
                         )
                     known = self._variants.setdefault(language, [])
-                    known += (_Variant(intent, phrase, variant) for variant in variants)
+                    known += (Variant(intent, phrase, variant) for variant in variants)
         self._names = {
             (slot, language): [
                 ("".join(itertools.chain(*words(name, language))), len(name.split()), value)
@@ -171,6 +176,10 @@ class Grammar:
     def languages(self) -> tuple[str, ...]:
         """Languages with at least one phrase."""
         return tuple(self._variants)
+
+    def variants(self, language: str) -> tuple[Variant, ...]:
+        """Word sequences of all phrases in a language."""
+        return tuple(self._variants.get(language, ()))
 
     def name_of(self, value: str, language: str) -> str:
         """Return the first name of a slot value in a language, or else in any; other texts are returned as they are."""
@@ -202,7 +211,7 @@ class Grammar:
             match = _align(variant.parts, sentence, starts, spans)
             if match is None:
                 continue
-            score = 1 - match.cost / len(variant.parts)
+            score = 1 - match.cost / _size(variant.parts)
             free = sum(len(value.split()) for name, value in match.slots if name == TEXT)
             rank = (not variant.intent.fallback, match.words - _FREE_WORD * free - match.cost, is_expected, score)
             if rank <= best_rank or _is_negated(variant, match, sentence, starts, language):
@@ -250,7 +259,7 @@ def similarity(one: str, other: str) -> float:
     longest = max(len(one), len(other))
     if one == other or not longest:
         return 1.0
-    if abs(len(one) - len(other)) > (1 - LEAST_SIMILARITY) * longest:
+    if abs(len(one) - len(other)) > (1 - LEAST_SIMILARITY) * longest + 1e-9:
         return 0.0
     before, row = [0] * (len(other) + 1), list(range(len(other) + 1))
     for i, letter in enumerate(one, 1):
@@ -283,12 +292,23 @@ def _named(names: Iterable[tuple[str, int, str]], sentence: Sequence[str], start
     return sorted(chosen)
 
 
+def _size(parts: Sequence[Part]) -> int:
+    """Number of parts that a phrase must have: a value counts twice, an optional word or a free text not at all."""
+    return max(sum(_weight(part) for part in parts), 1)
+
+
+def _weight(part: Part) -> int:
+    if isinstance(part, str):
+        return 0 if isinstance(part, Extra) else 1
+    return 0 if part.name == TEXT else 2
+
+
 def _align(
     parts: Sequence[Part], sentence: Sequence[str], starts: Collection[int], spans: Mapping[str, Sequence[_Span]]
 ) -> _Match | None:
     """The best alignment of all ``parts`` with some words of the sentence, in order; None without one."""
     size = len(sentence)
-    most = (1 - LEAST_SCORE) * len(parts) + 1e-9
+    most = (1 - (LEAST_SCORE_FREE if Slot(TEXT) in parts else LEAST_SCORE)) * _size(parts) + 1e-9
     row: list[_Match | None] = [_Match(0.0, 0, at, at) for at in range(size + 1)]  # at: number of words consumed
     for number, part in enumerate(parts):
         after: list[_Match | None] = [None] * (size + 1)
@@ -334,7 +354,7 @@ def _steps(
 
 
 def _is_negated(
-    variant: _Variant, match: _Match, sentence: Sequence[str], starts: Collection[int], language: str
+    variant: Variant, match: _Match, sentence: Sequence[str], starts: Collection[int], language: str
 ) -> bool:
     """Whether a negation that is no part of the phrase stands before it, in it, or directly after it.
 
