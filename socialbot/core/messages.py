@@ -339,7 +339,7 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     """People in one frame, with the stamp of the frame. An empty list means no detections.
 
     ``camera_yaw_rad`` is the direction of the camera from that of the robot's base, positive to the left, if transforms
-    tell it.
+    tell it; then ``camera_hfov_rad`` is its horizontal field of view.
     """
 
     frame_id: str
@@ -347,6 +347,7 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     height: int
     persons: tuple[PersonDetection, ...]
     camera_yaw_rad: float | None = None
+    camera_hfov_rad: float | None = None
 
     @property
     def id(self) -> str:

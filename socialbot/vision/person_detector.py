@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -267,6 +268,7 @@ class PersonDetector(Node):
                 height=image.height,
                 persons=persons,
                 camera_yaw_rad=yaw_rad,
+                camera_hfov_rad=None if yaw_rad is None else 2 * math.atan(camera.width / 2 / camera.fx),
             )
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)

@@ -6,27 +6,25 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
+from socialbot.agents.waldo.gaze import Gaze, Pose, Seen
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import HeadCommand, Health, JointTrajectory, Message, PersonDetections
+from socialbot.core.messages import (
+    HeadCommand,
+    Health,
+    HeardSpeech,
+    JointTrajectory,
+    Message,
+    PersonDetection,
+    PersonDetections,
+)
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 
-
-class Pose(NamedTuple):
-    """Head pose in rad: pan positive to the left, tilt positive up (REP-103); 0, 0 is straight ahead."""
-
-    pan: float
-    tilt: float
-
-    def distance(self, other: Pose) -> float:
-        """The larger of the two angles between the poses, in rad."""
-        return max(abs(self.pan - other.pan), abs(self.tilt - other.tilt))
-
-
 CENTRE = Pose(0.0, 0.0)
+_FACES_RAD, _COMES_MPS = 1.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -44,14 +42,6 @@ class Motion:
         return Pose(*(a + share * (b - a) for a, b in zip(self.start, self.target, strict=True)))
 
 
-class Seen(NamedTuple):
-    """Detected person: distance in m (infinite if unknown), bearing as a head pose, and track id if any."""
-
-    distance_m: float
-    pose: Pose
-    track_id: str
-
-
 class Head(Node):
     """Head controller: follows the nearest person, centres the head, or holds a pan and tilt.
 
@@ -62,12 +52,16 @@ class Head(Node):
     The followed person keeps their track id. Without it, the person nearest in direction counts as the same, within
     ``same_person_rad``. Another person takes over when nearer by more than ``switch_margin_m``.
 
+    An ``attentive`` head also follows people while the agent is idle: people who face the robot or come nearer before
+    others, who get a glance. It looks at who speaks, where it lost a person, and around (`Gaze`). It needs a tracker.
+
     The head centres while the node ``engine`` publishes no heartbeats.
     """
 
     command = Input(HeadCommand, "/head/command")
     health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     detections = Input(PersonDetections, "/humans/bodies/detections", Delivery.NEWEST)
+    heard = Input(HeardSpeech, "/humans/voices/speech", optional=True)
     trajectory = Output(JointTrajectory, "/head_controller/joint_trajectory")
 
     pan_joint = Parameter("head_pan_joint", "joint that turns the head, positive to the left")
@@ -82,6 +76,8 @@ class Head(Node):
     same_person_rad = Parameter(0.35, "largest movement of a person between two frames, rad", minimum=0.0)
     engine = Parameter("", "node whose heartbeats the head requires; empty: none")
     camera_on_head = Parameter(False, "whether the camera turns with the head")
+    attentive = Parameter(False, "whether the head follows and searches people by itself, unless told where to look")
+    ease_s = Parameter(0.0, "shortest duration of a motion, s", minimum=0.0, maximum=5.0)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
@@ -92,7 +88,8 @@ class Head(Node):
         self._slack = 0.0
         self._earliest = now
         self._move_due = False
-        self._tracking = True
+        self._tracking = self._free = True
+        self._gaze = Gaze(self.switch_margin_m)
         self._led = True
         self._followed: Seen | None = None
         self._last_seen = now
@@ -122,7 +119,10 @@ class Head(Node):
             self.log.warning("cannot look at pan %s, tilt %s", command.pan_rad, command.tilt_rad)
             return
         self._tracking = command.mode == "track"
+        self._free = command.mode != "look"
         self._followed = None
+        if self.attentive and self._free:
+            return
         if self._tracking:
             self._last_seen = self.clock.now()
             self._watch()
@@ -132,6 +132,11 @@ class Head(Node):
     @detections
     def on_detections(self, detections: PersonDetections) -> None:
         seen = self._seen(detections)
+        if self.attentive:
+            wanted = self._gaze.look(seen, detections.stamp / SECOND) if self._led and self._free else None
+            if wanted is not None:
+                self._aim(wanted, slack=self.dead_band_rad)
+            return
         if not self._tracking or not self._led or not seen:
             return
         self._followed = self._choose(seen)
@@ -139,8 +144,14 @@ class Head(Node):
         self._watch()
         self._aim(self._followed.pose, slack=self.dead_band_rad)
 
+    @heard
+    def on_heard(self, heard: HeardSpeech) -> None:
+        if heard.person:
+            self._gaze.hear(heard.person, heard.stamp / SECOND)
+
     def on_parameter(self, name: str) -> None:
         """Move the head within new, narrower limits."""
+        self._gaze.switch_margin_m = self.switch_margin_m
         if name in ("pan_limit_rad", "tilt_limit_rad"):
             self._aim(self._wanted, slack=self._slack)
 
@@ -148,7 +159,8 @@ class Head(Node):
         """Persons with a known direction."""
         camera = self._pose_at(detections.stamp) if self.camera_on_head else CENTRE
         if self.camera_on_head and detections.camera_yaw_rad is not None:
-            camera = Pose(detections.camera_yaw_rad, camera.tilt)
+            # By transforms: elevations are above the horizon then, however the camera tilts.
+            camera = Pose(detections.camera_yaw_rad, 0.0)
         level = self._wanted.tilt - camera.tilt
         found = []
         for person in detections.persons:
@@ -157,7 +169,7 @@ class Head(Node):
                 continue
             distance = math.inf if person.distance_m is None or math.isnan(person.distance_m) else person.distance_m
             pose = Pose(camera.pan + person.bearing_rad, camera.tilt + elevation)
-            found.append(Seen(distance, pose, person.track_id))
+            found.append(Seen(distance, pose, person.track_id, _is_attentive(person)))
         return found
 
     def _choose(self, seen: list[Seen]) -> Seen:
@@ -210,7 +222,7 @@ class Head(Node):
         now = self.clock.now()
         start = self._pose_at(now)
         # At least one period: controllers refuse points that are due at once.
-        duration_s = max(start.distance(self._wanted) / self.max_speed_rad_s, self.period_s)
+        duration_s = max(start.distance(self._wanted) / self.max_speed_rad_s, self.period_s, self.ease_s)
         self._motions.append(Motion(start, self._wanted, now, duration_s))
         self._earliest = now + nanoseconds(self.period_s)
         joints, pose, still = (self.pan_joint, self.tilt_joint), tuple(self._wanted), (0.0, 0.0)
@@ -226,3 +238,10 @@ class Head(Node):
 
 def _within(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
+
+
+def _is_attentive(person: PersonDetection) -> bool | None:
+    """Whether a person faces the robot or comes nearer; None if unknown."""
+    if person.facing_rad is not None:
+        return person.facing_rad <= _FACES_RAD
+    return None if person.approach_mps is None else person.approach_mps >= _COMES_MPS

@@ -36,9 +36,13 @@ class WaldoNode(AgentNode):
     trace = Output(TraceRecord, "/waldo/trace")
 
     range_m = Parameter(WaldoConfig.range_m, "largest distance of people, m", minimum=0.5, maximum=50.0)
+    engage_m = Parameter(WaldoConfig.engage_m, "largest distance of people who engage, m", minimum=0.5, maximum=50.0)
     appear_s = Parameter(WaldoConfig.appear_s, "time to detect an arrival, s", minimum=0.0, maximum=10.0)
     vanish_s = Parameter(WaldoConfig.vanish_s, "time to detect a departure, s", minimum=0.0, maximum=60.0)
     help_after_s = Parameter(WaldoConfig.help_after_s, "time until help is offered, s", minimum=0.5, maximum=600.0)
+    together_s = Parameter(
+        WaldoConfig.together_s, "who joins so soon after a greeting has heard it, s", minimum=0.1, maximum=10.0
+    )
     regreet_after_s = Parameter(
         WaldoConfig.regreet_after_s,
         "without a tracker: absence until people are greeted again, s",

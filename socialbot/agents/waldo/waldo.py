@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import fmean, median_low
-from typing import NamedTuple
 
-import msgspec
+from socialbot.agents.waldo.encounters import (
+    PATH_S,
+    Conversations,
+    Frame,
+    attention,
+    in_base,
+    is_attentive,
+    is_undecided,
+    path_of,
+)
 
 # 1. Import the parts of an agent
 from socialbot.bdi import (
@@ -32,7 +40,7 @@ from socialbot.bdi import (
 )
 from socialbot.bdi.literals import Event
 from socialbot.core.clock import SECOND, Clock, nanoseconds
-from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.core.messages import PersonDetections
 
 
 # 2. Define beliefs and goals
@@ -52,8 +60,16 @@ class engages(Belief):
     """This person is present and faces the robot, walks up to it, or stands before it; who only passes does not."""
 
 
+class converses(Belief):
+    """This person stands with another one, and they face each other: Waldo leaves them alone."""
+
+
 class greeted(Belief):
     """This person has been greeted."""
+
+
+class hello(SingletonBelief):
+    """Waldo has just greeted somebody: who joins within ``together_s`` has heard it."""
 
 
 class offered(Belief):
@@ -85,7 +101,7 @@ class forgotten(Reactor):
 
 
 class returned(Reactor):
-    """A person arrived after a loss of detections, and counts as this one, who was present before it."""
+    """A person arrived after a loss of detections or where this one vanished, and counts as the same."""
 
 
 class silent(SingletonBelief):
@@ -109,9 +125,11 @@ class WaldoConfig:
     """Configuration that may change at run time: distances in m, durations in s (see docs/waldo.md)."""
 
     range_m: float = 6.0
+    engage_m: float = 50.0
     appear_s: float = 0.5
     vanish_s: float = 2.5
     help_after_s: float = 8.0
+    together_s: float = 2.0
     regreet_after_s: float = 5.0
     forget_after_s: float = 60.0
 
@@ -144,19 +162,9 @@ OVERTAKEN_S = 1.0
 
 SOMEBODY = "somebody"  # track id of all people without one
 
-_FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
-_WALKS_MPS = 0.3  # slower people stand
-_REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
-_PATH_S = 0.3  # least time to measure a path
+_RENAMED_S, _RENAMED_M = 4.0, 0.9  # a track that begins so soon and so near where another one ended goes on with it
+_UNSEEN_S = 8.0  # a person outside of the view of a camera that turns counts as present for this long
 _DECIDE_S = 1.0  # a person who has been present for this long engages even if no path was measured
-
-
-class Frame(NamedTuple):
-    """Persons within range in one frame by track id, with its stamp (ns); of people without an id, the nearest."""
-
-    stamp: int
-    near: Mapping[str, PersonDetection]
-    persons: int
 
 
 class PersonSensor(Sensor):
@@ -174,6 +182,10 @@ class PersonSensor(Sensor):
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
         self._engaged: set[str] = set()
+        self._conversations = Conversations()
+        self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
+        self._bearings: dict[str, float | None] = {}  # where each of them was last, from the robot's base,
+        self._places: dict[str, tuple[float, float]] = {}  # and in m
         self._gone: dict[str, int] = {}  # time (ns) at which each of them left
         self._lost: tuple[str, ...] = ()  # those present at the last loss of detections
         self._alone: bool | None = None  # None at first, and after a loss of detections
@@ -199,7 +211,7 @@ class PersonSensor(Sensor):
             changes += [(+personDetected("No")).because(f"nobody is present: {self._shown('', self._config.vanish_s)}")]
             self._alone = True
             self._frames = deque([self._frames[-1]])  # a new arrival needs new frames
-        changes += [*self._attend(), *self._stay(percept.stamp)]
+        changes += [*self._converse(), *self._attend(), *self._stay(percept.stamp)]
         return changes or None
 
     def recall(self, engine: Engine) -> None:
@@ -230,7 +242,16 @@ class PersonSensor(Sensor):
         self._lost = tuple(self._there) or self._lost
         self._gone |= dict.fromkeys(self._there, self._lost_at)
         changes = [(+gone(person)).because("no more detections arrive") for person in self._there]
-        for memory in (self._frames, self._there, self._changed, self._engaged):
+        for memory in (
+            self._frames,
+            self._there,
+            self._changed,
+            self._engaged,
+            self._conversations,
+            self._bearings,
+            self._places,
+            self._seen_at,
+        ):
             memory.clear()
         return [*changes, (+personDetected("Unknown")).because("no more detections arrive")] if somebody else None
 
@@ -242,6 +263,8 @@ class PersonSensor(Sensor):
             if person in self._engaged:
                 self._engaged.remove(person)
                 yield (-engages(person)).because(why)
+            if self._conversations.forget(person):
+                yield (-converses(person)).because(why)
             self._changed[person] = self._gone[person] = now
             yield from ((-present(person)).because(why), (+gone(person)).because(why))
 
@@ -270,20 +293,42 @@ class PersonSensor(Sensor):
                 yield (+present(person)).because(why)
                 if self._gone.pop(person, None) is not None:
                     yield (-gone(person)).because(why)
+                elif (other := self._same_place(person, now)) is not None:
+                    where = f"{person} is where {other} was seen {(now - self._seen_at[other]) / SECOND:.1f} s before"
+                    yield (+returned(person, other)).because(where)
                 else:
                     same = f"{person} is the first in sight since detections arrive again; {{}} was there before"
                     yield from ((+returned(person, one)).because(same.format(one)) for one in lost)
 
+    def _same_place(self, person: str, now: int) -> str | None:
+        """Return the person who vanished a moment ago where ``person`` has appeared, if there is one."""
+        here = self._places.get(person)
+        latest = self._frames[-1].near
+        if here is None:
+            return None
+        near = [
+            (math.dist(here, place), other)
+            for other, place in self._places.items()
+            if other not in latest and 0 < now - self._seen_at[other] < nanoseconds(_RENAMED_S)
+        ]
+        distance, other = min(near, default=(math.inf, None))
+        return other if distance < _RENAMED_M else None
+
+    def _converse(self) -> Iterator[Event]:
+        for person, why, begins in self._conversations.look(self._frames, self._there):
+            yield ((+converses(person)) if begins else (-converses(person))).because(why)
+
     def _attend(self) -> Iterator[Event]:
-        frames = self._recent(max(self._config.appear_s, _PATH_S))
+        frames = self._recent(max(self._config.appear_s, PATH_S))
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
-            engaged, path = person in self._engaged, _path(frames, person)
+            engaged, path = person in self._engaged, path_of(frames, person)
             since = self._frames[-1].stamp - self._changed.get(person, 0)
-            if not looks or (path is None and _has_path(looks[-1]) and since < nanoseconds(_DECIDE_S)):
+            if not looks or (since < nanoseconds(_DECIDE_S) and is_undecided(looks[-1], path)):
                 continue
-            share = fmean(_is_attentive(look, path) for look in looks)
-            why = f"{person} {_attention(looks[-1], path)} ({share:.0%} of {len(looks)} frames)".replace("%", " %")
+            share = fmean(is_attentive(look, path, self._config.engage_m) for look in looks)
+            shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
+            why = f"{person} {attention(looks[-1], path, self._config.engage_m)} ({shown})"
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
                 yield (+engages(person)).because(why)
@@ -298,14 +343,27 @@ class PersonSensor(Sensor):
             self._changed.clear()
             due = percept.stamp + nanoseconds(self._config.help_after_s)
             self._there = {person: until and due for person, until in self._there.items()}
-        persons = [_in_base(person, percept.camera_yaw_rad) for person in percept.persons]
+        persons = [in_base(person, percept.camera_yaw_rad) for person in percept.persons]
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
-        self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near)))
+        turned = percept.camera_yaw_rad is not None and percept.camera_hfov_rad is not None
+        view = (percept.camera_yaw_rad or 0.0, (percept.camera_hfov_rad or 0.0) / 2) if turned else (0.0, math.inf)
+        self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near), *view))
+        self._bearings |= {p.track_id or SOMEBODY: p.bearing_rad for p in near}
+        self._places |= {
+            p.track_id: (p.distance_m * math.cos(p.bearing_rad), p.distance_m * math.sin(p.bearing_rad))
+            for p in near
+            if p.track_id and p.distance_m is not None and p.bearing_rad is not None
+        }
+        self._seen_at |= dict.fromkeys(self._frames[-1].near, percept.stamp)
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
         while len(self._frames) > 1 and self._frames[1].stamp <= oldest:
             self._frames.popleft()
         self._changed = {person: at for person, at in self._changed.items() if person in self._there or at >= oldest}
+        unseen = percept.stamp - nanoseconds(_UNSEEN_S)
+        for person in [person for person, at in self._seen_at.items() if at < unseen and person not in self._there]:
+            del self._seen_at[person], self._bearings[person]
+            self._places.pop(person, None)
 
     def _recent(self, seconds: float) -> list[Frame]:
         begin = self._frames[-1].stamp - nanoseconds(seconds)
@@ -319,11 +377,21 @@ class PersonSensor(Sensor):
         begin = self._frames[-1].stamp - nanoseconds(seconds)
         if max(self._frames[0].stamp, self._changed.get(person, begin)) > begin:
             return math.nan
-        return fmean(person in frame.near if person else bool(frame.near) for frame in self._recent(seconds))
+        frames = self._showing(seconds, person)
+        # Of a person outside of the view of a camera that turns, nothing is known for a while.
+        return fmean(person in frame.near if person else bool(frame.near) for frame in frames) if frames else math.nan
+
+    def _showing(self, seconds: float, person: str) -> list[Frame]:
+        """The frames of the last ``seconds`` that show ``person``, or would if the person were still there."""
+        frames, now = self._recent(seconds), self._frames[-1].stamp
+        if not person or now - self._seen_at.get(person, 0) >= nanoseconds(_UNSEEN_S):
+            return frames
+        bearing = self._bearings.get(person)
+        return [frame for frame in frames if person in frame.near or frame.could_show(bearing)]
 
     def _shown(self, person: str, seconds: float) -> str:
         """Describe the share of frames of the last ``seconds`` that show ``person`` (or anybody) within range."""
-        recent = self._recent(seconds)
+        recent = self._showing(seconds, person)
         count = sum(person in frame.near if person else bool(frame.near) for frame in recent)
         shown = f"{count} of {len(recent)} frames of the last {seconds:g} s"
         return f"{person or 'somebody'} was within {self._config.range_m:g} m in {shown}"
@@ -331,68 +399,6 @@ class PersonSensor(Sensor):
     def _company(self) -> int:
         """Return the median number of people in the recent frames with people."""
         return median_low(frame.persons for frame in self._recent(self._config.appear_s) if frame.persons)
-
-
-def _in_base(person: PersonDetection, camera_yaw_rad: float | None) -> PersonDetection:
-    """The person with the bearing from the robot's base, which does not turn with the head."""
-    if person.bearing_rad is None or not camera_yaw_rad:
-        return person
-    return msgspec.structs.replace(person, bearing_rad=person.bearing_rad + camera_yaw_rad)
-
-
-class _Path(NamedTuple):
-    """How a person walks: speed, its part towards the robot, and the distance at which the path passes the robot."""
-
-    speed_mps: float
-    approach_mps: float
-    passes_m: float
-
-
-def _path(frames: Sequence[Frame], person: str) -> _Path | None:
-    """Return the path of ``person`` in ``frames``; None if they show too little of it."""
-    looks = [
-        (frame.stamp, look.distance_m, look.bearing_rad)
-        for frame in frames
-        if (look := frame.near.get(person)) and look.distance_m is not None and look.bearing_rad is not None
-    ]
-    if not looks or looks[-1][0] - looks[0][0] < nanoseconds(_PATH_S) * 0.9:
-        return None
-    (begin, first_m, first_rad), (end, last_m, last_rad) = looks[0], looks[-1]
-    seconds = (end - begin) / SECOND
-    turn = math.remainder(last_rad - first_rad, math.tau)
-    # In the frame of the last position: ahead towards the robot, and sideways.
-    ahead, sideways = (first_m * math.cos(turn) - last_m) / seconds, first_m * math.sin(turn) / seconds
-    speed = math.hypot(ahead, sideways)
-    return _Path(speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
-
-
-def _has_path(person: PersonDetection) -> bool:
-    """Whether more frames will tell if a person comes nearer, which is not known otherwise."""
-    return person.facing_rad is None and person.distance_m is not None and person.bearing_rad is not None
-
-
-def _is_attentive(person: PersonDetection, path: _Path | None) -> bool:
-    """Whether a person faces the robot, walks up to it, or stands before it without turning away."""
-    if person.facing_rad is not None and not _FACES_RAD < person.facing_rad < _AWAY_RAD:
-        return person.facing_rad <= _FACES_RAD
-    if path is None:
-        return person.approach_mps is None or person.approach_mps > -_WALKS_MPS
-    if path.speed_mps < _WALKS_MPS:
-        return True
-    return path.approach_mps > 0 and path.passes_m <= _REACH_M
-
-
-def _attention(person: PersonDetection, path: _Path | None) -> str:
-    """Describe what `_is_attentive` judges by."""
-    if person.facing_rad is not None and not _FACES_RAD < person.facing_rad < _AWAY_RAD:
-        return "faces the robot" if person.facing_rad <= _FACES_RAD else "faces away from the robot"
-    if path is None:
-        known = person.approach_mps is not None
-        return f"approaches at {person.approach_mps:.1f} m/s" if known else "does not turn away"
-    if path.speed_mps < _WALKS_MPS:
-        return "stands before the robot"
-    walks = f"walks past the robot at {path.passes_m:.1f} m" if path.approach_mps > 0 else "walks away from the robot"
-    return "walks up to the robot" if path.approach_mps > 0 and path.passes_m <= _REACH_M else walks
 
 
 def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -> Engine:
@@ -406,28 +412,34 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         # Beliefs cause desires ...
         +personDetected("No") >> [DoNothing()],
         atomic(
+            +engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)],
             +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +engages(Who) / unoffered(Who) >> [OfferHelp()],
             +stays(Who) / (personDetected("Next") & unoffered(Who)) >> [OfferHelp()],
             +stays(Who) / personDetected("Yes") >> [+personDetected("Next")],
             +personDetected("Next") / unoffered(_) >> [OfferHelp()],
+            -converses(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
+            -converses(Who) / unoffered(Who) >> [OfferHelp()],
         ),
-        ungreeted(Who) << (engages(Who) & ~greeted(Who)),
-        unoffered(Who) << (engages(Who) & stays(Who) & ~offered(Who)),
+        # People who talk to each other are not interrupted.
+        ungreeted(Who) << (engages(Who) & ~converses(Who) & ~greeted(Who)),
+        unoffered(Who) << (engages(Who) & ~converses(Who) & stays(Who) & ~offered(Who)),
         several() << (ungreeted(Who) & ungreeted(Other) & (Who != Other)),
         several() << (ungreeted(SOMEBODY) & people(N) & (N > 1)),
         # ... desires cause intentions ...
         DoNothing() >> [stayIdle()],
         GreetPeople() / several() >> [speak("greeting_several"), for_each(ungreeted(Who), [+greeted(Who)])],
         GreetPeople() >> [speak("greeting"), for_each(ungreeted(Who), [+greeted(Who)])],
-        OfferHelp() >> [speak("offer"), for_each(present(Who) & ~offered(Who), [+offered(Who)])],
+        +greeted(Who) / ((Who != SOMEBODY) & ~hello("said")) >> [+hello("said")],
+        +hello("said").held_for(lambda: config.together_s) >> [-hello("said")],
+        OfferHelp() >> [speak("offer"), for_each(engages(Who) & ~offered(Who), [+offered(Who)])],
         # ... and a failed intention is not retried.
         -GreetPeople() >> [stayIdle()],
         -OfferHelp() >> [stayIdle()],
         # People who return after a while are greeted again.
         atomic(+forgotten(Who) >> [-greeted(Who), -offered(Who)]),
         # After a loss of detections Waldo waits. People present afterwards count as those present before.
-        +personDetected("Unknown") >> [-stays(_), -engages(_), -present(_), -people(_), DoNothing()],
+        +personDetected("Unknown") >> [-stays(_), -engages(_), -converses(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
         personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
         +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_), -greeted(_), -offered(_)],

@@ -25,7 +25,7 @@ from socialbot.robots.simulation.place import load_place, place_names
 from socialbot.robots.simulation.posture import pose
 from socialbot.robots.simulation.scene import Scene
 from socialbot.robots.simulation.schedules import Schedule
-from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, sights, truth_frame
+from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, LENS_AHEAD_M, HeadCamera, Watcher, truth_frame
 
 IMAGE_TOPIC = "/camera/image_raw/compressed"
 FRAME_ID = "camera_optical_frame"
@@ -91,6 +91,7 @@ class SimulatedPlace(Node):
         script = self._script()
         self.crowd = Crowd(script, load_place(script.place), seed=self.seed)
         self._figures = {each: figure(looks) for each, looks in self.crowd.looks.items()}
+        self._watcher = Watcher(self.crowd.place, self._figures)
         self._begin = self.clock.now()
         self._duration = self.duration_s or self.crowd.duration
         self.servo = SimulatedHead(self._begin)
@@ -202,7 +203,7 @@ class SimulatedPlace(Node):
         frames = {name: pose(self._figures[name], stance, numbers[name]) for name, stance in stances.items()}
         pan, tilt = self.servo.pan_rad, self.servo.tilt_rad
         camera = HeadCamera(self.width, self.height, self.hfov_rad, pan, tilt)
-        seen = sights(camera, self.crowd.place, self._figures, stances, frames)
+        seen = self._watcher.sights(camera, stances, frames)
         frame = truth_frame(now, self.crowd, time_s, camera, seen, stances, image_topic=IMAGE_TOPIC, frame_id=FRAME_ID)
         self.truth.publish(self._types.make("std_msgs/msg/String", data=json.dumps(frame)))
         if not self.pictures:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from socialbot.robots.simulation.figure import Figure
 from socialbot.robots.simulation.people import Crowd
-from socialbot.robots.simulation.place import Place, placed
+from socialbot.robots.simulation.place import Furniture, Place, placed
 from socialbot.robots.simulation.posture import Frame, Stance
 
 CAMERA_HEIGHT_M, LENS_AHEAD_M = 1.25, 0.06
@@ -20,6 +20,7 @@ CAMERA_HEIGHT_M, LENS_AHEAD_M = 1.25, 0.06
 FACES_RAD = 0.35
 """Largest angle between the direction of a head and another one whom it faces."""
 _NEAR_M = 0.05
+_AXIS = np.array([0.0, 0.0, CAMERA_HEIGHT_M])
 _MASK = 4  # Pixels of the image in a pixel of the masks for visible shares.
 _LEAST_VISIBLE = 0.05
 
@@ -41,13 +42,14 @@ class HeadCamera:
 
     def seen(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels, shape (n, 2), and depths (m) of points of the world, shape (n, 3)."""
-        cp, sp, ct, st = (f(a) for a in (self.pan_rad, self.tilt_rad) for f in (math.cos, math.sin))
-        x, y, z = points[:, 0], points[:, 1], points[:, 2] - CAMERA_HEIGHT_M
-        ahead, left = cp * x + sp * y, -sp * x + cp * y
-        depth, up = ct * ahead + st * z - LENS_AHEAD_M, -st * ahead + ct * z
-        safe = np.maximum(depth, _NEAR_M)
-        focal = self.focal_px
-        return np.stack([self.width / 2 - focal * left / safe, self.height / 2 - focal * up / safe], axis=1), depth
+        cp, sp = math.cos(self.pan_rad), math.sin(self.pan_rad)
+        ct, st = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
+        # Rows: ahead, left and up of the lens.
+        axes = np.array([[ct * cp, ct * sp, st], [-sp, cp, 0.0], [-st * cp, -st * sp, ct]])
+        own = (points - _AXIS) @ axes.T
+        depth = own[:, 0] - LENS_AHEAD_M
+        pixels = own[:, 1:] * (-self.focal_px / np.maximum(depth, _NEAR_M))[:, None]
+        return np.add(pixels, (self.width / 2, self.height / 2)), depth
 
 
 @dataclass(frozen=True)
@@ -73,92 +75,113 @@ class Sight:
     facing_rad: float
 
 
-def sights(
-    camera: HeadCamera,
-    place: Place,
-    figures: Mapping[str, Figure],
-    stances: Mapping[str, Stance],
-    frames: Mapping[str, Mapping[str, Frame]],
-) -> list[Sight]:
-    """Return what ``camera`` sees of all people who are visible, the nearest first."""
-    found = []
-    covers = _furniture(camera, place)
-    for name, stance in stances.items():
-        if not _inside(place, stance.x, stance.y, 0.3):
-            continue
-        seen = _outline(camera, place, figures[name], frames[name])
-        if seen is not None:
-            covers.append((math.hypot(stance.x, stance.y), name, *seen))
-    covers.sort(key=lambda cover: cover[0])
-    high, wide = -(-camera.height // _MASK), -(-camera.width // _MASK)
-    covered = np.zeros((high, wide), np.uint8)
-    for distance, name, polygons, box, inside in covers:
-        mask = np.zeros((high, wide), np.uint8)
-        for polygon in polygons:
-            cv2.fillConvexPoly(mask, polygon, 255)
-        if name:
-            free = cv2.countNonZero(cv2.bitwise_and(mask, cv2.bitwise_not(covered)))
-            share = inside * free / max(_whole_area(polygons), 1)
-            if share >= _LEAST_VISIBLE and box is not None:
-                found.append(_sight(camera, name, stances[name], figures[name], box, min(share, 1.0), distance))
-        covered |= mask
-    return found
+class _Cover(NamedTuple):
+    """Something that covers pixels: a person by name, or furniture; with its distance and its share in front."""
+
+    distance_m: float
+    name: str
+    polygons: list[np.ndarray]
+    box: tuple[float, float, float, float] | None = None
+    share: float = 1.0
 
 
-def _inside(place: Place, x: float, y: float, margin: float = 0.0) -> bool:
-    x0, x1, y0, y1 = place.size
-    return x0 - margin <= x <= x1 + margin and y0 - margin <= y <= y1 + margin
+class Watcher:
+    """Tells what a camera sees of the people in a place.
 
+    Args:
+        place: Room and furniture.
+        figures: People by id.
+    """
 
-def _furniture(camera: HeadCamera, place: Place) -> list[tuple[float, str, list[np.ndarray], Any, float]]:
-    covers = []
-    for piece in place.furniture:
-        polygons = []
-        for block, (x, y, z), _ in placed(piece):
-            a, b, c = block.size if block.shape != "cylinder" else (block.size[0], block.size[0], block.size[1])
-            shrunk = 0.85 if block.shape == "ellipsoid" else 1.0
-            turn = piece.heading if block.shape == "box" else 0.0
-            signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * (a, b, c) * shrunk
-            cos, sin = math.cos(turn), math.sin(turn)
-            corners = signs @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + (x, y, z)
+    def __init__(self, place: Place, figures: Mapping[str, Figure]) -> None:
+        self._place, self._figures = place, figures
+        self._furniture = [(math.hypot(*piece.at), *_corners(piece)) for piece in place.furniture]
+
+    def sights(
+        self, camera: HeadCamera, stances: Mapping[str, Stance], frames: Mapping[str, Mapping[str, Frame]]
+    ) -> list[Sight]:
+        """Return what ``camera`` sees of all people who are visible, the nearest first."""
+        covers = list(self._of_furniture(camera))
+        for name, stance in stances.items():
+            if self._is_inside(stance.x, stance.y, 0.3):
+                covers += self._of_person(camera, name, stance, frames[name])
+        covers.sort(key=lambda cover: cover.distance_m)
+        covered = np.zeros((-(-camera.height // _MASK), -(-camera.width // _MASK)), np.uint8)
+        found = []
+        for cover in covers:
+            mask = np.zeros_like(covered)
+            for polygon in cover.polygons:
+                cv2.fillConvexPoly(mask, polygon, 255)
+            if cover.name and cover.box is not None:
+                free = cv2.countNonZero(cv2.bitwise_and(mask, cv2.bitwise_not(covered)))
+                share = min(cover.share * free / max(_whole_area(cover.polygons), 1), 1.0)
+                if share >= _LEAST_VISIBLE:
+                    stance, body = stances[cover.name], self._figures[cover.name]
+                    found.append(_sight(camera, cover.name, stance, body, cover.box, share))
+            covered |= mask
+        return found
+
+    def _is_inside(self, x: float, y: float, margin: float) -> bool:
+        x0, x1, y0, y1 = self._place.size
+        return x0 - margin <= x <= x1 + margin and y0 - margin <= y <= y1 + margin
+
+    def _of_furniture(self, camera: HeadCamera) -> Iterator[_Cover]:
+        for distance, corners, counts in self._furniture:
             pixels, depths = camera.seen(corners)
-            if depths.min() > _NEAR_M:
-                polygons.append(_hull(pixels))
-        if polygons:
-            covers.append((math.hypot(*piece.at), "", polygons, None, 1.0))
-    return covers
+            begins = range(0, len(corners), counts)
+            polygons = [
+                _hull(pixels[begin : begin + counts])
+                for begin in begins
+                if depths[begin : begin + counts].min() > _NEAR_M
+            ]
+            if polygons:
+                yield _Cover(distance, "", polygons)
+
+    def _of_person(
+        self, camera: HeadCamera, name: str, stance: Stance, frames: Mapping[str, Frame]
+    ) -> Iterator[_Cover]:
+        """The person in the image, as far as in front of the camera and not behind a wall."""
+        outline = self._figures[name].outline
+        world = np.vstack([points @ frames[part][0].T + frames[part][1] for part, points in outline.items()])
+        pixels, depths = camera.seen(world)
+        x0, x1, y0, y1 = self._place.size
+        x, y = world[:, 0], world[:, 1]
+        good = (depths > _NEAR_M) & (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+        polygons, begin = [], 0
+        for points in outline.values():
+            end = begin + len(points)
+            if good[begin:end].sum() >= 3:
+                polygons.append(_hull(pixels[begin:end][good[begin:end]]))
+            begin = end
+        if not polygons:
+            return
+        kept = pixels[good]
+        left, top = np.clip(kept.min(axis=0), 0, (camera.width, camera.height))
+        right, bottom = np.clip(kept.max(axis=0), 0, (camera.width, camera.height))
+        box = (float(left), float(top), float(right - left), float(bottom - top))
+        distance = math.hypot(stance.x, stance.y)
+        yield _Cover(distance, name, polygons, box if min(box[2:]) > 1 else None, float(good.mean()))
 
 
-def _outline(
-    camera: HeadCamera, place: Place, body: Figure, frames: Mapping[str, Frame]
-) -> tuple[list[np.ndarray], tuple[float, float, float, float] | None, float] | None:
-    """Polygons of a person in the image, the box, and the share that is in front and not behind a wall."""
-    polygons, pixels, total, kept = [], [], 0, 0
-    x0, x1, y0, y1 = place.size
-    for segment, points in body.outline.items():
-        turned, origin = frames[segment]
-        world = points @ turned.T + origin
-        uv, depths = camera.seen(world)
-        good = (
-            (depths > _NEAR_M) & (world[:, 0] >= x0) & (world[:, 0] <= x1) & (world[:, 1] >= y0) & (world[:, 1] <= y1)
-        )
-        total, kept = total + len(good), kept + int(good.sum())
-        if good.sum() >= 3:
-            polygons.append(_hull(uv[good]))
-            pixels.append(uv[good])
-    if not polygons:
-        return None
-    every = np.vstack(pixels)
-    left, top = np.clip(every.min(axis=0), 0, (camera.width, camera.height))
-    right, bottom = np.clip(every.max(axis=0), 0, (camera.width, camera.height))
-    box = (float(left), float(top), float(right - left), float(bottom - top))
-    return polygons, box if min(box[2:]) > 1 else None, kept / total
+_CORNERS = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+
+
+def _corners(piece: Furniture) -> tuple[np.ndarray, int]:
+    """Corners of the blocks of a piece of furniture in the room, and their number for each block."""
+    found = []
+    for block, at, _ in placed(piece):
+        a, b, c = block.size if block.shape != "cylinder" else (block.size[0], block.size[0], block.size[1])
+        shrunk = 0.85 if block.shape == "ellipsoid" else 1.0
+        turn = piece.heading if block.shape == "box" else 0.0
+        cos, sin = math.cos(turn), math.sin(turn)
+        found.append(_CORNERS * (a, b, c) * shrunk @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + at)
+    return np.vstack(found), len(_CORNERS)
 
 
 def _hull(pixels: np.ndarray) -> np.ndarray:
     """Convex outline of points, in pixels of the masks."""
-    limited = np.clip(pixels / _MASK, -2000, 2000)
-    return np.round(cv2.convexHull(limited.astype(np.float32))[:, 0]).astype(np.int32)
+    limited = np.minimum(np.maximum(pixels / _MASK, -2000), 2000)
+    return np.rint(cv2.convexHull(limited.astype(np.float32))[:, 0]).astype(np.int32)
 
 
 def _whole_area(polygons: Sequence[np.ndarray]) -> int:
@@ -173,7 +196,7 @@ def _whole_area(polygons: Sequence[np.ndarray]) -> int:
 
 
 def _sight(
-    camera: HeadCamera, name: str, stance: Stance, body: Figure, box: Any, visible: float, distance: float
+    camera: HeadCamera, name: str, stance: Stance, body: Figure, box: tuple[float, float, float, float], visible: float
 ) -> Sight:
     lens_x, lens_y = LENS_AHEAD_M * math.cos(camera.pan_rad), LENS_AHEAD_M * math.sin(camera.pan_rad)
     dx, dy = stance.x - lens_x, stance.y - lens_y
@@ -259,6 +282,7 @@ def truth_frame(
             "frame_id": frame_id,
             "width": camera.width,
             "height": camera.height,
+            "hfov_rad": camera.hfov_rad,
             "yaw_rad": round(camera.pan_rad, 5),
             "pitch_rad": round(-camera.tilt_rad, 5),
         },

@@ -39,7 +39,7 @@ class TruthDetector(Node):
     * missed with ``miss`` (twice that when half hidden or small), for 0.1 to 0.6 s at a time;
     * never seen below a quarter visible or 36 px;
     * edges with a standard deviation of 2 % of the height, directions of ``bearing_std_rad``;
-    * distances with ``distance_std``, two thirds of it constant for a second or two;
+    * distances with ``distance_std``, nearly all of it constant for a second or two;
     * ``facing_rad`` from faces up to 4.5 m and 1 rad (error 0.2 rad), else from the path of walkers, else unknown,
       or 2.1 for who turned the back for a second;
     * after an absence of 2 s a new track with the probability ``new_track``;
@@ -76,6 +76,7 @@ class TruthDetector(Node):
             PersonDetections(
                 stamp=stamp, frame_id=camera["frame_id"], width=camera["width"], height=camera["height"],
                 persons=tuple(found), camera_yaw_rad=camera["yaw_rad"],
+                camera_hfov_rad=camera["hfov_rad"],
             )
         )  # fmt: skip
 
@@ -100,7 +101,7 @@ class TruthDetector(Node):
         known.seen_s = now
         keep = math.exp(-step / 1.5)
         known.distance_error = keep * known.distance_error + math.sqrt(1 - keep**2) * rng.gauss(0, 1)
-        error = self.distance_std * (0.8 * known.distance_error + 0.6 * rng.gauss(0, 1))
+        error = self.distance_std * (0.97 * known.distance_error + 0.24 * rng.gauss(0, 1))
         distance = person["distance_m"] * (1 + error)
         bearing = person["bearing_rad"] + rng.gauss(0, self.bearing_std_rad)
         direction = bearing + camera["yaw_rad"]

@@ -1,0 +1,113 @@
+"""The attentive head on the simulated one: overshoot, settling and jitter, search, glances and speakers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from socialbot.agents.waldo.gaze import Gaze, Pose, Seen
+from socialbot.agents.waldo.head import Head
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import JointTrajectory, Message, PersonDetection, PersonDetections
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.robots.simulation.head_servo import SimulatedHead
+
+PERIOD_S = 0.1
+PARAMETERS = {"camera_on_head": True, "attentive": True, "ease_s": 0.5, "dead_band_rad": 0.05}
+
+
+def followed(bearings: list[dict[str, float | None]], *, noise_rad: float = 0.008) -> np.ndarray:
+    """Let the head follow people, by their directions in each image; return its pan every 20 ms."""
+    rng = np.random.default_rng(0)
+    topics = ("/humans/bodies/detections", "/humans/voices/speech")
+    runner = InlineRunner(Graph("head", (NodeConfig("head", Head, PARAMETERS),), inputs=(*topics, "/head/command")))
+    servo, pans = SimulatedHead(), []
+
+    def command(topic: str, message: Message) -> None:
+        assert isinstance(message, JointTrajectory)
+        servo.command(message, runner.clock.now())
+
+    runner.tap("/head_controller/joint_trajectory", command)
+    runner.start()
+    for number, people in enumerate(bearings):
+        stamp = round(number * PERIOD_S * SECOND)
+        runner.advance(stamp)
+        servo.advance(stamp)
+        persons = tuple(
+            PersonDetection(
+                x=0, y=0, w=9, h=9, score=0.9, track_id=name, distance_m=2.0, facing_rad=0.1, elevation_rad=0.0,
+                bearing_rad=direction - servo.pan_rad + rng.normal(0, noise_rad),
+            )
+            for name, direction in people.items()
+            if direction is not None and abs(direction - servo.pan_rad) < 0.545
+        )  # fmt: skip
+        detections = PersonDetections(
+            stamp=stamp, frame_id="camera", width=640, height=480, persons=persons,
+            camera_yaw_rad=servo.pan_rad, camera_hfov_rad=1.09,
+        )  # fmt: skip
+        runner.feed(topics[0], detections)
+        for step in range(1, 6):
+            servo.advance(stamp + step * SECOND // 50)
+            pans.append(servo.pan_rad)
+    runner.close()
+    return np.array(pans)
+
+
+def test_a_step_is_followed_without_overshoot_and_settles():
+    pans = followed([{"a": 0.0}] * 20 + [{"a": 0.45}] * 40, noise_rad=0.0)
+    after = pans[100:]
+    settled = np.flatnonzero(np.abs(after - 0.45) > 0.06)[-1] * 0.02
+    assert after.max() < 0.45 * 1.12
+    assert settled < 1.6
+    assert after[-1] == pytest.approx(0.45, abs=0.06)
+
+
+def test_the_head_is_still_before_a_person_who_stands():
+    pans = followed([{"a": 0.3}] * 100)[150:]
+    assert pans.std() < 0.015
+    assert np.abs(np.diff(pans)).max() < 0.01
+
+
+def test_a_walker_stays_in_the_middle_of_the_picture():
+    ways = [0.5 * math.sin(0.5 * number * PERIOD_S) for number in range(120)]
+    pans = followed([{"a": way} for way in ways])[::5]
+    errors = np.abs(np.array(ways) - pans)[20:]
+    assert np.quantile(errors, 0.9) < 0.15
+    jerk = np.diff(pans, 3) / PERIOD_S**3
+    assert np.sqrt(np.mean(jerk**2)) < 20
+
+
+def test_a_person_who_left_the_picture_is_found_again():
+    away: list[dict[str, float | None]] = [{"a": 0.05 * number} for number in range(12)]
+    pans = followed([*away, *[{"a": 0.95}] * 60])
+    assert pans[-1] == pytest.approx(0.95, abs=0.1)
+
+
+def seen(name: str, pan: float, *, attentive: bool | None, distance_m: float = 3.0) -> Seen:
+    return Seen(distance_m, Pose(pan, 0.0), name, attentive)
+
+
+def test_people_who_attend_go_first_and_others_get_a_glance():
+    gaze = Gaze()
+    passer = seen("p", 0.4, attentive=False, distance_m=2.5)
+    assert gaze.look([passer], 0.0) == Pose(0.4, 0.0)
+    assert gaze.look([passer, seen("v", -0.3, attentive=True)], 0.2) == Pose(-0.3, 0.0)
+    alone = Gaze()
+    looks = [alone.look([passer], 0.1 * step) for step in range(90)]
+    at_passer = [look is not None and abs(look.pan - 0.4) < 0.01 for look in looks]
+    assert all(at_passer[:14])
+    assert not any(at_passer[50:])
+
+
+def test_the_head_looks_at_who_speaks():
+    gaze = Gaze()
+    both = [seen("near", 0.3, attentive=True, distance_m=1.5), seen("far", -0.3, attentive=None, distance_m=4.0)]
+    assert gaze.look(both, 0.0) == Pose(0.3, 0.0)
+    gaze.hear("far", 0.1)
+    assert gaze.look(both, 0.2) == Pose(-0.3, 0.0)
+    assert gaze.look(both, 9.0) == Pose(0.3, 0.0)
