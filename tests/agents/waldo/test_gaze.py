@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -21,11 +22,13 @@ PERIOD_S = 0.1
 PARAMETERS = {"camera_on_head": True, "attentive": True, "ease_s": 0.5, "dead_band_rad": 0.05}
 
 
-def followed(bearings: list[dict[str, float | None]], *, noise_rad: float = 0.008) -> np.ndarray:
+def followed(bearings: Sequence[Mapping[str, float]], *, noise_rad: float = 0.008) -> np.ndarray:
     """Let the head follow people, by their directions in each image; return its pan every 20 ms."""
     rng = np.random.default_rng(0)
     topics = ("/humans/bodies/detections", "/humans/voices/speech")
-    runner = InlineRunner(Graph("head", (NodeConfig("head", Head, PARAMETERS),), inputs=(*topics, "/head/command")))
+    runner = InlineRunner(
+        Graph("head", (NodeConfig("head", Head, PARAMETERS),), inputs=frozenset((*topics, "/head/command")))
+    )
     servo, pans = SimulatedHead(), []
 
     def command(topic: str, message: Message) -> None:
@@ -44,7 +47,7 @@ def followed(bearings: list[dict[str, float | None]], *, noise_rad: float = 0.00
                 bearing_rad=direction - servo.pan_rad + rng.normal(0, noise_rad),
             )
             for name, direction in people.items()
-            if direction is not None and abs(direction - servo.pan_rad) < 0.545
+            if abs(direction - servo.pan_rad) < 0.545
         )  # fmt: skip
         detections = PersonDetections(
             stamp=stamp, frame_id="camera", width=640, height=480, persons=persons,
@@ -83,7 +86,7 @@ def test_a_walker_stays_in_the_middle_of_the_picture():
 
 
 def test_a_person_who_left_the_picture_is_found_again():
-    away: list[dict[str, float | None]] = [{"a": 0.05 * number} for number in range(12)]
+    away = [{"a": 0.05 * number} for number in range(12)]
     pans = followed([*away, *[{"a": 0.95}] * 60])
     assert pans[-1] == pytest.approx(0.95, abs=0.1)
 

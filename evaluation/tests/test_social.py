@@ -1,0 +1,92 @@
+"""The rules of `evaluation.social`, on schedules whose score is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evaluation.social_rules import IN_TIME_S, Said, Score, score, visits_of
+from socialbot.robots.simulation.people import Crowd, read_script
+from socialbot.robots.simulation.place import load_place
+
+SCRIPT = """
+place: foyer
+people:
+  - id: ada
+    enter: entrance
+    legs:
+      - {walk: robot_1, face: robot, aim: help}
+      - {stand: 15, face: robot, aim: help}
+      - {walk: entrance}
+  - id: ben
+    enter: office
+    start: 30
+    legs: [{walk: [3.0, -1.2], aim: company}, {talk: 12, to: eva, aim: company}, {walk: office}]
+  - id: eva
+    enter: corridor
+    start: 30
+    legs: [{walk: [3.0, -0.2], aim: company}, {talk: 12, to: ben, aim: company}, {walk: corridor}]
+"""
+UNTIL_S = 55.0
+STILL = np.array([(0.05 * step, 0.0, 0.0) for step in range(1100)])
+
+
+@pytest.fixture(scope="module")
+def crowd() -> Crowd:
+    return Crowd(read_script(SCRIPT, where="script"), load_place("foyer"))
+
+
+def scored(crowd: Crowd, *said: tuple[float, str], head: np.ndarray = STILL) -> Score:
+    return score(crowd, [Said(time, key, 0.0) for time, key in said], head, UNTIL_S)
+
+
+def test_a_visit_begins_near_the_robot_and_ends_with_the_stay(crowd):
+    (visit,) = visits_of(crowd, UNTIL_S)
+    assert visit.person == "ada"
+    assert visit.wants_help
+    assert 1.0 < visit.arrival - visit.begin < 4.0
+    assert visit.end - visit.arrival == pytest.approx(15.0, abs=0.1)
+
+
+def test_a_polite_robot_has_no_faults(crowd):
+    (visit,) = visits_of(crowd, UNTIL_S)
+    found = scored(crowd, (visit.arrival, "greeting"), (visit.arrival + 4, "offer"))
+    assert (found.visits, found.in_time, found.twice, found.missed, found.interrupted, found.to_nobody) == (
+        1,
+        1,
+        0,
+        0,
+        0,
+        0,
+    )
+    assert found.offers_s == [pytest.approx(4.0)]
+    assert found.conversations == 1
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        ([(IN_TIME_S + 1, "greeting")], {"in_time": 0, "missed": 0}),
+        ([], {"in_time": 0, "missed": 1}),
+        ([(0.0, "greeting"), (3.0, "greeting")], {"in_time": 1, "twice": 1}),
+        ([(30.0, "greeting")], {"interrupted": 1, "missed": 1}),
+        ([(45.0, "greeting")], {"to_nobody": 1}),
+    ],
+    ids=["late", "missed", "twice", "interrupted", "to nobody"],
+)
+def test_each_fault_is_counted(crowd, said, fault):
+    (visit,) = visits_of(crowd, UNTIL_S)
+    found = scored(crowd, *((visit.arrival + after, key) for after, key in said))
+    assert {name: getattr(found, name) for name in fault} == fault
+
+
+def test_a_stare_and_jerks_are_measured(crowd):
+    at = crowd.motions["eva"].where(43.0)
+    assert at is not None
+    staring = STILL.copy()
+    staring[:, 1] = np.arctan2(at[1], at[0])
+    assert scored(crowd, head=staring).stared_s > 5.0
+    shaking = STILL.copy()
+    shaking[:, 2] = 0.1 * (-1.0) ** np.arange(len(STILL))
+    assert scored(crowd, head=shaking).criteria()["head jerk, rad/s3"] > 50
+    assert scored(crowd).criteria()["head jerk, rad/s3"] == 0
