@@ -12,7 +12,7 @@ from socialbot.speech.audio import Converter
 from socialbot.speech.recognition import WhisperRecognizer
 from socialbot.speech.synthesis import Synthesizer
 
-VOICES = {"en": ("en-us", "en-gb"), "de": ("de",), "fr": ("fr",), "es": ("es",)}
+VOICES = {"en": ("en-us", "en-gb-x-rp"), "de": ("de",), "fr": ("fr",), "es": ("es",)}
 SPEED_WPM = 150
 
 
@@ -39,7 +39,7 @@ class Listener:
         sound = voices[self._spoken % len(voices)].say(question)
         converter = Converter(sound.sample_rate, 1)
         samples = np.concatenate([converter.push(sound.samples[:, None]), converter.flush()])
-        heard = self._recognizer.recognize(samples.astype(np.float32) / 32768)
+        heard = self._recognizer.recognize(samples)
         return "" if heard is None else heard.text
 
 

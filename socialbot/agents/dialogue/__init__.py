@@ -28,12 +28,16 @@ if TYPE_CHECKING:
         waits,
     )
     from socialbot.agents.dialogue.intents import UNKNOWN, Grammar, Intent, Reading
+    from socialbot.agents.dialogue.language_model import HttpModel, RecordedModel, model_from_environment
+    from socialbot.agents.dialogue.proposals import Proposals, adopt, proposed
+    from socialbot.agents.dialogue.proposed_plans import Whitelist
     from socialbot.agents.dialogue.script import ANY, Question, Script, load_script
 
 __all__ = [
     "ANY", "SILENCE", "SOMEBODY", "UNKNOWN", "Answer", "Ask", "Confirm", "Conversation", "Converse", "Grammar",
-    "Intent", "Policy", "Question", "Reading", "Repair", "Respond", "Script", "Turn", "asked", "conversation_rules",
-    "heard", "load_script", "replied", "speaks", "talks", "tell_again", "turn", "waits",
+    "HttpModel", "Intent", "Policy", "Proposals", "Question", "Reading", "RecordedModel", "Repair", "Respond",
+    "Script", "Turn", "Whitelist", "adopt", "asked", "conversation_rules", "heard", "load_script",
+    "model_from_environment", "proposed", "replied", "speaks", "talks", "tell_again", "turn", "waits",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

@@ -1,0 +1,271 @@
+"""Proposals of a language model: an intent, a phrasing, or a plan. Each is checked; none is carried out here.
+
+Every prompt and answer is a record of the trace, with the reason of a refusal. A rule of the agent, or a person, may
+adopt an accepted proposal.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from socialbot.agents.dialogue.language_model import PROPOSAL, LanguageModel, ModelError, Prompt
+from socialbot.agents.dialogue.proposed_plans import PlanLimits, Whitelist, checked_plans
+from socialbot.bdi import Action, Belief, Engine, Plan
+from socialbot.core.errors import RuleError, SocialbotError
+
+T = TypeVar("T")
+
+Record = Callable[..., str]
+"""Function ``(kind, what, cause, **detail)`` that writes a trace record, such as ``engine.trace.record``."""
+
+MAX_UTTERANCE = 500
+MAX_SLOT = 80
+
+
+@dataclass(frozen=True)
+class Proposal(Generic[T]):
+    """Checked proposal: its ``value``, or None and why it was ``refused``. ``record`` is the id of its trace record."""
+
+    value: T | None
+    refused: str
+    record: str
+
+
+@dataclass(frozen=True)
+class ProposedIntent:
+    """Intent with its slots."""
+
+    name: str
+    slots: Mapping[str, str]
+
+
+class Refused(Exception):  # noqa: N818 - a result of a check, not an error
+    """A proposal did not pass a check."""
+
+
+class proposed(Belief):  # noqa: N801 - written like a belief of a rule
+    """The model proposed plans that passed the checks; the argument is the id of the record."""
+
+
+class adopt(Action):  # noqa: N801 - reads as a step of a plan
+    """Add proposed plans to the plans of the agent, whose robot has `Proposals` as ``proposals``."""
+
+    def execute(self, record: str) -> None:
+        self.engine.robot.proposals.adopt(self.engine, record, self.id)
+
+
+class Proposals:
+    """Asks a model for proposals and checks them.
+
+    Args:
+        model: The model, or None: every proposal is refused then.
+        record: Writes the trace record of each prompt and answer.
+    """
+
+    def __init__(self, model: LanguageModel | None, record: Record) -> None:
+        self._model, self._record = model, record
+        self._plans: dict[str, tuple[Plan, ...]] = {}
+
+    def intent(
+        self, utterance: str, declared: Mapping[str, Collection[str]], cause: str = ""
+    ) -> Proposal[ProposedIntent]:
+        """Map an utterance to one of the declared intents.
+
+        Args:
+            utterance: What a person said.
+            declared: Intents with the names of their slots.
+            cause: Id of the record that this is about.
+        """
+        known = "\n".join(
+            f"{name}: {', '.join(sorted(slots)) or 'no slots'}" for name, slots in sorted(declared.items())
+        )
+        prompt = Prompt(
+            "Classify what a person said to a robot. Answer with one JSON object and nothing else: "
+            '{"intent": NAME, "slots": {SLOT: TEXT}}. Slots hold words of the person, unchanged. '
+            f'If nothing fits: {{"intent": "unknown", "slots": {{}}}}. The intents with their slots:\n{known}',
+            utterance[:MAX_UTTERANCE],
+        )
+        return self._proposed("intent", prompt, lambda answer: _intent(answer, prompt.text, declared), cause)
+
+    def phrasing(self, facts: Sequence[str], plain: str, language: str = "en", cause: str = "") -> Proposal[str]:
+        """Phrase facts as one answer. Whoever says it uses ``plain`` if it is refused.
+
+        Args:
+            facts: Clauses that may be said.
+            plain: The answer without a model.
+            language: Language of the answer (ISO 639-1).
+            cause: Id of the record that this is about.
+        """
+        prompt = Prompt(
+            f"Say these facts in one or two short sentences in the language {language!r}. Use only words, numbers and "
+            "names of the facts, and leave nothing out that a 'not' changes. Answer with the sentences alone.",
+            "\n".join(facts),
+        )
+        return self._proposed("phrasing", prompt, lambda answer: _phrasing(answer, facts, plain), cause)
+
+    def plan(
+        self, request: str, whitelist: Whitelist, limits: PlanLimits | None = None, cause: str = ""
+    ) -> Proposal[tuple[Plan, ...]]:
+        """Propose plans in AgentSpeak for what a person asked for.
+
+        Args:
+            request: What the plans are for.
+            whitelist: Goals, actions and beliefs that the plans may use.
+            limits: Limits of their size.
+            cause: Id of the record that this is about.
+        """
+        prompt = Prompt(
+            "Write plans in AgentSpeak (Jason) for a robot. Answer with the plans alone, without comments and fences. "
+            "Plans have the form: +!goal(X) : condition(X) <- action(X); !other_goal. Use only these names.\n"
+            f"{whitelist.described()}",
+            request[:MAX_UTTERANCE],
+        )
+        found = self._proposed("plan", prompt, lambda answer: checked_plans(answer, whitelist, limits), cause)
+        if found.value is not None:
+            self._plans[found.record] = found.value
+        return found
+
+    def adopt(self, engine: Engine, record: str, cause: str = "") -> None:
+        """Add the proposed plans of a record to an agent, as a rule or a person decided.
+
+        Raises:
+            RuleError: No accepted plans have this record, or they were adopted before.
+        """
+        plans = self._plans.pop(record, None)
+        if plans is None:
+            raise RuleError(f"no accepted plans have the record {record!r}", remedy="adopt each accepted proposal once")
+        engine.add_rules(*plans)
+        self._record("adopted", record, cause, plans=[str(plan) for plan in plans])
+
+    def _proposed(self, what: str, prompt: Prompt, check: Callable[[str], T], cause: str) -> Proposal[T]:
+        answer = error = refused = ""
+        value: T | None = None
+        try:
+            if self._model is None:
+                raise ModelError("no language model is configured")
+            answer = self._model.complete(prompt)
+        except ModelError as problem:
+            error = refused = problem.what
+        if not refused:
+            try:
+                value = check(answer)
+            except Refused as problem:
+                refused = str(problem)
+            except SocialbotError as problem:
+                refused = problem.what
+        detail = {"instructions": prompt.instructions, "prompt": prompt.text, "answer": answer, "refused": refused}
+        if error:
+            detail["error"] = error
+        return Proposal(value, refused, self._record(PROPOSAL, what, cause, **detail))
+
+
+# Intents
+
+
+def _intent(answer: str, utterance: str, declared: Mapping[str, Collection[str]]) -> ProposedIntent:
+    try:
+        found = json.loads(answer)
+    except (ValueError, RecursionError):
+        raise Refused("the answer is no JSON object") from None
+    if not isinstance(found, dict) or set(found) - {"intent", "slots"}:
+        raise Refused("the answer has other fields than intent and slots")
+    name, slots = found.get("intent"), found.get("slots", {})
+    if not isinstance(name, str) or name not in declared:
+        raise Refused(f"{str(name)[:40]!r} is no declared intent")
+    if not isinstance(slots, dict):
+        raise Refused("the slots are no JSON object")
+    said = f" {' '.join(_words(utterance))} "
+    for slot, value in slots.items():
+        if slot not in declared[name]:
+            raise Refused(f"the intent {name} has no slot {str(slot)[:40]!r}")
+        if not isinstance(value, str) or not 0 < len(value) <= MAX_SLOT:
+            raise Refused(f"the slot {slot} holds no short text")
+        if f" {' '.join(_words(value))} " not in said or not _words(value):
+            raise Refused(f"the slot {slot} holds words that the person did not say")
+    return ProposedIntent(name, dict(slots))
+
+
+# Phrasings
+
+
+def _set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_FUNCTION_WORDS = _set(
+    """
+    a an the and or but so then that this these those of in on at to for from with by as because since when while
+    after before until is are was were be been being am do did does done have has had it its there here also just
+    therefore hence which who whom what why how der die das den dem des ein eine einen einem einer und oder aber
+    dann dass weil denn da von im auf zu zum zur für mit bei als wenn nachdem bevor bis ist sind war waren bin hat
+    habe haben hatte hatten wird wurde es auch daher le la les l un une de du d et ou mais donc que qui car parce
+    quand à au aux en dans sur pour avec par est sont était étaient ai avais avait c ce ces cela j y el los las lo
+    una unos o pero así porque cuando del al con por para son era eran fue he ha han había su se
+    """
+)
+"""Words without a claim of their own, in the languages of the answers."""
+
+_SUBJECTS = _set(
+    """
+    i you he she they we ich du sie er wir mich dich dir mir je tu vous nous il elle yo tú te me usted
+    """
+)
+
+_NEGATIONS = _set(
+    """
+    not never no nobody nothing none only neither nor without cannot nicht nie kein keine keinen niemand nichts
+    nur erst ohne pas jamais rien personne aucun aucune ne n seulement sans nunca nadie nada ningún ninguna solo
+    sin
+    """
+)
+
+
+def _phrasing(answer: str, facts: Sequence[str], plain: str) -> str:
+    text = " ".join(answer.split())
+    if not text or len(text) > 2 * len(plain) + 40:
+        raise Refused("the phrasing is empty or much longer than the plain answer")
+    if re.search(r"[<>{}\[\]\\`*_#|]|://|www\.|@", text):
+        raise Refused("the phrasing contains markup or an address")
+    known = " ".join(facts)
+    for shown in re.findall(r"\d+(?:[.,]\d+)*", text):
+        if shown not in re.findall(r"\d+(?:[.,]\d+)*", known):
+            raise Refused(f"the number {shown} is in no fact")
+    allowed = {_stem(word) for word in _words(known)}
+    free = _FUNCTION_WORDS | _SUBJECTS | _NEGATIONS  # `_claims` compares subjects and denials
+    for word in _words(text):
+        if word not in free and not word.isdigit() and _stem(word) not in allowed:
+            raise Refused(f"the word {word!r} is in no fact")
+    if _claims(text) - set().union(*map(_claims, facts)):
+        raise Refused("the phrasing says of somebody what a fact says of somebody else, or denies it")
+    missing = {word for fact in facts for word in _words(fact) if word in _NEGATIONS} - set(_words(text))
+    if missing:
+        raise Refused(f"the phrasing leaves out {', '.join(sorted(missing))!r}")
+    return text
+
+
+def _claims(text: str) -> set[tuple[str, str, bool]]:
+    """Return who is said to do what: each word with the last subject before it, and whether it is denied."""
+    found: set[tuple[str, str, bool]] = set()
+    for part in re.split(r"[.;:!?]|\b(?:because|denn|weil|car|parce|porque)\b", text.casefold()):
+        subject, denied = "", False
+        for word in _words(part):
+            if word in _SUBJECTS:
+                subject = word
+            elif word in _NEGATIONS:
+                denied = True
+            elif word not in _FUNCTION_WORDS:
+                found.add((subject, _stem(word), denied))
+    return found
+
+
+def _words(text: str) -> list[str]:
+    plain = re.sub(r"n['\u2019]t\b", " not", text.casefold())
+    return re.findall(r"[^\W_]+", plain)
+
+
+def _stem(word: str) -> str:
+    return re.sub(r"(?<=\w{3})(?:ing|ed|es|en|e|s)$", "", word)
