@@ -8,6 +8,7 @@ from socialbot.core.registry import AgentPackage
 if TYPE_CHECKING:
     from socialbot.robots.asking import AskingAgent, answered, ask
     from socialbot.robots.head import RobotHead
+    from socialbot.robots.joints import JointsAgent, move_joints
     from socialbot.robots.navigation import MobileAgent, approach, give_way, return_home
     from socialbot.robots.profile import RobotProfile, load_profile, robot_names
     from socialbot.robots.speech import ActionSpeaker, RobotSpeaker
@@ -32,8 +33,8 @@ AGENT = AgentPackage(
 )
 
 __all__ = [
-    "AGENT", "ActionSpeaker", "AskingAgent", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker", "answered",
-    "approach", "ask", "give_way", "load_profile", "return_home", "robot_names",
+    "AGENT", "ActionSpeaker", "AskingAgent", "JointsAgent", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker", "answered",
+    "approach", "ask", "give_way", "load_profile", "move_joints", "return_home", "robot_names",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,10 +15,13 @@ import pytest
 from socialbot import ActionServer, GoalHandle, Graph, Node, NodeConfig
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord, Transform, Transforms
+from socialbot.robots.binding import with_robot
 from socialbot.robots.navigation import PersonSpot, Pose2D, pose_aside, pose_before
+from socialbot.robots.profile import load_profile
 from socialbot.testing import GraphTester
 from tests.robots.usher import Usher, go_home, meet, yield_to
 
+TIAGO = load_profile("tiago")
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 
 
@@ -44,13 +50,13 @@ def usher(**parameters: Any) -> Iterator[GraphTester]:
         yield graph
 
 
-def place_robot(graph: GraphTester, x: float, y: float, yaw: float) -> None:
+def place_robot(graph: GraphTester, x: float, y: float, yaw: float, frame: str = "base_link") -> None:
     """Say where the robot is in the map, by two transforms as on a robot."""
     now, turn = graph.clock.now(), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
     still = (0.0, 0.0, 0.0, 1.0)
     transforms = (
         Transform(stamp=now, parent="map", child="odom", translation=(1.0, 0.0, 0.0), rotation=still),
-        Transform(stamp=now, parent="odom", child="base_link", translation=(x - 1.0, y, 0.0), rotation=turn),
+        Transform(stamp=now, parent="odom", child=frame, translation=(x - 1.0, y, 0.0), rotation=turn),
     )
     graph.send("/tf", Transforms(stamp=now, transforms=transforms))
 
@@ -185,3 +191,21 @@ class TestPlaces:
         assert abs(across[1]) >= 1.0 - 1e-9 or abs(across[1]) >= abs(across[0]) - 1e-9
         assert across[0] * across[1] >= 0.0 or abs(across[0]) <= 0.05
         assert math.hypot(pose.x - robot.x, pose.y - robot.y) <= 1.0 + 0.05 + 1e-9
+
+
+def test_the_agent_of_the_howto_meets_a_visitor_and_returns(monkeypatch, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "robots.md").read_text("utf-8")
+    program = re.search(r"Save this as `usher\.py`:\n\n```python\n(.*?)```", page, re.DOTALL)
+    assert program is not None
+    (tmp_path / "howto_usher.py").write_text(program[1])
+    monkeypatch.syspath_prepend(tmp_path)
+    shown = importlib.import_module("howto_usher").Usher
+    inputs = frozenset({"/tf", "/humans/bodies/detections"})
+    graph = with_robot(
+        Graph("usher", (NodeConfig("usher", shown), NodeConfig("nav2", Navigator)), inputs=inputs), TIAGO
+    )
+    with GraphTester(graph) as tester:
+        place_robot(tester, 0.0, 0.0, 0.0, frame="base_footprint")
+        see(tester, 3.0, 0.0)
+        tester.run(4.0)
+        assert tester.node("nav2").goals == (pytest.approx((1.8, 0.0, 0.0)), pytest.approx((0.0, 0.0, 0.0)))

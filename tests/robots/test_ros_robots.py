@@ -17,11 +17,13 @@ import pytest
 
 from socialbot.core.messages import JointTrajectory, Utterance
 from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.services import ActionClient
 from socialbot.robots.head import NaoqiHead, TrajectoryActionHead, TrajectoryHead
 from socialbot.robots.people import RobotPeople
 from socialbot.robots.speech import SaySkillSpeaker, TopicSpeaker, TtsSpeaker
 from tests.bridge.hosting import node_hosts
 from tests.robots.test_asking import Host, serve
+from tests.robots.test_joints import Waver, pose
 from tests.robots.usher import Usher, go_home
 from tests.system.running import eventually, socialbot_here
 
@@ -309,6 +311,26 @@ def test_an_answer_of_the_ask_skill_becomes_a_belief():
         expected = 'answered("drink", "tea")'
         assert eventually(lambda: any(str(held.belief) == expected for held in list(host.node.engine.beliefs)))
         assert tiago.has(ask="What would you like to drink?", schema='{"drink": "string"}')
+
+
+@pytest.mark.parametrize(
+    ("mode", "belief"),
+    [("good", 'done("head_1_joint")'), ("abort", 'failed("aborted")'), ("error", 'failed("refused")')],
+)
+def test_a_motion_of_joints_is_a_goal_of_the_engine(mode, belief):
+    class TellableWaver(Waver):
+        """Moves the joints of the head when it is told to."""
+
+        follow = ActionClient(Waver.follow.interface.name, "/head_controller/follow_joint_trajectory")
+
+        def begin(self) -> None:
+            self.engine.achieve(pose("head_1_joint", 9.0, "head_2_joint", 0.1))
+
+    limits = "head_1_joint -1 1 1, head_2_joint -1 1 1"
+    with robot(mode) as tiago, hosted(TellableWaver, limits=limits) as waver:
+        call(waver, "begin")
+        assert eventually(lambda: any(str(held.belief) == belief for held in list(waver.node.engine.beliefs)))
+        assert tiago.has(way="action", positions=[1.0, 0.1])
 
 
 class TestPeople:
