@@ -112,6 +112,7 @@ def replay_bag(
     from socialbot.graph.files import with_changes
     from socialbot.runs.bag_images import write_video
     from socialbot.runs.console import Display
+    from socialbot.runs.heard_sounds import write_heard
     from socialbot.runs.record import RunRecord
     from socialbot.runtime.bag_source import BagSource, find_truth
     from socialbot.runtime.perception_cache import PerceptionCache
@@ -139,6 +140,8 @@ def replay_bag(
                 except SocialbotError:
                     write_page(console, record, title)
                     raise
+            if record.privacy == "none":
+                write_heard(opened, folder)
             video = video and privacy != "no-images"
             if video and topic is not None and record.detections and not _is_without_images(bag):
                 with options.bar("writing annotated.mp4", "images", opened.topic(topic).count) as advance:

@@ -13,6 +13,7 @@ from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import WorldView
 from socialbot.runs.distances import distances_of
 from socialbot.runs.folder import RecordedRun
+from socialbot.runs.heard_sounds import heard_sound
 from socialbot.runs.narration import log_lines
 from socialbot.runs.pages import thumbnail
 from socialbot.runs.plan_trees import PlanTrees
@@ -96,6 +97,7 @@ def _sounds(run: RecordedRun, records: Sequence[TraceRecord]) -> dict[str, str]:
     size = 0
     for record in records:
         name = str(record.detail.get("detail", "")) if record.kind == "speech" and record.what == "started" else ""
+        name = heard_sound(record.id) if record.kind == "hearing" else name
         sound = run.sound(name) if name else None
         if sound is None or name in found:
             continue

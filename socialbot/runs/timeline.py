@@ -14,7 +14,7 @@ from socialbot.runs.narration import Wording
 AWAY_S = 1.0
 """A person unseen for longer gets a new bar."""
 
-ORDER = ("people", "desires", "plans", "steps", "goals", "actions", "head", "speech")
+ORDER = ("people", "desires", "plans", "steps", "goals", "actions", "head", "heard", "speech")
 
 
 class Bar(msgspec.Struct, frozen=True, rename={"from_s": "from", "to_s": "to"}):
@@ -90,6 +90,11 @@ class Timeline:
                 self._close(record.id, record, "waiting", ends=False)
             case "speech":
                 self._close(record.cause, record, what, ends=what not in ("waiting", "started"))
+            case "hearing":
+                begin_s = history.seconds(int(detail.get("start", record.stamp)))
+                self._put(
+                    ("", "heard"), Bar(record.id, "heard", what, max(begin_s, 0.0), history.seconds(record.stamp))
+                )
             case "head":
                 last = next(reversed(self._lanes.get(("", "head"), {}).values()), None)
                 if last is not None:

@@ -176,11 +176,13 @@ class Page {
   }
 
   #speak({ speech, at_s: at }) {
+    const heard = this.timeline.heard(at);
     const said = caption(speech, at);
-    this.#talks ||= speech.length > 0;
+    this.#talks ||= speech.length > 0 || heard.length > 0;
     find('speech').hidden = find('sound').hidden = !this.#talks;
-    this.sound.follow(spoken(speech, at), at, this.playhead);
-    say(find('speech'), said ? `“${said.text}”` : '');
+    this.sound.follow([...spoken(speech, at), ...heard], at, this.playhead);
+    find('speech').classList.toggle('heard', heard.length > 0);
+    say(find('speech'), heard.length ? `Visitor: “${heard.at(-1).text}”` : said ? `“${said.text}”` : '');
   }
 
   #talks = false;

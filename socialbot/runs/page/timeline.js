@@ -9,6 +9,7 @@ const ROW = 22;
 const AXIS = 22;
 const CLOSEST_S = 0.5;
 const LIVE_S = 60;
+const MARGIN_S = 0.2; // sound before a heard sentence, as in heard_sounds.py
 const TICKS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600];
 const FAULTS = /fail|lost|drop|refus|expire|abort|cancel/;
 
@@ -85,6 +86,14 @@ export class Timeline {
       }
     }
     this.#later();
+  }
+
+  /** What is being heard at a time, as an utterance. */
+  heard(at) {
+    const bars = [...(this.#lanes.get(key('', 'heard'))?.bars.values() ?? [])];
+    return bars.filter(bar => bar.from <= at && at <= (bar.to ?? Infinity)).map(bar => ({
+      id: bar.id, text: bar.text, since_s: bar.from - MARGIN_S, state: 'heard', sound: `${bar.id}.wav`,
+    }));
   }
 
   /** Scrolls to the lanes of an agent; `alone` hides those of other agents. */
@@ -272,7 +281,7 @@ export class Timeline {
   }
 }
 
-const ORDER = ['people', 'speech', 'head', 'desires', 'plans', 'steps', 'goals', 'actions'];
+const ORDER = ['people', 'heard', 'speech', 'head', 'desires', 'plans', 'steps', 'goals', 'actions'];
 
 /** Shared lanes come first; those of one agent stay together. */
 function place(lane) {

@@ -85,4 +85,6 @@ def test_the_demo_decides_the_same_inline_over_dds_and_with_recognition(options,
         'tell("welcome", "t1", [])',
         "stayIdle()",
     ]
-    assert len([record for record in run.history if record.kind == "hearing"]) == 3
+    heard = [record for record in run.history if record.kind == "hearing"]
+    assert len(heard) == 3
+    assert all(run.sound(f"{record.id}.wav") for record in heard)
