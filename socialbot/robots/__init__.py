@@ -33,8 +33,8 @@ AGENT = AgentPackage(
 )
 
 __all__ = [
-    "AGENT", "ActionSpeaker", "AskingAgent", "JointsAgent", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker", "answered",
-    "approach", "ask", "give_way", "load_profile", "move_joints", "return_home", "robot_names",
+    "AGENT", "ActionSpeaker", "AskingAgent", "JointsAgent", "MobileAgent", "RobotHead", "RobotProfile", "RobotSpeaker",
+    "answered", "approach", "ask", "give_way", "load_profile", "move_joints", "return_home", "robot_names",
 ]  # fmt: skip
 
 __getattr__ = lazy_exports(__name__)
