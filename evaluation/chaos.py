@@ -26,7 +26,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from evaluation.chaos_checks import Check, Subject
+from evaluation.chaos_checks import Check, Subject, states
 from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_clocks import CLOCK_VARIABLE, build_library, set_clock
 from evaluation.faults_deaths import SCENE, SETTINGS
@@ -132,6 +132,8 @@ def chaos(
             events.flush()
             if number % 10 == 0 or violations:
                 tell(f"{number}: {fault}; well after {recovered:.1f} s (at most {slowest:.1f} s)")
+        if violations:
+            (folder / "threads.txt").write_text("\n".join(states(subjects)), encoding="utf-8")
     for violation in violations:
         tell(f"VIOLATION of seed {seed} at fault {number}: {violation}")
     verdict = f"{len(violations)} violations" if violations else "no violation"

@@ -161,6 +161,19 @@ class Check:
         self._memory = {pid: kept for pid, kept in self._memory.items() if pid in known}
 
 
+def states(subjects: Sequence[Subject]) -> Iterator[str]:
+    """Describe the threads of all processes: state, and what the kernel lets them wait for."""
+    for subject in subjects:
+        for pid in descendants(subject.process.pid):
+            for task in sorted(Path(f"/proc/{pid}/task").glob("*")):
+                try:
+                    status = (task / "status").read_text("utf-8").splitlines()
+                    waits = (task / "wchan").read_text("utf-8")
+                except OSError:
+                    continue
+                yield f"{subject.name} {pid} {task.name} {status[0].split()[-1]} {status[2].split()[-1]} {waits}"
+
+
 def orphans(subjects: Sequence[Subject]) -> list[str]:
     """Processes of socialbot in this process namespace whose ``up`` is none of the subjects, for `ORPHAN_S`."""
     found = _strangers(subjects)

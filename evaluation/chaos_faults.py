@@ -10,11 +10,12 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from evaluation.chaos_checks import Subject
 from evaluation.faults_clocks import set_clock
 from evaluation.faults_load import busy_processes
+from socialbot.runtime._processes import RestartPolicy
 
 LOSS = """
 add table inet chaos
@@ -29,6 +30,7 @@ class Site:
 
     subjects: Sequence[Subject]
     isolated: bool
+    kills: dict[tuple[str, str], list[float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,16 @@ def cause(fault: Fault, site: Site) -> None:
     FAULTS[fault.kind].cause(fault, site)
 
 
+MOST_KILLS = RestartPolicy().times - 1
+"""Most kills of a node in a period of the restart policy, after which a supervisor gives it up, as it should."""
+
+
 def _kill(fault: Fault, site: Site) -> None:
+    kills, now = site.kills.setdefault((fault.subject.name, fault.node), []), time.monotonic()
+    kills[:] = [at for at in kills if at > now - RestartPolicy().within_s]
+    if len(kills) >= MOST_KILLS:
+        return
+    kills.append(now)
     if pid := fault.subject.pid(fault.node):
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

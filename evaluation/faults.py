@@ -86,6 +86,11 @@ ROWS: Mapping[str, Row] = {
         "10 000 forged, replayed, altered or stale commands, keys set",
         "none executed, all counted",
     ),
+    "packets": Row(
+        "evaluation.faults_rtps:packets",
+        "malformed and false RTPS packets, 5000 a second from another machine, keys set",
+        "both processes go on; messages arrive again within 2 s after each attack",
+    ),
     "soak": Row(
         "evaluation.faults_soak:soak",
         "4 h of bag time through the ROS graph at speed",

