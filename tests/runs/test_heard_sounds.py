@@ -4,22 +4,25 @@ import wave
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from socialbot.bags.reader import open_bag
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import AudioData, HeardSpeech
+from socialbot.core.messages import AudioData, HeardSpeech, Message
 from socialbot.runs.folder import open_run
 from socialbot.runs.heard_sounds import heard_sound, write_heard
 from socialbot.runs.record import WELL, RunRecord
+from tests.runs.browsing import Visit, chromium, served
+from tests.runs.test_run_record import RUN
 
 RATE = 8000
 
 
-def run_with(folder: Path, *heard: HeardSpeech) -> Path:
+def run_with(folder: Path, *messages: Message) -> Path:
     with RunRecord(folder) as record:
-        for message in heard:
-            record.observe("/humans/voices/speech", message)
+        for message in messages:
+            record.observe("/topic", message)
         record.write_results({"graph": "test", "ended": WELL})
     return folder
 
@@ -50,6 +53,29 @@ def test_the_sound_of_each_sentence_is_cut_from_the_bag(tmp_path):
     assert opened.sound(heard_sound(heard.id)) is not None
     lanes = {lane.name: lane.bars for lane in opened.timeline.lanes()}
     assert [(bar.text, bar.to_s) for bar in lanes["heard"]] == [("Hello", 0.0)]
+
+
+@pytest.mark.slow
+def test_the_page_plays_what_was_heard_with_its_words(tmp_path):
+    end = RUN[-1].stamp + 2 * SECOND
+    heard = HeardSpeech(stamp=end, start=end - SECOND, text="Where is the library?", person="t1")
+    run = run_with(tmp_path / "run", *RUN, heard)
+    (run / "speech").mkdir()
+    with wave.open(str(run / "speech" / heard_sound(heard.id)), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(RATE)
+        file.writeframes(bytes(4 * RATE))
+    begin_s = (heard.start - RUN[0].stamp) / SECOND
+    with chromium() as browser, served(run) as url:
+        visit = Visit(browser, url, f"t={begin_s - 0.1:g}")
+        caption = visit.page.locator("#speech")
+        assert "library" not in caption.inner_text()
+        with visit.page.expect_response(lambda response: heard_sound(heard.id) in response.url):
+            visit.page.get_by_role("button", name="Play", exact=True).click()
+        visit.page.wait_for_function("document.querySelector('#speech').innerText.includes('library')")
+        assert visit.page.locator(".bar.heard").count() == 1 + sum(isinstance(one, HeardSpeech) for one in RUN)
+        visit.close()
 
 
 def test_a_bag_without_sound_or_a_run_without_speech_has_none(tmp_path):
