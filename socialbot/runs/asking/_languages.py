@@ -32,10 +32,10 @@ ENGLISH = Language(
     "en",
     {
         "why": (
-            "motive,motivation,purpose,justification,why,what made,what makes,what brought,how come,for what reason,"
-            "what reason,what was the reason,what is the reason,reason,what for,what made you,what makes you,"
-            "made you,what caused,cause,what led,led you to,what prompted,prompted you,motivated,explain,"
-            "on what grounds,what brought you to,justify,account for"
+            "how is it that,how was it that,motive,motivation,purpose,justification,why,what made,what makes,"
+            "what brought,how come,for what reason,what reason,what was the reason,what is the reason,reason,"
+            "what for,what made you,what makes you,made you,what caused,cause,what led,led you to,what prompted,"
+            "prompted you,motivated,explain,on what grounds,what brought you to,justify,account for"
         ),
         "what": "what,which thing,anything,describe,something",
         "who": (
@@ -82,7 +82,10 @@ ENGLISH = Language(
         "me": "me,i,my,myself,us,we,mine",
         "you": "you,your,yourself,waldo,robot,u,ya,ye",
         "them": "him,her,them,they,he,she,that person,this person,that man,that woman,that visitor,it",
-        "past": "did,was,were,have,has,had,been,just,yet,already,so far,until now,ago,earlier,before,done",
+        "past": (
+            "came,visited,arrived,appeared,saw,did,was,were,have,has,had,been,just,yet,already,so far,until now,ago,"
+            "earlier,before,done"
+        ),
         "future": "will,shall,going to,next,would",
         "present": "are,is,do,does,can,am,now,currently,right now,at the moment,could",
         "ago": "ago,earlier",
@@ -179,7 +182,10 @@ GERMAN = Language(
         "me": "mich,mir,ich,uns,wir",
         "you": "du,dich,dir,waldo,roboter,ihr",
         "them": "ihn,ihm,sie,ihnen,er,diesen mann,diese frau",
-        "past": "hast,habe,hat,haben,hattest,war,waren,wart,wurde,wurden,wurdest,bist,gerade,eben,schon,vorher,bisher",
+        "past": (
+            "kam,kamen,gekommen,sah,sahst,hast,habe,hat,haben,hattest,war,waren,wart,wurde,wurden,wurdest,bist,"
+            "gerade,eben,schon,vorher,bisher"
+        ),
         "future": "wirst,werden,als nachstes,nachstes,vorhast",
         "present": "ist,sind,kannst,jetzt,gerade,derzeit,momentan,siehst,machst,tust",
         "ago": "vor",
@@ -348,7 +354,10 @@ SPANISH = Language(
         "me": "me,mi,yo,nos,nosotros,conmigo",
         "you": "tu,te,ti,usted,waldo,robot,vosotros",
         "them": "lo,la,le,los,les,ella,el,ellos",
-        "past": "has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,hasta ahora",
+        "past": (
+            "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
+            "hasta ahora"
+        ),
         "future": "vas a,haras,proximo,siguiente,despues,va a",
         "present": "estas,es,son,puedes,ahora,actualmente,ves,haces,esta",
         "ago": "hace",

@@ -19,7 +19,7 @@ from socialbot.runs.asking._references import (
     take_time,
 )
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, likeness, occurrences, similarity, sound, stem, tokens
+from socialbot.runs.asking._words import ALIKE, HEARD, likeness, occurrences, similarity, sound, stem, tokens
 from socialbot.runs.why import call_of
 
 Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "count", "did"]
@@ -57,6 +57,7 @@ _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "s
 _NEAR = 3
 _LONG = 5
 """Least length of a word that is heard as two."""
+_WRITTEN_ALIKE = 0.84
 _SOUNDS_LIKE, _GUESSED = 0.6, 0.8
 _SOFT = (
     "see",
@@ -205,6 +206,11 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
 # Classes of words
 
 
+def _is_alike(alike: float) -> bool:
+    """Return whether a word that is no form of a known one is written much like it, or sounds like it."""
+    return alike >= _WRITTEN_ALIKE or alike == HEARD
+
+
 def _domain(subjects: Subjects, language: str) -> set[str]:
     """Return the words of the deeds of the agents in a language."""
     phrases = (one for topic in subjects.topics for one in (*topic.words.get(language, ()), *topic.loose))
@@ -226,7 +232,7 @@ def _classify(reading: Reading, domain: Set[str]) -> None:
                 if (
                     alike > _EXACT
                     or (name in _MISHEARD and _SOUNDS < alike < _FORM)
-                    or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and alike >= ALIKE + 0.06)
+                    or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and _is_alike(alike))
                 ):
                     matches.append((alike, len(phrase), name, places))
     exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}

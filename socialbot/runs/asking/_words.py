@@ -11,6 +11,9 @@ from functools import lru_cache
 ALIKE = 0.72
 """Least similarity of a word that a person wrote or a recogniser heard to a known word."""
 
+HEARD = 0.8
+"""Similarity of words that sound alike."""
+
 _LETTERS = str.maketrans({"ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "\u2019": "'", "`": "'"})
 _TOKEN = re.compile(r"\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[a-z]+)?|[^\W\d_]+")
 _CONTRACTIONS = (
@@ -113,7 +116,7 @@ def similarity(one: str, other: str) -> float:
     pairs = ((one, other), (stem(one), stem(other)))
     written = sum(SequenceMatcher(None, *pair, autojunk=False).ratio() for pair in pairs) / 2
     sounds_alike = len(sound(one)) > 1 and sound(one) == sound(other)
-    heard = 0.8 if sounds_alike and written > _LEAST_WRITTEN else 0.0
+    heard = HEARD if sounds_alike and written > _LEAST_WRITTEN else 0.0
     return min(0.95, max(written, heard))
 
 

@@ -108,7 +108,7 @@ def _changed(chance: random.Random, kind: str, text: str) -> str:
         case 3:
             return text[:at] + "".join(chr(chance.randint(1, 0x2FF)) for _ in range(chance.randint(1, 40))) + text[at:]
         case 4:
-            return text * chance.randint(2, 300)
+            return (text * chance.randint(2, 300))[:200_000]
         case 5:
             return "".join(chance.sample(text, len(text)))
         case 6:

@@ -46,6 +46,9 @@ class Server(ThreadingHTTPServer):
     reply: Reply
     requests: list[tuple[str, dict[str, str], Any]]
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Ignore clients that close the connection early."""
+
 
 @contextmanager
 def serving(reply: Reply) -> Iterator[tuple[Server, str]]:
