@@ -56,7 +56,7 @@ VOICES = ("piper:joe", "en-us", "en-gb-x-rp", "en-us+f3")
 NOISES = ("babble", "pink")
 RATIOS_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
 LEVEL = 3000.0  # Root mean square of speech.
-_BEFORE_S, _AFTER_S = 1.0, 1.2
+_BEFORE_S, _AFTER_S = 2.0, 3.0
 _QUIET = 0.02  # Share of the peak below which a recording is silent.
 
 

@@ -31,7 +31,7 @@ from socialbot.bridge.transport import (
 )
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import InstallationError, MessageError
-from socialbot.core.messages import CameraInfo, Health, Message, Structured, Transforms
+from socialbot.core.messages import AudioData, CameraInfo, Health, Message, Structured, Transforms, VoiceActivity
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC, ended
 from socialbot.graph.node import Graph
@@ -42,6 +42,7 @@ log = logging.getLogger("socialbot.player")
 TICK_S = 0.02  # period of /clock between messages
 MAX_CATCH_UP = 3.0  # maximum speed of a delayed replay; timers would fire late at a higher one
 ANSWER_TIMEOUT_S = 2.0
+SOUND_TIMEOUT_S = 15.0
 SHORT_ANSWER_TIMEOUT_S = 0.2  # timeout after three unanswered images in a row
 GRAPH_TIMEOUT_S = 30.0
 
@@ -89,6 +90,31 @@ class _Answers:
         return answered
 
 
+class _SoundAnswers:
+    """Number of sounds that the hearing node has processed, one after the other."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._answered = self._sent = 0
+        self._missed = 0
+
+    def note(self, answer: Message) -> None:
+        with self._changed:
+            self._answered += 1
+            self._changed.notify()
+
+    def wait(self) -> bool:
+        """Wait for the answer to one more sound; recognition of speech takes a while."""
+        self._sent += 1
+        timeout_s = SOUND_TIMEOUT_S if self._missed < 3 else SHORT_ANSWER_TIMEOUT_S
+        with self._changed:
+            answered = self._changed.wait_for(lambda: self._answered >= self._sent, timeout_s)
+            if not answered:
+                self._sent = self._answered
+        self._missed = 0 if answered else self._missed + 1
+        return answered
+
+
 class BagPlayer:
     """Player of ``topics`` (bag topic to graph topic) of ``bag`` through the rclpy node ``ros``."""
 
@@ -128,6 +154,12 @@ class BagPlayer:
         self._subscriptions: dict[str, Subscription[Any]] = {}
         if topic := playing.paced_by:
             self._subscriptions[topic] = self._transport.subscribe(ros, topic, kinds[topic], self._answers.note)
+        self._sounds = {topic for topic in topics.values() if kinds.get(topic) is AudioData}
+        self._hearing = _SoundAnswers()
+        activity = next((topic for topic, kind in kinds.items() if kind is VoiceActivity), "")
+        self._awaits_hearing = bool(playing.paced and self._sounds and activity)
+        if self._awaits_hearing:
+            self._subscriptions[activity] = self._transport.subscribe(ros, activity, VoiceActivity, self._hearing.note)
         self._now = bag.start
         self._begun = 0.0
 
@@ -147,6 +179,8 @@ class BagPlayer:
             self._publish(topic, ros_type, cdr, at)
             played.sent += image or not self._images
             if image and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
+                played.unanswered += 1
+            if topic in self._sounds and self._awaits_hearing and not self._hearing.wait():
                 played.unanswered += 1
         self._health.publish(ended("bag_player", tuple(self._topics.values()), self._now))
         self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._images else 0.0))

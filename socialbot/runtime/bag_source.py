@@ -107,6 +107,10 @@ class BagSource(RunSource):
         playback: dict[str, object] = {"playback": "off"} if runner == "inline" else {}
         graph = _with_camera_pose(graph, self.bag.path)
         graph = graph.without_sources()
+        if runner == "ros":
+            # Each sound is answered, so that the player can wait for what is heard.
+            in_step = [each.name for each in graph.nodes if "in_step" in each.type.parameters()]
+            graph = graph.with_parameters({name: {"in_step": True} for name in in_step}) if in_step else graph
         self._recorded = recorded_services(self.bag, graph) if runner == "inline" else {}
         graph = with_speech_files(graph.with_stand_ins(self._recorded), folder, **playback)
         graph.expect_answers(self._recorded)

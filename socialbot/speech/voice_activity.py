@@ -10,11 +10,14 @@ import numpy as np
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import InstallationError
-from socialbot.speech.audio import RATE_HZ, REMEDY
+from socialbot.speech.audio import RATE_HZ, REMEDY, level_db
 
 CHUNK = 512
 """Samples of one decision."""
 CHUNK_NS = CHUNK * SECOND // RATE_HZ
+
+_LOUD_SHARE = 0.45
+_LEVEL_SHARE, _AROUND_SHARE = 0.4, 0.03  # Of a chunk in the averages of about 0.1 s and 1 s.
 
 
 class VoiceDetector(Protocol):
@@ -79,6 +82,9 @@ class SpeechSegment:
 class SpeechSegmenter:
     """Splits a stream of chunks with probabilities of speech into segments.
 
+    Beside other voices a chunk continues speech only if it is also loud enough: above the level before the speech by
+    `_LOUD_SHARE` of the distance to its loudest part.
+
     ``speaking`` is True from the chunk that completes the shortest speech until the end is known. The memory in use is
     that of one segment of the longest length.
     """
@@ -89,6 +95,8 @@ class SpeechSegmenter:
         self._before: deque[np.ndarray] = deque(maxlen=max(1, round(thresholds.before_s * SECOND / CHUNK_NS)))
         self._chunks: list[np.ndarray] = []
         self._start = self._last = 0
+        self._level = self._loudest_db = -100.0
+        self._around_db: float | None = None
 
     @property
     def active(self) -> bool:
@@ -102,15 +110,23 @@ class SpeechSegmenter:
 
     def push(self, chunk: np.ndarray, stamp: int, probability: float) -> SpeechSegment | None:
         """Add the chunk that begins at ``stamp`` (ns); return a segment that has ended with it."""
-        limits = self.thresholds
+        limits, level = self.thresholds, level_db(chunk)
+        self._level += _LEVEL_SHARE * (level - self._level)
         if not self._chunks:
             self._before.append(chunk)
             if probability >= limits.begin:
                 self._chunks, self._start, self._last = list(self._before), stamp, stamp + CHUNK_NS
                 self._before.clear()
+                self._level = self._loudest_db = level
+            else:
+                around = level if self._around_db is None else self._around_db
+                self._around_db = around + _AROUND_SHARE * (level - around)
         else:
             self._chunks.append(chunk)
-            if probability >= (limits.end if self.speaking else limits.begin):
+            self._loudest_db = max(self._loudest_db, self._level)
+            around = -100.0 if self._around_db is None else self._around_db
+            loud = self._level >= around + _LOUD_SHARE * (self._loudest_db - around)
+            if loud and probability >= (limits.end if self.speaking else limits.begin):
                 self._last = stamp + CHUNK_NS
         if not self._chunks:
             return None

@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import psutil
 import pytest
 
 from socialbot.core.clock import SECOND
@@ -292,3 +293,35 @@ def test_noise_is_no_speech() -> None:
     ear.feed(chunks_of(noise, start=SECOND))
     assert ear.heard == []
     assert not any(one.active for one in ear.activity)
+
+
+def test_speech_ends_beside_weaker_voices() -> None:
+    """A voice 12 dB louder than others that never stop."""
+    others = tone(6.0, 2000, hz=210.0)
+    others[2 * RATE_HZ : 3 * RATE_HZ] += tone(1.0, 8000)
+    segmenter = SpeechSegmenter(VoiceThresholds())
+    ends = []
+    for index in range(others.size // 512):
+        chunk = others[512 * index : 512 * (index + 1)]
+        probability = 0.9 if index >= 2 * RATE_HZ // 512 else 0.45
+        segment = segmenter.push(chunk, index * 32_000_000, probability)
+        if segment is not None:
+            ends.append(segment.end / SECOND)
+    assert ends[0] == pytest.approx(3.0, abs=0.15)
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_hours_of_sound() -> None:
+    """Four hours at speed, of silence, noise and speech, after a first quarter of an hour."""
+    ear = Ear()
+    process = psutil.Process()
+    noise = np.random.default_rng(1).normal(0, 300, 20 * RATE_HZ).astype(np.int16)
+    piece = np.concatenate([silence(5), noise, tone(2.0), silence(3)])
+    sizes = []
+    for index in range(4 * 3600 // 30):
+        ear.hear(piece, at=1.0 + 30 * index)
+        ear.activity.clear()
+        if index % 30 == 29:
+            sizes.append(process.memory_info().rss / 2**20)
+    assert len(ear.heard) == 4 * 3600 // 30
+    assert max(sizes[1:]) - sizes[0] < 15
