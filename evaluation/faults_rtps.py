@@ -17,6 +17,7 @@ from evaluation.faults_processes import await_
 from evaluation.report import Report, Value
 from evaluation.rtps_attack import ATTACKS
 from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, two_hosts
+from socialbot.bridge.environment import wait_for
 from socialbot.bridge.keys import new_key
 
 ROOT = Path(__file__).parents[1]
@@ -24,6 +25,7 @@ TOPIC, RATE_HZ = "/speech/say", 50
 BOUND_S = 2.0
 """Longest gap (s) after the end of an attack."""
 CALM_S = 5.0
+NEW_S = 30.0
 
 TALK = f"""
 import time
@@ -66,6 +68,8 @@ def packets(report: Report, plan: Plan) -> str:
                 report.add(
                     f"packets_{name}_after_s", f"packets: {name}, longest gap after, s", row["gap after, s"], BOUND_S
                 )
+                new = row["a new subscriber hears"]
+                report.add(f"packets_{name}_new", f"packets: {name}, a new subscriber hears the publisher", new, True)
                 report.add(f"packets_{name}_alive", f"packets: {name}, both processes go on", row["alive"], True)
     except NoHostsError as error:
         raise Skipped(str(error)) from error
@@ -104,6 +108,9 @@ def _attack(robot: Host, workstation: Host, name: str, seconds: float, folder: P
         now = time.monotonic()
         grown = _memory(hearer) + _memory(talker) - memory
         alive = hearer.poll() is None and talker.poll() is None
+        again = folder / "again.log"
+        with _script(robot, HEAR, again, own):
+            restarted = wait_for(lambda: bool(_arrivals(again)), NEW_S)
     arrivals = _arrivals(heard)
     numbers = [number for _, number in arrivals]
     sent = (folder / "attack.log").read_text().split()[-1]
@@ -114,6 +121,7 @@ def _attack(robot: Host, workstation: Host, name: str, seconds: float, folder: P
         "lost": max(numbers) - min(numbers) + 1 - len(set(numbers)),
         "grown, MB": round(grown / 1e6, 1),
         "alive": alive,
+        "a new subscriber hears": restarted,
     }
 
 
