@@ -56,7 +56,7 @@ from socialbot.bridge.transport import (
     refusal_reason,
     subscription_qos,
 )
-from socialbot.core.clock import Clock, ForwardClock, WallClock
+from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, Transforms
 from socialbot.graph.health import health_topics
@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from socialbot.bridge.process import SupervisorChannel
 
 HEARTBEAT_S = 0.5  # period of the state reports to a supervisor
+LAST_MESSAGES_S = 1.0  # longest time that the end of a node waits for the delivery of its last messages
 DDS_HOLD_S = 1.0  # time to keep a topic on DDS after its last outside subscriber, so that messages stay in order
 STEADY = SteadyClock(clock_type=ClockType.STEADY_TIME)
 
@@ -226,11 +227,22 @@ class NodeHost:
     def stop(self) -> None:
         """Stop the node, and remove it from the ROS graph."""
         self._intra_process.remove(self)
+        before = Counter(self._sent)
         if self._thread is not None:
             self._thread.stop()
         self._services.cancel_goals()
+        self._await_last_messages(before)
         self._services.await_cancels()
         self._ros.destroy_node()
+
+    def _await_last_messages(self, before: Counter[str]) -> None:
+        """Wait a moment until subscribers have what the node published at its end, such as the stop of an actuator."""
+        end = time.monotonic() + LAST_MESSAGES_S
+        for sender in self._senders.values():
+            publisher = sender.publisher
+            left_s = end - time.monotonic()
+            if left_s > 0 and self._sent[publisher.topic_name] > before[publisher.topic_name]:
+                publisher.wait_for_all_acked(Duration(nanoseconds=int(left_s * SECOND)))
 
     def configure(self) -> None:
         """Build the node and its publishers and subscriptions."""
