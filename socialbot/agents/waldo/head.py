@@ -18,6 +18,7 @@ from socialbot.core.messages import (
     Message,
     PersonDetection,
     PersonDetections,
+    VoiceActivity,
 )
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node
@@ -49,6 +50,8 @@ class Head(Node):
     pose by dead reckoning from the centre, with ``max_speed_rad_s`` on the slower joint. With ``camera_on_head`` a
     bearing is relative to the head pose at the stamp of the frame.
 
+    The person who speaks has precedence, also for ``hold_s`` afterwards; a voice out of view is looked for where it is.
+
     The followed person keeps their track id. Without it, the person nearest in direction counts as the same, within
     ``same_person_rad``. Another person takes over when nearer by more than ``switch_margin_m``.
 
@@ -61,6 +64,7 @@ class Head(Node):
     command = Input(HeadCommand, "/head/command")
     health = Input(Health, HEALTH_TOPIC, optional=True, deadline_s=BEATLESS_S)
     detections = Input(PersonDetections, "/humans/bodies/detections", Delivery.NEWEST)
+    voices = Input(VoiceActivity, "/humans/voices/activity", optional=True)
     heard = Input(HeardSpeech, "/humans/voices/speech", optional=True)
     trajectory = Output(JointTrajectory, "/head_controller/joint_trajectory")
 
@@ -94,6 +98,7 @@ class Head(Node):
         self._followed: Seen | None = None
         self._last_seen = now
         self._watching = False
+        self._speaker, self._spoke = "", now
 
     def deadline_s(self, port: Input[Any]) -> float:
         return port.deadline_s if self.engine else 0.0
@@ -149,6 +154,18 @@ class Head(Node):
         if heard.person:
             self._gaze.hear(heard.person, heard.stamp / SECOND)
 
+    @voices
+    def on_voice(self, voice: VoiceActivity) -> None:
+        if not voice.active or not (voice.person or voice.bearing_rad is not None):
+            return
+        self._speaker, self._spoke = voice.person, self.clock.now()
+        unseen = not voice.person and self._followed is None
+        if unseen and self._tracking and self._led and voice.bearing_rad is not None:
+            self._last_seen = self.clock.now()
+            self._watch()
+            camera = self._pose_at(voice.stamp) if self.camera_on_head else CENTRE
+            self._aim(Pose(camera.pan + voice.bearing_rad, self._wanted.tilt), slack=self.dead_band_rad)
+
     def on_parameter(self, name: str) -> None:
         """Move the head within new, narrower limits."""
         self._gaze.switch_margin_m = self.switch_margin_m
@@ -173,6 +190,10 @@ class Head(Node):
         return found
 
     def _choose(self, seen: list[Seen]) -> Seen:
+        if self._speaker and self.clock.now() <= self._spoke + nanoseconds(self.hold_s):
+            speaking = [person for person in seen if person.track_id == self._speaker]
+            if speaking:
+                return speaking[0]
         nearest = min(seen, key=lambda person: (person.distance_m, abs(person.pose.pan)))
         present = self._still_there(seen)
         if present is None or nearest.distance_m < present.distance_m - self.switch_margin_m:

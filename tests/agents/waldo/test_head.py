@@ -6,11 +6,18 @@ from hypothesis import strategies as st
 
 from socialbot.agents.waldo.head import CENTRE, Head, Motion, Pose
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import HeadCommand, JointTrajectory, Message, PersonDetection, PersonDetections
+from socialbot.core.messages import (
+    HeadCommand,
+    JointTrajectory,
+    Message,
+    PersonDetection,
+    PersonDetections,
+    VoiceActivity,
+)
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 
-COMMAND, DETECTIONS = "/head/command", "/humans/bodies/detections"
+COMMAND, DETECTIONS, VOICES = "/head/command", "/humans/bodies/detections", "/humans/voices/activity"
 
 
 def person(
@@ -26,7 +33,7 @@ class Stage:
 
     def __init__(self, **parameters: object) -> None:
         config = NodeConfig("head", Head, parameters)
-        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({COMMAND, DETECTIONS})))
+        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({COMMAND, DETECTIONS, VOICES})))
         self.sent: list[JointTrajectory] = []
         self.runner.tap("/head_controller/joint_trajectory", self._note)
         self.runner.start()
@@ -41,6 +48,10 @@ class Stage:
 
     def order(self, at: float, mode, pan: float = 0.0, tilt: float = 0.0) -> None:
         self.runner.feed(COMMAND, HeadCommand(stamp=round(at * SECOND), mode=mode, pan_rad=pan, tilt_rad=tilt))
+
+    def hear(self, at: float, active: bool = True, track: str = "", bearing: float | None = None) -> None:
+        voice = VoiceActivity(stamp=round(at * SECOND), active=active, voice="v", person=track, bearing_rad=bearing)
+        self.runner.feed(VOICES, voice)
 
     def until(self, seconds: float) -> None:
         self.runner.advance(round(seconds * SECOND))
@@ -330,3 +341,39 @@ def check_motion(sent: list[JointTrajectory], speed: float) -> None:
         assert duration > 0
         assert abs(goal[0] - pan) <= speed * duration + 1e-6
         assert abs(goal[1] - tilt) <= speed * duration + 1e-6
+
+
+def test_turns_to_the_person_who_speaks_and_back_to_the_nearest():
+    stage = Stage()
+    near, far = person(0.5, 1.0, track="near"), person(-0.4, 3.0, track="far")
+    stage.see(1.0, near, far)
+    stage.hear(1.5, track="far")
+    stage.see(2.0, near, far)
+    stage.hear(2.5, active=False)
+    stage.see(3.0, near, far)
+    stage.see(4.5, near, far)
+    assert stage.positions == [(0.5, 0.0), (-0.4, 0.0), (0.5, 0.0)]
+
+
+def test_unknown_speaker_changes_nothing_while_somebody_is_in_view():
+    stage = Stage()
+    stage.see(1.0, person(0.5, track="near"))
+    stage.hear(1.2)
+    stage.hear(1.3, bearing=-1.0)
+    stage.see(1.5, person(0.5, track="near"))
+    assert stage.positions == [(0.5, 0.0)]
+
+
+def test_voice_out_of_view_is_looked_for_until_the_hold_time():
+    stage = Stage(hold_s=2.0)
+    stage.hear(1.0, bearing=-0.9)
+    assert stage.positions == [(-0.9, 0.0)]
+    stage.until(4.0)
+    assert stage.positions == [(-0.9, 0.0), (0.0, 0.0)]
+
+
+def test_voice_does_not_move_a_head_that_looks_elsewhere():
+    stage = Stage()
+    stage.order(1.0, "look", 0.3)
+    stage.hear(2.0, bearing=-0.9)
+    assert stage.positions == [(0.3, 0.0)]
