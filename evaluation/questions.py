@@ -2,7 +2,8 @@
 
 ``python -m evaluation.questions`` asks the questions of questions.yaml about six runs: Waldo on a recorded corridor and
 with five visitors, two warehouses, a hospital, and an agent without vocabulary. `questions_check` re-evaluates each
-clause from trace.jsonl alone. ``--spoken`` makes speech of the questions and recognises it first.
+clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a neural
+voice and recognises them first.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import typer
 from ruamel.yaml import YAML
 
 from evaluation.questions_check import Verifier, covers
-from evaluation.questions_runs import RUNS
+from evaluation.questions_runs import NAMES, RUNS
 from evaluation.report import JsonOption, QuickOption, Report, run
 from socialbot.runs.asking import Answer, answer
 from socialbot.runs.folder import RecordedRun, open_run
@@ -99,20 +100,29 @@ def asked(
     return right, wrong, unsupported, kinds
 
 
+def _listener(run: str) -> Listen:
+    from evaluation.questions_spoken import Listener
+
+    return Listener(NAMES[run]).hear
+
+
+def _is_english(line: str) -> bool:
+    from evaluation.questions_spoken import language_of
+
+    return language_of(line.partition(" -> ")[0]) == "en"
+
+
 def questions(
     quick: QuickOption = False,
-    spoken: Annotated[bool, typer.Option("--spoken", help="Speak and recognise each question (extra hear).")] = False,
+    spoken: Annotated[
+        bool, typer.Option("--spoken", help="Speak and recognise those in English (extras hear, voices).")
+    ] = False,
     runs: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder that keeps the runs.")] = None,
     json: JsonOption = None,
 ) -> None:
     """Ask recorded runs questions, and check the records and clauses of the answers."""
     report = Report("Questions", quick)
     parts: Mapping[str, Mapping[str, list[str]]] = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
-    listen = None
-    if spoken:
-        from evaluation.questions_spoken import Listener
-
-        listen = Listener().hear
     counts: dict[str, list[int]] = {part: [0, 0] for part in parts}
     rows: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
@@ -126,11 +136,13 @@ def questions(
                 make(folder)
             record, verifier = open_run(folder), Verifier(folder)
             rows[name] = {}
+            listen = _listener(name) if spoken else None
             for part, by_run in parts.items():
-                right, wrong, unsupported, found = asked(record, verifier, by_run.get(name, []), listen)
+                lines = [line for line in by_run.get(name, []) if not spoken or _is_english(line)]
+                right, wrong, unsupported, found = asked(record, verifier, lines, listen)
                 counts[part][0] += right
-                counts[part][1] += len(by_run.get(name, []))
-                rows[name] |= {f"{part}: right": right, f"{part}: asked": len(by_run.get(name, []))}
+                counts[part][1] += len(lines)
+                rows[name] |= {f"{part}: right": right, f"{part}: asked": len(lines)}
                 faults += unsupported
                 kinds += found
                 for each in wrong:

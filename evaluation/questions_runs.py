@@ -123,3 +123,13 @@ RUNS: Mapping[str, Callable[[Path], None]] = {
     "corridor": _made_by("replay", "data/synthetic/corridor", "--no-video"),
 }
 """Functions that record each run into a folder, the cheapest ones first."""
+
+NAMES: Mapping[str, str] = {
+    "visits": "greet, offer help, visitor, T1, T2",
+    "guard": "Ann, Bob, badge",
+    "hospital": "spot, UVD, nurse, room 1, disinfect, patrol, tidy",
+    "warehouse": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, pick up, unload",
+    "warehouse2": "gripper A, carrier A, carrier B, carrier C, base B, unload",
+    "corridor": "greet, offer help, visitor",
+}
+"""Words that the recogniser of each robot expects, as the parameter ``vocabulary`` of the node ``hearing``."""

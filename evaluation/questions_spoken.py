@@ -9,34 +9,32 @@ import numpy as np
 
 from socialbot.runs.asking import LANGUAGES
 from socialbot.speech.audio import Converter
+from socialbot.speech.neural import open_voice
 from socialbot.speech.recognition import WhisperRecognizer
-from socialbot.speech.synthesis import Synthesizer
 
-VOICES = {"en": ("en-us", "en-gb-x-rp"), "de": ("de",), "fr": ("fr",), "es": ("es",)}
+VOICE = "piper:joe"
 SPEED_WPM = 150
 
 
 class Listener:
-    """Speaks each question in its language and recognises it. ``names`` help the recogniser with names.
+    """Speaks questions in English and recognises them.
+
+    Args:
+        names: Words that the recogniser expects.
+        model: Speech model.
 
     Raises:
-        InstallationError: The extra ``hear`` or ``speech`` is not installed.
+        InstallationError: The extra ``hear`` or ``voices`` is not installed.
         ParameterError: The model is missing.
     """
 
-    def __init__(self, model: str = "base", names: str = "") -> None:
-        self._recognizer = WhisperRecognizer(model, sorted(LANGUAGES), vocabulary=names)
-        self._voices = {
-            language: [Synthesizer(voice, rate_wpm=SPEED_WPM) for voice in voices]
-            for language, voices in VOICES.items()
-        }
-        self._spoken = 0
+    def __init__(self, names: str, model: str = "base") -> None:
+        self._recognizer = WhisperRecognizer(model, ["en"], vocabulary=names)
+        self._voice = open_voice(VOICE, SPEED_WPM)
 
     def hear(self, question: str) -> str:
-        """Return what the recogniser makes of a question; the voices of a language take turns."""
-        voices = self._voices[language_of(question)]
-        self._spoken += 1
-        sound = voices[self._spoken % len(voices)].say(question)
+        """Return what the recogniser makes of a question."""
+        sound = self._voice.say(question)
         converter = Converter(sound.sample_rate, 1)
         samples = np.concatenate([converter.push(sound.samples[:, None]), converter.flush()])
         heard = self._recognizer.recognize(samples)
