@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.system.running import eventually
 from tests.vision.metrics.scenes import drawn_bag
 
 ROOT = Path(__file__).parents[1]
@@ -22,8 +24,8 @@ DOMAIN = """\
   (:action boil :parameters () :precondition (cold) :effect (and (hot) (not (cold)))))
 """
 PROBLEM = "(define (problem cup) (:domain tea) (:init (cold)) (:goal (hot)))"
-# Extras for people with a checkout or a cluster: their packages are only resolved.
-RESOLVED = ("bench", "dask", "dev", "docs", "fuzz", "onnx", "project")
+# Extras for people with a checkout: their packages are only resolved.
+FOR_CHECKOUTS = ("bench", "dev", "docs", "fuzz", "onnx", "project")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -105,7 +107,7 @@ def test_package_alone(installed: Installed, dist: Path):
     (wheel,) = (installed.folder / "built").iterdir()
     assert wheel.name in {each.name for each in dist.iterdir()}
     resolved = "--dry-run", "--constraint", dist / "constraints.txt"
-    for extra in RESOLVED:
+    for extra in FOR_CHECKOUTS:
         installed.pip("install", *resolved, f"{wheel}[{extra}]")
 
 
@@ -148,3 +150,15 @@ def test_samples_of_sobol(installed: Installed):
     bag = drawn_bag(installed.folder, frames=10)
     settings = "--set", "waldo.range_m=1:9", "--method", "sobol", "--samples", 2
     assert "2 " in installed.socialbot("sweep", bag, *settings)
+
+
+@with_extra("dask")
+def test_cluster_of_dask(installed: Installed):
+    bag = drawn_bag(installed.folder, frames=10)
+    file = installed.folder / "scheduler.json"
+    here = "--scheduler-file", file, "--no-dashboard"
+    with installed.background("dask", "scheduler", "--host", "127.0.0.1", "--port", 0, *here):
+        assert eventually(file.exists)
+        with installed.background("dask", "worker", "--nworkers", 2, *here):
+            address = json.loads(file.read_text())["address"]
+            installed.socialbot("sweep", bag, "--set", "waldo.range_m=3,9", "--scheduler", address)
