@@ -13,21 +13,21 @@ from socialbot.cli.run import LimitOption, RateOption
 PANEL = "Run a graph"
 EXAMPLES = (
     "socialbot sim foyer --inspect",
-    "socialbot sim office --head sweep --seed 3 --record office_3",
+    "socialbot sim office --control sweep --seed 3 --record office_3",
 )
 
 
 def sim(
     context: typer.Context,
     place: Annotated[Literal["corridor", "foyer", "office"], typer.Argument(help="Place.")] = "foyer",
-    people: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
+    visitors: Annotated[int, typer.Option(min=0, max=26, help="Number of people of a random schedule.")] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the schedule and of the looks of people.")] = 0,
-    duration: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Simulated duration.")] = 60.0,
+    duration: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Time limit, s.")] = 60.0,
     script: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What people do (YAML), instead of a random schedule.")
     ] = None,
-    head: Annotated[
-        Literal["waldo", "still", "sweep"], typer.Option(help="Waldo, or a head without an agent.")
+    control: Annotated[
+        Literal["waldo", "still", "sweep"], typer.Option(help="What turns the head: Waldo, or no agent.")
     ] = "waldo",
     perception: Annotated[
         Literal["camera", "truth"], typer.Option(help="truth: detections from the ground truth, without pictures.")
@@ -49,7 +49,7 @@ def sim(
     labels: options.LabelOption = None,
     verbose: options.VerboseOption = False,
 ) -> None:
-    """Simulate a place with people, and a robot that meets them. Needs MuJoCo: pip install 'socialbot[sim]'.
+    """Simulate a place with people, and a robot that meets them. Needs the extra sim (MuJoCo).
 
     The same options and seed give the same bag.
     """
@@ -64,10 +64,10 @@ def sim(
         raise BagError("exists already", where=str(record), remedy="give another path to --record, or remove it")
     graph = simulation(
         place,
-        head=head,
+        head=control,
         perception=perception,
         script=script,
-        people=people,
+        people=visitors,
         seed=seed,
         duration_s=duration,
         width=int(width),

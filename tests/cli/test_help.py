@@ -92,6 +92,7 @@ MEANINGS = {
     "--token": "Token that ",
     "--truth": "Ground truth",
     "--verbose": "Also print ",
+    "--visitors": "Number of people of a random schedule",
     "--video": "Write the annotated video",
 }
 """Options of several commands, with the beginning of their help."""
