@@ -184,13 +184,11 @@ class IntentionStack:
         intention.frames.append((once(TimedRequest(request, seconds)), None, None))
         self.settle(intention)
 
-    def adopt_later(self, request: Request, *, suspended: bool) -> None:
-        """Adopt a goal in a new intention that starts at its turn, or after `.resume`."""
+    def adopt_suspended(self, request: Request) -> None:
+        """Adopt a goal in a new intention that starts after `.resume`."""
         intention = self.new(request)
         intention.frames.append((asking_for(request), None, None))
-        intention.suspended = suspended
-        if not suspended:
-            self.ready.append(intention)
+        intention.suspended = True
 
     def branch(self, body: Body, parent: Intention, ended: Callable[[Intention, Failure | None], None]) -> Intention:
         intention = self.new()

@@ -28,7 +28,7 @@ from socialbot.bdi.intentions import (
     subgoal,
 )
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
-from socialbot.bdi.literals import ANYTHING, SELF, Change, Computed, Event, Literal, Reactor, Structure
+from socialbot.bdi.literals import ANYTHING, SELF, Computed, Event, Literal, Reactor, Structure
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.unification import Trail, annotations_match, closed, free, resolve, undo, unify
 from socialbot.core.errors import RuleError
@@ -173,8 +173,8 @@ class Interpreter:
             if events and trigger is None:
                 trigger, args, notes, cause = events.popleft()
                 if trigger.goal:
-                    if trace.sink is not None or intentions.goal_states is not None:
-                        intentions.adopt((SUBGOAL, trigger, args, notes, cause))
+                    if trace.sink is not None or intentions.goal_states is not None or not closed(args):
+                        intentions.adopt(subgoal(trigger, args, notes, cause))
                         trigger = None
                     elif trigger.key in awaited:
                         intentions.waits.notify(trigger.key, args, notes)
@@ -492,10 +492,6 @@ class Interpreter:
     def raise_event(self, event: Event, cause: Any) -> None:
         """Queue an event or goal like an external one."""
         literal = event.literal
-        if event.change is Change.WANTED and not closed(literal.args):
-            trigger = self.triggers[event.key]
-            self.intentions.adopt(subgoal(trigger, literal.args, literal.annotations or SELF, cause))
-            return
         trigger = self.triggers[event.key] if event.key.startswith("+!") else self.triggers.get(event.key)
         if trigger is not None:
             self.events.append((trigger, literal.args, literal.annotations or SELF, cause))

@@ -34,7 +34,7 @@ from socialbot.bdi.literals import Literal, literal, source_notes
 from socialbot.bdi.stdlib.environment import JAVA, JavaRandom
 from socialbot.bdi.terms import Atom, Name, show
 from socialbot.bdi.trace import log
-from socialbot.bdi.unification import Var, closed, resolve
+from socialbot.bdi.unification import Var, resolve
 from socialbot.core.errors import SocialbotError
 
 if TYPE_CHECKING:
@@ -358,9 +358,8 @@ def _pursue(
             log().warning("%s: the plan %s is missing", engine.name, plan_id)
             return
         trigger = Trigger(key, (plan,))
-    opened = not closed(event[0])
-    if trigger.goal and (suspended or opened):
-        engine.intentions.adopt_later(subgoal(trigger, *event), suspended=suspended)
+    if trigger.goal and suspended:
+        engine.intentions.adopt_suspended(subgoal(trigger, *event))
     elif trigger.goal or trigger.plans:
         engine.interpreter.events.append((trigger, *event))
 

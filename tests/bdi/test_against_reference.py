@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Goal, Inference, Plan, wait
+from socialbot.bdi import Goal, Inference, Plan, apart, wait
 from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
@@ -183,6 +183,18 @@ def test_a_goal_binds_variables_as_in_the_reference():
     both.post("achieve", go(0))
     assert both.settle()
     assert both.reference.done == [(2,), ("p",), ("end",)]
+
+
+def test_a_separate_goal_with_a_variable_starts_in_the_next_turn_like_any_other():
+    program = [
+        sub(X, Y) >> [do("sub"), apart(go(X)), crash()],
+        -go(0) >> [do("failed"), sub(X, X)],
+        go(0) / p(0) >> [do("go")],
+    ]
+    social = Social(program, ())
+    social.told("achieve", go(0), "eve")
+    compare(social, [("achieve", sub(0, 1))])
+    assert len(social.reference.done) > TURNS
 
 
 def test_the_clocks_of_both_agree():

@@ -31,7 +31,7 @@ from socialbot.bdi.compiler._dynamic import specialised
 from socialbot.bdi.compiler._plans import ANY_MODE, compile_inference, compile_plan
 from socialbot.bdi.compiler._runtime import div, mod
 from socialbot.bdi.compiler._terms import function_of
-from socialbot.bdi.intentions import Failed, subgoal
+from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal
 from socialbot.bdi.plans import Inference, Origin, Plan, parts_of, unbound_in
@@ -40,7 +40,6 @@ from socialbot.bdi.stdlib.actions import registered
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.steps import Action, Do
 from socialbot.bdi.terms import Atom, Call, Condition, Expression, Variable
-from socialbot.bdi.unification import closed
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
 
@@ -107,10 +106,7 @@ class _InitialGoal:
 
     def __call__(self) -> None:
         trigger = self.engine.library.triggers[f"+!{self.key}"]
-        if closed(self.args):
-            self.engine.interpreter.events.append((trigger, self.args, self.notes, ""))
-        else:
-            self.engine.intentions.adopt(subgoal(trigger, self.args, self.notes, ""))
+        self.engine.interpreter.events.append((trigger, self.args, self.notes, ""))
 
 
 def _with_source(notes: tuple[Any, ...]) -> tuple[Any, ...]:

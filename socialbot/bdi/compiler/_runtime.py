@@ -362,11 +362,8 @@ def adopt_later(ag: Interpreter, request: Request) -> None:
     """Adopt ``!!g`` in a separate intention."""
     if ag.intentions.goal_states is not None:
         request = ag.intentions.goal_states.announced(request)
-    kind, trigger, args, notes, cause = request
-    if closed(args):
-        ag.events.append((trigger, args, notes, cause))
-    else:
-        ag.intentions.adopt_later((kind, trigger, detached(args), notes, cause), suspended=False)
+    _, trigger, args, notes, cause = request
+    ag.events.append((trigger, detached(args), notes, cause))
 
 
 def question(ag: Interpreter, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:

@@ -17,13 +17,13 @@ from socialbot.bdi.compiler._dynamic import variables_of
 from socialbot.bdi.intentions import (
     EVENT,
     KEPT,
-    SUBGOAL,
     Failed,
     Failure,
     ForkPause,
     Intention,
     Request,
     source_of,
+    subgoal,
 )
 from socialbot.bdi.literals import Event, Literal, error, error_msg, literal, literal_from_key
 from socialbot.bdi.stdlib.environment import Appointment, event_of
@@ -364,7 +364,7 @@ def suspend(engine: Any, args: Args, trail: Trail) -> None:
     """``.suspend(g)``: suspend intentions that pursue the goal, also a pending one; without a goal the current one."""
     states = engine.intentions.goal_states
     for request in _take_pending(engine, literal_of(".suspend", args[0])) if args else ():
-        engine.intentions.adopt_later(request, suspended=True)
+        engine.intentions.adopt_suspended(request)
         if states is not None:
             states.tell(request, "suspended", Atom("suspend_ia"))
     for intention in _with(engine, args, ".suspend"):
@@ -467,7 +467,7 @@ def _binds(goal: Literal, request: Request, trail: Trail) -> bool:
 
 
 def _pending(engine: Any) -> list[Request]:
-    return [(SUBGOAL, *event) for event in engine.interpreter.events if event[0].goal]
+    return [subgoal(*event) for event in engine.interpreter.events if event[0].goal]
 
 
 def _take_pending(engine: Any, goal: Literal) -> list[Request]:
