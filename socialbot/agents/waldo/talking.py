@@ -200,7 +200,12 @@ class TalkingWaldo(WaldoNode):
         """Say the answer to the last question of a person; record it with the records that it rests on."""
         question = self.conversation.last_heard[person]
         found = answer(
-            self._past, question.text, language=self.conversation.language_of(person), speaker=person, agent=self.name
+            self._past,
+            question.text,
+            language=self.conversation.language_of(person),
+            speaker=person,
+            agent=self.name,
+            spoken=True,
         )
         self.engine.trace.record(
             "answer",

@@ -60,6 +60,7 @@ def answer(
     at_s: float | None = None,
     speaker: str = "",
     agent: str = "",
+    spoken: bool = False,
 ) -> Answer:
     """Return the answer of a run to a question about it.
 
@@ -70,6 +71,7 @@ def answer(
         at_s: Time of the question, in seconds from the start; by default the end of the run.
         speaker: Track id of the person who asks; by default the person whom the deed in question concerned.
         agent: Node of the agent that is addressed; by default any.
+        spoken: Tell times as people say them, "9 seconds ago", instead of "at 3.6 s".
 
     Raises:
         ParameterError: ``agent`` is no agent of the run.
@@ -87,7 +89,7 @@ def answer(
         question = understand(text, subjects, language)
     end_s = history.seconds(run.end) if len(history) else 0.0
     now_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
-    return _Answering(run, subjects, with_time(question, now_s), now_s, speaker, agent).answer(text)
+    return _Answering(run, subjects, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
 
 
 class _Answering(Scope):
@@ -339,7 +341,7 @@ class _Answering(Scope):
             claim = Claim("saw", at_s=seconds, persons=(name,), value=distance)
             clauses.append(Clause(shown, (frame.id,), claim))
         told = self.speech.say("saw_one", people=self._joined(clauses))
-        return self.speech.say("then", at=number(seconds), clause=told), clauses
+        return self.speech.then(seconds, told), clauses
 
     def _sees(self, agent: str) -> bool:
         """Return whether the decisions of an agent come from detections."""
@@ -408,7 +410,7 @@ class _Answering(Scope):
         planned = self._planned(stamp)
         if planned:
             told = self._joined(planned)
-            return self.speech.say("then", at=number(seconds), clause=told), planned
+            return self.speech.then(seconds, told), planned
         state = self.run.states.at(stamp)
         wanted = [
             Clause(
@@ -423,7 +425,7 @@ class _Answering(Scope):
         ][:MOST_NAMED]
         nothing = self.speech.about(self.agent, self.speech.say("nothing_next"))
         clauses = wanted or [Clause(nothing, (), Claim("nothing_wanted", self._only_agent(), at_s=seconds))]
-        told = self.speech.say("then", at=number(seconds), clause=self._joined(clauses))
+        told = self.speech.then(seconds, self._joined(clauses))
         later = next((each for each in self.subjects.deeds if each.stamp > stamp and self._is_meant(each)), None)
         if later is None or later.stamp > self.now:
             return told, clauses

@@ -29,7 +29,15 @@ class Scope:
     """Records and people that a question is about. ``assumes`` says who the speaker is taken for."""
 
     def __init__(
-        self, run: RunView, subjects: Subjects, question: Question, now_s: float, speaker: str, agent: str
+        self,
+        run: RunView,
+        subjects: Subjects,
+        question: Question,
+        now_s: float,
+        speaker: str,
+        agent: str,
+        *,
+        spoken: bool,
     ) -> None:
         self.run, self.subjects, self.question, self.now_s = run, subjects, question, now_s
         self.history = subjects.history
@@ -42,7 +50,8 @@ class Scope:
         self.deeds = self._deeds()
         self.persons = self._persons(speaker)
         me = question.person is not None and question.person.me
-        self.speech = self._speech(speaker or (self.persons[0] if me and self.persons else ""))
+        asked_at_s = now_s if spoken else None
+        self.speech = self._speech(speaker or (self.persons[0] if me and self.persons else ""), asked_at_s)
 
     def _answer_language(self) -> str:
         """Return the language of the question, or English if the deed has no sentences in it."""
@@ -50,9 +59,9 @@ class Scope:
         deed = self.topic.declared if self.topic is not None else None
         return code if self.topic is None or (deed is not None and code in deed.did) else "en"
 
-    def _speech(self, you: str) -> Speech:
+    def _speech(self, you: str, asked_at_s: float | None) -> Speech:
         agents = [self.agent] if self.agent else list(self.history.agents)
-        return Speech(self.facts, self.language, you, len(agents) == 1 and not self.question.agent)
+        return Speech(self.facts, self.language, you, len(agents) == 1 and not self.question.agent, asked_at_s)
 
     def _deeds(self) -> list[TraceRecord]:
         """Return the records of the deed of the question, of its agent and things: up to now, or else later ones."""

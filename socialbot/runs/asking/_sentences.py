@@ -67,11 +67,12 @@ class Speech:
         language: Language of the answer (ISO 639-1).
         you: The person who asks, if known: "you" in the answer.
         is_single: Whether only one agent is concerned, which says "I".
+        asked_at_s: Time of the question, to tell times as "9 seconds ago"; None: as "at 3.6 s".
     """
 
-    def __init__(self, facts: Facts, language: str, you: str, is_single: bool) -> None:
+    def __init__(self, facts: Facts, language: str, you: str, is_single: bool, asked_at_s: float | None = None) -> None:
         self.facts, self.language, self.you = facts, language, you
-        self.is_single = is_single
+        self.is_single, self.asked_at_s = is_single, asked_at_s
         self.fixed: Mapping[str, str] = LANGUAGES[language].sentences
         self._narrator = Narrator(facts.subjects.wording, facts.history)
 
@@ -100,7 +101,14 @@ class Speech:
 
     def at(self, clause: Clause, seconds: float) -> Clause:
         """Return a clause with its time in front."""
-        return msgspec.structs.replace(clause, text=self.say("then", at=number(seconds), clause=clause.text))
+        return msgspec.structs.replace(clause, text=self.then(seconds, clause.text))
+
+    def then(self, seconds: float, text: str) -> str:
+        """Return a text with the time it is about in front."""
+        if self.asked_at_s is None or seconds > self.asked_at_s:
+            return self.say("then", at=number(seconds), clause=text)
+        ago = round(self.asked_at_s - seconds)
+        return self.say("ago", ago=ago, clause=text) if ago > 1 else self.say("just_now", clause=text)
 
     def _declared(self, sentences: Sentences, persons: Sequence[str], nobody: str = "somebody") -> str | None:
         pair = sentences.get(self.language)

@@ -59,6 +59,22 @@ class TestWhy:
         assert "At 2.2 s I greeted you" in answer(waldo, "Why did you greet me?", speaker="t1").text
         assert "At 20.2 s I greeted you" in answer(waldo, "Why did you greet me?", speaker="t2").text
 
+    @pytest.mark.parametrize(
+        ("question", "at_s", "begin"),
+        [
+            ("Why did you greet me?", 9.2, "7 seconds ago I greeted you because"),
+            ("Why did you greet me?", 3.0, "Just now I greeted you because"),
+            ("Warum hast du mich gegrüßt?", 9.2, "Vor 7 Sekunden: ich habe dich begrüßt"),
+            ("Pourquoi m'as-tu salué ?", 9.2, "Il y a 7 secondes, "),
+            ("¿Por qué me saludaste?", 9.2, "Hace 7 segundos "),
+        ],
+    )
+    def test_times_are_told_from_the_question_on_when_spoken(self, waldo, question, at_s, begin):
+        found = answer(waldo, question, speaker="t1", at_s=at_s, spoken=True)
+        assert found.text.startswith(begin)
+        written = answer(waldo, question, speaker="t1", at_s=at_s)
+        assert [clause.claim for clause in found.clauses] == [clause.claim for clause in written.clauses]
+
     def test_a_step_is_explained_by_its_plan(self, ann):
         found = answer(ann, "why did you ask bob to help")
         assert found.text == "At 3 s ann asked bob to help because that was step 1 of 1 of ann's plan for be_home."
