@@ -12,6 +12,7 @@ import typer
 from socialbot.core import paths
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
+from socialbot.robots.simulation.head_servo import load_mujoco
 from socialbot.robots.simulation.node import SimulatedPlace
 from socialbot.robots.simulation.truth_detector import TruthDetector
 
@@ -37,7 +38,11 @@ def simulation(
         perception: ``truth`` makes detections from the ground truth instead of from pictures.
         script: File with what people do; by default a random schedule.
         parameters: Parameters of the node `SimulatedPlace`.
+
+    Raises:
+        InstallationError: MuJoCo is not installed.
     """
+    load_mujoco()  # before a run or a bag exists
     given: dict[str, Any] = {"place": place, **parameters}
     if script is not None:
         paths.allow(script)
