@@ -4,17 +4,38 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import message_class
 from socialbot.core.errors import InstallationError
-from socialbot.robots.requirements import Requirement
 
 DISCOVERY_S = 5.0
 """Time for the nodes of a robot to be discovered, and for a message."""
 
 POLL_S = 0.05
+
+
+class Requirement(Protocol):
+    """Topic or action that a part of a robot needs, such as those that `socialbot.robots.requirements` lists."""
+
+    @property
+    def part(self) -> str: ...
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def type(self) -> str: ...
+
+    @property
+    def needed(self) -> bool: ...
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
 
 
 def check_topics(needed: Sequence[Requirement], hint: str, timeout_s: float = DISCOVERY_S) -> Iterator[Finding]:

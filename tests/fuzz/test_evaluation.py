@@ -64,7 +64,7 @@ def test_memory_that_grows_is_counted_and_given_back(monkeypatch: pytest.MonkeyP
     tally = fuzzed(Decoder("greedy", lambda data: kept.append(b"x" * (20 << 20)), SEEDS), 7)
     assert tally.inputs == 7
     assert [finding.how for finding in tally.findings] == ["memory"] * len(tally.findings)
-    assert 2 <= len(tally.findings) <= 3
+    assert 1 <= len(tally.findings) <= 3
 
 
 def test_inputs_are_shared_out_evenly() -> None:

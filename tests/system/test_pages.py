@@ -19,7 +19,20 @@ from tests.system.following import DOCS, Block, Terminal, blocks, follow, has_it
 from tests.system.running import actions, cut, eventually, socialbot, socialbot_here
 from tests.system.two_hosts import TwoHosts, two_hosts
 
-HOWTO = sorted(f"howto/{page.name}" for page in (DOCS / "howto").glob("*.md"))
+NOT_FOLLOWED = {
+    "howto/asking.md",
+    "howto/dialogue.md",
+    "howto/hearing.md",
+    "howto/language-model.md",
+    "howto/reachy-mini.md",
+    "howto/reception.md",
+    "howto/robots.md",
+    "howto/simulation.md",
+}
+"""Pages with excerpts of code, or that need a microphone, a robot or an extra; other tests run their commands."""
+
+PAGES = sorted(f"howto/{page.name}" for page in (DOCS / "howto").glob("*.md"))
+HOWTO = [page for page in PAGES if page not in NOT_FOLLOWED]
 TUTORIALS = [
     "tutorial.md",
     "tutorial-devices.md",
@@ -34,13 +47,21 @@ NOT_TYPED = ("howto/ci.md", "howto/teams.md")
 
 
 def test_all_howto_pages_exist() -> None:
-    assert [Path(page).stem for page in HOWTO] == [
+    assert [Path(page).stem for page in PAGES] == [
         "agentspeak",
+        "asking",
         "cameras",
         "ci",
         "detectors",
+        "dialogue",
+        "hearing",
+        "language-model",
         "planners",
+        "reachy-mini",
+        "reception",
+        "robots",
         "services",
+        "simulation",
         "teams",
         "topics",
         "voices",
