@@ -142,7 +142,7 @@ def test_commands_need_the_key_of_the_graph(browser, tmp_path):
             visit = Visit(browser, url)
             visit.page.click("#tab-ask")
             expect(visit.page.locator("#pane-ask")).to_contain_text("the graph has keys and the inspector has none")
-            assert visit.page.locator("#pane-ask button:enabled").count() == 0
+            assert visit.page.locator("#pane-ask fieldset button:enabled").count() == 0
             visit.close()
         with running(*attach, key=f"{keys}:desk") as url:
             visit = Visit(browser, url)
