@@ -9,6 +9,7 @@ import functools
 import logging
 import math
 import time
+import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action.client import ActionClient as RosActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import ActionServer as RosActionServer
 from rclpy.action.server import CancelResponse, GoalResponse
 from rclpy.clock import Clock as SteadyClock
@@ -27,6 +29,7 @@ from rclpy.qos import qos_profile_system_default
 from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import message_class
@@ -129,9 +132,14 @@ class HostedServices:
             return
         executor = SingleThreadedExecutor(context=self._ros.context)
         executor.add_node(self._ros)
-        end = time.monotonic() + CANCEL_SENT_S
+        asked = time.monotonic()
+        end = asked + CANCEL_SENT_S
         while any(channel.is_cancelling for channel in self._channels.values()) and time.monotonic() < end:
             executor.spin_once(timeout_sec=CHECK_PERIOD_S)
+            if time.monotonic() - asked > CHECK_PERIOD_S:
+                # The server may have got the goal only after it was asked to cancel it, and answers can be lost.
+                self.cancel_goals()
+                asked = time.monotonic()
         executor.shutdown()
 
     def close(self) -> None:
@@ -307,8 +315,10 @@ class _ActionChannel(_RosChannel):
     def __init__(self, ros: RosNode, topic: str, kind: Any, report: Callable[..., None]) -> None:
         super().__init__(ros, topic, f"rt{ros.resolve_service_name(topic)}/_action/status", report)
         self._client = RosActionClient(ros, kind, topic)
-        self._goals: dict[PendingCall, Any] = {}
-        """Handle of each sent goal; None until the server has answered."""
+        self._goals: dict[PendingCall, ClientGoalHandle] = {}
+        """Handle of each sent goal."""
+        self._answered: set[PendingCall] = set()
+        """Goals that the server has accepted, as far as the executor knows."""
         self._unwanted: set[PendingCall] = set()
 
     def close(self) -> None:
@@ -319,9 +329,12 @@ class _ActionChannel(_RosChannel):
         return self._client.server_is_ready()
 
     def _request(self, call: PendingCall) -> None:
-        self._goals[call] = None
+        identity = UUID(uuid=list(uuid.uuid4().bytes))
+        self._goals[call] = ClientGoalHandle(self._client, identity, None)
         future = self._client.send_goal_async(
-            call.message, feedback_callback=lambda message: self._report(call.on_feedback, message.feedback)
+            call.message,
+            feedback_callback=lambda message: self._report(call.on_feedback, message.feedback),
+            goal_uuid=identity,
         )
         future.add_done_callback(functools.partial(self._on_answer, call))
 
@@ -332,6 +345,7 @@ class _ActionChannel(_RosChannel):
             self._report(call.end, "rejected")
             return
         self._goals[call] = goal
+        self._answered.add(call)
         self._report(call.on_accepted)
         goal.get_result_async().add_done_callback(functools.partial(self._on_result, call))
         if call in self._unwanted:
@@ -345,13 +359,14 @@ class _ActionChannel(_RosChannel):
 
     def _forget(self, call: PendingCall) -> None:
         self._goals.pop(call, None)
+        self._answered.discard(call)
         self._unwanted.discard(call)
 
     def _cancel(self, call: PendingCall) -> None:
         super()._cancel(call)
         if call in self._goals:
             self._unwanted.add(call)
-            if self._goals[call] is not None:
+            if call in self._answered:
                 self._ask_to_cancel(call)
 
     @property
@@ -359,16 +374,20 @@ class _ActionChannel(_RosChannel):
         return bool(self._unwanted)
 
     def cancel_all(self) -> None:
-        for call in [*self._goals]:
-            self._cancel(call)
+        # By its id, a goal can be cancelled before the answer that it is accepted has arrived.
+        for call in self._goals:
+            self._unwanted.add(call)
+            self._ask_to_cancel(call)
 
     def _ask_to_cancel(self, call: PendingCall) -> None:
         future = self._goals[call].cancel_goal_async()
         future.add_done_callback(functools.partial(self._on_cancel_answer, call))
 
     def _on_cancel_answer(self, call: PendingCall, future: Any) -> None:
-        self._unwanted.discard(call)
         answer = future.result()
+        if call not in self._answered and not answer.goals_canceling:
+            return  # the server may not have the goal yet
+        self._unwanted.discard(call)
         if not answer.goals_canceling and answer.return_code != CancelGoal.Response.ERROR_GOAL_TERMINATED:
             self._report(call.on_cancel_refused)
 

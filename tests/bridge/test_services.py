@@ -74,12 +74,19 @@ def foreign_servers(mode: str = "") -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, str(Path(__file__).with_name("foreign_servers.py")), mode]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
+        assert next_line(process) == "ready\n"
         yield process
     finally:
         process.kill()
         process.wait()
+
+
+def next_line(process: subprocess.Popen[str]) -> str:
+    """The next line that a process prints; empty if none comes in time."""
+    lines: list[str] = []
+    assert process.stdout is not None
+    threading.Thread(target=lambda pipe: lines.append(pipe.readline()), args=(process.stdout,), daemon=True).start()
+    return lines[0] if eventually(lambda: bool(lines)) else ""
 
 
 @pytest.fixture
@@ -258,16 +265,14 @@ class TestActions:
             assert result.outcome == "cancelled"
             assert result.message is None or list(result.message.sequence) == list(hosted.node.seen)
 
-    # A goal that is not accepted yet when the node stops was not cancelled once, on a busy machine: a known race.
-    @pytest.mark.parametrize("early", [pytest.param(True, marks=pytest.mark.slow), False])
+    @pytest.mark.parametrize("early", [True, False])
     def test_a_node_that_stops_cancels_its_goals(self, early):
         """A robot must not drive on when the graph has ended."""
         with foreign_servers() as process:
             with active(Counter) as hosted:
                 in_thread(hosted, lambda node: node.start_count(99))
                 assert eventually(lambda: (early and hosted._services._channels["count"]._goals) or hosted.node.seen)
-            assert process.stdout is not None
-            assert process.stdout.readline() == "cancelled\n"
+            assert next_line(process) == "cancelled\n"
 
     def test_a_node_may_cancel_a_goal_when_it_stops(self):
         class Tidy(Counter):
@@ -286,16 +291,14 @@ class TestActions:
                 in_thread(hosted, lambda node: setattr(node, "goal", node.start_count(99)))
                 assert eventually(lambda: bool(node.seen))
             assert node.tidied
-            assert process.stdout is not None
-            assert process.stdout.readline() == "cancelled\n"
+            assert next_line(process) == "cancelled\n"
 
     def test_a_node_that_is_deactivated_cancels_its_goals(self):
         with foreign_servers() as process, active(Counter) as hosted:
             in_thread(hosted, lambda node: node.start_count(99))
             assert eventually(lambda: bool(hosted.node.seen))
             hosted.transition_to("inactive")
-            assert process.stdout is not None
-            assert process.stdout.readline() == "cancelled\n"
+            assert next_line(process) == "cancelled\n"
 
     def test_deadline_cancels_the_goal(self, servers):
         with active(Counter) as hosted:
