@@ -37,7 +37,7 @@ nodes:
 GREETS_SOON = """\
 from socialbot.testing import expect, person, said
 
-greets = expect(said("greeting")).within(1.25).after(person(nearer_than=50))
+greets = expect(said("greeting")).within(1.05).after(person(nearer_than=50))
 """
 
 
@@ -46,7 +46,7 @@ def bag(tmp_path_factory) -> Path:
     """A bag with a graph that sees one person in every image."""
     made = drawn_bag(tmp_path_factory.mktemp("bags"), frames=30, beside=False)
     model = made.with_name("model.onnx")
-    answers = {"boxes": yolov8_rows((250, 20, 150, 440, 0.9))}
+    answers = {"boxes": yolov8_rows((250, 100, 100, 300, 0.9))}
     model.write_bytes(constant_network(answers, shape=(1, 3, 480, 640)))
     made.with_name("eyes.yaml").write_text(GRAPH.format(model=model))
     made.with_name("behaviours.py").write_text(GREETS_SOON)
@@ -141,7 +141,7 @@ def test_finished_runs_are_not_repeated(bag, tmp_path, monkeypatch):
     more = SweepRunner(plan_of(bag, "waldo.appear_s=0.2,2,3"), tmp_path, lambda done, total: None)
     assert (len(more.run().cells), more.reused) == (3, 2)
     other = bag.with_name("other.py")
-    other.write_text(GREETS_SOON.replace("1.25", "3"))
+    other.write_text(GREETS_SOON.replace("1.05", "3"))
     changed = SweepRunner(plan_of(bag, "waldo.appear_s=0.2,2", expectations=other), tmp_path, lambda done, total: None)
     changed.run()
     assert changed.reused == 0

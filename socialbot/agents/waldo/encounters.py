@@ -14,7 +14,7 @@ from socialbot.core.messages import PersonDetection
 
 _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
-_STANDS_M = 3.2  # who stands farther away engages only by facing the robot
+_STANDS_M = 3.2  # who stands farther away engages only by facing the robot, where faces are detected
 _REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
 PATH_S = 0.3  # least time to measure a path
 _VIEW_EDGE_RAD = 0.12  # people this near to the edge of the view may be cut off
@@ -79,13 +79,11 @@ def path_of(frames: Sequence[Frame], person: str) -> Path | None:
     return Path(speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
 
 
-def has_path(person: PersonDetection) -> bool:
-    """Whether more frames will tell if a person comes nearer, which is not known otherwise."""
-    return person.facing_rad is None and person.distance_m is not None and person.bearing_rad is not None
+def is_attentive(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> bool:
+    """Whether a person within ``within_m`` walks up to the robot, faces it, or stands near it without turning away.
 
-
-def is_attentive(person: PersonDetection, path: Path | None, within_m: float = math.inf) -> bool:
-    """Whether a person within ``within_m`` walks up to the robot, faces it, or stands near it without turning away."""
+    Without detection of ``faces``, to stand within ``within_m`` is enough.
+    """
     if person.distance_m is not None and person.distance_m > within_m:
         return False
     if path is not None and path.speed_mps >= _STRIDES_MPS:
@@ -95,18 +93,18 @@ def is_attentive(person: PersonDetection, path: Path | None, within_m: float = m
     if path is None:
         return person.approach_mps is None or person.approach_mps > -_WALKS_MPS
     if path.speed_mps < _WALKS_MPS:
-        return person.distance_m is None or person.distance_m <= _STANDS_M
+        return _stands_near(person, faces)
     return path.approach_mps > 0 and path.passes_m <= _REACH_M
 
 
-def is_undecided(person: PersonDetection, path: Path | None) -> bool:
-    """Whether more frames will tell if a person attends to the robot: nothing but their standing there does so far."""
-    if person.facing_rad is not None:
+def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:
+    """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
+    if person.facing_rad is not None or person.distance_m is None or person.bearing_rad is None:
         return False
-    return has_path(person) and (path is None or path.speed_mps < _WALKS_MPS)
+    return path is None or (faces and path.speed_mps < _WALKS_MPS)
 
 
-def attention(person: PersonDetection, path: Path | None, within_m: float = math.inf) -> str:
+def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> str:
     """Describe what `is_attentive` judges by."""
     if person.distance_m is not None and person.distance_m > within_m:
         return f"is {person.distance_m:.1f} m away"
@@ -117,10 +115,14 @@ def attention(person: PersonDetection, path: Path | None, within_m: float = math
         known = person.approach_mps is not None
         return f"approaches at {person.approach_mps:.1f} m/s" if known else "does not turn away"
     if path.speed_mps < _WALKS_MPS:
-        near = person.distance_m is None or person.distance_m <= _STANDS_M
+        near = _stands_near(person, faces)
         return "stands before the robot" if near else f"stands {person.distance_m:.1f} m away"
     walks = f"walks past the robot at {path.passes_m:.1f} m" if path.approach_mps > 0 else "walks away from the robot"
     return "walks up to the robot" if path.approach_mps > 0 and path.passes_m <= _REACH_M else walks
+
+
+def _stands_near(person: PersonDetection, faces: bool) -> bool:
+    return not faces or person.distance_m is None or person.distance_m <= _STANDS_M
 
 
 def _is_facing_known(person: PersonDetection) -> bool:

@@ -182,6 +182,7 @@ class PersonSensor(Sensor):
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
         self._engaged: set[str] = set()
+        self._sees_faces = False  # whether any face has been seen, so that a face may be waited for
         self._conversations = Conversations()
         self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
         self._bearings: dict[str, float | None] = {}  # where each of them was last, from the robot's base,
@@ -319,16 +320,16 @@ class PersonSensor(Sensor):
             yield ((+converses(person)) if begins else (-converses(person))).because(why)
 
     def _attend(self) -> Iterator[Event]:
-        frames = self._recent(max(self._config.appear_s, PATH_S))
+        frames, faces = self._recent(max(self._config.appear_s, PATH_S)), self._sees_faces
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
             engaged, path = person in self._engaged, path_of(frames, person)
             since = self._frames[-1].stamp - self._changed.get(person, 0)
-            if not looks or (since < nanoseconds(_DECIDE_S) and is_undecided(looks[-1], path)):
+            if not looks or (since < nanoseconds(_DECIDE_S) and is_undecided(looks[-1], path, faces=faces)):
                 continue
-            share = fmean(is_attentive(look, path, self._config.engage_m) for look in looks)
+            share = fmean(is_attentive(look, path, self._config.engage_m, faces=faces) for look in looks)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
-            why = f"{person} {attention(looks[-1], path, self._config.engage_m)} ({shown})"
+            why = f"{person} {attention(looks[-1], path, self._config.engage_m, faces=faces)} ({shown})"
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
                 yield (+engages(person)).because(why)
@@ -346,6 +347,7 @@ class PersonSensor(Sensor):
         persons = [in_base(person, percept.camera_yaw_rad) for person in percept.persons]
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
+        self._sees_faces = self._sees_faces or any(person.facing_rad is not None for person in persons)
         turned = percept.camera_yaw_rad is not None and percept.camera_hfov_rad is not None
         view = (percept.camera_yaw_rad or 0.0, (percept.camera_hfov_rad or 0.0) / 2) if turned else (0.0, math.inf)
         self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near), *view))

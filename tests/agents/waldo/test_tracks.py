@@ -108,14 +108,34 @@ def walks(seconds: float, begin: tuple[float, float], speed: tuple[float, float]
         ((5.5, 0.0), (-1.2, 0.0), True),
         ((5.5, 0.5), (-1.2, 0.0), True),
         ((3.0, 0.5), (0.0, 0.0), True),
+        ((5.0, 0.5), (0.0, 0.0), True),
         ((4.0, -3.0), (0.0, 1.3), False),
         ((2.0, 0.0), (1.0, 0.0), False),
         ((5.0, 2.0), (-1.2, 0.2), False),
     ],
-    ids=["walks up", "walks up beside", "stands", "walks across", "walks away", "passes at a distance"],
+    ids=[
+        "walks up",
+        "walks up beside",
+        "stands",
+        "stands far away",
+        "walks across",
+        "walks away",
+        "passes at a distance",
+    ],
 )
 def test_only_people_who_approach_or_stand_are_greeted(begin, speed, greeted):
     assert [what for _, what in walks(3.0, begin, speed)] == (["greeting"] if greeted else [])
+
+
+@pytest.mark.parametrize("facing_rad", [None, 3.0])
+def test_who_stands_far_away_must_face_the_robot_once_faces_are_seen(facing_rad):
+    corridor = Corridor()
+    corridor.until(2)
+    far = replace(ANNA, track_id="t2", distance_m=5.0, bearing_rad=0.1)
+    other = replace(turned(3.0), facing_rad=facing_rad, distance_m=5.5, bearing_rad=-0.5)
+    corridor.until(6, far, other)
+    greets = [what for _, what in corridor.did if what.startswith("greeting")]
+    assert bool(greets) == (facing_rad is None)
 
 
 def test_slow_detector_greets_people_who_approach():
