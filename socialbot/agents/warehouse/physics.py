@@ -7,10 +7,6 @@ suction, a constraint that is active while it is closed. A carrier pushes its bo
 
 from __future__ import annotations
 
-import importlib
-import os
-from typing import Any
-
 import numpy as np
 
 from socialbot.agents.base._simulation import WorldFault
@@ -30,7 +26,7 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.agents.warehouse.world import FLOOR, UNLOAD_S, Warehouse
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import ParameterError
+from socialbot.core.mujoco import load_mujoco
 
 STEP_S = 0.004
 CONTACT_S = 4 * STEP_S
@@ -46,17 +42,6 @@ PUSH_M = 1.02
 """Way of the pusher of a carrier, to the edge of its deck."""
 RAIL_Z = 2.1
 COLOURS = ("0.85 0.33 0.24 1", "0.23 0.51 0.80 1", "0.30 0.66 0.38 1", "0.90 0.66 0.22 1", "0.55 0.39 0.73 1")
-
-
-def load_mujoco() -> Any:
-    """Import MuJoCo. Raises ParameterError with the remedy if it is not installed."""
-    os.environ.setdefault("MUJOCO_GL", "egl")  # read when it is imported; other windowing needs a screen
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError as error:
-        raise ParameterError(
-            f"the warehouse with physics needs MuJoCo: {error}", remedy="pip install 'socialbot[sim]'"
-        ) from error
 
 
 def scene_xml(scenario: Scenario) -> str:
@@ -185,7 +170,7 @@ def _servo(joint: str, stiffness: float, kilograms: float) -> str:
 class PhysicalWarehouse(Warehouse):
     """Warehouse whose boxes obey physics. Commands, states and faults are those of `Warehouse`.
 
-    Raises ParameterError without MuJoCo.
+    Raises InstallationError without MuJoCo.
     """
 
     def __init__(

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from socialbot.core import paths
+from socialbot.core.mujoco import load_mujoco
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.robots.simulation.head_servo import load_mujoco
 from socialbot.robots.simulation.node import SimulatedPlace
 from socialbot.robots.simulation.truth_detector import TruthDetector
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import os
 from dataclasses import dataclass
-from typing import Any
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import InstallationError
 from socialbot.core.messages import JointTrajectory
+from socialbot.core.mujoco import load_mujoco
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 LIMITS_RAD = {PAN: 1.6, TILT: 0.8}
@@ -23,21 +20,6 @@ _HEAD = f"""<mujoco><option timestep="{_STEP_S}" integrator="implicitfast" gravi
 <body name="tilt"><inertial pos="0 0 0" mass="1.2" diaginertia="{_TILT_KG_M2} {_TILT_KG_M2} {_TILT_KG_M2}"/>
 <joint name="{TILT}" axis="0 -1 0" frictionloss="0.01"/></body></body></worldbody>
 <actuator>{{servos}}</actuator></mujoco>"""
-
-
-def load_mujoco() -> Any:
-    """Import MuJoCo, with EGL for drawing if no other OpenGL is chosen.
-
-    Raises:
-        InstallationError: It is not installed.
-    """
-    os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError as error:
-        raise InstallationError(
-            f"simulated places need MuJoCo: {error}", remedy="pip install 'socialbot[sim]'"
-        ) from error
 
 
 def _servo(joint: str, inertia: float) -> str:

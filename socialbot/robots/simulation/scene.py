@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from socialbot.core.errors import InstallationError
+from socialbot.core.mujoco import load_mujoco
 from socialbot.robots.simulation.figure import Figure, Part
-from socialbot.robots.simulation.head_servo import load_mujoco
 from socialbot.robots.simulation.looks import Colour
 from socialbot.robots.simulation.place import Place, placed
 from socialbot.robots.simulation.posture import Frame

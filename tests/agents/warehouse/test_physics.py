@@ -14,7 +14,7 @@ from socialbot.agents.warehouse.scenario import BOX_M, DECK_M, SIX, scenario_of
 from socialbot.agents.warehouse.world import FLOOR
 from socialbot.agents.warehouse.world_node import WarehouseWorld
 from socialbot.core.clock import nanoseconds
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import InstallationError
 from socialbot.graph.inline import InlineRunner
 
 MM = 0.001
@@ -22,7 +22,7 @@ MM = 0.001
 
 def test_missing_package_is_named_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(InstallationError) as caught:
         PhysicalWarehouse()
     assert "pip install 'socialbot[sim]'" in str(caught.value)
 
