@@ -344,12 +344,18 @@ class _ActionChannel(_RosChannel):
             self._forget(call)
             self._report(call.end, "rejected")
             return
-        self._goals[call] = goal
-        self._answered.add(call)
-        self._report(call.on_accepted)
-        goal.get_result_async().add_done_callback(functools.partial(self._on_result, call))
+        if call not in self._goals:
+            return  # it was cancelled before this answer, and has ended
+        self._on_accepted(call)
         if call in self._unwanted:
             self._ask_to_cancel(call)
+
+    def _on_accepted(self, call: PendingCall) -> None:
+        if call in self._answered:
+            return
+        self._answered.add(call)
+        self._report(call.on_accepted)
+        self._goals[call].get_result_async().add_done_callback(functools.partial(self._on_result, call))
 
     def _on_result(self, call: PendingCall, future: Any) -> None:
         self._forget(call)
@@ -366,28 +372,29 @@ class _ActionChannel(_RosChannel):
         super()._cancel(call)
         if call in self._goals:
             self._unwanted.add(call)
-            if call in self._answered:
-                self._ask_to_cancel(call)
+            self._ask_to_cancel(call)
 
     @property
     def is_cancelling(self) -> bool:
         return bool(self._unwanted)
 
     def cancel_all(self) -> None:
-        # By its id, a goal can be cancelled before the answer that it is accepted has arrived.
         for call in self._goals:
             self._unwanted.add(call)
             self._ask_to_cancel(call)
 
     def _ask_to_cancel(self, call: PendingCall) -> None:
+        # By its id, a goal can be cancelled before the answer that it is accepted has arrived.
         future = self._goals[call].cancel_goal_async()
-        future.add_done_callback(functools.partial(self._on_cancel_answer, call))
+        future.add_done_callback(functools.partial(self._on_cancel_answer, call, call not in self._answered))
 
-    def _on_cancel_answer(self, call: PendingCall, future: Any) -> None:
+    def _on_cancel_answer(self, call: PendingCall, early: bool, future: Any) -> None:
         answer = future.result()
-        if call not in self._answered and not answer.goals_canceling:
-            return  # the server may not have the goal yet
+        if call not in self._unwanted or (early and not answer.goals_canceling):
+            return  # an answer has decided it, or the server may not have had the goal yet
         self._unwanted.discard(call)
+        if answer.goals_canceling:
+            self._on_accepted(call)
         if not answer.goals_canceling and answer.return_code != CancelGoal.Response.ERROR_GOAL_TERMINATED:
             self._report(call.on_cancel_refused)
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from socialbot.bridge._services import WATCH_PERIOD_S
+from socialbot.bridge._services import WATCH_PERIOD_S, _ActionChannel
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph.calls import CallResult, GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -273,6 +273,18 @@ class TestActions:
                 in_thread(hosted, lambda node: node.start_count(99))
                 assert eventually(lambda: (early and hosted._services._channels["count"]._goals) or hosted.node.seen)
             assert next_line(process) == "cancelled\n"
+
+    def test_a_goal_can_be_cancelled_without_the_answer_that_it_is_accepted(self, monkeypatch):
+        """A server that starts may answer before it has discovered the client, and the answer is lost."""
+        monkeypatch.setattr(_ActionChannel, "_on_answer", lambda self, call, future: None)
+        with foreign_servers() as process, active(Counter) as hosted:
+            call = in_thread(hosted, lambda node: node.start_count(99))
+            assert eventually(lambda: bool(hosted.node.seen))
+            in_thread(hosted, lambda node: call.cancel())
+            assert next_line(process) == "cancelled\n"
+            result = only_result(hosted)
+            assert (result.outcome, result.reason) == ("cancelled", "")
+            assert list(result.message.sequence) == list(hosted.node.seen)
 
     def test_a_node_may_cancel_a_goal_when_it_stops(self):
         class Tidy(Counter):
