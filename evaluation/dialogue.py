@@ -38,7 +38,7 @@ def reception_script() -> Script:
     """Return the script of the receptionist."""
     folder = resources.files("socialbot.agents.reception")
     building = load_building("building.yaml", folder.joinpath("building.yaml").read_text("utf-8"))
-    base = small_talk().extended(values={"room": building.rooms, "colleague": building.people})
+    base = Script(values={"room": building.rooms, "colleague": building.people}, base=small_talk())
     return load_script("reception.yaml", folder.joinpath("reception.yaml").read_text("utf-8"), base)
 
 

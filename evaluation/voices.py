@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
-from socialbot.agents.dialogue import load_script
+from socialbot.agents.dialogue import Script, load_script
 from socialbot.agents.reception import load_building
 from socialbot.agents.waldo import small_talk
 from socialbot.speech.neural import PiperVoice, open_voice
@@ -36,7 +36,7 @@ def sentences() -> list[str]:
     """Return the English sentences of the reception."""
     folder = resources.files("socialbot.agents.reception")
     building = load_building("building.yaml", folder.joinpath("building.yaml").read_text("utf-8"))
-    base = small_talk().extended(values={"room": building.rooms, "colleague": building.people})
+    base = Script(values={"room": building.rooms, "colleague": building.people}, base=small_talk())
     script = load_script("reception.yaml", folder.joinpath("reception.yaml").read_text("utf-8"), base)
     script |= building.script()
     return [script.sentence(name, ("Anna Miller", "18:00"), "en")[0] for name in script.sentences]

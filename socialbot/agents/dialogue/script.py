@@ -65,6 +65,7 @@ class Script:
         questions: The questions.
         sentences: Sentences by situation and language; ``{0}`` is the first argument.
         where: Place of the declaration, for errors.
+        base: Script that this one extends: its parts are replaced by equally named ones and tried after them.
 
     Raises:
         RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
@@ -77,10 +78,19 @@ class Script:
         questions: Iterable[Question] = (),
         sentences: Mapping[str, Mapping[str, str]] | None = None,
         where: str = "dialogue",
+        base: Script | None = None,
     ) -> None:
-        self.grammar = Grammar(intents, values)
+        intents = list(intents)
         self.questions = {question.name: question for question in questions}
         self.sentences = {name: dict(texts) for name, texts in (sentences or {}).items()}
+        if base is not None:
+            new = {intent.name for intent in intents}
+            intents += [one for name, one in base.grammar.intents.items() if name not in new]
+            values = {**base.grammar.values, **(values or {})}
+            self.questions = {**base.questions, **self.questions}
+            names = dict.fromkeys((*base.sentences, *self.sentences))
+            self.sentences = {name: {**base.sentences.get(name, {}), **self.sentences.get(name, {})} for name in names}
+        self.grammar = Grammar(intents, values)
         for question in self.questions.values():
             for intent in question.expects:
                 if intent != ANY and intent not in self.grammar.intents:
@@ -97,33 +107,8 @@ class Script:
 
     def __or__(self, other: Script) -> Script:
         """Return both scripts in one; parts of the right one replace equally named ones and are tried first."""
-        return self.extended(
-            other.grammar.intents.values(), other.grammar.values, other.questions.values(), other.sentences
-        )
-
-    def extended(
-        self,
-        intents: Iterable[Intent] = (),
-        values: Mapping[str, Names] | None = None,
-        questions: Iterable[Question] = (),
-        sentences: Mapping[str, Mapping[str, str]] | None = None,
-        where: str = "dialogue",
-    ) -> Script:
-        """Return this script with more parts, which replace equally named ones and are tried first.
-
-        Raises:
-            RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
-        """
-        more, said = list(intents), sentences or {}
-        names: list[str] = [*self.sentences, *(name for name in said if name not in self.sentences)]
-        new = {intent.name for intent in more}
-        return Script(
-            [*more, *(one for name, one in self.grammar.intents.items() if name not in new)],
-            {**self.grammar.values, **(values or {})},
-            {**self.questions, **{question.name: question for question in questions}}.values(),
-            {name: {**self.sentences.get(name, {}), **said.get(name, {})} for name in names},
-            where,
-        )
+        mine = other.grammar
+        return Script(mine.intents.values(), mine.values, other.questions.values(), other.sentences, base=self)
 
     @property
     def languages(self) -> tuple[str, ...]:
@@ -162,23 +147,29 @@ def load_script(path: Path | str, text: str | None = None, base: Script | None =
         GraphError: The file cannot be read or does not follow the layout.
         RuleError: A part refers to an unknown one, or a phrase or sentence is invalid.
     """
-    if text is None:
-        try:
-            text = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
-    page = read_page(text, where=str(path))
+    page = page_of(path, text)
     page.only("values", "intents", "questions", "sentences")
     known = {slot: names_in(page.section("values").section(slot)) for slot in page.section("values", {}).page}
     intents, questions = page.section("intents", {}), page.section("questions", {})
     sentences = page.section("sentences", {})
-    return (base or Script()).extended(
+    return Script(
         [_intent(name, intents.section(name)) for name in map(str, intents.page)],
         known,
         [_question(name, questions.section(name)) for name in map(str, questions.page)],
         {str(name): _sentence(sentences.section(name)) for name in sentences.page},
         where=str(path),
+        base=base,
     )
+
+
+def page_of(path: Path | str, text: str | None = None) -> YamlSection:
+    """Parse a YAML file, or its ``text`` if it has been read. Raises GraphError."""
+    if text is None:
+        try:
+            text = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
+    return read_page(text, where=str(path))
 
 
 def names_in(section: YamlSection) -> dict[str, dict[str, list[str]]]:

@@ -1,15 +1,17 @@
 """Building of a reception: its rooms, colleagues and opening hours, from a YAML file::
 
-timezone: Europe/Berlin
-hours:
-mon-fri: "08:00-18:00"
-sat: "10:00-14:00"
-rooms:
-library:
-names: {en: [library, reading room], de: Bibliothek}
-way: {en: "The library is on the second floor.", de: "Die Bibliothek ist im zweiten Stock."}
-colleagues:
-anna: {names: {en: [Anna Smith, Anna]}, room: library, contact: "12"}
+    timezone: Europe/Berlin
+    hours:
+      mon-fri: "08:00-18:00"
+      sat: "10:00-14:00"
+    rooms:
+      library:
+        names: {en: [library, reading room], de: Bibliothek}
+        way: {en: "The library is on the second floor.", de: "Die Bibliothek ist im zweiten Stock."}
+    colleagues:
+      anna: {names: {en: [Anna Smith, Anna]}, room: library, contact: "12"}
+
+Days are single ones or ranges; a colleague needs no room.
 """
 
 from __future__ import annotations
@@ -22,10 +24,10 @@ from datetime import datetime, time, timezone, tzinfo
 from pathlib import Path
 
 from socialbot.agents.dialogue import Script
-from socialbot.agents.dialogue.script import texts_in
+from socialbot.agents.dialogue.script import page_of, texts_in
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, suggestion
-from socialbot.core.yaml import YamlSection, read_page
+from socialbot.core.yaml import YamlSection
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
@@ -85,12 +87,7 @@ def load_building(path: Path | str, text: str | None = None) -> Building:
     Raises:
         GraphError: The file cannot be read, or is invalid.
     """
-    if text is None:
-        try:
-            text = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise GraphError(f"cannot be read: {error}", where=str(path), remedy="name a YAML file") from error
-    page = read_page(text, where=str(path))
+    page = page_of(path, text)
     page.only("timezone", "hours", "rooms", "colleagues")
     rooms, people, hours = page.section("rooms", {}), page.section("colleagues", {}), page.section("hours", {})
     for section in (rooms.section(name) for name in rooms.page):

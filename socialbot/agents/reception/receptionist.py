@@ -48,7 +48,7 @@ class Receptionist(TalkingWaldo):
         self.calls: dict[str, call] = {}
         self.place = self._load_building()
         text = resources.files("socialbot.agents.reception").joinpath("reception.yaml").read_text("utf-8")
-        base = small_talk().extended(values={"room": self.place.rooms, "colleague": self.place.people})
+        base = Script(values={"room": self.place.rooms, "colleague": self.place.people}, base=small_talk())
         script = load_script("reception.yaml", text, base) | self.place.script()
         if self.script:
             script = load_script(paths.in_workspace(self.script, where=f"{self.name}.script"), base=script)
