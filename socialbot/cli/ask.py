@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -10,9 +10,6 @@ from socialbot.cli._options import JsonOption, RunArgument
 from socialbot.cli._runs import opened_run, print_found
 from socialbot.cli.why import seconds_of
 from socialbot.core.errors import ParameterError
-
-if TYPE_CHECKING:
-    pass
 
 PANEL = "Look into a run"
 EXAMPLES = (

@@ -54,8 +54,8 @@ class Deed:
 class Condition:
     """Belief as a reason, in words.
 
-    A sentence may contain ``{person}``, the arguments ``{0}``, ``{1}``, and the name of a belief about the same
-    person, such as ``{present}``: the time (s) for which that belief had been held.
+    A sentence may contain ``{person}``, and the name of a belief about the same person, such as ``{present}``: the time
+    (s) for which that belief had been held.
 
     Args:
         belief: Name of the belief, or a literal such as ``personDetected("No")``.

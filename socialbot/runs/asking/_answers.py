@@ -391,8 +391,11 @@ class _Answering(Scope):
         if not before:
             return nothing.text, [nothing]
         last = self.speech.did(before[-1], self.subjects.topic_of(before[-1]), at=False)
-        told = self.speech.say("last_was", at=number(self.history.seconds(before[-1].stamp)), clause=last.text)
+        told = self.speech.say("last_was", when=self._when_done(before[-1]), clause=last.text)
         return f"{nothing.text}; {told}", [nothing, last]
+
+    def _when_done(self, deed: TraceRecord) -> str:
+        return self.speech.when(self.history.seconds(deed.stamp))
 
     def _listed_deeds(self, deeds: Sequence[TraceRecord]) -> tuple[str, list[Clause]] | None:
         shown = deeds[-MOST_NAMED:]
@@ -430,7 +433,7 @@ class _Answering(Scope):
         if later is None or later.stamp > self.now:
             return told, clauses
         done = self.speech.did(later, self.subjects.topic_of(later), at=False)
-        following = self.speech.say("next_was", at=number(self.history.seconds(later.stamp)), clause=done.text)
+        following = self.speech.say("next_was", when=self._when_done(later), clause=done.text)
         return f"{told}; {following}", [*clauses, done]
 
     def _planned(self, stamp: int) -> list[Clause]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, Held, record_agent
-from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech, number
+from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
 from socialbot.runs.why import explain, head_of
@@ -184,7 +184,7 @@ def reasons_against(
             clause = speech.lacked("present", [person], agent, at)
             if clause is not None and not any(each.within(begin, end) for each in facts.held("present", person, agent)):
                 return [clause]
-    rejected = _rejected(facts, plans, topic, begin, end, agent)
+    rejected = _rejected(speech, plans, begin, end, agent)
     if rejected is not None:
         return [rejected]
     if entries:
@@ -242,8 +242,9 @@ def _belief_event(plan: str) -> str:
     return f"{found[1]}{arguments}" if '"' in arguments else found[1]
 
 
-def _rejected(facts: Facts, plans: Sequence[str], topic: Topic, begin: int, end: int, agent: str) -> Clause | None:
+def _rejected(speech: Speech, plans: Sequence[str], begin: int, end: int, agent: str) -> Clause | None:
     """Return the last rejection of one of the plans in a span of time."""
+    facts = speech.facts
     for record in reversed(facts.history.between(begin, end)):
         if agent and record.source != agent:
             continue
@@ -251,5 +252,6 @@ def _rejected(facts: Facts, plans: Sequence[str], topic: Topic, begin: int, end:
             if plan in plans and because:
                 seconds = facts.seconds(record.stamp)
                 claim = Claim("rejected", record.source, (plan, because), seconds)
-                return Clause(f'at {number(seconds)} s a rule for it was rejected: "{because}"', (record.id,), claim)
+                clause = Clause(f'a rule for it was rejected: "{because}"', (record.id,), claim)
+                return speech.at(clause, seconds)
     return None

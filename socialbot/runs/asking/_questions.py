@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from typing import Literal
 
-from socialbot.runs.asking._languages import INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking._languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 from socialbot.runs.asking._references import (
     PersonReference,
     Reading,
@@ -93,7 +93,7 @@ class Question:
         ordinal: Which time a deed was done: 1 for the first, -1 for the last.
         is_past: Whether it asks about the past.
         says: Words that were said, in a question about an utterance.
-        about_people: Whether it counts people.
+        unknown: Its words that nothing explains.
     """
 
     kind: Kind | None
@@ -108,7 +108,6 @@ class Question:
     ordinal: int | None = None
     is_past: bool = False
     says: tuple[str, ...] = ()
-    about_people: bool = False
     unknown: tuple[str, ...] = ()
 
 
@@ -122,7 +121,7 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
     """
     words = tokens(text)
     if not words:
-        return Question(None, language or "en", 0.0)
+        return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
     read = [_read(_joined(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
     exact = {question.language: _exact(words, LANGUAGES[question.language]) for question in read}
@@ -183,8 +182,7 @@ def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Quest
     confidence = min(sure, fit) * _coverage(reading, topic, subjects.known_words | _domain(subjects, language.code))
     return Question(
         kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, ordinal,
-        is_past=reading.has("past") and not reading.has("future"), says=says,
-        about_people=reading.has("people"), unknown=unknown,
+        is_past=reading.has("past") and not reading.has("future"), says=says, unknown=unknown,
     )  # fmt: skip
 
 

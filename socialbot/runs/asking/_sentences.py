@@ -105,10 +105,14 @@ class Speech:
 
     def then(self, seconds: float, text: str) -> str:
         """Return a text with the time it is about in front."""
+        return self.say("then", when=self.when(seconds), clause=text)
+
+    def when(self, seconds: float) -> str:
+        """Return a time in words: from the start of the run, or back from the question."""
         if self.asked_at_s is None or seconds > self.asked_at_s:
-            return self.say("then", at=number(seconds), clause=text)
+            return self.say("at", at=number(seconds))
         ago = round(self.asked_at_s - seconds)
-        return self.say("ago", ago=ago, clause=text) if ago > 1 else self.say("just_now", clause=text)
+        return self.say("ago", ago=ago) if ago > 1 else self.say("just_now")
 
     def _declared(self, sentences: Sentences, persons: Sequence[str], nobody: str = "somebody") -> str | None:
         pair = sentences.get(self.language)

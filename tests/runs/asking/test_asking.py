@@ -67,6 +67,9 @@ class TestWhy:
             ("Warum hast du mich gegrüßt?", 9.2, "Vor 7 Sekunden: ich habe dich begrüßt"),
             ("Pourquoi m'as-tu salué ?", 9.2, "Il y a 7 secondes, "),
             ("¿Por qué me saludaste?", 9.2, "Hace 7 segundos "),
+            ("What are you doing?", 9.2, "Just now I was doing nothing; the last thing was 7 seconds ago: I greeted"),
+            ("What will you do next?", 1.0, "Just now I had no intention"),
+            ("Was machst du?", 9.2, "Gerade eben: ich tat gerade nichts; das Letzte war vor 7 Sekunden: ich"),
         ],
     )
     def test_times_are_told_from_the_question_on_when_spoken(self, waldo, question, at_s, begin):
