@@ -23,6 +23,7 @@ from socialbot.bdi.intentions import (
     Failed,
     Failure,
     Intention,
+    OpenRequest,
     Pause,
     QueuedPlan,
     Request,
@@ -289,6 +290,8 @@ class IntentionStack:
                 self.achieved(goal)
                 return None
             assert plan is not None
+            if goal is not None and kind & OPEN and self.failure_plans(goal).plans:
+                goal = OpenRequest(goal)
             if result.__class__ is not tuple:
                 return self._take_on(intention, goal, plan, result)
             self.replace_goal(intention, goal, plan)
@@ -424,8 +427,10 @@ class IntentionStack:
         if not trigger.plans and not self.waits.events:
             return problem
         kind, _, args, notes, _ = goal
-        if kind & OPEN:
-            free(args)  # a failed plan gives no values
+        if isinstance(goal, OpenRequest):
+            args, notes = goal.undo()
+        elif kind & OPEN:
+            free((args, notes))  # a failed plan gives no values
         args = resolve(args)
         if trigger.annotated or self.waits.events or self._interpreter.trace.sink is not None:
             notes = problem.annotations + notes

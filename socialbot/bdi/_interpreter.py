@@ -307,7 +307,9 @@ class Interpreter:
                         mode = kind >> MODE
                         if kind & EVENT:
                             served = None
-                        special = special or (kind & OPEN and not mode)
+                        special = special or (
+                            kind & OPEN and (not mode or trigger.failure is None or trigger.failure.plans)
+                        )
                         if kind & TAIL:
                             frames.pop()
                             if intention.atomic:

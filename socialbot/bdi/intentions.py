@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from socialbot.bdi.literals import Annotation, Goal, Literal, error, error_msg, literal_from_key
 from socialbot.bdi.steps import PlanFailed
 from socialbot.bdi.terms import Atom, Variable
-from socialbot.bdi.unification import Trail, Var, annotations_match, closed, resolve, undo, unify
+from socialbot.bdi.unification import Trail, Var, annotations_match, closed, free, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._explain import GoalLevel
@@ -133,6 +133,33 @@ class Failure:
 
 Request = tuple[int, "Trigger", tuple[Any, ...], tuple[Any, ...], Any]
 """Request of a body: kind, trigger, arguments and annotations of the goal, and its record."""
+
+
+class OpenRequest(tuple[Any, ...]):
+    """Request for a goal with variables, after the selection of its plan.
+
+    Args:
+        request: The request.
+    """
+
+    def __new__(cls, request: Request) -> OpenRequest:
+        return super().__new__(cls, request)
+
+    def __init__(self, request: Request) -> None:
+        self._selected: tuple[Any, Any] = resolve(request[2:4])
+
+    def undo(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Undo all bindings of its failed plan.
+
+        Returns:
+            Its arguments and annotations for a failure plan: with the values that head and context of the failed plan
+            gave, which the goal itself does not keep.
+        """
+        _, _, args, notes, _ = self
+        free((args, notes, self._selected))
+        found, selected_notes = self._selected
+        return tuple(arg if one.__class__ is Var else one for arg, one in zip(args, found, strict=True)), selected_notes
+
 
 Body = Any
 """Generator of the remaining steps of a plan."""
@@ -471,8 +498,8 @@ def mode_of(free: Iterable[bool]) -> int:
 
 
 def subgoal(trigger: Trigger, args: tuple[Any, ...], notes: tuple[Any, ...], cause: Any) -> Request:
-    """Request for a goal, whose arguments may be unbound."""
-    return (SUBGOAL if closed(args) else SUBGOAL | OPEN, trigger, args, notes, cause)
+    """Request for a goal, whose arguments and annotations may be unbound."""
+    return (SUBGOAL if closed(args) and closed(notes) else SUBGOAL | OPEN, trigger, args, notes, cause)
 
 
 def once(result: Any) -> Body:

@@ -414,13 +414,17 @@ class Reference:
 
     def pursue(self, goal: str, args: Args, notes: Args = SELF) -> Body:
         self.notice(f"+{goal}", args, notes)
+        free = [look(arg) for arg in args if is_open(arg)]
+        given = args
         try:
             chosen = self.choose(f"+{goal}", args, notes)
             if chosen is None:
                 raise Failed
+            given = tuple(arg if is_open(arg) else look(arg) for arg in args)
             yield from self.perform(*chosen)
         except Failed:
-            chosen = self.choose(f"-{goal}", args, notes)
+            undo(free)
+            chosen = self.choose(f"-{goal}", given, notes)
             if chosen is None:
                 raise
             yield from self.perform(*chosen)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Goal, Inference, Plan, apart, wait
+from socialbot.bdi import Goal, Inference, Plan, apart, test, wait
 from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
@@ -183,6 +183,22 @@ def test_a_goal_binds_variables_as_in_the_reference():
     both.post("achieve", go(0))
     assert both.settle()
     assert both.reference.done == [(2,), ("p",), ("end",)]
+
+
+def test_a_failure_plan_sees_what_head_and_context_gave_as_in_the_reference():
+    program = [
+        go(X) >> [sub(X, Y), do("after")],
+        sub(0, Z) / q(0, Z) >> [crash()],
+        sub(1, Z) >> [test(q(0, Z)), crash()],
+        -sub(X, Z) / p(Z) >> [do("failed", X, Z)],
+    ]
+    both = Both(program)
+    for belief in (q(0, 1), p(2), p(1)):
+        both.post("believe", belief)
+    both.post("achieve", go(0))
+    both.post("achieve", go(1))
+    assert both.settle()
+    assert both.done == [("failed", 0, 1), ("after",), ("failed", 1, 1), ("after",)]
 
 
 def test_a_separate_goal_with_a_variable_starts_in_the_next_turn_like_any_other():

@@ -51,7 +51,7 @@ def compile_plan(compiled: CompiledPlan, *, mode: int = 0) -> Any:
         if plan.stage is not None:
             f.line(f"if ag.stage != {plan.stage!r}: return None")
         head(f, plan.event.literal, fail, mode, belief=plan.event.change in BELIEFS)
-        write(f, plan.condition, fail, lambda: chosen(f, plan))
+        write(f, plan.condition, fail, lambda: chosen(f, plan, opened=opened))
         f.line(fail)
         run, lines = unit.build()
     compiled.lines.update(lines)
@@ -105,8 +105,8 @@ def head(f: Function, pattern: Literal, fail: str, mode: int, *, belief: bool = 
         f.resolve(fresh, VALUE)
 
 
-def chosen(f: Function, plan: Plan) -> None:
-    """Emit the code after a successful context condition."""
+def chosen(f: Function, plan: Plan, *, opened: bool) -> None:
+    """Emit the code after a successful context condition; an ``opened`` goal may have unbound variables."""
     values = ", ".join(f"{name!r}: {f.local(name)}" for name in sorted(f.scope))
     f.line(f"c = cause if ag.trace.sink is None else chosen(ag, PLAN, args, notes, cause, {{{values}}})")
     if not plan.body:
@@ -117,7 +117,7 @@ def chosen(f: Function, plan: Plan) -> None:
     meta = plan.event.change in META
     kept = f.unit.library.keeps_goals and _ends_with_goal(plan)
     if straight(plan.body) and not (plan.atomic or meta or kept or plan.stepwise):
-        inline(f, plan, body, generator)
+        inline(f, plan, body, generator, opened=opened)
     else:
         f.line(f"return SpecialBody({generator}, False)" if plan.atomic or meta else f"return {generator}")
 
@@ -126,8 +126,11 @@ def _ends_with_goal(plan: Plan) -> bool:
     return bool(plan.body) and isinstance(plan.body[-1], Achieve) and not plan.body[-1].apart
 
 
-def inline(f: Function, plan: Plan, body: Body, generator: str) -> None:
-    """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator."""
+def inline(f: Function, plan: Plan, body: Body, generator: str, *, opened: bool) -> None:
+    """Emit a body without branches in place. Once other intentions wait, the remainder becomes a generator.
+
+    The body of an ``opened`` goal with failure plans begins later: they do not see what it binds.
+    """
     scope, depth = dict(f.scope), f.depth
     remainder, names = body.resumable()
 
@@ -139,6 +142,8 @@ def inline(f: Function, plan: Plan, body: Body, generator: str) -> None:
     # more events do, only a single step is executed in place, since the others would follow after a switch.
     goal, single = plan.event.change in GOALS, len(plan.body) == 1
     begin = f"{OTHERS} or ag.inbox" if goal else "ag.ready or ag.others" if single else OTHERS
+    if goal and opened:
+        begin += f" or ag.triggers[{f'-{plan.event.key[1:]}'!r}].plans"
     f.line(f"if {begin}: return {generator}")
     with f.block("try"):
         for i, step in enumerate(plan.body):

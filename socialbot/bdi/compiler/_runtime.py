@@ -334,8 +334,10 @@ def await_condition(
 
 
 def open_goal(ag: Interpreter, kind: int, trigger: Trigger, args: Args, notes: Args, cause: Any) -> Request:
-    """Request a goal whose arguments may be unbound."""
+    """Request a goal whose arguments and annotations may be unbound."""
     args = resolve(args)
+    if not closed(notes):
+        return (kind | OPEN, trigger, args, notes, cause)
     free = []
     for arg in args:
         free.append(arg.__class__ is Var)
