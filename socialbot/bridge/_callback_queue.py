@@ -110,6 +110,11 @@ class IdleState(NamedTuple):
     round: int
     repeat: int
 
+    @property
+    def total(self) -> int:
+        """Number of all messages that have arrived."""
+        return sum(self.arrived.values())
+
 
 class CallbackQueue:
     """Callbacks of one node. Any thread may add them; the thread of the node takes them.
@@ -119,8 +124,8 @@ class CallbackQueue:
     `take` returns a call of ``on_idle`` when all that waited is handled and nothing is expected, once after each
     change.
 
-    A message that is put with an order is held until `release`. Released messages have the order of these values, or
-    of their content if several have the same, whenever they arrived.
+    A message that is put with an order is held until `release`. Messages of one release have the order of these values,
+    or of their content if several have the same, whenever they arrived.
     """
 
     def __init__(
@@ -130,7 +135,8 @@ class CallbackQueue:
         self._simulated = simulated
         self._on_idle = on_idle
         self._has_changed = True
-        self._held: list[tuple[tuple[int, int], Input[Any], Message]] = []
+        self._held: list[tuple[tuple[int, int], Input[Any], Message, int]] = []
+        self._arrived = 0
         self._round = self._repeat = 0
         self._changed = threading.Condition()
         self._inputs: dict[str, InputQueue] = {}
@@ -159,29 +165,32 @@ class CallbackQueue:
         with self._changed:
             queue = self._inputs.setdefault(port.name, InputQueue(port))
             queue.arrived += 1
+            self._arrived += 1
             if order is None:
                 self._release()
                 self._append(queue, message)
             else:
-                self._held.append((order, port, message))
+                self._held.append((order, port, message, self._arrived))
             self._notify()
 
-    def release(self, round: int, repeat: int = 0) -> None:
-        """Release the held messages if ``round`` is a later one. Call ``on_idle`` again in any case."""
+    def release(self, round: int, repeat: int = 0, *, arrived: int | None = None) -> None:
+        """Release held messages if ``round`` is a later one: of the first ``arrived`` messages, or all.
+
+        Call ``on_idle`` again in any case.
+        """
         with self._changed:
             if round > self._round:
                 self._round = round
-                self._release()
+                self._release(arrived)
             self._repeat = max(self._repeat, repeat)
             self._notify()
 
-    def _release(self) -> None:
-        if not self._held:
-            return
+    def _release(self, arrived: int | None = None) -> None:
         first = operator.itemgetter(0)
-        held, self._held = sorted(self._held, key=first), []
-        for _, same in itertools.groupby(held, key=first):
-            for _, port, message in sorted(same, key=lambda item: repr(item[2])):
+        released = [held for held in self._held if arrived is None or held[3] <= arrived]
+        self._held = self._held[len(released) :]
+        for _, same in itertools.groupby(sorted(released, key=first), key=first):
+            for _, port, message, _ in sorted(same, key=lambda item: repr(item[2])):
                 self._append(self._inputs[port.name], message)
 
     def _append(self, queue: InputQueue, message: Message) -> None:

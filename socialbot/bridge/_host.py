@@ -412,7 +412,7 @@ class NodeHost:
             self._count_refusal(ROUND_TOPIC, error)
             return
         if self._thread is not None:
-            self._thread.queue.release(round.number, round.repeat)
+            self._thread.queue.release(round.number, round.repeat, arrived=round.arrived.get(self.name))
         if self._thread is None or self._clock.now() == 0:
             # The thread does not work yet. The clock starts when it knows of all nodes.
             self._publish_report(IdleState(0, {}, 0, 0, round.repeat))
@@ -427,7 +427,9 @@ class NodeHost:
         for port, topic in self._reliable.items():
             count = self._passed_over[port] + idle.arrived.get(port, 0)
             taken[topic] = min(count, taken.get(topic, count))
-        report = StepReport(self.name, self._instance, idle.time, self._sent, taken, idle.held, idle.round, idle.repeat)
+        report = StepReport(
+            self.name, self._instance, idle.time, self._sent, taken, idle.held, idle.round, idle.repeat, idle.total
+        )
         self._reports.forward(String(data=report.encode()))
 
     def _renew(self) -> None:

@@ -49,10 +49,13 @@ class Round(msgspec.Struct, frozen=True):
     Attributes:
         number: Nodes handle the messages that they hold if it is higher than before.
         repeat: Nodes report again if it is higher than before.
+        arrived: Number of messages, by node, that had arrived before the round. Later ones belong to the next round:
+            another node sent them when it learned of this round earlier.
     """
 
     number: int
     repeat: int
+    arrived: Mapping[str, int]
 
     def encode(self) -> str:
         return msgspec.json.encode(self).decode()
@@ -75,6 +78,7 @@ class StepReport(msgspec.Struct, frozen=True):
         held: Number of those that wait for the next round.
         round: Number of the last round.
         repeat: The last request to report again.
+        arrived: Number of all messages that it has got.
     """
 
     node: str
@@ -85,6 +89,7 @@ class StepReport(msgspec.Struct, frozen=True):
     held: int
     round: int
     repeat: int
+    arrived: int
 
     def encode(self) -> str:
         return msgspec.json.encode(self).decode()
@@ -142,6 +147,7 @@ class SimClock:
         self._changed = threading.Condition()
         self._refused = 0
         self._round, self._repeat = 0, 1
+        self._arrived: dict[str, int] = {}  # messages of each node before the round
         self._awaited_state = self._is_settled
         self._working: set[str] = set()  # nodes that had messages for this round
         self._string_type = String
@@ -237,7 +243,7 @@ class SimClock:
         self._clock.publish_encoded(message)
 
     def _publish_round(self) -> None:
-        self._rounds.forward(self._string_type(data=Round(self._round, self._repeat).encode()))
+        self._rounds.forward(self._string_type(data=Round(self._round, self._repeat, self._arrived).encode()))
 
     @property
     def _subscribers(self) -> set[str]:
@@ -255,12 +261,13 @@ class SimClock:
             return False
         sent = {sender.publisher.topic_name: sender.sent for sender in self._senders}
         taken = {one.endpoint.topic_name: one.taken for one in self._subscriptions}
-        self._balance.note(StepReport(self._name, "", self.now, sent, taken, 0, 0, 0))
+        self._balance.note(StepReport(self._name, "", self.now, sent, taken, 0, 0, 0, 0))
         if any(self._balance.missing(self._subscribers)):
             return False
         self._working = {name for name in self.awaited if self._balance.reports[name].held}
         if self._working:
             self._round += 1
+            self._arrived = {name: report.arrived for name, report in self._balance.reports.items()}
             self._publish_round()
         return not self._working
 

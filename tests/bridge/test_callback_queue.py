@@ -356,6 +356,16 @@ class TestRelease:
         assert reporting.results(1) == [1]
         assert reporting.idle_state() == IdleState(0, {EVERY: 1}, 0, 1, 0)
 
+    def test_messages_that_arrived_after_the_report_wait_for_a_later_round(self, reporting: ReportingQueue):
+        reporting.put(EVERY, frame(1), (0, 1))
+        reported = reporting.idle_state().total
+        reporting.put(OTHER, frame(2), (0, 1))
+        reporting.release(1, arrived=reported)
+        assert reporting.results(1) == [1]
+        assert reporting.idle_state() == IdleState(0, {EVERY: 1, OTHER: 1}, 1, 1, 0)
+        reporting.release(2, arrived=2)
+        assert reporting.results(1) == [2]
+
     def test_the_order_does_not_depend_on_the_arrival(self, reporting: ReportingQueue):
         waiting = [(OTHER, 20, (1, 1)), (EVERY, 5, (0, 2)), (EVERY, 7, (0, 1)), (EVERY, 6, (0, 1))]
         for round, arrived in enumerate(itertools.permutations(waiting), 1):

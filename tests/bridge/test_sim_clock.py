@@ -87,6 +87,21 @@ class Echo(Node):
         self.heard.append((self.clock.now(), message.text))
 
 
+class Minutes(Node):
+    """Notes answers and beats in the order in which it gets them."""
+
+    answers = Input(Utterance, "/answers")
+    said = Input(Utterance, "/said")
+
+    def start(self) -> None:
+        self.heard: list[str] = []
+
+    @answers
+    @said
+    def on_utterance(self, message: Utterance) -> None:
+        self.heard.append(message.text)
+
+
 @pytest.fixture
 def transit(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str], float | None]], None]:
     """A function that sets the transit time (s) of messages to a node; None loses them."""
@@ -164,6 +179,18 @@ def test_results_do_not_depend_on_transit_times(transit: Any) -> None:
     assert heard[1:] == heard[:1] * 2
 
 
+def test_a_node_that_learns_of_a_round_late_gets_no_messages_of_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    start_round = NodeHost._start_round
+
+    def delayed(self: NodeHost, *message: Any) -> None:
+        threading.Timer(0.2 if self.name == "minutes" else 0.0, start_round, (self, *message)).start()
+
+    monkeypatch.setattr(NodeHost, "_start_round", delayed)
+    with hosted(quick=Beat, echo=Echo, minutes=Minutes) as (ros, nodes):
+        SimClock(ros, nodes, step_s=0.5).advance(3.1)
+        assert nodes["minutes"].heard == ["beat", "echo"] * 3
+
+
 def test_a_lost_message_is_reported_and_time_goes_on(
     transit: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -194,7 +221,7 @@ def test_messages_from_outside_are_handled_while_time_stands_still() -> None:
 
 def report(node: str, *, sent: int = 0, taken: int | None = None, instance: str = "first") -> StepReport:
     counts = {} if taken is None else {"/said": taken}
-    return StepReport(node, instance, 0, {"/said": sent} if sent else {}, counts, 0, 0, 0)
+    return StepReport(node, instance, 0, {"/said": sent} if sent else {}, counts, 0, 0, 0, 0)
 
 
 class TestBalance:

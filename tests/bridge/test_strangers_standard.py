@@ -205,8 +205,8 @@ def test_the_time_of_a_simulation_cannot_be_forged(keys: None) -> None:
         far.clock.sec = 10**6
         for _ in range(3):
             intruder.messages.publish(far)
-        rounds.publish(text(data=Round(10**9, 10**9).encode()))
-        lie = StepReport("idle", "forged", 10**18, {}, {}, 0, 10**9, 10**9)
+        rounds.publish(text(data=Round(10**9, 10**9, {}).encode()))
+        lie = StepReport("idle", "forged", 10**18, {}, {}, 0, 10**9, 10**9, 0)
         reports.publish(text(data=lie.encode()))
         assert eventually(lambda: idle.statistics.refusals["unsealed"] >= 4)
         clock.advance(1.0)

@@ -92,11 +92,13 @@ class SimulatedPlace(Node):
         self.crowd = Crowd(script, load_place(script.place), seed=self.seed)
         self._figures = {each: figure(looks) for each, looks in self.crowd.looks.items()}
         self._watcher = Watcher(self.crowd.place, self._figures)
-        self._begin = self.clock.now()
         self._duration = self.duration_s or self.crowd.duration
-        self.servo = SimulatedHead(self._begin)
         self._types = RosbagsTypes()
-        self._next_image = self._next_joints = self._next_info = self._begin
+        self._begin_at(self.clock.now())
+
+    def _begin_at(self, time: int) -> None:
+        self._begin = self._next_image = self._next_joints = self._next_info = time
+        self.servo = SimulatedHead(time)
 
     def _script(self) -> Script:
         if not self.script:
@@ -115,6 +117,7 @@ class SimulatedPlace(Node):
         return Scene(self.crowd.place, self._figures, size=size, hfov_rad=self.hfov_rad, shadows=self.shadows)
 
     def start(self) -> None:
+        self._begin_at(self.clock.now())  # on a simulated clock, the time is not known before
         self.description.publish(self._types.make("std_msgs/msg/String", data=URDF))
         lens = Transform(
             stamp=self._begin,
@@ -137,8 +140,8 @@ class SimulatedPlace(Node):
             self.servo.command(message, self.clock.now())
 
     def _step(self) -> None:
-        """Publish what is due, and schedule the next step."""
-        now = self.clock.now()
+        """Publish the messages of the earliest time that is due, and schedule the next step."""
+        now = min(self._next_joints, self._next_image)  # a clock with long steps is later
         if (now - self._begin) / SECOND > self._duration:
             self.report_health("ended", "the schedule of the people is over")
             return
