@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,7 @@ def test_every_topic_of_the_place_is_published_at_its_rate(over_ros: dict[str, l
         "/head_controller/joint_trajectory": len(over_ros["/head_controller/joint_trajectory"]),
     }
     stamps = [image.stamp for image in over_ros["/camera/image_raw/compressed"]]
-    assert {later - sooner for sooner, later in zip(stamps, stamps[1:], strict=False)} == {200_000_000}
+    assert {later - sooner for sooner, later in pairwise(stamps)} == {200_000_000}
 
 
 def test_commands_turn_the_head_and_the_picture(over_ros: dict[str, list[Message]]) -> None:

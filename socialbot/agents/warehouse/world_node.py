@@ -60,10 +60,19 @@ class WarehouseWorld(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         """Raises ParameterError for unknown faults and for physics without MuJoCo, and errors of a layout file."""
         super().__init__(name, context, parameters)
+        self.worlds = self._new_worlds()
+        """The aisle of each gripper."""
+
+    @property
+    def world(self) -> Warehouse:
+        """The first aisle."""
+        return next(iter(self.worlds.values()))
+
+    def _new_worlds(self) -> dict[str, Warehouse]:
         scenarios = self.initial_scenarios()
         faults = parse_faults(self.faults, *scenarios)
         kind = PhysicalWarehouse if self.simulation == "physics" else Warehouse
-        self.worlds: dict[str, Warehouse] = {
+        return {
             scenario.gripper: kind(
                 scenario,
                 seed=self.seed,
@@ -73,14 +82,13 @@ class WarehouseWorld(Node):
             )
             for scenario in scenarios
         }
-        """The aisle of each gripper."""
-        self.world = next(iter(self.worlds.values()))
 
     def initial_scenarios(self) -> tuple[Scenario, ...]:
         """The scenario of each gripper at the start."""
         return (scenario_of(self.boxes, self.carriers),)
 
     def start(self) -> None:
+        self.worlds = self._new_worlds()  # on a simulated clock, the time is not known before
         self.context.call_at(self.clock.now(), self._report)
 
     @cmd_motors_pose

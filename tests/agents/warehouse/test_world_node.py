@@ -133,3 +133,16 @@ def test_the_large_world_has_six_carriers_and_24_boxes():
     hall.until(8.0)
     assert hall.status("carrier_f").current_name == "base"
     assert len(hall.of(BoxPositions)[-1].boxes) == 24
+
+
+def test_faults_count_from_the_start_of_the_node():
+    config = NodeConfig("world", World, {"faults": "1 silent boxes 1"})
+    runner = InlineRunner(Graph("hall", (config,), inputs=COMMANDS), start=0)  # the clock is not set yet
+    stamps: list[int] = []
+    runner.tap("/warehouse/boxes", lambda _, message: stamps.append(message.stamp))
+    runner.clock.set(10 * SECOND)
+    runner.start()
+    runner.advance(12 * SECOND + SECOND // 2)
+    assert [stamp / SECOND for stamp in stamps] == pytest.approx(
+        [10, 10.1, 10.2, 10.3, 10.4, 10.5, 10.6, 10.7, 10.8, 10.9, 12, 12.1, 12.2, 12.3, 12.4, 12.5]
+    )
