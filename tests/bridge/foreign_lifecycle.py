@@ -1,18 +1,17 @@
-"""Managed nodes of plain rclpy, in a process of their own: ``python foreign_lifecycle.py [NODE]...``.
+"""Managed nodes of plain rclpy, in a process of their own: ``python -m tests.bridge.foreign_lifecycle [NODE]...``.
 
 Without a name the node is /lidar_driver. A node whose name begins with "broken" cannot be configured; one whose name
 begins with "plain" has no lifecycle.
 """
 
 import sys
-from contextlib import suppress
-from threading import Thread
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
-from rclpy.utilities import try_shutdown
+
+from tests.bridge.foreign_spin import spin_to_the_end
 
 
 class Driver(LifecycleNode):
@@ -26,10 +25,7 @@ def main() -> None:
     executor = SingleThreadedExecutor()
     for name in sys.argv[1:] or ["lidar_driver"]:
         executor.add_node(Node(name) if name.startswith("plain") else Driver(name))
-    Thread(target=lambda: (sys.stdin.read(), try_shutdown()), daemon=True).start()
-    print("ready", flush=True)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        executor.spin()
+    spin_to_the_end(executor)
 
 
 if __name__ == "__main__":

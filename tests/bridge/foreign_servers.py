@@ -1,25 +1,22 @@
-"""Servers of plain rclpy, in a process of their own: ``python foreign_servers.py [MODE]``.
+"""Servers of plain rclpy, in a process of their own: ``python -m tests.bridge.foreign_servers [MODE]``.
 
 /light is a std_srvs/SetBool that is refused when it is lit already; /deaf answers nothing within a minute. /count is a
 test_msgs/Fibonacci: it counts down from ``order`` with feedback every 50 ms, rejects orders above 100, and aborts
 negative ones. With the mode "stubborn" it refuses to cancel.
 """
 
-import os
-import signal
 import sys
 import time
-from contextlib import suppress
-from threading import Thread
 from typing import Any
 
 import rclpy
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.utilities import try_shutdown
 from std_srvs.srv import SetBool
+
+from tests.bridge.foreign_spin import spin_to_the_end
 
 try:
     from test_msgs.action import Fibonacci
@@ -81,17 +78,10 @@ class Servers(Node):
 
 def main() -> None:
     rclpy.init()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     node = Servers(sys.argv[1] if len(sys.argv) > 1 else "")
     executor = MultiThreadedExecutor(4)
     executor.add_node(node)
-    Thread(target=lambda: (sys.stdin.read(), try_shutdown()), daemon=True).start()
-    print("ready", flush=True)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        executor.spin()
-    node.destroy_node()
-    sys.stdout.flush()
-    os._exit(0)  # not waiting for the thread of /deaf
+    spin_to_the_end(executor)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 from socialbot.graph.node import Graph
+from tests.system.running import next_line
+
+REPOSITORY = Path(__file__).parents[2]
 
 
 @contextmanager
@@ -43,6 +49,19 @@ def node_hosts(graph: Graph, *ros_args: str, **options: Any) -> Iterator[Callabl
             executor.shutdown()
             for each in hosts:
                 each.stop()
+
+
+@contextmanager
+def foreign_process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run the plain rclpy nodes of a module of tests in another process, which is killed at the end of the block."""
+    command = [sys.executable, "-m", module, *arguments]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=REPOSITORY)
+    try:
+        assert next_line(process) == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import pytest
 from socialbot.bridge.keys import new_key
 from tests.bridge.hosting import spinning_nodes
 from tests.bridge.test_process import HOLD
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 
 pytestmark = pytest.mark.ros
 
@@ -95,8 +95,7 @@ def test_unsealed_statuses_cannot_block_a_start(tmp_path: Path, monkeypatch: pyt
         with pytest.raises(NodeError, match="running already: publisher\n"), run_lock("here"):
             expect_free_names(subscriber, graph)
         with subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-            assert holder.stdout is not None
-            holder.stdout.readline()
+            assert next_line(holder) == "\n"
             with pytest.raises(NodeError, match=f"running already: publisher; `up` runs here: process {holder.pid}\n"):
                 expect_free_names(subscriber, graph)
             holder.kill()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import pytest
@@ -20,7 +18,7 @@ from socialbot.core.errors import GraphError, NodeError
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Node
 from socialbot.graph.ports import Input
-from tests.bridge.hosting import node_hosts
+from tests.bridge.hosting import foreign_process, node_hosts
 from tests.system.running import eventually
 
 NODE = f"{__name__}:Agent"
@@ -41,18 +39,9 @@ class Agent(Node):
         return [each.state for each in self.seen]
 
 
-@contextmanager
-def foreign_nodes(*names: str) -> Iterator[subprocess.Popen[str]]:
+def foreign_nodes(*names: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """Nodes in another process; they end with the block."""
-    command = [sys.executable, str(Path(__file__).with_name("foreign_lifecycle.py")), *names]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    return foreign_process("tests.bridge.foreign_lifecycle", *names)
 
 
 @contextmanager

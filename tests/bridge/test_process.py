@@ -11,6 +11,7 @@ import pytest
 
 from socialbot.bridge.process import CHANNEL_VARIABLE, SupervisorChannel, channel_pair, own_channel
 from socialbot.bridge.run_announcer import locked_runs, run_lock
+from tests.system.running import next_line
 
 
 @pytest.fixture
@@ -84,8 +85,7 @@ def test_a_lock_is_listed_in_its_domain_until_it_is_released(monkeypatch: pytest
 def test_the_lock_of_a_killed_process_is_released():
     before = locked_runs()
     holder = subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    assert holder.stdout is not None
-    holder.stdout.readline()
+    assert next_line(holder) == "\n"
     assert locked_runs() == {**before, "abc": holder.pid}
     holder.kill()
     holder.wait()

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import pytest
@@ -19,8 +17,8 @@ from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph.calls import CallResult, GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.services import ActionClient, ActionServer, Client, Service
-from tests.bridge.hosting import node_hosts, spinning_nodes
-from tests.system.running import eventually
+from tests.bridge.hosting import foreign_process, node_hosts, spinning_nodes
+from tests.system.running import eventually, next_line
 
 COUNT = "test_msgs/action/Fibonacci"
 
@@ -68,25 +66,9 @@ def graph_of(*configs: NodeConfig) -> Graph:
     return Graph("calls", configs, services=OUTSIDE)
 
 
-@contextmanager
-def foreign_servers(mode: str = "") -> Iterator[subprocess.Popen[str]]:
+def foreign_servers(*mode: str) -> AbstractContextManager[subprocess.Popen[str]]:
     """The servers in another process; they end with the block."""
-    command = [sys.executable, str(Path(__file__).with_name("foreign_servers.py")), mode]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        assert next_line(process) == "ready\n"
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
-def next_line(process: subprocess.Popen[str]) -> str:
-    """The next line that a process prints; empty if none comes in time."""
-    lines: list[str] = []
-    assert process.stdout is not None
-    threading.Thread(target=lambda pipe: lines.append(pipe.readline()), args=(process.stdout,), daemon=True).start()
-    return lines[0] if eventually(lambda: bool(lines)) else ""
+    return foreign_process("tests.bridge.foreign_servers", *mode)
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, InstallationError, MessageError
 from socialbot.core.messages import RosMessage
 from socialbot.deliberation.messages import Belief, Desire, DesireItem, Fact
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 
 SAID = {
     "schema": "socialbot/Utterance/1",
@@ -338,8 +338,7 @@ class TestCommands:
         command = [sys.executable, "-c", "from socialbot.cli.topic import topic; topic()", *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
-            assert process.stdout is not None
-            assert process.stdout.readline()
+            assert next_line(process)
             process.send_signal(number)
             _, complaint = process.communicate(timeout=180)
         finally:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import socialbot_here
+from tests.system.running import next_line, socialbot_here
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "asl"
 
@@ -102,8 +102,7 @@ def test_ctrl_c_ends_the_run(written):
     (file,) = written(ann='!g. +!g <- .print("on"); .wait(100000).')
     command = [sys.executable, "-m", "socialbot", "asl", "run", str(file)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "[ann] on\n"
+        assert next_line(process) == "[ann] on\n"
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=180)
     assert process.returncode == 0

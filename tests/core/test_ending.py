@@ -10,6 +10,7 @@ from threading import Thread
 import pytest
 
 from socialbot.core.process import Ending
+from tests.system.running import next_line
 
 SLOW_TO_GO = """
 import time
@@ -43,8 +44,7 @@ with Ending().on_signals() as ending:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_second_signal_during_a_slow_exit_keeps_exit_code_0(number):
     with subprocess.Popen([sys.executable, "-c", SLOW_TO_GO], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "going\n"
+        assert next_line(process) == "going\n"
         process.send_signal(number)
         assert process.wait(180) == 0
 

@@ -1,4 +1,4 @@
-"""A robot of plain rclpy, in a process of its own: ``python robot_servers.py [MODE]``.
+"""A robot of plain rclpy, in a process of its own: ``python -m tests.robots.robot_servers [MODE]``.
 
 It offers FollowJointTrajectory, NavigateToPose, TTS, Say and Ask under their usual names, subscribes to the topics of
 heads and speech, and prints each thing that it gets as a line of JSON.
@@ -10,24 +10,21 @@ they say that the head is at .5 and -.25 rad.
 
 import json
 import math
-import os
-import signal
 import sys
 import time
-from contextlib import suppress
 from importlib import import_module
-from threading import Thread
 from typing import Any
 
 import rclpy
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
+
+from tests.bridge.foreign_spin import spin_to_the_end
 
 # Packages that type checkers need not find.
 Say: Any = import_module("communication_skills.action").Say
@@ -145,17 +142,10 @@ class Robot(Node):
 
 def main() -> None:
     rclpy.init()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     node = Robot(sys.argv[1] if len(sys.argv) > 1 else "good")
     executor = MultiThreadedExecutor(6)
     executor.add_node(node)
-    Thread(target=lambda: (sys.stdin.read(), try_shutdown()), daemon=True).start()
-    print("ready", flush=True)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        executor.spin()
-    node.destroy_node()
-    sys.stdout.flush()
-    os._exit(0)
+    spin_to_the_end(executor)
 
 
 if __name__ == "__main__":

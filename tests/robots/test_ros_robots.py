@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +19,7 @@ from socialbot.graph.services import ActionClient
 from socialbot.robots.head import NaoqiHead, TrajectoryActionHead, TrajectoryHead
 from socialbot.robots.people import RobotPeople
 from socialbot.robots.speech import SaySkillSpeaker, TopicSpeaker, TtsSpeaker
-from tests.bridge.hosting import node_hosts
+from tests.bridge.hosting import foreign_process, node_hosts
 from tests.robots.test_asking import Host, serve
 from tests.robots.test_joints import Waver, pose
 from tests.robots.usher import Usher, go_home
@@ -69,15 +67,8 @@ class Robot:
 
 @contextmanager
 def robot(mode: str = "good") -> Iterator[Robot]:
-    command = [sys.executable, str(Path(__file__).with_name("robot_servers.py")), mode]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
+    with foreign_process("tests.robots.robot_servers", mode) as process:
         yield Robot(process)
-    finally:
-        process.kill()
-        process.wait()
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Server
 from socialbot.runtime.machine import discovery
 from tests.runtime.deployments import deployment
-from tests.system.running import eventually
+from tests.system.running import eventually, next_line
 
 pytestmark = pytest.mark.ros
 
@@ -71,8 +71,7 @@ def test_gives_up_if_the_port_is_taken(port: int, tmp_path: Path, caplog: pytest
 def test_the_server_ends_with_its_parent(port: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", PARENT, str(port), str(tmp_path / "server.log")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
-        pid = int(parent.stdout.readline())
+        pid = int(next_line(parent))
         assert lives(pid)
         parent.kill()
     assert eventually(lambda: not lives(pid))

@@ -11,6 +11,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from threading import Thread
 from time import monotonic, sleep
 from typing import Any
 from unittest.mock import patch
@@ -102,6 +103,17 @@ def eventually(holds: Callable[[], object], timeout_s: float = PATIENCE_S) -> bo
             return False
         sleep(0.02)
     return True
+
+
+def next_line(process: subprocess.Popen[Any]) -> str:
+    """Return the next line that a process prints; empty if none comes in time."""
+    lines: list[Any] = []
+    assert process.stdout is not None
+    reader = Thread(target=lambda pipe: lines.append(pipe.readline()), args=(process.stdout,), daemon=True)
+    reader.start()
+    reader.join(PATIENCE_S)
+    line = lines[0] if lines else ""
+    return line.decode() if isinstance(line, bytes) else line
 
 
 def cut(bag: Path, out: Path, begin_s: float, end_s: float, *, every: int = 1) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.system.running import next_line
 from tests.system.two_hosts import WORKSTATION, TwoHosts, two_hosts
 
 RECEIVE = """
@@ -49,8 +50,7 @@ def arrived(hosts: TwoHosts) -> int:
     """Return how many of 1000 packets in one burst arrive."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     receiver = hosts.workstation.start(sys.executable, "-c", RECEIVE, **pipes)
-    assert receiver.stdout is not None
-    receiver.stdout.readline()
+    assert next_line(receiver)
     hosts.robot.run(sys.executable, "-c", SEND)
     return int(receiver.communicate("\n", timeout=180)[0])
 

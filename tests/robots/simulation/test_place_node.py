@@ -52,6 +52,17 @@ def test_the_truth_has_the_form_of_the_evaluation_and_says_who_faces_and_talks_t
     assert sum(person["faces"] == person["talks_to"] for person in talkers) > 0.8 * len(talkers)
 
 
+def test_a_place_begins_when_its_node_starts():
+    graph = simulation(head="sweep", pictures=False, people=1, duration_s=1.0, rate_hz=2.0)
+    runner = InlineRunner(graph)  # the clock is not set yet
+    stamps: list[int] = []
+    runner.tap("/joint_states", lambda _, message: stamps.append(message.stamp))
+    runner.clock.set(10 * SECOND)
+    runner.start()
+    runner.advance(12 * SECOND)
+    assert stamps == [round((10 + number / 20) * SECOND) for number in range(21)]
+
+
 def test_people_behind_others_and_outside_of_the_picture_are_less_visible():
     found = messages(40, pictures=False, people=12, seed=1, duration_s=40.0, rate_hz=2.0)
     shares = [
