@@ -51,7 +51,6 @@ def up(
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
     from socialbot.cli.foxglove import shown_in_foxglove
     from socialbot.cli.inspect import watched
-    from socialbot.core.clock import WallClock
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunTrace, log_bytes
@@ -89,10 +88,8 @@ def up(
         if show_foxglove:
             address = Address(foxglove_host, foxglove_port, token_given(None))
             context.with_resource(shown_in_foxglove(record, whole, console, address))
-        deliberates = any(config.type.deliberates for config in whole.nodes)
-        start = None if deliberates else WallClock().now()
         try:
-            with Display(console, whole.without_sources(), start=start, details=verbose) as display:
+            with Display(console, whole.without_sources(), details=verbose) as display:
                 run(whole, source, record, display.show, runner="ros", composed=composed)
         finally:
             write_page(console, record, f"{whole.name.capitalize()}, live", MAX_PAGE_BYTES)

@@ -392,7 +392,8 @@ class Graph:
                     raise GraphError(
                         f"nobody publishes {topic}",
                         where=f"{config.place(self.name)}.{port.name}",
-                        remedy=f"name it under 'inputs' if it comes from outside, or {suggestion(topic, published)}",
+                        remedy=f"list it under 'inputs' if a node outside the graph publishes it; "
+                        f"{suggestion(topic, published)}",
                     )
         if self.paced_by and self.paced_by not in published:
             raise GraphError(

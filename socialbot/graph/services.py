@@ -254,7 +254,8 @@ def check_services(graph: str, configs: Iterable[NodeConfig], outside: Iterable[
                 raise GraphError(
                     f"nobody offers {topic} ({port.interface.name})",
                     where=f"{config.place(graph)}.{port.name}",
-                    remedy=f"name it under 'services' if it comes from outside, or {suggestion(topic, known)}",
+                    remedy=f"list it under 'services' if a node outside the graph offers it; "
+                    f"{suggestion(topic, known)}",
                 )
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import TracebackType
+from typing import TypeVar
 
 from rich.console import Console
 from rich.live import Live
@@ -20,11 +22,13 @@ from socialbot.core.messages import (
     PersonDetections,
     SpeechStatus,
     TraceRecord,
+    Utterance,
 )
 from socialbot.core.registry import phrases_of
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.node import Graph
 from socialbot.runs.narration import Narrator, Verb, Wording
+from socialbot.runs.record import trace_record
 
 _STYLES = {
     "sees": "cyan",
@@ -50,9 +54,25 @@ _SIGNS: dict[Verb, tuple[str, str]] = {
     "refuses": ("✗", "bold red"),
     "senses": ("~", "yellow"),
 }
+_V = TypeVar("_V")
 _AGENT_STYLES = ("bold", "blue", "red", "green", "yellow", "magenta", "cyan")
 _SEEN_EVERY_S = 1.0
 _BAR = 24
+_KEPT = 200  # actions and utterances that later speech may refer to
+_LATE_NS = SECOND // 2  # by which the record of an action may arrive after its speech
+
+
+@dataclass
+class _Repeats:
+    """Failures that equal the line printed last: their text, number and last time (ns)."""
+
+    text: str = ""
+    times: int = 0
+    last: int = 0
+
+    def count(self, stamp: int) -> None:
+        self.times += 1
+        self.last = stamp
 
 
 class Display:
@@ -75,7 +95,7 @@ class Display:
         Args:
             console: Where to print.
             graph: The graph that runs, without its sources.
-            start: Time (ns) that counts as 0 s; that of the first record by default.
+            start: Time (ns) that counts as 0 s; that of the first record by default, as in the record of the run.
             until: Time (ns) of the end; the expected end of the plans by default.
             details: Also print a line for each head motion and each change of the number of people in view.
         """
@@ -96,6 +116,10 @@ class Display:
         self._head = ""
         self._seen_at = -math.inf
         self._seen_count = 0
+        self._actions: dict[str, None] = {}
+        self._causes: dict[str, str] = {}
+        self._unspoken: dict[str, SpeechStatus] = {}
+        self._repeats = _Repeats()
 
     def __enter__(self) -> Display:
         if self._live is not None:
@@ -103,20 +127,28 @@ class Display:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._show_speech(math.inf)
+        self._end_repeats()
         if self._live is not None:
             self._live.stop()
 
     def show(self, topic: str, message: Message) -> None:
         """Show one message; messages of other types are ignored."""
+        if self._start is None and trace_record(topic, message) is not None:
+            self._start = message.stamp
+        self._show_speech(message.stamp)
         match message:
             case TraceRecord():
-                self._start = message.stamp if self._start is None else self._start
                 self._show_record(message)
             case PersonDetections():
                 self._persons = message.persons
                 self._show_persons(message)
+            case Utterance():
+                _keep(self._causes, message.id, message.cause)
+                self._show_speech(message.stamp)
             case SpeechStatus(state="started"):
-                self._line(message.stamp, "says", f'"{message.text}"')
+                self._unspoken[message.utterance_id] = message
+                self._show_speech(message.stamp)
             case SpeechStatus(state="failed" | "expired" | "replaced" | "interrupted"):
                 self._line(message.stamp, "fails", f'to say "{message.text}": {message.state} {message.detail}')
             case HeardSpeech():
@@ -138,10 +170,13 @@ class Display:
 
     def _show_record(self, record: TraceRecord) -> None:
         if self._narrator is None:
-            if record.kind in _VERBS:
-                reason = record.detail.get("message") or record.detail.get("reason")
-                text = f"{record.what}: {reason}" if record.kind == "failure" else record.what
-                self._line(record.stamp, _VERBS[record.kind], text)
+            if record.kind == "failure":
+                self._show_failure(record)
+            elif record.kind in _VERBS:
+                self._line(record.stamp, _VERBS[record.kind], record.what)
+            if record.kind == "action":
+                _keep(self._actions, record.id, None)
+                self._show_speech(record.stamp)
             return
         doing = self._doing.setdefault(record.source, {})
         if record.kind == "step":
@@ -154,6 +189,31 @@ class Display:
             sign, style = _SIGNS[verb]
             agent = (f"{record.source:<{self._width}}  ", self._agent_styles.get(record.source, ""))
             self._print(record.stamp, agent, (f"{sign} {text}", style))
+
+    def _show_failure(self, record: TraceRecord) -> None:
+        """Print a failure. Equal ones after it, as of a sensor at each frame, are counted instead."""
+        detail = record.detail
+        text = f"{record.what}: {detail.get('message') or detail.get('reason')}"
+        if where := detail.get("where"):  # the exception of a sensor or condition
+            text = f"{record.what}: {detail['reason']}: {detail['message']} ({where})"
+        if text == self._repeats.text:
+            self._repeats.count(record.stamp)
+        else:
+            self._line(record.stamp, "fails", text)
+            self._repeats = _Repeats(text)
+
+    def _end_repeats(self) -> None:
+        repeats, self._repeats = self._repeats, _Repeats()
+        if repeats.times:
+            self._line(repeats.last, "fails", f"... {repeats.times} more {'time' if repeats.times == 1 else 'times'}")
+
+    def _show_speech(self, now: float) -> None:
+        """Print speech that has begun, once the action behind it is shown: topics of a live run arrive in any order."""
+        for speech in list(self._unspoken.values()):
+            cause = self._causes.get(speech.utterance_id)
+            if self._narrator is not None or cause == "" or cause in self._actions or now - speech.stamp > _LATE_NS:
+                del self._unspoken[speech.utterance_id]
+                self._line(speech.stamp, "says", f'"{speech.text}"')
 
     def _show_persons(self, message: PersonDetections) -> None:
         """Print changes of the number of persons, at most once a second as detections flicker."""
@@ -170,6 +230,7 @@ class Display:
             self._line(stamp, verb, text)
 
     def _print(self, stamp: int, *parts: tuple[str, str]) -> None:
+        self._end_repeats()
         self._console.print(Text.assemble((f"{self._seconds(stamp):7.2f} s  ", "dim"), *parts), soft_wrap=True)
 
     def _update(self, stamp: int) -> None:
@@ -186,6 +247,12 @@ class Display:
 
     def _seconds(self, stamp: int) -> float:
         return (stamp - (self._start or 0)) / SECOND
+
+
+def _keep(kept: dict[str, _V], key: str, value: _V) -> None:
+    kept[key] = value
+    if len(kept) > _KEPT:
+        del kept[next(iter(kept))]
 
 
 def people_text(persons: Sequence[PersonDetection]) -> str:

@@ -51,7 +51,7 @@ ENDED_WELL = ("", WELL, NOTHING_WANTED, NOTHING_SHOWN, TIME_UP)
 STOPPED = "stopped by a signal"
 """Values of ``reason`` in results.json for the end of a run; a failed run has its error there."""
 
-TRACE, SEEN = "trace.jsonl", "seen.jsonl"
+TRACE, SEEN, RESULTS = "trace.jsonl", "seen.jsonl", "results.json"
 
 SOUNDS = "speech"
 """Folder of sound files of utterances in the folder of a run."""
@@ -144,6 +144,17 @@ class RunTrace:
         self._trace.close()
         if self._seen is not None:
             self._seen.close()
+        if error is not None:
+            self._discard_unstarted()
+
+    def _discard_unstarted(self) -> None:
+        """Remove the files of a run that was refused before it started, so that its folder can be used."""
+        logs = [self.folder / name for name in (TRACE, SEEN)]
+        with contextlib.suppress(OSError):
+            if not (self.folder / RESULTS).exists() and not any(log.exists() and log.stat().st_size for log in logs):
+                for file in (*logs, self.folder / GRAPH):
+                    file.unlink(missing_ok=True)
+                self.folder.rmdir()  # unless it holds other files
 
     @property
     def size(self) -> int:
@@ -195,7 +206,7 @@ class RunTrace:
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:
-        path = self.folder / "results.json"
+        path = self.folder / RESULTS
         try:
             path.write_bytes(msgspec.json.format(msgspec.json.encode(results), indent=2) + b"\n")
         except OSError as error:

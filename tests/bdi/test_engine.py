@@ -1,6 +1,7 @@
 # ruff: noqa: N803 - functions name the variables they look at
 
 import itertools
+import json
 
 import pytest
 from hypothesis import given, settings
@@ -319,6 +320,19 @@ def test_other_result_of_a_sensor_is_a_failure_on_the_trace(sensed):
     assert lab.done == ["alive"]
     assert lab.beliefs == ["p(0)", "p(1)"]
     assert [(record.what, record.cause) for record in lab.trace if record.kind == "failure"] == [("Odd", "frame-1")]
+
+
+def test_exception_of_a_sensor_is_on_the_trace_with_its_place():
+    class Eyes(Sensor):
+        def sense(self, percept):
+            return +p(json.loads(percept))
+
+    lab = Lab(+p(1) >> [do("alive")])
+    lab.engine.perceive(Eyes(), "{")
+    lab.tell(+p(1))
+    (failure,) = [record for record in lab.trace if record.kind == "failure"]
+    line = Eyes.sense.__code__.co_firstlineno + 1
+    assert (failure.detail["reason"], failure.detail["where"]) == ("JSONDecodeError", f"test_engine.py:{line}")
 
 
 class Thermometer(Sensor):

@@ -14,6 +14,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import (
     ActionRequest,
     HeadCommand,
+    Health,
     HeardSpeech,
     JointTrajectory,
     Message,
@@ -189,3 +190,37 @@ def test_terminal_shows_progress_and_current_steps():
 def test_display_ignores_other_messages():
     assert story_shown(Utterance(stamp=1, id="a", text="hello")) == ""
     assert story_shown(info(0.0, "ann", 0.0, 5.0)) == ""
+
+
+def test_zero_is_the_first_record_of_the_run():
+    out = io.StringIO()
+    with Display(Console(file=out, width=100), details=True) as display:
+        display.show("/health", Health(stamp=at(-9.0), node="camera", state="ok"))
+        display.show("/seen", seen(0.0, person(2.0)))
+        display.show("/trace", record(1.0, "belief", "visitor()"))
+    assert [line.split()[0] for line in out.getvalue().splitlines()] == ["0.00", "1.00"]
+
+
+def test_speech_is_shown_behind_its_action_in_whatever_order_topics_arrive():
+    acts = record(1.0, "action", 'say("Hi!")')
+    utterance = Utterance(stamp=at(1.0), id="say-1", text="Hi!", cause=acts.id)
+    begun = SpeechStatus(stamp=at(1.01), utterance_id="say-1", state="started", text="Hi!")
+    in_order = ['   1.00 s  does     say("Hi!")', '   1.01 s  says     "Hi!"']
+    for messages in itertools.permutations((acts, utterance, begun)):
+        assert shown(*messages) == in_order
+    assert shown(begun, utterance) == in_order[1:]
+    assert shown(begun, record(9.0, "belief", "b()"))[0] == in_order[1]
+
+
+def test_equal_failures_in_a_row_are_counted():
+    fails = [
+        record(second, "failure", "Eyes", reason="TypeError", message="no distance", where="agent.py:7")
+        for second in range(1, 9)
+    ]
+    later = record(9.0, "belief", "b()")
+    assert shown(*fails, later) == [
+        "   1.00 s  fails    Eyes: TypeError: no distance (agent.py:7)",
+        "   8.00 s  fails    ... 7 more times",
+        "   9.00 s  believes b()",
+    ]
+    assert shown(*fails) == shown(*fails, later)[:2]

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import GraphError, SocialbotError
 from socialbot.core.messages import (
     ActionRequest,
     CameraInfo,
@@ -20,6 +20,7 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.graph.node import Graph
 from socialbot.runs.record import RECORDED, RunRecord, RunTrace, trace_record
 
 PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
@@ -124,6 +125,24 @@ def test_folder_with_a_run_is_not_changed(tmp_path):
     assert caught.value.remedy
     assert caught.value.exit_code == 4
     assert (tmp_path / "trace.jsonl").read_bytes() == before
+
+
+def end_with_an_error(folder, *messages):
+    with RunRecord(folder) as record:
+        record.describe(Graph("empty", ()))
+        for message in messages:
+            record.observe("/topic", message)
+        raise GraphError("refused")
+
+
+def test_a_run_that_is_refused_before_its_start_leaves_its_folder_free(tmp_path):
+    for _ in range(2):
+        with pytest.raises(GraphError, match="refused"):
+            end_with_an_error(tmp_path / "run")
+        assert not (tmp_path / "run").exists()
+    with pytest.raises(GraphError, match="refused"):
+        end_with_an_error(tmp_path / "run", BELIEF)
+    assert len(lines(tmp_path / "run")) == 1
 
 
 def test_unusable_folder_is_an_error(tmp_path):
