@@ -274,7 +274,7 @@ def _signal(agent: Engine, key: str, args: Any, notes: Any, cause: Any) -> None:
 
 def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
     """Answer a question through ``reply``, or else by a message: tell the solutions, or untell the query."""
-    from socialbot.bdi.stdlib._plans import relevant
+    from socialbot.bdi.stdlib._plans import relevant, shown
 
     def answer(found: Any) -> None:
         if reply is None:
@@ -292,7 +292,7 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
     if act == "askHow":
         plans = relevant(agent, content)
         if reply is not None:
-            reply(agent, plans)
+            reply(agent, tuple(shown(agent, plan, source_notes(agent.name)) for plan in plans))
         elif plans:
             deliver(agent, sender, "tellHow", plans, cause)
         return

@@ -115,6 +115,14 @@ def test_plans_and_rules_are_printed():
     ]
 
 
+def test_all_plans_are_listed_by_file():
+    text = "@one +!x(1) <- .print(1). !go. +!go <- .add_plan({@two +!y}); .list_plans."
+    (listed,) = said(text)
+    plain = '@one[source(self),url("file:me.asl")] +!x(1) <- .print(1).\n'
+    rest = '@p__1[source(self),url("file:me.asl")] +!go <- .add_plan({ @two +!y }); .list_plans.\n'
+    assert listed == f'\n\n// plans from file:me.asl\n\n{plain}{rest}@two[source(self),url("file:me.asl")] +!y.\n\n'
+
+
 def test_files_are_listed(tmp_path):
     (tmp_path / "sub").mkdir()
     for name in ("b.asl", "sub/a.asl", "c.txt"):

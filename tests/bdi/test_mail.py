@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -144,6 +146,16 @@ def test_untell_how_keeps_plans_of_other_sources():
 def test_how_something_is_done_can_be_asked_and_learned():
     text = "!g. +!g <- .send(b, askHow, {+!h(_)}); .wait(10); !h(2)."
     assert Mas(a=text, b="+!h(X) <- .print(h, X).").until(1).said == [("a", "h2")]
+
+
+def test_plans_that_are_asked_for_have_their_label_and_their_source():
+    text = """!g.
+    +!g <- .send(b, askHow, {+!h(_)}, L); .print(L); .add_plan(L); .list_plans({+!h(_)})."""
+    mas = Mas(a=text, b="@l[n] +!h(X) : X > 1 <- .print(h, X).").until(1)
+    assert [re.sub(r"_\d+", "_", line) for line in mas.lines] == [
+        '[{ @l[n,source(b),url("file:b.asl")] +!h(_) : (_ > 1) <- .print(h,_) }]',
+        '@l[n,source(b),source(self),url("file:b.asl")] +!h(_) : (_ > 1) <- .print(h,_).',
+    ]
 
 
 # Refusals and listeners

@@ -155,8 +155,8 @@ class ProgramParser(Parser):
     def add_plan(self, plan: Plan, start: int) -> None:
         known = self.labels.get(plan.label) if plan.label is not None else None
         if known is not None:
-            if known.origin == plan.origin:
-                return  # of a file that is included twice
+            if known.origin == plan.origin or known.same_text(plan):
+                return  # of a file that is included twice, or the same plan again
             place = known.origin
             where = f"line {place.line}" if place and place.file == self.source.file else str(place)
             what = f"the label '{plan.label}' is already used in {where}"

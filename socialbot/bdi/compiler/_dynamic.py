@@ -329,11 +329,11 @@ def pause_until(change: Change, value: Any, limit_s: float | None) -> EventPause
 
 
 def change_rule(ag: Interpreter, sign: str, rule: Inference) -> None:
-    """Add a rule before the others, or remove one."""
+    """Add a rule before the others, or remove an equal one, if there is one."""
     if sign == "+":
         ag.engine.add_rules(rule, first=True)
-    elif not ag.own_library().remove_inference(rule):
-        raise Failed("wrong_arguments", f"there is no rule {rule!s} to remove")
+    else:
+        ag.own_library().remove_inference(rule)
 
 
 def specialised(plan: Plan, key: str) -> Plan | None:

@@ -17,7 +17,7 @@ from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import substituted, variables_of
 from socialbot.bdi.intentions import Failed, source_of
 from socialbot.bdi.literals import SELF, Literal, literal, source
-from socialbot.bdi.plans import KnownPlan, Plan
+from socialbot.bdi.plans import Inference, KnownPlan, Plan
 from socialbot.bdi.stdlib.environment import event_of, print_
 from socialbot.bdi.stdlib.registry import (
     Args,
@@ -111,14 +111,14 @@ def relevant_plans(engine: Any, args: Args, trail: Trail) -> bool:
     """``.relevant_plans({+!g(_)}, Plans, Labels)``: the plans for an event, and their labels with annotations."""
     found = relevant(engine, args[0])
     labels = tuple(label_of(engine, plan) for plan in found)
-    shown = tuple(_shown(engine, plan) for plan in found)
-    return gives(args[1:], (shown, labels)[: len(args) - 1], trail)
+    plans = tuple(shown(engine, plan) for plan in found)
+    return gives(args[1:], (plans, labels)[: len(args) - 1], trail)
 
 
 @internal(".relevant_plan", 2, many=True)
 def relevant_plan(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     """``.relevant_plan({+!g(_)}, Plan)``: Plan is in turn each plan for an event."""
-    return each(args[1], (_shown(engine, plan) for plan in relevant(engine, args[0])), trail)
+    return each(args[1], (shown(engine, plan) for plan in relevant(engine, args[0])), trail)
 
 
 @internal(".plan_label", 2, many=True)
@@ -133,16 +133,24 @@ def plan_label(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     if isinstance(plan, Plan):
         return each(label, [label_term(plan)], trail)
     if label.__class__ is Var:
-        return each(args, [(_shown(engine, found), label_of(engine, found)) for found in engine.library], trail)
+        return each(args, [(shown(engine, found), label_of(engine, found)) for found in engine.library], trail)
     found = _labelled(engine, label)
-    return each(plan, [] if found is None else [_shown(engine, found)], trail)
+    return each(plan, [] if found is None else [shown(engine, found)], trail)
 
 
 @internal(".list_plans", 0, 1)
 def list_plans(engine: Any, args: Args, trail: Trail) -> None:
-    """``.list_plans({+!g(_)})``: print the plans for an event, or all plans."""
-    for plan in relevant(engine, args[0]) if args else engine.library:
-        print_(engine, (spelled_item(_shown(engine, plan)),), trail)
+    """``.list_plans({+!g(_)})``: print the plans for an event, or all plans by their files."""
+    if args:
+        for plan in relevant(engine, args[0]):
+            print_(engine, (spelled_item(shown(engine, plan)),), trail)
+        return
+    files: dict[str, list[str]] = {}
+    for plan in engine.library:
+        place = "without file" if plan.origin is None else f"from {source_of(plan.origin)}"
+        files.setdefault(place, []).append(spelled_item(shown(engine, plan)))
+    text = "".join(f"\n\n// plans {place}\n\n" + "\n".join(plans) + "\n" for place, plans in files.items())
+    print_(engine, (f"{text}\n",), trail)
 
 
 @internal(".list_rules", 0)
@@ -160,14 +168,20 @@ def relevant_rules(engine: Any, args: Args, trail: Trail) -> bool:
     """``.relevant_rules(b(_), Rules)``: Rules are those whose head matches; all for an unbound variable."""
     if resolve(args[0]).__class__ is Var:
         rules = itertools.chain(*engine.library.inferences.values())
-        return gives(args[1], tuple(compiled.inference for compiled in rules), trail)
+        return gives(args[1], tuple(_unsourced(compiled.inference) for compiled in rules), trail)
     pattern = literal_of(".relevant_rules", args[0])
     found = []
     for compiled in engine.library.inferences.get(pattern.key, ()):
         if gives(opened(compiled.inference.head.args), pattern.args, trail):
-            found.append(compiled.inference)
+            found.append(_unsourced(compiled.inference))
         undo(trail, 0)
     return gives(args[1], tuple(found), trail)
+
+
+def _unsourced(rule: Inference) -> Inference:
+    """Return a rule without its sources."""
+    left = tuple(note for note in rule.head.annotations if not is_source(note))
+    return replace(rule, head=rule.head.with_(annotations=left))
 
 
 @internal(".namespace", 1, many=True)
@@ -200,11 +214,14 @@ def namespace_get_prop(engine: Any, args: Args, trail: Trail) -> Iterator[None]:
     return each(args[1:3], found, trail)
 
 
-def label_of(engine: Any, plan: Plan) -> Any:
-    """Return the label of a plan with its annotations; a plan without one gets a name, such as ``p__2``."""
+def label_of(engine: Any, plan: Plan, said_by: tuple[Any, ...] = ()) -> Any:
+    """Return the label of a plan with its annotations; a plan without one gets a name, such as ``p__2``.
+
+    ``said_by`` replaces its sources.
+    """
     name = plan.label or engine.library.given_label(plan)
     place = () if plan.origin is None else (literal("url", (source_of(plan.origin),)),)
-    marked = replace(plan, label=name, annotations=(*_others(plan), *_sources(plan), *place))
+    marked = replace(plan, label=name, annotations=(*_others(plan), *(said_by or _sources(plan)), *place))
     return label_term(marked)
 
 
@@ -214,11 +231,17 @@ def renamed(item: Any, numbers: Iterator[int]) -> tuple[Any, dict[str, Variable]
     return substituted(item, names), names
 
 
-def _shown(engine: Any, plan: Plan) -> Plan:
-    """Return a plan of the library as a value: it has its label, and variables of its own."""
+def shown(engine: Any, plan: Plan, said_by: tuple[Any, ...] = ()) -> Plan:
+    """Return a plan of the library as a value: it has its label, and variables of its own.
+
+    ``said_by`` are the sources of the plan as the answer to another agent.
+    """
     twin, _ = renamed(plan, itertools.count(1))
     twin = copy.copy(plan) if twin is plan else twin
-    twin.__dict__["known"] = KnownPlan(plan, label_of(engine, plan))
+    label = label_of(engine, plan, said_by)
+    if said_by:
+        plan = replace(plan, annotations=(*_others(plan), *said_by))
+    twin.__dict__["known"] = KnownPlan(plan, label)
     return twin
 
 
@@ -258,6 +281,7 @@ def learn(engine: Any, item: Any, notes: tuple[Any, ...], *, first: bool = False
             raise Failed("wrong_arguments", f"the plan cannot be read: {problem}") from problem
     if isinstance(plan, Plan) and plan.known is not None:
         plan = plan.known.plan
+        notes = (*(note for note in plan.annotations if is_source(note) and note not in notes), *notes)
     if not isinstance(plan, Plan):
         raise wrong(".add_plan", plan, "a plan, such as {+!g <- .print(hello)}")
     known = _known(engine, plan)

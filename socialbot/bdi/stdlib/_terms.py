@@ -73,7 +73,7 @@ TESTS: dict[str, Callable[[Any], bool]] = {
     ".atom": lambda term: term.__class__ is Atom,
     ".list": lambda term: term.__class__ in (tuple, Cons),
     ".literal": lambda term: isinstance(term, (Atom, Literal, Event, Plan)),
-    ".structure": lambda term: isinstance(term, (Atom, Literal, Cons, tuple)),
+    ".structure": lambda term: isinstance(term, (Literal, Cons, tuple)),
     ".empty": lambda term: isinstance(term, (tuple, str, Collection)) and not len(term),
 }
 """``.var(T)``: the term T is of this type; ``.empty(L)``: the list or string L is empty."""
@@ -98,7 +98,7 @@ DESCRIBED = {
     ".atom": "``.atom(T)``: T is an atom.",
     ".list": "``.list(T)``: T is a list.",
     ".literal": "``.literal(T)``: T is an atom, a structure, an event or a plan.",
-    ".structure": "``.structure(T)``: T is a name, a structure or a list.",
+    ".structure": "``.structure(T)``: T is a structure, a literal with annotations or a list; a name alone is none.",
     ".empty": "``.empty(L)``: the list, string, set, map or queue L has no items.",
 }
 

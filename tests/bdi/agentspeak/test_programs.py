@@ -93,6 +93,11 @@ def test_includes_a_labelled_plan_once(written):
     assert len(read_program(main).plans) == 1
 
 
+def test_the_same_plan_may_be_written_twice(written):
+    plan = "@l[atomic] +!g(X) : b(X) <- .print(X)."
+    assert len(read_program(written(main=f"{plan}\n{plan.replace(' : ', '  :  ')}")).plans) == 1
+
+
 def test_refuses_the_label_of_another_file(written):
     main = written(main='@l +!g.\n{ include("a.asl") }', a="@l +!h.")
     assert "a.asl:1:1: the label 'l' is already used in " in mistake(main)
