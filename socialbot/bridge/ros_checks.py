@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -27,8 +27,10 @@ from xml.etree import ElementTree
 from socialbot.bridge import environment
 from socialbot.bridge.driver_domain import driver_domain
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, spinning_node, stale_locks, wait_for
-from socialbot.bridge.transport import open_topics, open_transport
+from socialbot.bridge.transport import message_class, open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
+from socialbot.core.messages import RosMessage
+from socialbot.graph.node import Graph
 
 State = Literal["ok", "warning", "error"]
 
@@ -399,6 +401,24 @@ def main(part: str) -> int:
             time.sleep(1 / RATE_HZ)
         time.sleep(_SETTLE_S)
     return IMAGES
+
+
+def missing_types(graph: Graph, nodes: Collection[str] | None = None) -> Iterator[tuple[str, InstallationError]]:
+    """Yield the topics, services and actions of a graph whose ROS type is not installed, with the error.
+
+    ``nodes`` limits them to those of some nodes, such as the nodes of one machine.
+    """
+    used: dict[str, str] = {}
+    for config in graph.nodes:
+        if nodes is None or config.name in nodes:
+            topics = {topic: port.message_type for topic, port in (*config.subscriptions, *config.publications)}
+            used |= {topic: kind.ros_type for topic, kind in topics.items() if issubclass(kind, RosMessage)}
+            used |= {topic: port.interface.name for topic, port in (*config.servers, *config.clients)}
+    for topic, name in sorted(used.items()):
+        try:
+            message_class(name)
+        except InstallationError as error:
+            yield topic, error
 
 
 if __name__ == "__main__":

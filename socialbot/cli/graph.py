@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from socialbot.bridge.ros_checks import missing_types
 from socialbot.cli._options import GraphArgument, RobotOption
-from socialbot.core.errors import GraphError, InstallationError
+from socialbot.core.errors import GraphError
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
@@ -38,7 +39,7 @@ def graph(graph: GraphArgument, robot: RobotOption = None) -> None:
         name = f"{config.name}\n(stand-in)" if config in loaded.stand_ins else config.name
         table.add_row(name, *("\n".join(topic for topic, _ in each) for each in ports))
     console.print(table)
-    for problem in _missing_types(loaded):
+    for problem in _lacks(loaded):
         console.print(f"[yellow]warning[/] {escape(problem)}", soft_wrap=True)
     for config in loaded.nodes:
         for name, parameter in config.type.parameters().items():
@@ -47,19 +48,10 @@ def graph(graph: GraphArgument, robot: RobotOption = None) -> None:
             console.print(f"    {parameter.doc}", style="dim", soft_wrap=True)
 
 
-def _missing_types(graph: Graph) -> Iterator[str]:
+def _lacks(graph: Graph) -> Iterator[str]:
     """Yield a sentence for each type or answer that a run of the graph would lack."""
-    from socialbot.bridge.transport import message_class
-    from socialbot.core.messages import RosMessage
-
-    used = {topic: kind.ros_type for topic, kind in graph.topics().items() if issubclass(kind, RosMessage)}
-    for config in graph.nodes:
-        used |= {topic: port.interface.name for topic, port in (*config.servers, *config.clients)}
-    for topic, name in sorted(used.items()) if find_spec("rclpy") is not None else ():
-        try:
-            message_class(name)
-        except InstallationError as error:
-            yield f"{topic}: {error.what}; only --runner inline can run this graph; {error.remedy}"
+    for topic, error in missing_types(graph) if find_spec("rclpy") is not None else ():
+        yield f"{topic}: {error.what}; only --runner inline can run this graph; {error.remedy}"
     try:
         graph.with_stand_ins().expect_answers()
     except GraphError as error:

@@ -154,7 +154,8 @@ class RunTrace:
             if not (self.folder / RESULTS).exists() and not any(log.exists() and log.stat().st_size for log in logs):
                 for file in (*logs, self.folder / GRAPH):
                     file.unlink(missing_ok=True)
-                self.folder.rmdir()  # unless it holds other files
+                for folder in (*(each for each in self.folder.iterdir() if each.is_dir()), self.folder):
+                    folder.rmdir()  # unless it holds files
 
     @property
     def size(self) -> int:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from socialbot.core.errors import NodeError
+from socialbot.core.errors import InstallationError, NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
 from socialbot.deliberation.messages import PlanExecutionInfo
@@ -83,7 +83,13 @@ class RunResult:
 
 
 class RunSource:
-    """Input of a run. An object serves one run; subclasses are `BagSource`, `LiveSource` and `SimulatedSource`."""
+    """Input of a run. An object serves one run; subclasses are `BagSource`, `LiveSource` and `SimulatedSource`.
+
+    Attributes:
+        nodes: Names of the nodes of the graph that run on this machine; None for all.
+    """
+
+    nodes: Collection[str] | None = None
 
     def prepare(self, graph: Graph, runner: Runner, folder: Path) -> Graph:
         """Return ``graph`` adapted to this source, with files of its nodes in ``folder``."""
@@ -210,6 +216,8 @@ def run(
     """
     record.describe(graph)
     graph = source.prepare(graph, runner, record.folder)
+    if runner == "ros":
+        _expect_types(graph, source.nodes)
     result = RunResult()
     begun = time.monotonic()
 
@@ -247,6 +255,14 @@ def run(
             }
             record.write_results(result.results)
     return result
+
+
+def _expect_types(graph: Graph, nodes: Collection[str] | None) -> None:
+    """Refuse a graph before any process starts. Raises InstallationError for a ROS type that is not installed."""
+    from socialbot.bridge.ros_checks import missing_types
+
+    for topic, error in missing_types(graph, nodes):
+        raise InstallationError(error.what, where=topic, remedy=error.remedy)
 
 
 def new_run_folder() -> Path:

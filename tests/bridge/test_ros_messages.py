@@ -178,7 +178,7 @@ def test_nodes_exchange_ros_messages_with_other_ros_nodes():
     assert got == [Twist()]
 
 
-def test_graph_command_names_types_that_are_not_installed(tmp_path):
+def test_types_that_are_not_installed_are_named_before_anything_starts(tmp_path):
     (tmp_path / "strange.py").write_text(
         "from socialbot import Input, Node\n\n\nclass Strange(Node):\n"
         '    thing = Input("nobody_msgs/msg/Thing", "/thing")\n\n'
@@ -187,8 +187,18 @@ def test_graph_command_names_types_that_are_not_installed(tmp_path):
     )
     file = tmp_path / "graph.yaml"
     file.write_text("name: strange\ninputs: [/thing]\nnodes:\n  strange: {type: 'strange:Strange'}\n", "utf-8")
-    command = [sys.executable, "-m", "socialbot", "graph", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+
+    def socialbot(*args: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "socialbot", *args]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+
+    done = socialbot("graph", str(file))
     assert done.returncode == 0, done.stderr
     assert "/thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stdout
     assert "source the ROS workspace that has the package nobody_msgs" in done.stdout
+
+    done = socialbot("up", str(file), "--out", "live")
+    assert done.returncode == 5
+    assert "error: /thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stderr
+    assert "source the ROS workspace that has the package nobody_msgs" in done.stderr
+    assert not (tmp_path / "live").exists()
