@@ -256,6 +256,17 @@ def test_a_project_runs_in_its_python_environment(written, tmp_path):
     assert socialbot("run", str(project), "--environment", f"{tmp_path}/one.py:House").stdout == "[a] 2\n"
 
 
+def test_agents_of_one_file_learn_apart(written):
+    main = """!g.
+    +!g <- .create_agent(bob, "carl.asl"); .send(bob, tellHow, "@l +!h <- .print(one).");
+           .send(bob, achieve, h); .wait(20); .create_agent(dan, "carl.asl");
+           .send(dan, tellHow, "@l +!h <- .print(two)."); .send(dan, achieve, h)."""
+    files = written(ann=main, carl="b.")
+    ended = socialbot("run", files[0])
+    assert ended.stdout == "[bob] one\n[dan] two\n"
+    assert ended.stderr == ""
+
+
 def test_agents_create_agents_from_files(written):
     files = written(
         ann='!g. +!g <- .create_agent(bob, "carl.asl"); .create_agent(dan).', carl='!g. +!g <- .print("on").'

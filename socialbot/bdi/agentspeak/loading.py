@@ -71,8 +71,12 @@ def load(engine: Engine, text: str, file: str = "<text>", paths: IncludePaths | 
 
 
 def library_of(program: Program) -> Library:
-    """Build a library of the rules and plans of a program, for several agents to share."""
+    """Build a library of the rules and plans of a program, for several agents to share.
+
+    It stays as it is for further agents: one that changes it gets its own copy.
+    """
     library = Library()
+    library.users = 1
     for inference in program.inferences:
         library.add_inference(inference)
     for plan in program.plans:

@@ -147,7 +147,8 @@ def list_plans(engine: Any, args: Args, trail: Trail) -> None:
         return
     files: dict[str, list[str]] = {}
     for plan in engine.library:
-        place = "without file" if plan.origin is None else f"from {source_of(plan.origin)}"
+        origin = plan.origin if SELF[0] in _sources(plan) else None
+        place = "without file" if origin is None else f"from {source_of(origin)}"
         files.setdefault(place, []).append(spelled_item(shown(engine, plan)))
     text = "".join(f"\n\n// plans {place}\n\n" + "\n".join(plans) + "\n" for place, plans in files.items())
     print_(engine, (f"{text}\n",), trail)
