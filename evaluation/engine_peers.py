@@ -1,6 +1,6 @@
 """Other Python engines on the same workloads: python-agentspeak and py_trees, if installed.
 
-Install them with ``pip install socialbot[bench]``. Event counts are scaled to about one second per engine.
+Install them with ``make bench``. Event counts are scaled to about one second per engine.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from socialbot.bags.sound import AUDIO_TOPIC, has_decoder, video_sound
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, Clock, WallClock, nanoseconds
 from socialbot.core.errors import BagError, ImageError, MessageError, ParameterError, SocialbotError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, CameraInfo, CompressedImage, Structured
 from socialbot.graph.node import WireForm
 
@@ -188,7 +189,7 @@ def _sounds(path: Path, start: int, limit_s: float | None) -> Iterator[AudioData
     if not path.is_file():
         return iter(())
     if not has_decoder():
-        log.warning("%s: its sound, if it has any, is left out: pip install socialbot[hear]", path)
+        log.warning("%s: its sound, if it has any, is left out: %s", path, extra_command("hear"))
         return iter(())
     return video_sound(path, start, until=None if limit_s is None else start + nanoseconds(limit_s))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, InstallationError, MessageError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
 
 AUDIO_TOPIC = "/audio"
@@ -94,7 +95,7 @@ def video_sound(path: Path, start: int, *, until: int | None = None) -> Iterator
         import av  # pyright: ignore[reportMissingImports] - extra hear
         from av.error import FFmpegError  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise InstallationError(f"PyAV is not installed ({error})", remedy="pip install socialbot[hear]") from error
+        raise InstallationError(f"PyAV is not installed ({error})", remedy=extra_command("hear")) from error
     try:
         with av.open(str(path)) as container:
             if not container.streams.audio:

@@ -12,13 +12,15 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
+from socialbot.core.installation import pip_command
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -44,6 +46,11 @@ OPEN_TOPICS_VARIABLE = "SOCIALBOT_OPEN_TOPICS"
 
 DRIVERS_VARIABLE = "SOCIALBOT_DRIVERS"
 """Variable with the ROS domain of drivers and the topics of their commands: DOMAIN:TOPIC:TOPIC."""
+
+WHEELS: Mapping[str, str] = MappingProxyType(
+    {"ros-jazzy-rclpy": "7.1.6", "ros-jazzy-common-interfaces": "5.3.6", "ros-jazzy-rmw-fastrtps-cpp": "8.4.3"}
+)
+"""Tested versions of the ROS wheels, as in pyproject.toml."""
 
 TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
@@ -213,9 +220,14 @@ def require_ros() -> None:
     if importlib.util.find_spec("rclpy") is None:
         raise InstallationError(
             "ROS 2 is not installed for this Python",
-            remedy="on x86-64 Linux: pip install socialbot (brings the ROS wheels); elsewhere: source a ROS 2 Jazzy "
-            "installation; or use --runner inline, which needs no ROS",
+            remedy=f"{ros_remedy()}; or use --runner inline, which needs no ROS",
         )
+
+
+def ros_remedy() -> str:
+    """Return how to install ROS 2."""
+    wheels = pip_command("install", *(f"{wheel}=={version}" for wheel, version in WHEELS.items()))
+    return f"on x86-64 Linux: {wheels}; elsewhere: source a ROS 2 Jazzy installation"
 
 
 POLL_S = 0.05

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import message_class
 from socialbot.core.errors import InstallationError
+from socialbot.core.installation import interfaces_command
 
 DISCOVERY_S = 5.0
 """Time for the nodes of a robot to be discovered, and for a message."""
@@ -112,7 +113,7 @@ def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str) -> 
     bad = "error" if each.needed else "warning"
     if not _is_installed(each):
         package = each.type.partition("/")[0]
-        own = f"make robot-interfaces, or source a ROS installation that has {package}"
+        own = f"{interfaces_command('robot_interfaces')}, or source a ROS installation that has {package}"
         return Finding(each.part, "error", f"{each.name}: the package {package} is not installed", own)
     endpoints = _endpoints(ros, each)
     if not endpoints:

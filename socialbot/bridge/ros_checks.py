@@ -20,15 +20,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
 
 from socialbot.bridge import environment
 from socialbot.bridge.driver_domain import driver_domain
-from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, spinning_node, stale_locks, wait_for
+from socialbot.bridge.environment import KEYS_VARIABLE, WHEELS, has_keys, spinning_node, stale_locks, wait_for
 from socialbot.bridge.transport import message_class, open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
+from socialbot.core.installation import pip_command
 from socialbot.core.messages import RosMessage
 from socialbot.graph.node import Graph
 
@@ -50,11 +50,6 @@ class Finding:
 
 Check = Callable[[], Finding | None]  # one check; it returns None if it does not apply to this computer
 
-
-WHEELS: Mapping[str, str] = MappingProxyType(
-    {"ros-jazzy-rclpy": "7.1.6", "ros-jazzy-common-interfaces": "5.3.6", "ros-jazzy-rmw-fastrtps-cpp": "8.4.3"}
-)
-"""Tested versions of the ROS wheels, as in pyproject.toml."""
 
 GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 """Variable that the start-up file of the wheels sets together with LD_LIBRARY_PATH."""
@@ -80,7 +75,8 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
     try:  # in a child process, because mixed libraries may crash it
         _python("-c", "import rclpy, sensor_msgs.msg", timeout_s=60.0)
     except NodeError as error:
-        remedy = f"see the other findings on ROS; or reinstall the wheels: pip install --force-reinstall {_pins()}"
+        again = pip_command("install", "--force-reinstall", *_pins())
+        remedy = f"see the other findings on ROS; or reinstall the wheels: {again}"
         return Finding(name, "error", f"rclpy cannot be imported: {error.what}", remedy)
     found = {wheel: version for wheel in WHEELS if (version := installed_version(wheel)) is not None}
     if not found:
@@ -90,7 +86,9 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
         return Finding(name, "warning", f"the system's ROS {distribution}", "source /opt/ros/jazzy/setup.bash instead")
     if found != dict(WHEELS):
         listed = ", ".join(f"{wheel} {found.get(wheel, 'missing')}" for wheel in WHEELS)
-        return Finding(name, "warning", f"other wheels than the tested ones: {listed}", f"pip install {_pins()}")
+        return Finding(
+            name, "warning", f"other wheels than the tested ones: {listed}", pip_command("install", *_pins())
+        )
     return Finding(name, "ok", f"Jazzy from wheels: rclpy {found['ros-jazzy-rclpy']}, Fast DDS, common interfaces")
 
 
@@ -300,8 +298,8 @@ def _wheels_installed() -> bool:
     return installed_version("ros-rclpy") is not None
 
 
-def _pins() -> str:
-    return " ".join(f"{wheel}=={version}" for wheel, version in WHEELS.items())
+def _pins() -> list[str]:
+    return [f"{wheel}=={version}" for wheel, version in WHEELS.items()]
 
 
 def _holds_ros(folder: Path) -> bool:

@@ -24,8 +24,16 @@ from socialbot.bridge._endpoints import is_sealed as is_sealed
 from socialbot.bridge._endpoints import log_refusal as log_refusal
 from socialbot.bridge._endpoints import refusal_reason as refusal_reason
 from socialbot.bridge.driver_domain import DriverDomain, driver_domain
-from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, TOPIC_NAME, has_keys, ros_domain
+from socialbot.bridge.environment import (
+    KEYS_VARIABLE,
+    OPEN_TOPICS_VARIABLE,
+    TOPIC_NAME,
+    has_keys,
+    ros_domain,
+    ros_remedy,
+)
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import WireForm
 from socialbot.graph.ports import Delivery
@@ -38,10 +46,6 @@ M = TypeVar("M", bound=Message)
 
 log = getLogger("socialbot.transport")
 
-_REMEDY = (
-    "install the ROS wheels (pip install ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp) "
-    "or source a ROS 2 Jazzy installation"
-)
 STANDARD_PACKAGES = frozenset(name.partition("/")[0] for name in ROS_TYPES.values())
 """Packages of the message types that socialbot itself uses."""
 
@@ -49,8 +53,6 @@ ROBOT_PACKAGES = frozenset(
     {"communication_skills", "control_msgs", "hri_msgs", "naoqi_bridge_msgs", "nav2_msgs", "std_skills", "tts_msgs"}
 )
 """Packages that interfaces/robot_interfaces builds for the ROS wheels."""
-
-_REMEDY_TYPED = "pip install ./interfaces/socialbot_msgs (see docs/interfaces.md), or write messages: json in the graph"
 
 
 @functools.cache
@@ -65,12 +67,19 @@ def message_class(type_name: str) -> Any:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         package = type_name.partition("/")[0]
-        known = find_spec("rclpy") is not None and package not in STANDARD_PACKAGES
-        own = f"source the ROS workspace that has the package {package}, or install it with pip"
-        if package in ROBOT_PACKAGES:
-            own = f"source a ROS installation that has the package {package}, or make robot-interfaces in a checkout"
-        remedy = _REMEDY_TYPED if package == PACKAGE else own if known else _REMEDY
-        raise InstallationError(f"the ROS type {type_name} is not installed: {error}", remedy=remedy) from error
+        what = f"the ROS type {type_name} is not installed: {error}"
+        raise InstallationError(what, remedy=_remedy(package)) from error
+
+
+def _remedy(package: str) -> str:
+    """How to install a package of ROS types."""
+    if package == PACKAGE:
+        return f"{interfaces_command(PACKAGE)}, or write messages: json in the graph"
+    if find_spec("rclpy") is None or package in STANDARD_PACKAGES:
+        return ros_remedy()
+    if package in ROBOT_PACKAGES:
+        return f"source a ROS installation that has the package {package}, or {interfaces_command('robot_interfaces')}"
+    return f"source the ROS workspace that has the package {package}, or install it with pip"
 
 
 def _check_own_types() -> None:
@@ -82,7 +91,7 @@ def _check_own_types() -> None:
             raise InstallationError(
                 f"the installed package {PACKAGE} is of another version of socialbot: field {other!r} of {name} is "
                 f"{installed.get(other, 'missing')}, not {wanted.get(other, 'missing')}",
-                remedy=f"install it again: make interfaces, or {_REMEDY_TYPED}",
+                remedy=f"install it again: {interfaces_command(PACKAGE)}",
             )
 
 

@@ -23,6 +23,7 @@ from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding, installed_version
 from socialbot.cli._options import JsonOption, RobotOption, many
 from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
+from socialbot.core.installation import extra_command, pip_command
 from socialbot.graph.files import load_graph
 
 OLDEST, NEWEST = (3, 10), (3, 14)
@@ -113,9 +114,9 @@ def packages() -> Finding:
     found = {package: installed_version(package) for package in _PACKAGES}
     missing = [package for package, version in found.items() if version is None]
     if missing:
-        return Finding(name, "error", f"not installed: {', '.join(missing)}", f"pip install {' '.join(missing)}")
+        return Finding(name, "error", f"not installed: {', '.join(missing)}", pip_command("install", *missing))
     if installed_version("lark") is not None and installed_version("lark-parser") is not None:
-        remedy = "pip uninstall lark lark-parser; pip install lark-parser"
+        remedy = f"{pip_command('uninstall', 'lark', 'lark-parser')}; {pip_command('install', 'lark-parser')}"
         return Finding(name, "warning", "lark conflicts with the lark-parser of the ROS wheels", remedy)
     return Finding(name, "ok", ", ".join(f"{package} {version}" for package, version in found.items()))
 
@@ -123,7 +124,7 @@ def packages() -> Finding:
 def opencv() -> Finding:
     """Check that OpenCV is installed only once, and has the HOG detector."""
     name = "OpenCV"
-    remedy = f"pip install '{OPENCV}>=4.12,<5'"
+    remedy = pip_command("install", f"{OPENCV}>=4.12,<5")
     try:
         import cv2
     except ImportError as error:
@@ -132,9 +133,10 @@ def opencv() -> Finding:
         return Finding(name, "error", f"{cv2.__version__} has no HOG detector for people", remedy)
     installed = [wheel for wheel in _OPENCV_WHEELS if installed_version(wheel) is not None]
     if len(installed) > 1:
-        others = " ".join(wheel for wheel in installed if wheel != OPENCV)
+        others = pip_command("uninstall", *(wheel for wheel in installed if wheel != OPENCV))
+        again = pip_command("install", "--force-reinstall", f"{OPENCV}<5")
         text = f"several wheels overwrite each other: {', '.join(installed)}"
-        return Finding(name, "warning", text, f"pip uninstall {others}; pip install --force-reinstall '{OPENCV}<5'")
+        return Finding(name, "warning", text, f"{others}; {again}")
     return Finding(name, "ok", f"{cv2.__version__}, with the HOG detector")
 
 
@@ -168,7 +170,7 @@ def sound_device() -> Finding:
 
     name = "sound device"
     if installed_version("miniaudio") is None:
-        return Finding(name, "warning", "miniaudio is not installed: no sound", "pip install socialbot[speech]")
+        return Finding(name, "warning", "miniaudio is not installed: no sound", extra_command("speech"))
     if find_player() is None:
         remedy = "connect a loudspeaker; in a container: docker run --device /dev/snd; join the group 'audio'"
         return Finding(name, "warning", "none; speech is kept as .wav files of the run", remedy)

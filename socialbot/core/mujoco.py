@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 from typing import Any
 
 from socialbot.core.errors import InstallationError
+from socialbot.core.installation import extra_command
 
 
 def load_mujoco() -> Any:
@@ -19,4 +21,5 @@ def load_mujoco() -> Any:
     try:
         return importlib.import_module("mujoco")
     except ImportError as error:
-        raise InstallationError(f"MuJoCo cannot be imported: {error}", remedy="pip install 'socialbot[sim]'") from error
+        remedy = extra_command("sim") if sys.version_info >= (3, 11) else "use Python 3.11 or newer, which MuJoCo needs"
+        raise InstallationError(f"MuJoCo cannot be imported: {error}", remedy=remedy) from error

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import GraphError, InstallationError, MessageError, suggestion
+from socialbot.core.installation import interfaces_command
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Node, Timer
@@ -133,7 +134,7 @@ def make_message(kind: str, fields: Fields) -> Any:
     owner = installed_class(kind)
     if owner is None:
         package = kind.partition("/")[0]
-        remedy = f"source a ROS installation that has {package}, or make robot-interfaces"
+        remedy = f"source a ROS installation that has {package}, or {interfaces_command('robot_interfaces')}"
         raise InstallationError(f"the ROS package {package} is not installed", where=kind, remedy=remedy)
     message = owner()
     fill_message(message, fields, kind)

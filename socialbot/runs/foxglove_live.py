@@ -16,6 +16,7 @@ from socialbot.bags.reader import Bag
 from socialbot.bags.types import RosbagsTypes, types_with
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import CompressedImage, JointTrajectory, Message, Mind, PersonDetections, TraceRecord
 from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs._foxglove_gate import gate
@@ -69,7 +70,7 @@ class FoxgloveServer:
             raise InstallationError(
                 "the package 'foxglove-sdk' is not installed",
                 where="foxglove",
-                remedy="pip install 'socialbot[foxglove]'",
+                remedy=extra_command("foxglove"),
             ) from error
         self._foxglove = foxglove
         self._types = RosbagsTypes()

@@ -11,6 +11,7 @@ from typing import Any
 from socialbot.bags.reader import Bag
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import BagError, InstallationError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, Mind, PersonDetection, PersonDetections
 from socialbot.runs._streams import beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
@@ -87,7 +88,7 @@ def export_rerun(run: RecordedRun, bag: Bag | None, out: Path) -> None:
     try:
         rerun: Any = importlib.import_module("rerun")
     except ImportError as error:
-        raise InstallationError("Rerun is not installed", remedy="pip install 'socialbot[rerun]'") from error
+        raise InstallationError("Rerun is not installed", remedy=extra_command("rerun")) from error
     recording = rerun.RecordingStream("socialbot")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

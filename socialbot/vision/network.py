@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.installation import pip_command, restore_command
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
@@ -97,7 +98,7 @@ def _session(model: Path | bytes, threads: int, where: str):
         raise InstallationError(
             f"onnxruntime cannot be imported: {error}",
             where=where,
-            remedy="pip install onnxruntime, or choose the detector hog",
+            remedy=f"{pip_command('install', 'onnxruntime')}, or choose the detector hog",
         ) from error
     if isinstance(model, Path) and not model.is_file():
         raise ParameterError("no such file", where=where, remedy="name an ONNX file")
@@ -121,7 +122,7 @@ def _session(model: Path | bytes, threads: int, where: str):
 def included_model(file: str, sha256: str) -> bytes:
     """The content of an included ONNX ``file``. Raises InstallationError if it is missing or its checksum is wrong."""
     path = resources.files("socialbot.vision") / "models" / file
-    remedy = "reinstall socialbot: pip install --force-reinstall socialbot"
+    remedy = f"bring the file back: {restore_command(Path(str(path)))}"
     try:
         data = path.read_bytes()
     except OSError as error:

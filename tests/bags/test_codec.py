@@ -313,7 +313,7 @@ def test_camera_info_has_the_projection_of_a_single_camera() -> None:
     ("name", "remedy"),
     [
         ("nobody_msgs/msg/Nothing", "source the ROS workspace that has the package nobody_msgs"),
-        ("sensor_msgs/msg/Nothing", "pip install ros-jazzy-rclpy"),
+        ("sensor_msgs/msg/Nothing", "install ros-jazzy-rclpy"),
         ("nonsense", "source the ROS workspace"),
         ("", "source the ROS workspace"),
     ],

@@ -16,6 +16,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.bags.sound import sound_of
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, MessageError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
 from socialbot.graph.files import parse_graph
 
@@ -163,7 +164,7 @@ def test_import_without_pyav_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyP
     film = make_video(tmp_path / "film.mp4")
     monkeypatch.setitem(__import__("sys").modules, "av", None)
     assert import_bag(film, tmp_path / "bag").sound_s == 0
-    assert "its sound, if it has any, is left out: pip install socialbot[hear]" in caplog.text
+    assert f"its sound, if it has any, is left out: {extra_command('hear')}" in caplog.text
 
 
 def test_video_with_damaged_sound_is_refused_or_read(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from socialbot.bags.types import PACKAGE, RosbagsTypes, definitions, fields_of, 
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.transport import RclpyTypes, message_class, open_transport
 from socialbot.core.errors import GraphError, InstallationError, MessageError, ParameterError
+from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import (
     ActionRequest,
     Message,
@@ -170,8 +171,9 @@ def test_sealed_messages_are_text() -> None:
 def test_missing_types_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     message_class.cache_clear()
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.msg", None)
-    with pytest.raises(InstallationError, match=r"pip install \./interfaces/socialbot_msgs"):
+    with pytest.raises(InstallationError) as caught:
         open_transport({}, form="typed")
+    assert caught.value.remedy == f"{interfaces_command(PACKAGE)}, or write messages: json in the graph"
     message_class.cache_clear()
 
 

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from socialbot.cli.sim import sim
 from socialbot.core.errors import InstallationError
+from socialbot.core.installation import extra_command
 
 app = typer.Typer()
 app.command()(sim)
@@ -17,5 +18,5 @@ def test_without_mujoco_no_bag_is_begun(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["foyer", "--record", "bag"])
     assert isinstance(done.exception, InstallationError)
-    assert done.exception.remedy == "pip install 'socialbot[sim]'"
+    assert done.exception.remedy == extra_command("sim")
     assert not list(tmp_path.iterdir())

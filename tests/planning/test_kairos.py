@@ -293,7 +293,7 @@ def test_without_kairos_the_error_has_a_remedy(monkeypatch):
     monkeypatch.setenv("PATH", "")
     kairos_module._command.cache_clear()
     try:
-        with pytest.raises(InstallationError, match="pip install 'kairos-planner"):
+        with pytest.raises(InstallationError, match="install 'kairos-planner"):
             Kairos()
     finally:
         kairos_module._command.cache_clear()

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from socialbot.core.installation import interfaces_command
 from socialbot.robots.profile import load_profile, parse_profile
 from socialbot.robots.requirements import Requirement, requirements
 from tests.robots.daemon_server import DaemonServer, running_daemon
@@ -112,7 +113,7 @@ class TestOverDds:
         assert found == (
             "error",
             "/x: the package absent_msgs is not installed",
-            "make robot-interfaces, or source a ROS installation that has absent_msgs",
+            f"{interfaces_command('robot_interfaces')}, or source a ROS installation that has absent_msgs",
         )
 
     def test_messages_are_awaited_and_looked_at(self):

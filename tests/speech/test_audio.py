@@ -10,6 +10,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, MessageError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
 from socialbot.speech.audio import (
     RATE_HZ,
@@ -86,7 +87,7 @@ def test_conversion_without_pyav_says_what_to_install(monkeypatch: pytest.Monkey
     assert Converter(RATE_HZ, 1).push(np.ones((3, 1), np.int16)).tolist() == [1, 1, 1]
     with pytest.raises(InstallationError, match="PyAV is not installed") as caught:
         Converter(44100, 1)
-    assert caught.value.remedy == "pip install socialbot[hear]"
+    assert caught.value.remedy == extra_command("hear")
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4])

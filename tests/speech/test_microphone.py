@@ -9,6 +9,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Message
 from socialbot.core.paths import FOLDERS_VARIABLE
 from socialbot.graph.inline import InlineRunner
@@ -107,7 +108,7 @@ def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "miniaudio", None)
     with pytest.raises(InstallationError, match="miniaudio is not installed") as caught:
         Capture("default", 16000, 1, 0.02, lambda data: None)
-    assert caught.value.remedy == "pip install socialbot[hear]"
+    assert caught.value.remedy == extra_command("hear")
 
 
 class Plug:

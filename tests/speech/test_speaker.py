@@ -9,6 +9,7 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, ParameterError
+from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Message, SpeechStatus, StopSpeech, Utterance
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
@@ -221,7 +222,7 @@ def test_utterances_fail_without_speech_library(monkeypatch, caplog):
     stage.say("a")
     stage.say("b")
     assert stage.story == ["a failed", "b failed"]
-    assert all("pip install socialbot[speech]" in status.detail for status in stage.statuses)
+    assert all(extra_command("speech") in status.detail for status in stage.statuses)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert stage.no_faults()
 

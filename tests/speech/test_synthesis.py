@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.installation import extra_command
 from socialbot.speech.synthesis import Sound, Synthesizer
 
 SENTENCE = "Hello, nice to see you. Can I help you find something?"
@@ -127,7 +128,7 @@ def test_missing_library_has_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "espeakng_loader", None)
     with pytest.raises(InstallationError) as raised:
         Synthesizer()
-    assert raised.value.remedy == "pip install socialbot[speech]"
+    assert raised.value.remedy == extra_command("speech")
 
 
 def test_unreadable_data_is_an_installation_error(monkeypatch, tmp_path):

@@ -92,7 +92,7 @@ def test_error_names_the_input_that_fits():
 
 def test_missing_onnxruntime_is_an_error_with_a_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(InstallationError, match="pip install onnxruntime, or choose the detector hog"):
+    with pytest.raises(InstallationError, match="install onnxruntime, or choose the detector hog"):
         OnnxModel(echo_network())
 
 

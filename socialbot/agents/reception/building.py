@@ -27,6 +27,7 @@ from socialbot.agents.dialogue import Script
 from socialbot.agents.dialogue.script import page_of, texts_in
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, suggestion
+from socialbot.core.installation import pip_command
 from socialbot.core.yaml import YamlSection
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -137,7 +138,8 @@ def _zone(page: YamlSection) -> tzinfo:
     try:
         return zoneinfo.ZoneInfo(name)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError) as error:
-        remedy = "write it as in Europe/Berlin; without a time zone database on this machine: pip install tzdata"
+        install = pip_command("install", "tzdata")
+        remedy = f"write it as in Europe/Berlin; without a time zone database on this machine: {install}"
         raise GraphError(f"unknown time zone {name!r}", where=page.line("timezone"), remedy=remedy) from error
 
 

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from socialbot.core.errors import InstallationError, PlanningError
+from socialbot.core.installation import pip_command
 from socialbot.planning.htn.domain import MAX_METHODS, Item, Operator, TaskDomain, TaskState, item_text
 from socialbot.planning.htn.tree import TaskFault, TaskLimits
 
@@ -22,7 +23,9 @@ def _load() -> ModuleType:
     package = find_spec("gtpyhop")
     if package is None or package.origin is None:
         raise InstallationError(
-            "gtpyhop-core is not installed", where="task networks", remedy="pip install 'gtpyhop-core>=2.0.2,<3'"
+            "gtpyhop-core is not installed",
+            where="task networks",
+            remedy=pip_command("install", "gtpyhop-core>=2.0.2,<3"),
         )
     spec = spec_from_file_location("_gtpyhop_of_socialbot", Path(package.origin).with_name("main.py"))
     assert spec is not None

@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from socialbot.core.installation import pip_command
 from socialbot.planning.planners.planner import PlannerVerdict
 
 INSTANT_S = 0.001
@@ -47,7 +48,8 @@ def _ask(engine: str, domain: str, problem: str, timeout_s: float) -> tuple[Plan
     with suppress(ModuleNotFoundError):
         importlib.import_module("up_kairos").register()
     if engine not in environment.factory.engines:
-        return PlannerVerdict.FAILED, f"unified-planning has no engine {engine!r} here: pip install up-{engine}", []
+        remedy = pip_command("install", f"up-{engine}")
+        return PlannerVerdict.FAILED, f"unified-planning has no engine {engine!r} here: {remedy}", []
     try:
         asked = reading.PDDLReader().parse_problem(domain, problem)
     except Exception as error:  # noqa: BLE001 - the reader raises whatever its grammar meets

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from socialbot.core.errors import InstallationError, ParameterError, PlanningError
+from socialbot.core.installation import extra_command, pip_command
 from socialbot.planning.pddl.domain import PddlPlan, PlanStep, in_time, parse_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 from socialbot.planning.planners.planner import (
@@ -127,10 +128,9 @@ def _command() -> str:
         own = []
     found = str(own[0]) if own else shutil.which("kairos")
     if found is None:
-        raise InstallationError(
-            "the planner kairos is not installed",
-            remedy="pip install 'kairos-planner>=1.0.6,<2' (Linux on x86-64 or ARM), or use --planner popf",
-        )
+        install = pip_command("install", "kairos-planner>=1.0.6,<2")
+        remedy = f"{install} (Linux on x86-64 or ARM), or use --planner popf"
+        raise InstallationError("the planner kairos is not installed", remedy=remedy)
     return found
 
 
@@ -231,7 +231,7 @@ class Unified(ChildPlanner):
             raise InstallationError(
                 "unified-planning is not installed",
                 where=f"planner up:{engine}",
-                remedy="pip install 'socialbot[up]', or use the planner kairos",
+                remedy=f"{extra_command('up')}, or use the planner kairos",
             )
         self.engine = engine
         self.name = f"up:{engine}"

@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
 from socialbot.core.errors import InstallationError, NodeError, ParameterError, SocialbotError
+from socialbot.core.installation import extra_command
 from socialbot.core.process import Ending
 
 T = TypeVar("T")
@@ -107,7 +108,7 @@ def run_on_dask(
         raise InstallationError(
             "the package 'distributed' is not installed",
             where="--scheduler",
-            remedy="pip install 'socialbot[dask]', or leave --scheduler out",
+            remedy=f"{extra_command('dask')}, or leave --scheduler out",
         ) from error
     where = f"--scheduler {address}"
     try:

@@ -15,6 +15,7 @@ from socialbot.agents.warehouse.world import FLOOR
 from socialbot.agents.warehouse.world_node import WarehouseWorld
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import InstallationError
+from socialbot.core.installation import extra_command
 from socialbot.graph.inline import InlineRunner
 
 MM = 0.001
@@ -24,7 +25,7 @@ def test_missing_package_is_named_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InstallationError) as caught:
         PhysicalWarehouse()
-    assert "pip install 'socialbot[sim]'" in str(caught.value)
+    assert extra_command("sim") in str(caught.value)
 
 
 class Hall:
