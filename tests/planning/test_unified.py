@@ -23,8 +23,6 @@ import os, sys, time
 from fractions import Fraction
 from types import SimpleNamespace as Some
 
-INSTALL = pip_command("install", "up-missing")
-
 
 def action(name, *objects):
     return Some(action=Some(name=name), actual_parameters=objects)
