@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 
 from socialbot.bags.codec import STRING, encode
-from socialbot.bags.types import field_types, own_types, type_name
+from socialbot.bags.types import PACKAGE, field_types, own_types, type_name
 from socialbot.bridge import ros_checks, transport
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.keys import SecurityError, load_keys, new_key
 from socialbot.bridge.security import SCHEMA, Seal, SealError
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
+from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import HeadCommand, Utterance
 
 TOPIC = "/speech/say"
@@ -238,7 +239,7 @@ def test_typed_transport_needs_the_own_types_of_this_version(monkeypatch, change
         open_transport({}, form="typed")
     assert "socialbot_msgs" in str(caught.value)
     assert name in str(caught.value)
-    assert "make interfaces" in str(caught.value.remedy)
+    assert interfaces_command(PACKAGE) in str(caught.value.remedy)
 
 
 def test_typed_transport_opens_with_the_own_types_of_this_version(monkeypatch):
