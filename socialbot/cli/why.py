@@ -60,7 +60,8 @@ def why(
         else:
             at_s = seconds_of(at)
             then = [each.near(at_s) for each in found]
-            print_found(then, _not_chosen_then(found, then, at_s), as_json=as_json)
+            lines = [*_not_chosen_then(found, then, at_s), *_seen_at(recorded, at_s)]
+            print_found(then, lines, as_json=as_json)
     elif show_list:
         listed = [explain(history, recorded.wording, record).chain[0] for record in actions(history)]
         rows = [f"{number:>4}  {one.at_s:>8.2f} s  {one.sentence}" for number, one in enumerate(listed, start=1)]
@@ -181,5 +182,24 @@ def _not_chosen_then(plans: Sequence[Considered], then: Sequence[Considered], at
         times = sorted((*each.chosen_s, *(no.at_s for no in each.rejected)))
         before, after = [t for t in times if t < at_s][-1:], [t for t in times if t > at_s][:1]
         others = [f"; last at {t:.2f} s" for t in before] + [f"; next at {t:.2f} s" for t in after]
-        lines += [*_named(each), f"  not considered at {at_s:.2f} s: its event did not occur then{''.join(others)}"]
+        lines += [*_named(each), f"  not considered at {at_s:.2f} s: {_absent(each.plan)} then{''.join(others)}"]
     return lines
+
+
+def _absent(plan: str) -> str:
+    """Return that the event of a plan in Python or AgentSpeak did not occur; a plan may be only a label."""
+    from socialbot.runs.why import head_of
+
+    head = head_of(plan)
+    event = "its event" if head == " ".join(plan.split()) else head.partition(" / ")[0].partition(" : ")[0]
+    is_goal = event != "its event" and event[0] not in "+-"
+    return f"the goal {event} was not adopted" if is_goal else f"{event} did not occur"
+
+
+def _seen_at(run: RecordedRun, at_s: float) -> list[str]:
+    """Return the people in the last frame until a time, which may be why no event occurred; empty without frames."""
+    from socialbot.runs.why import explain
+
+    history = run.history
+    seen = [one for one in history if one.kind == "detection" and one.stamp <= history.stamp(at_s)]
+    return [f"  {explain(history, run.wording, seen[-1]).chain[0].sentence}"] if seen else []

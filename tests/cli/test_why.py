@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from socialbot.cli.diff import diff
 from socialbot.cli.report import report
-from socialbot.cli.why import seconds_of, why
+from socialbot.cli.why import _absent, seconds_of, why
 from socialbot.core.errors import ParameterError, RunError, SocialbotError
 from tests.runs.runs import greeting, long_run
 
@@ -99,7 +99,23 @@ def test_explains_a_rejected_plan_at_a_time(run):
     code, told = ask("why", run, "--not", "several", "--at", "1.0")
     assert (code, "several() does not hold" in told) == (0, True)
     code, told = ask("why", run, "--not", "several", "--at", "0.05")
-    assert (code, "not considered at 0.05 s: its event did not occur then; next at 0." in told) == (0, True)
+    assert code == 0
+    assert "0.05 s: the goal GreetPeople() was not adopted then; next at 0." in told
+    assert "0.05 s: +engages(Who) did not occur then; next at 0." in told
+    assert told.splitlines()[-1].startswith("  the frame at 0.0")
+
+
+@pytest.mark.parametrize(
+    ("plan", "absent"),
+    [
+        ("+near(Who) / (free()) >> [greet(Who)]", "+near(Who) did not occur"),
+        ("greet(Who) / (free()) >> []", "the goal greet(Who) was not adopted"),
+        ("+!greet(Who) : free <- say(hello).", "+!greet(Who) did not occur"),
+        ("wet", "its event did not occur"),
+    ],
+)
+def test_event_of_a_plan_is_named(plan, absent):
+    assert _absent(plan) == absent
 
 
 @pytest.mark.parametrize(
