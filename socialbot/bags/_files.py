@@ -27,6 +27,8 @@ _REPAIRS = {
     ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
 }
 
+_LFS_POINTER = b"version https://git-lfs.github.com/"
+
 
 def open_folder(path: Path, damage: list[str]) -> list[Reader]:
     """Open the files of a rosbag2 folder, and add missing parts to ``damage``. Raises BagError."""
@@ -84,8 +86,15 @@ def broken(path: Any, error: Exception) -> BagError:
     """Return the error for a failure of rosbags to read ``path``, with the remedy for its format."""
     if isinstance(error, PermissionError):
         return BagError("permission denied", where=str(path), remedy="ask its owner for read permission")
+    if isinstance(path, Path) and path.is_file() and _is_lfs_pointer(path):
+        return BagError("not a bag, but a pointer of Git LFS to one", where=str(path), remedy="run `git lfs pull`")
     what = str(error) or type(error).__name__
     return BagError(f"the bag is damaged: {what}", where=str(path), remedy=_REPAIRS.get(path.suffix, "copy it again"))
+
+
+def _is_lfs_pointer(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_LFS_POINTER)) == _LFS_POINTER
 
 
 def natural(path: Path) -> list[tuple[int, str]]:

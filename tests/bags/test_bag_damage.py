@@ -168,6 +168,9 @@ def test_intact_messages_are_read_before_the_damage(tmp_path: Path) -> None:
     assert len(found) >= 8
 
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:b90a\nsize 990\n"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
@@ -181,6 +184,7 @@ def test_intact_messages_are_read_before_the_damage(tmp_path: Path) -> None:
         ("text.mcap", b"hello world" * 100, "magic"),
         ("text.db3", b"hello world" * 100, "not a database"),
         ("text.bag", b"hello world" * 100, "magic"),
+        *((f"pointer{suffix}", LFS_POINTER, "a pointer of Git LFS") for suffix in (".mcap", ".db3", ".bag")),
     ],
 )
 def test_refuses_other_files(tmp_path: Path, name: str, content: bytes | None, complaint: str) -> None:
