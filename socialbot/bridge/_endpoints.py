@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from logging import getLogger
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from socialbot.bags.codec import STRING, TypeFactory, decode, encode
+from socialbot.bridge.stream_watch import BEACON_S, WatchedSubscription
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.node import WireForm
@@ -25,14 +28,15 @@ _SEALED_PREFIX = '{"schema":"socialbot/Sealed/'
 """Prefix of every sealed message, which processes without keys recognise without a cryptography library."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Sender:
     """Thread-safe sender of messages through one rclpy ``publisher``.
 
     Attributes:
         stream: Seals the messages; None without keys.
         seals: Publisher of detached seals, for messages of standard types; None for structured messages.
-        sent: Number of messages, without renewals.
+        latched: Whether late subscribers get the last message.
+        sent: Number of messages, without renewals and beacons.
         drivers: Publisher of the plain messages in the domain of drivers.
     """
 
@@ -41,9 +45,13 @@ class Sender:
     stream: Stream | None
     form: WireForm = "json"
     seals: Any = None
+    latched: bool = False
     sent: int = 0
     drivers: DriverPublisher | None = None
+    clock: Callable[[], float] = time.monotonic
     _last: str | None = field(default=None, init=False)
+    _destroyed: bool = field(default=False, init=False)
+    _sealed_at: float = field(default=-math.inf, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def publish(self, message: Message) -> None:
@@ -65,7 +73,7 @@ class Sender:
             with self._lock:
                 self._last = text = digest(cdr)
                 # The seal comes first, so that receivers seldom have to keep messages.
-                self.seals.publish(self.types.make(STRING, data=self.stream.seal(text)))
+                self.seals.publish(self._text(self.stream.seal(text)))
                 self.publisher.publish(cdr)
         if self.drivers is not None:
             self.drivers.publish(ros_message)
@@ -78,19 +86,31 @@ class Sender:
         else:
             with self._lock:
                 self._last = text = ros_message.data
-                ros_message.data = self.stream.seal(text)
-                self.publisher.publish(ros_message)
+                self.publisher.publish(self._text(self.stream.seal(text)))
         self.sent += 1
 
     def renew(self) -> None:
-        """Publish the last message again with a new seal. Receivers ignore a known message."""
+        """Publish the last message again with a new seal if it is latched; else a beacon if no seal was sent lately."""
         with self._lock:
-            if self.stream is not None and self._last is not None:
-                publisher = self.publisher if self.seals is None else self.seals
-                publisher.publish(self.types.make(STRING, data=self.stream.seal(self._last, renew=True)))
+            if self.stream is None or self._destroyed:
+                return
+            if self.latched and self._last is not None:
+                self._publish_seal(self.stream.seal(self._last, renew=True))
+            elif self.clock() - self._sealed_at > BEACON_S / 2:
+                self._publish_seal(self.stream.beacon())
+
+    def _publish_seal(self, text: str) -> None:
+        publisher = self.publisher if self.seals is None else self.seals
+        publisher.publish(self._text(text))
+
+    def _text(self, sealed: str) -> Any:
+        self._sealed_at = self.clock()
+        return self.types.make(STRING, data=sealed)
 
     def destroy(self, ros: Any) -> None:
         """Remove the publishers from the rclpy node ``ros``."""
+        with self._lock:
+            self._destroyed = True
         ros.destroy_publisher(self.publisher)
         if self.seals is not None:
             ros.destroy_publisher(self.seals)
@@ -144,18 +164,21 @@ class Listener:
     """Subscription to valid messages of one topic; see `Transport.listen`.
 
     Attributes:
-        endpoint: The rclpy subscription.
-        seals: The rclpy subscription to detached seals, if the topic has them.
+        endpoint: The rclpy subscription, or a `WatchedSubscription` with keys.
+        seals: The subscription to detached seals, if the topic has them.
     """
 
     endpoint: Any
-    seals: Any = None
+    seals: WatchedSubscription | None = None
 
     def destroy(self, ros: Any) -> None:
         """Remove the subscriptions from the rclpy node ``ros``."""
-        ros.destroy_subscription(self.endpoint)
+        if isinstance(self.endpoint, WatchedSubscription):
+            self.endpoint.destroy()
+        else:
+            ros.destroy_subscription(self.endpoint)
         if self.seals is not None:
-            ros.destroy_subscription(self.seals)
+            self.seals.destroy()
 
 
 @dataclass
@@ -163,7 +186,7 @@ class Subscription(Generic[M]):
     """Subscription that passes valid messages to ``take``; see `Transport.subscribe`.
 
     Attributes:
-        endpoint: The rclpy subscription.
+        endpoint: That of the listener.
         refused: Number of invalid messages.
         taken: Number of messages, without renewals. ``on_taken`` is called after each.
     """

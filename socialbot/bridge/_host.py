@@ -46,16 +46,9 @@ from socialbot.bridge.diagnostics import (
     listener_connections,
     sender_connections,
 )
+from socialbot.bridge.qos import QUEUE_DEPTH, subscription_qos
 from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, StepReport
-from socialbot.bridge.transport import (
-    QUEUE_DEPTH,
-    Listener,
-    Receiver,
-    Sender,
-    open_transport,
-    refusal_reason,
-    subscription_qos,
-)
+from socialbot.bridge.transport import Listener, Receiver, Sender, Transport, open_transport, refusal_reason
 from socialbot.core.clock import SECOND, Clock, ForwardClock, WallClock
 from socialbot.core.errors import InstallationError, MessageError, NodeError, SocialbotError
 from socialbot.core.messages import Health, Message, Structured, Transforms
@@ -131,7 +124,7 @@ class NodeHost:
         self._config = config
         self._supervisor = supervisor
         self._intra_process = intra_process or IntraProcess()
-        self._transport = open_transport(form=graph.wire)
+        self._transport = self._open_transport()
         self._clock_transport = open_transport()
         sealed = self._transport.sealed  # disables services, which have no seals
         self._ros = LifecycleHost(
@@ -178,9 +171,6 @@ class NodeHost:
         self._reporter = DiagnosticsReporter(
             self._ros, self.statistics, self._connections, self._inputs, lambda: self._ros.state
         )
-        if sealed:
-            period_s = self._transport.renewal_s
-            self._renewal = self._ros.create_timer(period_s, self._renew, clock=STEADY)
         if supervisor is not None:
             self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)
 
@@ -312,7 +302,13 @@ class NodeHost:
             self._reliable,
         ):
             kept.clear()
-        self._transport = open_transport(form=self._graph.wire)
+        self._transport.end_renewal()
+        self._transport = self._open_transport()
+
+    def _open_transport(self) -> Transport:
+        transport = open_transport(form=self._graph.wire)
+        transport.resubscribed = self.statistics.resubscribed
+        return transport
 
     def _build(self) -> NodeThread:
         thread = self._thread = NodeThread(
@@ -431,10 +427,6 @@ class NodeHost:
             self.name, self._instance, idle.time, self._sent, taken, idle.held, idle.round, idle.repeat, idle.total
         )
         self._reports.forward(String(data=report.encode()))
-
-    def _renew(self) -> None:
-        self._transport.renew()
-        self._clock_transport.renew()
 
     def _publish_health(self, health: Health) -> None:
         for sender in self._health_senders:

@@ -7,12 +7,17 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from logging import getLogger
 from typing import Any
 
 from socialbot.bags.codec import STRING
 from socialbot.bridge.detached_seals import seal_topic
-from socialbot.bridge.transport import Transport, is_sealed, log_refusal, matching_qos, message_class
+from socialbot.bridge.qos import matching_qos
+from socialbot.bridge.stream_watch import Watch, WatchedSubscription
+from socialbot.bridge.transport import Transport, is_sealed, log_refusal, message_class
 from socialbot.core.errors import MessageError
+
+log = getLogger("socialbot.transport")
 
 ADAPT_PERIOD_S = 0.5
 DEPTH = 100
@@ -20,7 +25,10 @@ DEPTH = 100
 
 @dataclass
 class AdaptiveSubscription:
-    """Subscription whose quality of service matches all publishers, including new ones."""
+    """Subscription whose quality of service matches all publishers, including new ones.
+
+    With a ``watch`` it is also replaced when messages do not arrive. The node ``ros`` must be spun.
+    """
 
     ros: Any
     name: str
@@ -28,8 +36,10 @@ class AdaptiveSubscription:
     take: Callable[[Any], None]
     raw: bool
     depth: int = DEPTH
+    watch: Watch | None = None
     _qos: Any = field(default=None, init=False)
     _subscription: Any = field(default=None, init=False)
+    _watched: WatchedSubscription | None = field(default=None, init=False)
     _adapted: float = field(default=-math.inf, init=False)
 
     @property
@@ -40,27 +50,41 @@ class AdaptiveSubscription:
         return self._qos is not None and self._qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
     def adapt(self) -> None:
-        """Subscribe again if the publishers have changed."""
-        from rclpy.event_handler import SubscriptionEventCallbacks
-
+        """Subscribe again if the publishers have changed, or messages do not arrive."""
         if time.monotonic() - self._adapted < ADAPT_PERIOD_S:
             return
         self._adapted = time.monotonic()
         publishers = publishers_of(self.ros, self.name)
         qos = matching_qos(publishers, self.depth)
         if qos == self._qos or (not publishers and self._subscription is not None):
+            if self._watched is not None and (reason := self._watched.fault()):
+                log.warning("%s: subscribed again: %s", self.name, reason)
+                self._watched.replace()
             return
-        if self._subscription is not None:
-            self.ros.destroy_subscription(self._subscription)
+        self._destroy()
         self._qos = qos
-        self._subscription = self.ros.create_subscription(
+        if self.watch is None:
+            self._subscription = self._create()
+        else:
+            self._subscription = self._watched = WatchedSubscription(self.ros, self._create, self.watch)
+
+    def _create(self) -> Any:
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        return self.ros.create_subscription(
             self.kind,
             self.name,
             self.take,
-            qos,
+            self._qos,
             raw=self.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
+
+    def _destroy(self) -> None:
+        if self._watched is not None:
+            self._watched.destroy()
+        elif self._subscription is not None:
+            self.ros.destroy_subscription(self._subscription)
 
 
 def verified_subscriptions(
@@ -85,6 +109,10 @@ def verified_subscriptions(
 
     text_class = message_class(STRING)
     receiver = transport.receiver(name, latched=True)
+    opener = receiver.opener
+    assert opener is not None
+    for each in (opener.watch, matcher.opener.watch):
+        each.expects_all, each.has_foreign = False, True
 
     def take_message(cdr: bytes) -> None:
         text = deserialize_message(cdr, ros_class) if ros_class is text_class else None
@@ -94,7 +122,8 @@ def verified_subscriptions(
         try:
             opened = receiver.open(text)
         except MessageError as error:
-            refuse(error)
+            if not opener.is_duplicate(error):
+                refuse(error)
             return
         if opened is not None:
             take(serialize_message(opened))
@@ -102,9 +131,10 @@ def verified_subscriptions(
     def take_seal(text: Any) -> None:
         matcher.take_seal(text.data)
 
+    watch = opener.watch if ros_class is text_class else matcher.watch
     return [
-        AdaptiveSubscription(ros, seal_topic(name), text_class, take_seal, raw=False),
-        AdaptiveSubscription(ros, name, ros_class, take_message, raw=True, depth=depth),
+        AdaptiveSubscription(ros, seal_topic(name), text_class, take_seal, raw=False, watch=matcher.opener.watch),
+        AdaptiveSubscription(ros, name, ros_class, take_message, raw=True, depth=depth, watch=watch),
     ]
 
 

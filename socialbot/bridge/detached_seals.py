@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bridge.stream_watch import StreamKey
 from socialbot.core.errors import MessageError
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ SEAL_SUFFIX = "/_seal"
 MAX_SEALS = 256  # seals that wait for their message; best-effort messages may be lost
 MAX_WAITING = 64  # messages that wait for their seal
 MAX_WAITING_BYTES = 64 * 2**20
+MISSING_S = 1.0  # time after which the message of a seal is missing
 WORD_BYTES = 4
 
 
@@ -43,6 +45,40 @@ def padded(cdr: bytes) -> bytes:
 
 
 @dataclass(eq=False)
+class MessageWatch:
+    """Watch over the messages of a subscription, each of which has a seal on another topic.
+
+    Attributes:
+        clock: Steady clock (s).
+        overlaps: Whether a subscription and its successor both deliver at the moment.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    overlaps: bool = field(default=False, init=False)
+    _missed_at: dict[StreamKey, float] = field(default_factory=dict, init=False)
+    """Time of the first seal of a stream that came without a message."""
+
+    def expect(self, stream: StreamKey) -> None:
+        """Record a seal whose message has not arrived."""
+        self._missed_at.setdefault(stream, self.clock())
+
+    def note(self, stream: StreamKey) -> None:
+        """Record a message with its seal."""
+        self._missed_at.pop(stream, None)
+
+    def fault(self, publishers: int) -> str:
+        missed = sum(self.clock() - at > MISSING_S for at in self._missed_at.values())
+        return f"messages of {missed} publishers do not arrive, but their seals do" if missed else ""
+
+    def begin_again(self) -> None:
+        self._missed_at.clear()
+        self.overlaps = True
+
+    def end_overlap(self) -> None:
+        self.overlaps = False
+
+
+@dataclass(eq=False)
 class SealMatcher:
     """Match of messages with their seals, for one subscription. Not thread-safe.
 
@@ -59,19 +95,26 @@ class SealMatcher:
     deliver: Callable[[bytes, Any], None]
     refuse: Callable[[MessageError], None]
     clock: Callable[[], float] = time.monotonic
-    _seals: deque[tuple[float, str]] = field(default_factory=deque, init=False)
+    watch: MessageWatch = field(init=False)
+    _seals: deque[tuple[float, str, StreamKey]] = field(default_factory=deque, init=False)
     _waiting: deque[tuple[float, str, bytes, Any]] = field(default_factory=deque, init=False)
     _bytes: int = field(default=0, init=False)
+    _delivered: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_SEALS), init=False)
+
+    def __post_init__(self) -> None:
+        self.watch = MessageWatch(self.clock)
 
     def take_message(self, cdr: bytes, info: Any = None) -> None:
         """Deliver a serialised message if its seal has arrived; otherwise keep it."""
         self.expire()
         name = digest(cdr)
-        for place, (_, sealed) in enumerate(self._seals):
+        for place, (_, sealed, stream) in enumerate(self._seals):
             if sealed == name:
                 del self._seals[place]
-                self.deliver(cdr, info)
+                self._deliver(stream, name, cdr, info)
                 return
+        if self.watch.overlaps and name in self._delivered:
+            return
         self._waiting.append((self.clock(), name, cdr, info))
         self._bytes += len(cdr)
         while len(self._waiting) > MAX_WAITING or (self._bytes > MAX_WAITING_BYTES and len(self._waiting) > 1):
@@ -83,7 +126,8 @@ class SealMatcher:
         try:
             name = self.opener.open(text)
         except MessageError as error:
-            self.refuse(error)
+            if not self.opener.is_duplicate(error):
+                self.refuse(error)
             return
         if name is None:
             return
@@ -91,9 +135,10 @@ class SealMatcher:
             if waiting == name:
                 del self._waiting[place]
                 self._bytes -= len(cdr)
-                self.deliver(cdr, info)
+                self._deliver(self.opener.stream, name, cdr, info)
                 return
-        self._seals.append((self.clock(), name))
+        self._seals.append((self.clock(), name, self.opener.stream))
+        self.watch.expect(self.opener.stream)
         if len(self._seals) > MAX_SEALS:
             self._seals.popleft()
 
@@ -109,6 +154,11 @@ class SealMatcher:
         """Refuse all messages that wait."""
         while self._waiting:
             self._give_up()
+
+    def _deliver(self, stream: StreamKey, name: str, cdr: bytes, info: Any) -> None:
+        self.watch.note(stream)
+        self._delivered.append(name)
+        self.deliver(cdr, info)
 
     def _give_up(self) -> None:
         from socialbot.bridge.security import SealError

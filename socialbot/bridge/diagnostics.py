@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from socialbot.bridge.transport import log_refusal, message_class, open_transport
+from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
 from socialbot.graph.node import Graph
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node as RosNode
 
     from socialbot.bridge._callback_queue import InputQueue
-    from socialbot.bridge.transport import Listener, Sender
+    from socialbot.bridge.transport import Sender
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 SEAL = "seal"  # key of the sealed copy of name and values
@@ -80,15 +80,28 @@ class DiagnosticsSubscriber:
     def __init__(self, ros: Any, on_status: OnStatus) -> None:
         self.refused = 0
         self._on_status = on_status
-        self._opener = open_transport().opener(DIAGNOSTICS_TOPIC)
+        transport = open_transport()
+        self._opener = transport.opener(DIAGNOSTICS_TOPIC)
+        if self._opener is not None:
+            self._opener.watch.has_foreign = True
         array = message_class("diagnostic_msgs/msg/DiagnosticArray")
-        self.subscription = ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, 100)
+        self._listener = Listener(
+            transport.watched(
+                ros, lambda: ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, 100), self._opener
+            )
+        )
+
+    def destroy(self, ros: Any) -> None:
+        """Remove the subscription from the node ``ros``."""
+        self._listener.destroy(ros)
 
     def _receive(self, array: Any) -> None:
         for status in array.status:
             try:
                 verified = self._verify(status)
             except MessageError as error:
+                if self._opener is not None and self._opener.is_duplicate(error):
+                    continue
                 self.refused += 1
                 log_refusal(DIAGNOSTICS_TOPIC, self.refused, error)
             else:
@@ -183,6 +196,8 @@ class NodeStatistics:
     failures: int = 0
     refusals: Counter[str] = field(default_factory=Counter)
     """Refused messages by reason."""
+    resubscribed: Counter[str] = field(default_factory=Counter)
+    """How often the node subscribed again because messages did not arrive, by topic."""
     first_failure: str = ""
     durations: deque[float] = field(default_factory=_last_values)
     ages: deque[float] = field(default_factory=_last_values)
@@ -210,6 +225,11 @@ class NodeStatistics:
         longest = self.longest_publication, self.longest_block
         self.longest_publication = self.longest_block = 0.0
         return longest
+
+
+def counts(by_name: Mapping[str, int]) -> str:
+    """Counts by name as text, such as ``2 forged, 1 late``."""
+    return ", ".join(f"{count} {name}" for name, count in sorted(by_name.items()))
 
 
 def duration_stats(durations: Collection[float]) -> tuple[float, float, float]:
@@ -280,7 +300,8 @@ class DiagnosticsReporter:
             "calls": statistics.calls,
             "failures": statistics.failures,
             "refused": statistics.refused,
-            "refusals": ", ".join(f"{count} {reason}" for reason, count in sorted(statistics.refusals.items())),
+            "refusals": counts(statistics.refusals),
+            "resubscribed": counts(statistics.resubscribed),
             "first_failure": statistics.first_failure,
             "received": sum(one.received for one in inputs),
             "skipped": sum(one.skipped for one in inputs),
@@ -296,8 +317,10 @@ class DiagnosticsReporter:
             **process_costs(),
             UNCONNECTED: missing,
         }
-        failing = statistics.failures or statistics.refused
-        summary = "refused messages" if failing else "running" if state == "active" else state
+        failing = statistics.failures or statistics.refused or statistics.resubscribed
+        summary = "running" if state == "active" else state
+        if failing:
+            summary = "missed messages" if statistics.resubscribed else "refused messages"
         level = "WARN" if failing or missing else "OK"
         return status_of(self._ros.get_name(), level, statistics.first_failure or summary, values)
 

@@ -19,8 +19,9 @@ from socialbot.bridge.diagnostics import (
     unconnected,
 )
 from socialbot.bridge.environment import free_domain, ros_domain, spinning_node, wait_for
+from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.run_announcer import locked_runs
-from socialbot.bridge.transport import Subscription, observer_qos, open_transport
+from socialbot.bridge.transport import Subscription, open_transport
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, WireForm
@@ -145,4 +146,4 @@ def expect_free_names(ros: Any, graph: Graph, only: Collection[str] | None = Non
             )
         wait_s = STATUS_PERIOD_S if known else DISCOVERY_S
         time.sleep(POLL_S)
-    ros.destroy_subscription(subscriber.subscription)
+    subscriber.destroy(ros)

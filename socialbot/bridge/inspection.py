@@ -13,14 +13,8 @@ from typing import Any
 
 from socialbot.bags.codec import decode, ros_type
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import (
-    Listener,
-    log_refusal,
-    message_class,
-    open_transport,
-    refusal_reason,
-    subscription_qos,
-)
+from socialbot.bridge.qos import subscription_qos
+from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport, refusal_reason
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ImageError, MessageError
 from socialbot.core.messages import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import msgspec
@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from socialbot.bridge.accepted_times import AcceptedTimes
 from socialbot.bridge.keys import KeyRing, Keys
+from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
 
@@ -91,6 +92,7 @@ WINDOW_S = 5.0
 """Default window (s): clock difference plus travel time. Fast DDS repeats a lost packet after three seconds."""
 
 STREAM_BYTES = 8
+BEACON = "socialbot/Beacon/1"  # text that is no message: its publisher is alive
 LONGEST_SHOWN = 40
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
@@ -157,6 +159,13 @@ class Stream:
     def seal(self, text: str, *, renew: bool = False) -> str:
         """Seal ``text``; with ``renew`` it is the previous text again."""
         self._number += not renew
+        return self._sealed(text)
+
+    def beacon(self) -> str:
+        """Seal `BEACON`, which says that this publisher is alive, and the number of its last message."""
+        return self._sealed(BEACON)
+
+    def _sealed(self, text: str) -> str:
         now = self.now()
         # The time distinguishes renewed seals.
         self._time = now if now != self._time else now + 1
@@ -176,21 +185,35 @@ class Stream:
 
 @dataclass
 class Opener:
-    """Verifier for the messages of one receiver on one ``topic``."""
+    """Verifier for the messages of one receiver on one ``topic``.
+
+    Attributes:
+        watch: Records the messages and beacons.
+        stream: Sender and stream of the last valid message.
+    """
 
     keys: Keys | KeyRing
     realm: str
     topic: str
     freshness: Freshness
+    watch: StreamWatch = field(default_factory=StreamWatch)
+    stream: StreamKey = field(default=("", ""), init=False)
 
     def open(self, text: str) -> str | None:
-        """Return the payload of ``text``; None for a renewed seal of a known message. Raises SealError."""
+        """Return the payload of ``text``; None for a renewed seal of a known message and a beacon. Raises SealError."""
         sealed = read(text)
         self._verify(sealed)
         verdict = self.freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
         if verdict in ("new", "renewed"):
-            return sealed.payload if verdict == "new" else None
+            self.stream = sealed.sender, sealed.stream
+            is_beacon = sealed.payload == BEACON
+            self.watch.note(self.stream, sealed.number, is_beacon=is_beacon)
+            return sealed.payload if verdict == "new" and not is_beacon else None
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
+
+    def is_duplicate(self, error: MessageError) -> bool:
+        """Whether a message was refused because a subscription that is being replaced has delivered it."""
+        return self.watch.overlaps and isinstance(error, SealError) and error.reason == "replayed"
 
     def _verify(self, sealed: Sealed) -> None:
         keys = self.keys.latest().of(sealed.sender)

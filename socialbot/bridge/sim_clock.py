@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from socialbot.bridge.transport import Sender, Subscription, log_refusal, observer_qos, open_transport
+from socialbot.bridge.qos import observer_qos
+from socialbot.bridge.transport import Sender, Subscription, log_refusal, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
 from socialbot.core.messages import Structured

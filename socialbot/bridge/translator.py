@@ -92,11 +92,6 @@ class Translator:
         self._publishers: dict[str, Sender] = {}
         for topic, kind in (*TYPES.items(), *(HEAD_TYPES.items() if head else ())):
             self._create_publisher(topic, kind, Delivery.LATCHED if topic == TF_STATIC else Delivery.EVERY)
-        if self._transport.sealed:
-            from rclpy.clock import Clock
-            from rclpy.clock_type import ClockType
-
-            ros.create_timer(self._transport.renewal_s, self._renew, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if head:
             self._publish_camera()
             ros.create_timer(1 / HEAD_HZ, self._publish_head)
@@ -159,9 +154,7 @@ class Translator:
         """Publish ``messages`` by id, one topic for each of those who are ``there``, and remove the others."""
         publishers = self._of_persons[topic]
         for gone in publishers.keys() - set(there):
-            sender = publishers.pop(gone)
-            self._transport.forget(sender)
-            sender.destroy(self._ros)
+            publishers.pop(gone).destroy(self._ros)
         for name, message in messages.items():
             if name not in publishers:
                 # Latched, so that late subscribers get the current state.
@@ -172,10 +165,6 @@ class Translator:
 
     def _publish_camera(self) -> None:
         self._publish(TF_STATIC, lambda: self._messages.camera(self._now(), self._mounting))
-
-    def _renew(self) -> None:
-        with self._lock:
-            self._transport.renew()
 
     def _publish_head(self) -> None:
         with self._lock:

@@ -7,12 +7,14 @@ import functools
 import importlib
 import math
 import os
+import threading
+from collections import Counter
 from collections.abc import Callable, Collection, MutableMapping
 from importlib.util import find_spec
 from logging import getLogger
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
-from weakref import WeakSet
+from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 
@@ -32,6 +34,8 @@ from socialbot.bridge.environment import (
     ros_domain,
     ros_remedy,
 )
+from socialbot.bridge.qos import QUEUE_DEPTH, profile, publisher_qos, subscription_qos
+from socialbot.bridge.stream_watch import BEACON_S, Watch, WatchedSubscription, replace_faulty
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
 from socialbot.core.messages import Message, Structured
@@ -145,8 +149,14 @@ class Transport:
         self._seal = seal
         self._open_topics = frozenset(open_topics)
         self._drivers = drivers
-        self._latched: list[Sender] = []
+        self._lock = threading.Lock()
+        """Guards the sets below, which threads may extend while another one renews."""
+        self._senders: WeakSet[Sender] = WeakSet()
         self._matchers: WeakSet[SealMatcher] = WeakSet()
+        self._watched: WeakSet[WatchedSubscription] = WeakSet()
+        self._timers: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+        self.resubscribed: Counter[str] = Counter()
+        """How often subscriptions were replaced, by the topic whose messages did not arrive."""
 
     @property
     def sealed(self) -> bool:
@@ -155,7 +165,7 @@ class Transport:
     @property
     def renewal_s(self) -> float:
         """Period (s) of `renew`; infinite without keys."""
-        return math.inf if self._seal is None else self._seal.window_s / RENEWALS_PER_WINDOW
+        return math.inf if self._seal is None else min(self._seal.window_s / RENEWALS_PER_WINDOW, BEACON_S)
 
     def message_class(self, message_type: type[Message]) -> Any:
         """Return the rclpy class for ``message_type``. Raises InstallationError when it is not installed."""
@@ -182,6 +192,7 @@ class Transport:
 
             seals = ros.create_publisher(message_class(STRING), seal_topic(publisher.topic_name), qos)
         sender = self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
+        self._attend(ros)
         if standard and self._drivers is not None and publisher.topic_name in self._drivers.topics:
             sender.drivers = self._drivers.publisher(ros, publisher.topic_name, ros_class, qos)
         return sender
@@ -189,12 +200,12 @@ class Transport:
     def sender(self, publisher: Any, *, latched: bool = False, standard: bool = False, seals: Any = None) -> Sender:
         """Make the sender of an rclpy publisher, and of one for detached ``seals`` if its type is ``standard``.
 
-        `renew` includes it if it is ``latched``. Without ``seals`` messages of standard types are open.
+        `renew` repeats the last message if it is ``latched``. Without ``seals`` messages of standard types are open.
         """
         stream = None if self._seal is None or (standard and seals is None) else self._seal.stream(publisher.topic_name)
-        sender = Sender(publisher, self._types, stream, self._form, seals)
-        if latched:
-            self._latched.append(sender)
+        sender = Sender(publisher, self._types, stream, self._form, seals, latched)
+        with self._lock:
+            self._senders.add(sender)
         return sender
 
     def subscribe(
@@ -258,12 +269,19 @@ class Transport:
             try:
                 message = receiver.decode(kind, ros_message, stamp=now())
             except MessageError as error:
-                refuse(error)
+                if receiver.opener is None or not receiver.opener.is_duplicate(error):
+                    refuse(error)
             else:
                 if message is not None:
                     take(message, info)
 
-        return Listener(ros.create_subscription(ros_class, name, receive, qos))
+        if receiver.opener is not None:
+            from rclpy.qos import ReliabilityPolicy
+
+            receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
+        return Listener(
+            self.watched(ros, lambda: ros.create_subscription(ros_class, name, receive, qos), receiver.opener)
+        )
 
     def listen_bytes(
         self,
@@ -283,13 +301,52 @@ class Transport:
             return Listener(ros.create_subscription(ros_class, topic, lambda cdr, info: take(cdr, info), qos, raw=True))
         from socialbot.bridge.detached_seals import seal_topic
 
-        seal_qos = _qos(QUEUE_DEPTH[Delivery.EVERY], latched=latched)
-        return Listener(
-            ros.create_subscription(ros_class, topic, lambda cdr, info: matcher.take_message(cdr, info), qos, raw=True),
-            ros.create_subscription(
+        seal_qos = profile(QUEUE_DEPTH[Delivery.EVERY], latched=latched)
+
+        def messages() -> Any:
+            return ros.create_subscription(
+                ros_class, topic, lambda cdr, info: matcher.take_message(cdr, info), qos, raw=True
+            )
+
+        def seals() -> Any:
+            return ros.create_subscription(
                 message_class(STRING), seal_topic(topic), lambda text: matcher.take_seal(text.data), seal_qos
-            ),
-        )
+            )
+
+        return Listener(self._watch(ros, messages, matcher.watch), self._watch(ros, seals, matcher.opener.watch))
+
+    def watched(self, ros: Any, create: Callable[[], Any], opener: Opener | None) -> Any:
+        """Make a subscription to sealed messages that is replaced when they do not arrive; a plain one without keys.
+
+        Args:
+            ros: The node of the subscription, which must be spun.
+            create: Makes the subscription.
+            opener: Verifies its messages.
+        """
+        return create() if opener is None else self._watch(ros, create, opener.watch)
+
+    def _watch(self, ros: Any, create: Callable[[], Any], watch: Watch) -> WatchedSubscription:
+        made = WatchedSubscription(ros, create, watch)
+        with self._lock:
+            self._watched.add(made)
+        self._attend(ros)
+        return made
+
+    def _replace_faulty(self, subscriptions: Collection[WatchedSubscription]) -> None:
+        for topic, reason in replace_faulty(subscriptions).items():
+            self.resubscribed[topic] += 1
+            if is_power_of_ten(count := self.resubscribed[topic]):
+                log.warning("%s: all topics of the node are subscribed again (%d): %s", topic, count, reason)
+
+    def _attend(self, ros: Any) -> None:
+        """Call `renew` in the thread that spins ``ros``, once in its period."""
+        if self._seal is None or ros in self._timers:
+            return
+        from rclpy.clock import Clock
+        from rclpy.clock_type import ClockType
+
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timers[ros] = ros.create_timer(self.renewal_s, self.renew, clock=clock)
 
     def matcher(
         self,
@@ -305,7 +362,8 @@ class Transport:
         from socialbot.bridge.detached_seals import SealMatcher
 
         matcher = SealMatcher(self._seal.opener(topic, joins_late=latched), take, refuse)
-        self._matchers.add(matcher)
+        with self._lock:
+            self._matchers.add(matcher)
         return matcher
 
     def receiver(self, topic: str, *, latched: bool = False) -> Receiver:
@@ -324,21 +382,32 @@ class Transport:
         """Make the verifier of text that `stream` has sealed; None without keys."""
         return None if self._seal is None else self._seal.opener(topic)
 
-    def forget(self, sender: Sender) -> None:
-        """Exclude ``sender`` from `renew`."""
-        self._latched = [each for each in self._latched if each is not sender]
-
     def renew(self) -> None:
-        """Publish the last messages of latched senders again with new seals, and refuse messages without a seal."""
-        for sender in self._latched:
+        """Do what is due with keys.
+
+        It publishes the last messages of latched senders again with new seals, and beacons of idle senders. It refuses
+        messages without a seal, and replaces subscriptions that miss messages.
+        """
+        with self._lock:
+            senders, matchers, watched = tuple(self._senders), tuple(self._matchers), tuple(self._watched)
+        for sender in senders:
             sender.renew()
-        for matcher in tuple(self._matchers):
+        for matcher in matchers:
             matcher.expire()
+        self._replace_faulty(watched)
 
     def close(self) -> None:
         """Refuse the messages that still wait for a seal."""
-        for matcher in tuple(self._matchers):
+        with self._lock:
+            matchers = tuple(self._matchers)
+        for matcher in matchers:
             matcher.close()
+
+    def end_renewal(self) -> None:
+        """End the timers of `renew`."""
+        for ros, timer in tuple(self._timers.items()):
+            ros.destroy_timer(timer)
+        self._timers.clear()
 
 
 def open_transport(environment: MutableMapping[str, str] = os.environ, *, form: WireForm = "json") -> Transport:
@@ -403,53 +472,3 @@ def _seal(environment: MutableMapping[str, str]) -> Seal:
     keys, realm = KeyRing(Path(folder), name), f"ROS domain {ros_domain(environment)}"
     own_key = fingerprint(keys.latest().private.public_key())
     return Seal(keys, realm, window_s, AcceptedTimes(state_folder(realm, own_key)))
-
-
-QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
-"""History depth of publishers, and of subscriptions, which have at least `LEAST_DEPTH`."""
-
-LEAST_DEPTH = 10
-"""Least history depth of a subscription. With less, messages of several publishers or of one moment are lost."""
-
-OBSERVER_DEPTH = 2000  # history depth of an observer, which may fall behind on many topics
-
-
-def publisher_qos(delivery: Delivery) -> Any:
-    """Profile of publishers: reliable, to match all subscriptions; transient local for latched topics."""
-    return _qos(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
-
-
-def subscription_qos(delivery: Delivery, *, outside: bool = False) -> Any:
-    """Profile of subscriptions: that of the publisher within the graph.
-
-    Drivers ``outside`` the graph may publish best effort and volatile. A stricter subscription would not match them, so
-    this one requests the least.
-    """
-    undemanding = outside and delivery is not Delivery.EVERY
-    latched = delivery is Delivery.LATCHED and not undemanding
-    return _qos(max(LEAST_DEPTH, QUEUE_DEPTH[delivery]), reliable=not undemanding, latched=latched)
-
-
-def observer_qos(*, latched: bool) -> Any:
-    """Profile of an observer that records a topic of the graph."""
-    return _qos(OBSERVER_DEPTH, latched=latched)
-
-
-def matching_qos(publishers: Collection[Any], depth: int) -> Any:
-    """Strictest profile that matches all ``publishers``."""
-    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-
-    offers = [publisher.qos_profile for publisher in publishers]
-    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    latched = reliable and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return _qos(depth, reliable=reliable, latched=latched)
-
-
-def _qos(depth: int, *, reliable: bool = True, latched: bool = False) -> Any:
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )

@@ -234,6 +234,7 @@ def _remarks(statuses: Sequence[NodeStatus]) -> list[Text]:
             f"failed {times(one.failures)}; first: {one.first_failure}": one.failures,
             f"not connected: {one.lacks}": one.lacks,
             f"refused {one.refusals or one.refused}": one.refused,
+            f"missed messages and subscribed again: {one.resubscribed}": one.resubscribed,
         }
         found += [Text.assemble((f"{one.name}: ", "bold"), text) for text, applies in remarks.items() if applies]
     return [Text(""), *found] if found else []

@@ -77,6 +77,7 @@ class NodeStatus:
     first_failure: str = ""
     refused: int = 0
     refusals: str = ""
+    resubscribed: str = ""
 
     @property
     def condition(self) -> str:
@@ -207,6 +208,7 @@ class NodeStatuses:
             first_failure=_text(values, "first_failure"),
             refused=int(_number(values, "refused") or 0),
             refusals=_text(values, "refusals"),
+            resubscribed=_text(values, "resubscribed"),
         )
 
     def _sharing(self, name: str, values: Mapping[str, str]) -> tuple[str, ...]:

@@ -132,3 +132,42 @@ def test_memory_is_bounded_in_a_flood(receiving, stream, monkeypatch):
     receiving.matcher.take_message(20 * b"x")
     receiving.matcher.take_seal(stream.seal(digest(20 * b"x")))
     assert receiving.got[1:] == [20 * b"x"]
+
+
+def test_a_replaced_subscription_and_its_successor_deliver_a_message_once(receiving, stream):
+    matcher = receiving.matcher
+    seals = [stream.seal(digest(cdr)) for cdr in (b"one", b"two")]
+    matcher.take_seal(seals[0])
+    matcher.take_message(b"one")
+    for watch in (matcher.watch, matcher.opener.watch):
+        watch.begin_again()
+    for seal in (*seals, *seals):
+        matcher.take_seal(seal)
+    for cdr in (b"one", b"two", b"two"):
+        matcher.take_message(cdr)
+    matcher.close()
+    assert (receiving.got, receiving.refused) == ([b"one", b"two"], [])
+    for watch in (matcher.watch, matcher.opener.watch):
+        watch.end_overlap()
+    matcher.take_seal(seals[1])
+    matcher.take_message(b"two")
+    matcher.close()
+    assert (receiving.got, receiving.refused) == ([b"one", b"two"], ["replayed", "unsealed"])
+
+
+def test_knows_which_publishers_messages_do_not_arrive(keys, receiving, stream):
+    matcher, other = receiving.matcher, Seal(keys, "here").stream(TOPIC)
+    matcher.take_seal(stream.beacon())
+    receiving.now += 10.0
+    assert matcher.watch.fault(2) == ""
+    for each, cdr in ((stream, b"one"), (other, b"other")):
+        matcher.take_seal(each.seal(digest(cdr)))
+    matcher.take_message(b"other")
+    receiving.now += 2.0
+    assert matcher.watch.fault(2) == "messages of 1 publishers do not arrive, but their seals do"
+    matcher.take_message(b"one")
+    assert matcher.watch.fault(2) == ""
+    matcher.take_message(b"two")
+    matcher.take_seal(stream.seal(digest(b"two")))
+    receiving.now += 2.0
+    assert matcher.watch.fault(2) == ""

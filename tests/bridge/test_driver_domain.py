@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,7 +11,7 @@ import pytest
 
 from socialbot.bags.codec import encode
 from socialbot.bridge.driver_domain import driver_domain
-from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, PROFILE_VARIABLE, free_domain, spinning_node
+from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, free_domain, spinning_node
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.transport import RclpyTypes, open_transport
 from socialbot.core.errors import GraphError, ParameterError
@@ -21,9 +19,8 @@ from tests.bridge.hosting import node_hosts
 from tests.bridge.test_strangers_standard import CASES, Intruder, nodes_of
 from tests.runtime.deployments import deployment
 from tests.system.running import eventually
-from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
+from tests.system.two_hosts import CLOSED, ROBOT, WORKSTATION, open_to, script, two_hosts
 
-ROOT = Path(__file__).parents[2]
 TOPIC = "/head_controller/joint_trajectory"
 
 
@@ -137,28 +134,6 @@ with spinning_node("driver") as ros:
     ros.create_subscription(JointTrajectory, "/joints", lambda one: print(one.joint_names[0], flush=True), 10)
     time.sleep(60)
 """
-CLOSED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-
-
-def open_to(address: str) -> dict[str, str]:
-    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": address}
-
-
-@contextmanager
-def script(host: Host, text: str, log: Path, variables: dict[str, str], *arguments: str) -> Iterator[None]:
-    always = {"PYTHONPATH": str(ROOT), PROFILE_VARIABLE: "", "SOCIALBOT_DATAGRAM_BYTES": ""}
-    with log.open("w") as output:
-        process = host.start(
-            *(sys.executable, "-c", text, *arguments),
-            variables={**always, **variables},
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.mark.slow

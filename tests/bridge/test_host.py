@@ -157,7 +157,8 @@ def test_composed_nodes_use_dds_only_for_subscribers_outside(
 ) -> None:
     from socialbot.bridge import _host as host_module
     from socialbot.bridge.environment import spinning_node
-    from socialbot.bridge.transport import Sender, message_class, publisher_qos
+    from socialbot.bridge.qos import publisher_qos
+    from socialbot.bridge.transport import Sender, message_class
 
     monkeypatch.setattr(host_module, "DDS_HOLD_S", 0.0)
     over_dds: list[str] = []

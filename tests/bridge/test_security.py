@@ -479,3 +479,32 @@ def test_a_restarted_receiver_accepts_an_older_sender():
     sender.seal("a")
     fresh = Freshness(2.0, joins_late=True, now=lambda: NOW - 3600 * SECOND, steady=int)
     assert Opener(keys("workstation"), REALM, TOPIC, fresh).open(sender.seal("b")) == "b"
+
+
+def test_a_beacon_is_recorded_and_is_no_message():
+    sender, receiver = stream(), opener()
+    assert receiver.open(sender.beacon()) is None
+    assert receiver.open(sender.seal("a")) == "a"
+    assert receiver.open(sender.beacon()) is None
+    assert receiver.watch.fault(1) == ""
+    assert receiver.watch.fault(2) == "1 of 2 publishers are silent"
+    sender.seal("lost")
+    assert receiver.open(sender.beacon()) is None
+    assert receiver.watch.fault(1) == "1 messages did not arrive"
+
+
+def test_a_forged_or_replayed_beacon_does_not_count():
+    sender, receiver = stream(), opener()
+    text = sender.beacon()
+    for broken in (text.replace('"number":0', '"number":1'), text.replace(TOPIC, "/other")):
+        with pytest.raises(SealError):
+            receiver.open(broken)
+    assert receiver.watch.fault(1) == "1 of 1 publishers are silent"
+    receiver.open(text)
+    receiver.watch.begin_again()
+    with pytest.raises(SealError, match="replayed") as replayed:
+        receiver.open(text)
+    assert receiver.is_duplicate(replayed.value)
+    receiver.watch.end_overlap()
+    assert not receiver.is_duplicate(replayed.value)
+    assert receiver.watch.fault(1) == "1 of 1 publishers are silent"

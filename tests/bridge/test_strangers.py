@@ -101,7 +101,7 @@ class Stranger:
     def __init__(self, ros: Any, topic: str = TOPIC, delivery: Delivery = Delivery.EVERY) -> None:
         from std_msgs.msg import String
 
-        from socialbot.bridge.transport import publisher_qos
+        from socialbot.bridge.qos import publisher_qos
 
         self._string = String
         self.heard: list[str] = []

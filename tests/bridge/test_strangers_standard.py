@@ -18,15 +18,10 @@ from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.environment import KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, spinning_node
 from socialbot.bridge.inspection import LiveImages
 from socialbot.bridge.keys import new_key
+from socialbot.bridge.qos import publisher_qos
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.sim_clock import CLOCK_TOPIC, KEPT_TOPIC, ROUND_TOPIC, Round, SimClock, StepReport
-from socialbot.bridge.transport import (
-    WINDOW_VARIABLE,
-    RclpyTypes,
-    message_class,
-    open_transport,
-    publisher_qos,
-)
+from socialbot.bridge.transport import WINDOW_VARIABLE, RclpyTypes, message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image, JointTrajectory, Message, Utterance, ros_message

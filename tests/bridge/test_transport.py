@@ -15,6 +15,7 @@ from socialbot.bridge import ros_checks, transport
 from socialbot.bridge.environment import KEYS_VARIABLE, has_keys, reach, warn_if_open
 from socialbot.bridge.keys import SecurityError, load_keys, new_key
 from socialbot.bridge.security import SCHEMA, Seal, SealError
+from socialbot.bridge.stream_watch import BEACON_S
 from socialbot.bridge.transport import WINDOW_VARIABLE, Transport, open_transport, refusal_reason, split_keys
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import interfaces_command
@@ -119,15 +120,39 @@ def test_each_subscription_accepts_a_message(sealed):
 
 def test_renews_only_latched_messages(sealed):
     latched, other = Publisher(), Publisher()
-    sender = sealed.sender(latched, latched=True)
-    sealed.renew()
+    sender, volatile = sealed.sender(latched, latched=True), sealed.sender(other)
     sender.publish(WORD)
-    sealed.sender(other).publish(WORD)
+    volatile.publish(WORD)
     sealed.renew()
     assert (len(latched.sent), len(other.sent)) == (2, 1)
     receiver = sealed.receiver(TOPIC, latched=True)
     assert [receiver.decode(Utterance, one) for one in latched.sent] == [WORD, None]
     assert sealed.receiver(TOPIC, latched=True).decode(Utterance, latched.sent[1]) == WORD
+
+
+def test_idle_senders_publish_beacons_that_are_no_messages(sealed):
+    publisher, now = Publisher(), [100.0]
+    sender = sealed.sender(publisher)
+    sender.clock = lambda: now[0]
+    receiver = sealed.receiver(TOPIC)
+    sealed.renew()  # nothing was published yet
+    sender.publish(WORD)
+    sealed.renew()  # too early
+    now[0] += BEACON_S
+    sealed.renew()
+    assert [receiver.decode(Utterance, one) for one in publisher.sent] == [None, WORD, None]
+    assert sender.sent == 1
+    sender.destroy(SimpleNamespace(destroy_publisher=lambda publisher: None))
+    now[0] += BEACON_S
+    sealed.renew()
+    assert len(publisher.sent) == 3
+
+
+def test_messages_without_keys_have_no_beacons():
+    bare, publisher = Transport(Types()), Publisher()
+    sender = bare.sender(publisher)
+    bare.renew()
+    assert (publisher.sent, sender.sent) == ([], 0)
 
 
 def test_seals_strings_from_a_bag(sealed):

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from socialbot.bridge.environment import PROFILE_VARIABLE
 from tests.system.running import eventually
-from tests.system.two_hosts import ROBOT, WORKSTATION, Host, two_hosts
+from tests.system.two_hosts import CLOSED, ROBOT, WORKSTATION, open_to, script, two_hosts
 
 pytestmark = pytest.mark.ros
 
-ROOT = Path(__file__).parents[2]
 TALK = """
 import sys, time
 from std_msgs.msg import String
@@ -35,28 +30,6 @@ with spinning_node("hearer") as ros:
     heard = ros.create_subscription(String, "/said", lambda message: print(message.data, flush=True), 10)
     time.sleep(60)
 """
-CLOSED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-
-
-def open_to(address: str) -> dict[str, str]:
-    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": address}
-
-
-@contextmanager
-def script(host: Host, text: str, log: Path, variables: dict[str, str], *arguments: str) -> Iterator[None]:
-    always = {"PYTHONPATH": str(ROOT), PROFILE_VARIABLE: "", "SOCIALBOT_DATAGRAM_BYTES": ""}
-    with log.open("w") as output:
-        process = host.start(
-            *(sys.executable, "-c", text, *arguments),
-            variables={**always, **variables},
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 
 from socialbot.agents.warehouse.scenario import SIX
 from socialbot.bags.codec import decode
-from socialbot.bridge.transport import publisher_qos
+from socialbot.bridge.qos import publisher_qos
 from socialbot.deliberation.messages import BeliefSet, CurrentIntentions, DesireSet, Fact, LifecycleStatus
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from evaluation import two_hosts as hosts
 from evaluation.two_hosts import ROBOT, WORKSTATION, Host, TwoHosts
+from socialbot.bridge.environment import PROFILE_VARIABLE
 
-__all__ = ["ROBOT", "WORKSTATION", "Host", "TwoHosts", "two_hosts"]
+__all__ = ["CLOSED", "ROBOT", "WORKSTATION", "Host", "TwoHosts", "open_to", "script", "two_hosts"]
+
+CLOSED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+"""Variables of a graph on one machine."""
+
+
+def open_to(address: str) -> dict[str, str]:
+    """Variables of a graph that another host can reach."""
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": address}
 
 
 @contextmanager
@@ -20,3 +32,24 @@ def two_hosts() -> Iterator[TwoHosts]:
         pytest.skip(f"no two hosts: {reason}")
     with hosts.two_hosts() as both:
         yield both
+
+
+@contextmanager
+def script(
+    host: Host, text: str, log: Path, variables: dict[str, str], *arguments: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the Python program ``text`` on ``host`` within the block; ``log`` gets its output."""
+    root = str(Path(__file__).parents[2])
+    always = {"PYTHONPATH": root, PROFILE_VARIABLE: "", "SOCIALBOT_DATAGRAM_BYTES": ""}
+    with log.open("w") as output:
+        process = host.start(
+            *(sys.executable, "-c", text, *arguments),
+            variables={**always, **variables},
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()

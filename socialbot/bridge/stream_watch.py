@@ -1,0 +1,168 @@
+"""Subscriptions that are replaced when the sealed messages of a live publisher do not arrive.
+
+DDS believes any packet. False HEARTBEATs and GAPs in the name of a publisher stop its messages to the subscriptions
+that exist at that time, for good. A new subscription receives again. So idle publishers with keys send sealed beacons,
+and a subscription that does not receive those of all its publishers is replaced.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+BEACON_S = 2.0
+"""Longest time (s) between two sealed messages of a publisher."""
+SILENT_S = 3 * BEACON_S
+"""Time (s) without a sealed message after which a publisher is silent, and first time between two replacements."""
+MAX_PAUSE_S = 2 * SILENT_S
+"""Longest time (s) between two replacements of a subscription."""
+CHECK_S = 1.0
+"""Shortest time (s) between two checks. A replaced subscription stays that long, so that no message is lost."""
+MAX_STREAMS = 256
+
+StreamKey = tuple[str, str]
+"""Sender and stream of a sealed message."""
+
+
+class Watch(Protocol):
+    """Watch over what arrives on one subscription."""
+
+    def fault(self, publishers: int) -> str:
+        """Why the subscription, with a number of matched ``publishers``, misses messages; empty if it does not."""
+        ...
+
+    def begin_again(self) -> None:
+        """Forget what arrived: the subscription is replaced. Messages may arrive twice until `end_overlap`."""
+        ...
+
+    def end_overlap(self) -> None:
+        """Expect no more messages of the replaced subscription."""
+        ...
+
+
+@dataclass(eq=False)
+class StreamWatch:
+    """Watch over the sealed messages and beacons of one subscription.
+
+    Attributes:
+        expects_all: Whether each message must arrive; else only silence is a fault.
+        has_foreign: Whether publishers without keys are no fault: only publishers that were heard before are expected.
+        clock: Steady clock (s).
+        overlaps: Whether a subscription and its successor both deliver at the moment.
+    """
+
+    expects_all: bool = True
+    has_foreign: bool = False
+    clock: Callable[[], float] = time.monotonic
+    overlaps: bool = field(default=False, init=False)
+    _heard: dict[StreamKey, tuple[float, int]] = field(default_factory=dict, init=False)
+    _lost: int = field(default=0, init=False)
+    _known: int = field(default=0, init=False)
+    """Number of publishers with keys, as far as they were heard."""
+    _publishers: int = field(default=0, init=False)
+
+    def note(self, stream: StreamKey, number: int, *, is_beacon: bool) -> None:
+        """Record a valid sealed message, the ``number``th of its ``stream``, or a beacon after it."""
+        _, last = self._heard.pop(stream, (0.0, number))
+        if is_beacon:
+            self._lost += max(0, number - last)
+        self._heard[stream] = self.clock(), number
+        if len(self._heard) > MAX_STREAMS:
+            del self._heard[next(iter(self._heard))]
+
+    def fault(self, publishers: int) -> str:
+        now = self.clock()
+        heard = sum(now - at <= SILENT_S for at, _ in self._heard.values())
+        self._known = max(heard, self._known - max(0, self._publishers - publishers))
+        self._publishers = publishers
+        if self.expects_all and self._lost:
+            return f"{self._lost} messages did not arrive"
+        silent = (min(self._known, publishers) if self.has_foreign else publishers) - heard
+        return f"{silent} of {publishers} publishers are silent" if silent > 0 else ""
+
+    def begin_again(self) -> None:
+        self._heard.clear()
+        self._lost = 0
+        self.overlaps = True
+
+    def end_overlap(self) -> None:
+        self.overlaps = False
+
+
+class WatchedSubscription:
+    """Subscription of the rclpy node ``ros`` that can be replaced; ``create`` makes an rclpy subscription."""
+
+    def __init__(
+        self, ros: Any, create: Callable[[], Any], watch: Watch, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._ros = ros
+        self._create = create
+        self._watch = watch
+        self._clock = clock
+        self._subscription = create()
+        self._replaced: Any = None
+        self._publishers = 0
+        self._since = self._checked = clock()
+        self._pause_s = SILENT_S
+        self._destroyed = False
+
+    @property
+    def topic_name(self) -> str:
+        return self._subscription.topic_name
+
+    def get_publisher_count(self) -> int:
+        """Number of matched publishers; a new subscription matches them a little later than the replaced one."""
+        present = (each for each in (self._subscription, self._replaced) if each is not None)
+        return max(each.get_publisher_count() for each in present)
+
+    def fault(self) -> str:
+        """Reason to replace the subscription now; empty if there is none, or it is too early."""
+        now = self._clock()
+        if self._destroyed or now - self._checked < CHECK_S:
+            return ""
+        self._checked = now
+        self._end_overlap()
+        before, self._publishers = self._publishers, self.get_publisher_count()
+        if self._publishers > before:
+            self._since = now
+        reason = self._watch.fault(self._publishers) if self._publishers else ""
+        if not reason:
+            self._pause_s = SILENT_S
+        return reason if now - self._since >= self._pause_s else ""
+
+    def replace(self) -> None:
+        """Subscribe again, and end the present subscription at a later check: meanwhile both receive."""
+        if self._destroyed:
+            return
+        if self._replaced is None:
+            self._replaced, self._subscription = self._subscription, self._create()
+            self._watch.begin_again()
+        self._since, self._publishers = self._clock(), 0
+        self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
+
+    def destroy(self) -> None:
+        """Remove the subscription from its node."""
+        self._destroyed = True
+        self._end_overlap()
+        self._ros.destroy_subscription(self._subscription)
+
+    def _end_overlap(self) -> None:
+        if self._replaced is not None:
+            self._ros.destroy_subscription(self._replaced)
+            self._replaced = None
+            self._watch.end_overlap()
+
+
+def replace_faulty(subscriptions: Collection[WatchedSubscription]) -> dict[str, str]:
+    """Replace all ``subscriptions`` of a node if one misses messages, since false GAPs also work in the future.
+
+    Returns:
+        The reasons, by topic.
+    """
+    reasons = {each.topic_name: reason for each in subscriptions if (reason := each.fault())}
+    if reasons:
+        for each in subscriptions:
+            each.replace()
+    return reasons

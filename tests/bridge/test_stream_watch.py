@@ -1,0 +1,202 @@
+"""Replacement of subscriptions that miss messages, without DDS."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from socialbot.bridge.detached_seals import MISSING_S, MessageWatch
+from socialbot.bridge.stream_watch import (
+    CHECK_S,
+    MAX_PAUSE_S,
+    MAX_STREAMS,
+    SILENT_S,
+    StreamWatch,
+    WatchedSubscription,
+    replace_faulty,
+)
+
+ROBOT, OTHER = ("robot", "1"), ("robot", "2")
+
+
+class Time:
+    """A clock that is set."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def passes(self, seconds: float) -> None:
+        self.now += seconds
+
+
+class Ros:
+    """Keeps the subscriptions that exist."""
+
+    def __init__(self) -> None:
+        self.present: list[SimpleNamespace] = []
+        self.publishers = 1
+
+    def create(self, topic: str = "/said") -> SimpleNamespace:
+        made = SimpleNamespace(topic_name=topic, get_publisher_count=lambda: self.publishers)
+        self.present.append(made)
+        return made
+
+    def destroy_subscription(self, subscription: SimpleNamespace) -> None:
+        self.present.remove(subscription)
+
+
+@pytest.fixture
+def time() -> Time:
+    return Time()
+
+
+@pytest.fixture
+def ros() -> Ros:
+    return Ros()
+
+
+@pytest.fixture
+def watch(time) -> StreamWatch:
+    return StreamWatch(clock=time)
+
+
+@pytest.fixture
+def subscription(ros, watch, time) -> WatchedSubscription:
+    return WatchedSubscription(ros, ros.create, watch, time)
+
+
+def faults(subscription: WatchedSubscription, time: Time, seconds: float) -> list[float]:
+    """Times from now when the subscription is replaced."""
+    begun, found = time.now, []
+    while time.now < begun + seconds:
+        time.passes(CHECK_S)
+        if replace_faulty([subscription]):
+            found.append(time.now - begun)
+    return found
+
+
+class TestStreamWatch:
+    def test_each_publisher_has_to_be_heard(self, watch, time):
+        watch.note(ROBOT, 1, is_beacon=False)
+        assert watch.fault(1) == ""
+        assert watch.fault(2) == "1 of 2 publishers are silent"
+        watch.note(OTHER, 0, is_beacon=True)
+        assert watch.fault(2) == ""
+        time.passes(SILENT_S)
+        assert watch.fault(2) == ""
+        time.passes(0.1)
+        assert watch.fault(2) == "2 of 2 publishers are silent"
+
+    def test_a_beacon_shows_lost_messages(self, watch):
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.note(ROBOT, 1, is_beacon=True)
+        assert watch.fault(1) == ""
+        watch.note(ROBOT, 3, is_beacon=True)
+        assert watch.fault(1) == "2 messages did not arrive"
+        watch.note(ROBOT, 4, is_beacon=False)
+        assert watch.fault(1) == "2 messages did not arrive"
+        watch.begin_again()
+        watch.note(ROBOT, 9, is_beacon=True)
+        assert watch.fault(1) == ""
+
+    def test_lost_messages_of_a_best_effort_subscription_are_no_fault(self, watch):
+        watch.expects_all = False
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.note(ROBOT, 3, is_beacon=True)
+        assert watch.fault(1) == ""
+
+    def test_publishers_without_keys_are_no_fault_where_there_are_some(self, watch, time):
+        watch.has_foreign = True
+        assert watch.fault(3) == ""
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.note(OTHER, 1, is_beacon=False)
+        assert watch.fault(3) == ""
+        time.passes(SILENT_S)
+        watch.note(ROBOT, 2, is_beacon=False)
+        time.passes(0.1)
+        assert watch.fault(3) == "1 of 3 publishers are silent"
+        watch.begin_again()
+        assert watch.fault(3) == "2 of 3 publishers are silent"
+        watch.note(ROBOT, 3, is_beacon=False)
+        assert watch.fault(2) == ""
+
+    def test_memory_is_bounded(self, watch):
+        for number in range(2 * MAX_STREAMS):
+            watch.note(("robot", str(number)), 1, is_beacon=False)
+        assert len(watch._heard) == MAX_STREAMS
+
+
+class TestMessageWatch:
+    def test_seals_without_messages_are_a_fault(self, time):
+        watch = MessageWatch(time)
+        watch.expect(ROBOT)
+        time.passes(MISSING_S)
+        assert watch.fault(1) == ""
+        time.passes(0.1)
+        watch.expect(ROBOT)
+        assert watch.fault(1) == "messages of 1 publishers do not arrive, but their seals do"
+        watch.note(OTHER)
+        assert watch.fault(1)
+        watch.note(ROBOT)
+        assert watch.fault(1) == ""
+        watch.expect(ROBOT)
+        watch.begin_again()
+        time.passes(2 * MISSING_S)
+        assert watch.fault(1) == ""
+
+
+class TestWatchedSubscription:
+    def test_silence_of_a_publisher_replaces_it_ever_more_seldom(self, subscription, time):
+        first, second, third, fourth = faults(subscription, time, 60.0)[:4]
+        assert first == SILENT_S + CHECK_S  # the publisher was found at the first check
+        assert second - first == MAX_PAUSE_S + CHECK_S
+        assert third - second == fourth - third == MAX_PAUSE_S + CHECK_S
+
+    def test_is_not_replaced_while_messages_arrive(self, subscription, watch, time):
+        for number in range(30):
+            watch.note(ROBOT, number, is_beacon=False)
+            assert faults(subscription, time, 1.0) == []
+
+    def test_a_recovered_subscription_is_replaced_as_soon_as_before(self, subscription, watch, time):
+        faults(subscription, time, 30.0)
+        watch.note(ROBOT, 1, is_beacon=False)
+        assert faults(subscription, time, 4.0) == []
+        assert faults(subscription, time, 6.0) == [3.0]
+
+    def test_without_publishers_silence_is_no_fault(self, subscription, ros, time):
+        ros.publishers = 0
+        assert faults(subscription, time, 30.0) == []
+
+    def test_a_new_publisher_has_time_to_be_heard(self, subscription, ros, watch, time):
+        for number in range(10):
+            watch.note(ROBOT, number, is_beacon=False)
+            faults(subscription, time, 1.0)
+        ros.publishers = 2
+        assert faults(subscription, time, SILENT_S) == []
+
+    def test_both_receive_until_the_next_check(self, subscription, ros, watch, time):
+        subscription.replace()
+        assert (len(ros.present), watch.overlaps) == (2, True)
+        time.passes(CHECK_S)
+        subscription.fault()
+        assert (len(ros.present), watch.overlaps) == (1, False)
+        subscription.replace()
+        subscription.destroy()
+        assert ros.present == []
+        assert faults(subscription, time, 30.0) == []
+        subscription.replace()
+        assert ros.present == []
+
+    def test_a_fault_replaces_all_subscriptions_of_the_node(self, subscription, ros, time):
+        heard = StreamWatch(clock=time)
+        heard.note(ROBOT, 1, is_beacon=False)
+        other = WatchedSubscription(ros, lambda: ros.create("/other"), heard, time)
+        time.passes(CHECK_S)
+        assert replace_faulty([subscription, other]) == {}
+        time.passes(SILENT_S)
+        heard.note(ROBOT, 2, is_beacon=False)
+        assert replace_faulty([other, subscription]) == {"/said": "1 of 1 publishers are silent"}
+        assert [each.topic_name for each in ros.present] == ["/said", "/other", "/other", "/said"]

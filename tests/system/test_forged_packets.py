@@ -1,0 +1,153 @@
+"""A stranger in the network who sends false RTPS packets in the name of publishers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from socialbot.bridge.environment import KEYS_VARIABLE
+from socialbot.bridge.keys import new_key
+from tests.system.running import eventually
+from tests.system.two_hosts import ROBOT, WORKSTATION, Host, open_to, script, two_hosts
+
+TOPICS = ("/busy", "/idle", "/joints", "/joints/_seal", "/latched")
+TALK = """
+import sys, time
+from pathlib import Path
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.transport import open_transport
+from socialbot.core.messages import JointTrajectory, Utterance
+from socialbot.graph.ports import Delivery
+def said(text):
+    return Utterance(stamp=time.time_ns(), id=text, text="word")
+def moved(number):
+    return JointTrajectory(stamp=number, joint_names=("a",), positions=(0.0,), velocities=(), duration_s=1.0)
+with spinning_node("talker") as ros:
+    transport = open_transport()
+    busy, idle = (transport.advertise(ros, topic, Utterance) for topic in ("/busy", "/idle"))
+    latched = transport.advertise(ros, "/latched", Utterance, Delivery.LATCHED)
+    joints = transport.advertise(ros, "/joints", JointTrajectory)
+    number, done = 0, set()
+    while True:
+        number += 1
+        busy.publish(said(str(number)))
+        joints.publish(moved(number))
+        for command in Path(sys.argv[1]).glob("*.command"):
+            if command.name not in done:
+                done.add(command.name)
+                idle.publish(said(command.stem))
+                latched.publish(said(command.stem))
+        time.sleep(0.05)
+"""
+HEAR = """
+import logging, time
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.qos import subscription_qos
+from socialbot.bridge.transport import open_transport
+from socialbot.core.messages import JointTrajectory, Utterance
+from socialbot.graph.ports import Delivery
+logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s")
+with spinning_node("hearer") as ros:
+    transport = open_transport()
+    def hear(topic, kind, **options):
+        take = lambda one: print(topic, getattr(one, "id", one.__class__.__name__), flush=True)
+        return transport.subscribe(ros, topic, kind, take, **options)
+    kept = [hear("/busy", Utterance), hear("/idle", Utterance), hear("/joints", JointTrajectory)]
+    kept += [hear("/latched", Utterance, qos=subscription_qos(Delivery.LATCHED), latched=True)]
+    time.sleep(3600)
+"""
+
+
+def attack(
+    host: Host, name: str, log: Path, seconds: float, variables: dict[str, str], topics: tuple[str, ...] = TOPICS
+) -> None:
+    """Send forged packets from ``host`` to the robot for ``seconds``."""
+    command = [sys.executable, "-m", "evaluation.rtps_attack", name, ROBOT, ",".join(topics), str(seconds)]
+    root = str(Path(__file__).parents[2])
+    with log.open("w") as output:
+        process = host.start(
+            *command, variables={**variables, "PYTHONPATH": root}, stdout=output, stderr=subprocess.STDOUT
+        )
+    try:
+        process.wait(120)
+    finally:
+        process.kill()
+        process.wait()
+    assert log.read_text().split()[-1].isdecimal(), log.read_text()
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["heartbeats", "gaps"])
+def test_messages_arrive_again_after_false_packets_end(name: str, tmp_path: Path) -> None:
+    """Messages of all kinds, each once, also on topics that are seldom used."""
+    new_key("robot", tmp_path / "keys")
+    heard = tmp_path / "hearer.log"
+    own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
+
+    def count(line: str) -> int:
+        return heard.read_text().split("\n").count(line)
+
+    def arrive(command: str) -> bool:
+        (tmp_path / f"{command}.command").touch()
+        return eventually(lambda: count(f"/idle {command}") and count(f"/latched {command}"))
+
+    with two_hosts() as hosts, ExitStack() as scripts:
+        scripts.enter_context(script(hosts.robot, TALK, tmp_path / "talker.log", own, str(tmp_path)))
+        scripts.enter_context(script(hosts.robot, HEAR, heard, own))
+        assert eventually(lambda: heard.read_text().count("/busy") > 20), heard.read_text()
+        assert eventually(lambda: count("/joints JointTrajectory") > 20), heard.read_text()
+        assert arrive("before"), heard.read_text()
+
+        attack(hosts.workstation, name, tmp_path / "attack.log", 5.0, open_to(ROBOT))
+        assert eventually(lambda: "are subscribed again" in heard.read_text()), heard.read_text()
+        busy, joints = heard.read_text().count("/busy "), count("/joints JointTrajectory")
+        assert eventually(lambda: heard.read_text().count("/busy ") > busy + 20), heard.read_text()
+        assert eventually(lambda: count("/joints JointTrajectory") > joints + 20), heard.read_text()
+        assert arrive("after"), heard.read_text()
+        lines = [line for line in heard.read_text().splitlines() if line.startswith(("/busy ", "/idle ", "/latched "))]
+        assert len(lines) == len(set(lines)), "a message arrived twice"
+        assert "replayed" not in heard.read_text()
+
+
+SAY = """
+import time
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.transport import open_transport
+from socialbot.core.messages import Utterance
+with spinning_node("talker") as ros:
+    sender = open_transport().advertise(ros, "/speech/say", Utterance)
+    while True:
+        stamp = time.time_ns()
+        sender.publish(Utterance(stamp=stamp, id=str(stamp), text="word"))
+        time.sleep(1.0)
+"""
+UP = "import sys; from socialbot.__main__ import run; run()"
+GRAPH = """
+name: voice
+inputs: [/speech/say]
+nodes:
+  speech: {type: speaker, parameters: {playback: 'off'}}
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
+    """One GAP over 2^32 messages keeps Fast DDS busy for hours."""
+    new_key("robot", tmp_path / "keys")
+    (tmp_path / "voice.yaml").write_text(GRAPH)
+    own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
+    shown = tmp_path / "up.log"
+    with two_hosts() as hosts, ExitStack() as scripts:
+        scripts.enter_context(script(hosts.robot, SAY, tmp_path / "talker.log", own))
+        arguments = ("up", str(tmp_path / "voice.yaml"), "--out", str(tmp_path / "run"))
+        scripts.enter_context(script(hosts.robot, UP, shown, own, *arguments))
+        assert eventually(lambda: "says" in shown.read_text()), shown.read_text()
+        attack(hosts.workstation, "endless_gap", tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
+        assert eventually(lambda: "speech hung" in shown.read_text()), shown.read_text()
+        assert eventually(lambda: "speech is back" in shown.read_text()), shown.read_text()
