@@ -13,6 +13,7 @@ definitions of its own. It re-evaluates these statements:
 
 from __future__ import annotations
 
+import cmath
 import random
 import re
 import tempfile
@@ -21,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median_low
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -73,6 +74,31 @@ _ATTENTIVE = re.compile(r"(\S+) (.+) \((\d+) % of (\d+) frames\)")
 _FRAME = re.compile(r"the frame at [\d.]+ s showed (.*?)(?: \(at [\d.]+ s\))?")
 _SEEN = re.compile(r"person (\S+) ([\d.]+) m away")
 _HOLDS_NOT = re.compile(r"(.+) does not hold")
+
+
+_WALKS_MPS, _STRIDES_MPS, _REACH_M = 0.3, 0.6, 1.2  # the last two as in docs/waldo.md
+
+
+class _Walk(NamedTuple):
+    """Straight walk past the robot, which is at the origin."""
+
+    speed_mps: float
+    comes_nearer: bool
+    passes_m: float
+
+
+def _walk(places: Sequence[tuple[int, complex]]) -> _Walk | None:
+    """Return the walk from the first to the last place; None if the time between them is too short."""
+    if not places or places[-1][0] - places[0][0] < nanoseconds(0.27):
+        return None
+    (begin, first), (end, last) = places[0], places[-1]
+    step = last - first
+    if not step:
+        return _Walk(0.0, False, abs(last))
+    along = (first * step.conjugate()).real / abs(step)  # of the place on the line that is nearest to the robot
+    aside = abs((first * step.conjugate()).imag) / abs(step)
+    ahead = along + abs(step)
+    return _Walk(abs(step) / ((end - begin) / SECOND), ahead < 0, aside)
 
 
 @dataclass
@@ -185,16 +211,38 @@ class Check:
         return text in ("no more detections arrive",)
 
     def attention(self, found: re.Match[str], now: int) -> bool:
-        """Whether that many frames show a person, and the last one what is said of them."""
+        """Whether that many frames show a person, and they show what is said of the walk, the face or the distance."""
         for window_s in (0.3, 0.5):  # the longer one of appear_s and the least time of a path
-            near = [near[found[1]] for near in self.frames(now, window_s) if found[1] in near]
-            if len(near) == int(found[4]):
+            looks = self.looks(found[1], now, window_s)
+            if len(looks) == int(found[4]):
                 break
         else:
             return False
-        facing = near[-1].facing_rad
+        said, (_, last, _) = found[2], looks[-1]
+        if away := re.fullmatch(r"is ([\d.]+) m away", said):
+            return abs((last.distance_m or 0.0) - float(away[1])) <= ROUNDING_M
+        walk = _walk([(stamp, place) for stamp, _, place in looks if place is not None])
+        facing = last.facing_rad
         faces = "the robot" if facing is not None and facing <= 1.0 else "away" if (facing or 0.0) >= 1.75 else ""
-        return found[2].startswith(f"faces {faces}") if faces else not found[2].startswith("faces")
+        if walk is None or walk.speed_mps < (_STRIDES_MPS if faces else _WALKS_MPS):
+            return said.startswith(f"faces {faces}") if faces else not said.startswith(("faces", "walks"))
+        if not walk.comes_nearer:
+            return said == "walks away from the robot"
+        if past := re.fullmatch(r"walks past the robot at ([\d.]+) m", said):
+            return walk.passes_m > _REACH_M and abs(walk.passes_m - float(past[1])) <= ROUNDING_M
+        return said == "walks up to the robot" and walk.passes_m <= _REACH_M
+
+    def looks(self, who: str, now: int, seconds: float) -> list[tuple[int, PersonDetection, complex | None]]:
+        """The frames of the last ``seconds`` that show a person in range: stamp, person, and place on the floor (m)."""
+        begin, looks = now - nanoseconds(seconds), []
+        for frame in self.seen:
+            for one in frame.persons if begin <= frame.stamp <= now else ():
+                if (one.track_id or "somebody") == who and (one.distance_m or 0.0) <= self.range_m:
+                    place = None
+                    if one.distance_m is not None and one.bearing_rad is not None:
+                        place = cmath.rect(one.distance_m, one.bearing_rad + (frame.camera_yaw_rad or 0.0))
+                    looks.append((frame.stamp, one, place))
+        return looks
 
     def frames(self, now: int, seconds: float) -> list[dict[str, PersonDetection]]:
         """The persons in range of the frames of the last ``seconds``."""

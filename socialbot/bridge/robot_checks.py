@@ -1,10 +1,11 @@
-"""Checks of ``socialbot doctor --robot``: whether topics and actions of a robot are there, with the right types."""
+"""Checks of ``socialbot doctor``: whether topics, services and actions outside a graph are there, with their types."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import message_class
@@ -18,7 +19,7 @@ POLL_S = 0.05
 
 
 class Requirement(Protocol):
-    """Topic or action that a part of a robot needs, such as those that `socialbot.robots.requirements` lists."""
+    """Topic, service or action that a robot must have, such as those that `socialbot.robots.requirements` lists."""
 
     @property
     def part(self) -> str: ...
@@ -39,13 +40,16 @@ class Requirement(Protocol):
     def joints(self) -> tuple[str, ...]: ...
 
 
-def check_topics(needed: Sequence[Requirement], hint: str, timeout_s: float = DISCOVERY_S) -> Iterator[Finding]:
-    """Look for the topics and actions of a robot, and yield a finding for each.
+def check_topics(
+    needed: Sequence[Requirement], hint: str, timeout_s: float = DISCOVERY_S, *, source: str = "profile"
+) -> Iterator[Finding]:
+    """Look for the topics, services and actions of a robot, and yield a finding for each.
 
     Args:
         needed: What the robot must have.
         hint: How to start its drivers, for remedies.
         timeout_s: Time to wait for all of them.
+        source: Where the names come from, for remedies.
     """
     from socialbot.bridge.environment import spinning_node
 
@@ -59,7 +63,7 @@ def check_topics(needed: Sequence[Requirement], hint: str, timeout_s: float = DI
             time.sleep(POLL_S)
         start = f"start the drivers of the robot ({hint})" if hint else "start the drivers of the robot"
         for each in needed:
-            finding = _finding(ros, each, heard.get(each, []), f"{start}; or correct the name in the profile")
+            finding = _finding(ros, each, heard.get(each, []), f"{start}; or correct the name in the {source}", source)
             if finding.text.startswith(tuple(_WHAT.values())):
                 start = "as above"
             yield finding
@@ -77,11 +81,28 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
 
 
 def _endpoints(ros: Any, each: Requirement) -> list[Any]:
-    """The publishers or subscribers of the robot; those of the status topic of an action."""
+    """The publishers or subscribers of the robot; those of the status topic of an action; the servers of a service."""
+    if each.kind == "service":
+        return _servers(ros, each.name)
     if each.kind == "subscriber":
         return ros.get_subscriptions_info_by_topic(each.name)
     name = f"{each.name}/_action/status" if each.kind == "action" else each.name
     return ros.get_publishers_info_by_topic(name)
+
+
+def _servers(ros: Any, service: str) -> list[_Server]:
+    found = []
+    for name, namespace in ros.get_node_names_and_namespaces():
+        with contextlib.suppress(RuntimeError):  # the node has ended meanwhile
+            offered = dict(ros.get_service_names_and_types_by_node(name, namespace)).get(service, ())
+            found += [_Server(name, namespace, kind) for kind in offered]
+    return found
+
+
+class _Server(NamedTuple):
+    node_name: str
+    node_namespace: str
+    topic_type: str
 
 
 def _is_there(ros: Any, each: Requirement, heard: dict[Requirement, list[Any]]) -> bool:
@@ -106,10 +127,15 @@ def _wrong_type(ros: Any, each: Requirement) -> str:
     return "" if each.type in kinds or not kinds else ", ".join(sorted(kinds))
 
 
-_WHAT = {"publisher": "nobody publishes", "subscriber": "nobody subscribes to", "action": "no action server"}
+_WHAT = {
+    "publisher": "nobody publishes",
+    "subscriber": "nobody subscribes to",
+    "action": "no action server",
+    "service": "nobody offers",
+}
 
 
-def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str) -> Finding:
+def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str, source: str) -> Finding:
     bad = "error" if each.needed else "warning"
     if not _is_installed(each):
         package = each.type.partition("/")[0]
@@ -120,7 +146,7 @@ def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str) -> 
         return Finding(each.part, bad, f"{_WHAT[each.kind]} {each.name}", remedy)
     if other := _wrong_type(ros, each):
         return Finding(
-            each.part, "error", f"{each.name} is {other}, not {each.type}", "name the right topic in the profile"
+            each.part, "error", f"{each.name} is {other}, not {each.type}", f"name the right one in the {source}"
         )
     node = f"{endpoints[0].node_namespace.rstrip('/')}/{endpoints[0].node_name}"
     if each.kind != "publisher":

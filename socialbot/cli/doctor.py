@@ -21,8 +21,8 @@ from rich.text import Text
 
 from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding, installed_version
-from socialbot.cli._options import JsonOption, RobotOption, many
-from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
+from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
+from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command, pip_command
 from socialbot.graph.files import load_graph
 
@@ -32,6 +32,7 @@ PANEL = "Start here"
 EXAMPLES = (
     "socialbot doctor",
     "socialbot doctor --quick",
+    "socialbot doctor my_graph.yaml",
     "socialbot doctor --robot reachy_mini",
 )
 GB = 1_000_000_000
@@ -85,6 +86,22 @@ def examine_robot(name: str) -> Iterator[Finding]:
             yield ros
         else:
             yield from check_topics(needed, profile.hint)
+
+
+def examine_graph(name: str) -> Iterator[Finding]:
+    """Check that the nodes outside a graph are there, and its ROS types installed. Raises GraphError."""
+    from socialbot.bridge.robot_checks import check_topics
+    from socialbot.robots.requirements import graph_requirements
+
+    graph = load_graph(name)
+    ros, needed = ros_checks.ros(), tuple(graph_requirements(graph))
+    what = many(len(needed), "connection") if needed else "nothing"
+    yield Finding("graph", "ok", f"{graph.name}: needs {what} of other nodes")
+    if needed and ros.state != "error":
+        yield ros_checks.settings()
+        yield from check_topics(needed, "", source="graph file")
+    elif needed:
+        yield ros
 
 
 def _robot_camera(source: str) -> Finding:
@@ -254,6 +271,12 @@ WIDEST = 100
 
 
 def doctor(
+    checked: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[GRAPH]", help="Check what this graph needs of other nodes.", autocompletion=graph_names
+        ),
+    ] = None,
     as_json: JsonOption = False,
     quick: Annotated[
         bool, typer.Option("--quick", help="Skip a slow check: the round trip of images over DDS.")
@@ -261,11 +284,14 @@ def doctor(
     graph: Annotated[str, typer.Option(help="Graph whose camera pose is shown.")] = "waldo",
     robot: RobotOption = None,
 ) -> None:
-    """Check the installation, or with --robot a robot, and print remedies. Exit code 5: a check failed."""
+    """Check the installation, or a graph or robot, and print remedies. Exit code 5: a check failed."""
+    if checked is not None and robot is not None:
+        what = "a graph and a robot are checked one by one"
+        raise ParameterError(what, where="--robot", remedy="leave out one of them")
     console = Console(highlight=False)
     findings: list[Finding] = []
     with console.status("examining"):
-        for finding in examine(quick=quick, graph=graph) if robot is None else examine_robot(robot):
+        for finding in _examined(checked, robot, graph, quick=quick):
             findings.append(finding)
             if not as_json:
                 console.print(_paragraph(finding, min(console.width, WIDEST)), soft_wrap=True)
@@ -277,6 +303,12 @@ def doctor(
         console.print(f"\n{count['ok']} ok, {many(count['warning'], 'warning')}, {many(count['error'], 'error')}")
     if count["error"]:
         raise typer.Exit(InstallationError.exit_code)
+
+
+def _examined(checked: str | None, robot: str | None, graph: str, *, quick: bool) -> Iterator[Finding]:
+    if robot is not None:
+        return examine_robot(robot)
+    return examine(quick=quick, graph=graph) if checked is None else examine_graph(checked)
 
 
 def _paragraph(finding: Finding, width: int) -> Text:

@@ -1,4 +1,4 @@
-"""What a robot must answer for its profile to work: topics, actions, types, the daemon and the camera."""
+"""What a robot must answer for its profile or a graph to work: topics, services, actions, types, daemon and camera."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from socialbot.bags.codec import ros_type
 from socialbot.core.errors import DeviceError, SocialbotError
+from socialbot.graph.node import Graph
 from socialbot.robots.daemon_client import DaemonClient
 from socialbot.robots.profile import CameraProfile, HeadProfile, Part, RobotProfile
 from socialbot.vision.camera_node import is_device
 
-Kind = Literal["publisher", "subscriber", "action"]
-"""What a robot has under a name: it publishes a topic, subscribes to one, or offers an action."""
+Kind = Literal["publisher", "subscriber", "service", "action"]
+"""What a robot has under a name: it publishes a topic, subscribes to one, or offers a service or an action."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """Topic or action that a part of the robot needs.
+    """Topic, service or action that a part of the robot needs.
 
     Attributes:
         part: Part of the robot, such as "head".
@@ -45,6 +47,22 @@ def requirements(profile: RobotProfile) -> Iterator[Requirement]:
     for name, part in (("speech", profile.speech), ("people", profile.people), ("base", profile.base)):
         if part is not None:
             yield from _part(name, part)
+
+
+def graph_requirements(graph: Graph) -> Iterator[Requirement]:
+    """Yield the topics, services and actions of nodes outside a graph, by the node that uses them.
+
+    A topic is not needed at once, as drivers may publish rarely.
+    """
+    for config in graph.nodes:
+        for topic, port in config.subscriptions:
+            if topic in graph.inputs:
+                kind = ros_type(port.message_type, graph.wire)
+                yield Requirement(config.name, "publisher", topic, kind, needed=False)
+        for topic, port in config.clients:
+            if topic in graph.services:
+                kind = "action" if port.interface.is_action else "service"
+                yield Requirement(config.name, kind, topic, port.interface.name, needed=not port.optional)
 
 
 def _camera(camera: CameraProfile) -> Iterator[Requirement]:

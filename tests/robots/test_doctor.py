@@ -10,8 +10,11 @@ from typing import Any
 import pytest
 
 from socialbot.core.installation import interfaces_command
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input
+from socialbot.graph.services import Client
 from socialbot.robots.profile import load_profile, parse_profile
-from socialbot.robots.requirements import Requirement, requirements
+from socialbot.robots.requirements import Requirement, graph_requirements, requirements
 from tests.robots.daemon_server import DaemonServer, running_daemon
 from tests.system.running import socialbot_here
 
@@ -90,6 +93,22 @@ def test_a_profile_needs_its_topics_and_actions():
     assert {each.name for each in requirements(seer)} == {"/humans/bodies/tracked", "/tf"}
 
 
+class Porter(Node):
+    battery = Input("sensor_msgs/msg/BatteryState", "/battery")
+    lamp = Client("std_srvs/srv/SetBool", "/lamp")
+    door = Client("std_srvs/srv/SetBool", "/door")
+
+    @battery
+    def on_battery(self, message): ...
+
+
+def test_a_graph_without_other_nodes_is_well():
+    done = socialbot_here("doctor", "cleaner")
+    assert done.returncode == 0, done.stderr
+    assert "needs nothing of other nodes" in done.stdout
+    assert socialbot_here("doctor", "cleaner", "--robot", "tiago").returncode == 4
+
+
 class TestOverDds:
     """Topics of standard types, which the wheels have."""
 
@@ -107,6 +126,29 @@ class TestOverDds:
         assert "ros2 launch robby" in first[2]
         assert second[:2] == ("error", "nobody subscribes to /neck")
         assert second[2] == "as above; or correct the name in the profile"
+
+    def test_what_a_graph_needs_of_other_nodes_is_looked_for(self):
+        from std_msgs.msg import Float32
+        from std_srvs.srv import SetBool
+
+        from socialbot.bridge.environment import spinning_node
+        from socialbot.bridge.robot_checks import check_topics
+
+        topics, services = frozenset({"/battery"}), frozenset({"/lamp", "/door"})
+        graph = Graph("house", (NodeConfig("porter", Porter),), inputs=topics, services=services)
+        battery, lamp, door = graph_requirements(graph)
+        assert (battery.kind, battery.type, battery.needed) == ("publisher", "sensor_msgs/msg/BatteryState", False)
+        assert (lamp.kind, lamp.type, lamp.needed) == ("service", "std_srvs/srv/SetBool", True)
+        with spinning_node("house") as ros:
+            ros.create_service(SetBool, "/lamp", lambda _, response: response)
+            ros.create_publisher(Float32, "/battery", 1)
+            found = check_topics((battery, lamp, door), "", 2.0, source="graph file")
+            told = [(each.name, each.state, each.text) for each in found]
+        assert told == [
+            ("porter", "error", "/battery is std_msgs/msg/Float32, not sensor_msgs/msg/BatteryState"),
+            ("porter", "ok", "/lamp, by /house"),
+            ("porter", "error", "nobody offers /door"),
+        ]
 
     def test_a_type_that_is_not_installed_is_named(self):
         (found,) = self.findings(Requirement("x", "action", "/x", "absent_msgs/action/X"), timeout_s=0.1)
