@@ -28,7 +28,12 @@ Template = Literal["greeter", "planning"]
 
 PLACEHOLDER = "my_robot"
 PROFILE = "ROBOT_PROFILE"
+PROFILES = "profiles"
+"""Folder of a project with the files of other profiles that its own one changes."""
+LIKE = re.compile(r"^like: *(\S+)", re.MULTILINE)
 SUFFIX = ".template"
+AFTER_ROBOT = "Next, in the documentation"
+"""Text of a README that follows the commands for a robot."""
 
 TEMPLATES = Path(__file__).with_name("templates")
 """Templates: ``common`` for greeters, ``python`` and ``asl`` for their language, ``planning`` for planning robots."""
@@ -36,7 +41,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 HIDDEN = {"gitignore": ".gitignore"}  # target names of templates that would take effect in this repository
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
-TAKEN = frozenset({"tests", "launch", "socialbot"})  # reserved names in a project
+TAKEN = frozenset({"tests", "launch", "socialbot", PROFILES})  # reserved names in a project
 
 NEXT: Mapping[str, str] = {
     "cd {project}": "",
@@ -135,18 +140,32 @@ def project_files(
     """Return the files of a project by their relative paths. Raises GraphError for an unknown ``robot``."""
     if template == "planning":
         return {".gitignore": _files_of("common", name)[".gitignore"], **_files_of("planning", name)}
-    return _files_of("common", name) | _files_of(language, name) | _robot_files(name, robot)
-
-
-def _robot_files(name: str, robot: str | None) -> dict[str, str]:
+    files = _files_of("common", name) | _files_of(language, name)
     if robot is None:
-        return {}
+        return files
+    added = _robot_files(name, robot)
+    before, following, after = files["README.md"].partition(AFTER_ROBOT)
+    return {**files, **added, "README.md": f"{before}{added['README.md']}{following}{after}"}
+
+
+def _robot_files(name: str, robot: str) -> dict[str, str]:
     from socialbot.core.registry import robot_files
     from socialbot.robots.profile import load_profile
 
     load_profile(robot)
-    named = robot if robot in robot_files() else str(Path(robot).resolve())
-    return {path: text.replace(PROFILE, named) for path, text in _files_of("robot", name).items()}
+    own = {} if robot in robot_files() else _profiles_like(Path(robot), frozenset(robot_files()))
+    named = next(iter(own), robot)
+    return own | {path: text.replace(PROFILE, named) for path, text in _files_of("robot", name).items()}
+
+
+def _profiles_like(file: Path, registered: frozenset[str]) -> dict[str, str]:
+    """The text of a profile, and of the files that it changes by ``like``, by their paths in the project."""
+    text = file.read_text("utf-8")
+    found = LIKE.search(text)
+    if found is None or (like := found[1].strip("\"'")) in registered:
+        return {f"{PROFILES}/{file.name}": text}
+    moved = text[: found.start(1)] + Path(like).name + text[found.end(1) :]
+    return {f"{PROFILES}/{file.name}": moved, **_profiles_like(file.parent / like, registered)}
 
 
 def _files_of(part: str, name: str) -> dict[str, str]:

@@ -44,7 +44,7 @@ def bind(graph: Graph, robot: str | YamlSection, *, where: str, folder: Path | N
     Relative files start at ``folder``. Raises GraphError for an unknown robot or an invalid profile.
     """
     if isinstance(robot, YamlSection):
-        return with_robot(graph, read_profile(robot, where=where, name=graph.name))
+        return with_robot(graph, read_profile(robot, where=where, name=graph.name, folder=folder or Path()))
     beside = None if folder is None else folder / robot
     try:
         return with_robot(graph, load_profile(str(beside) if beside is not None and beside.is_file() else robot))

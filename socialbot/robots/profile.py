@@ -170,25 +170,20 @@ def robot_names() -> list[str]:
     return sorted(registry.robot_files())
 
 
-def load_profile(name: str, *, changed_by: tuple[str, ...] = ()) -> RobotProfile:
+def load_profile(name: str, *, folder: Path = Path(), changed_by: tuple[str, ...] = ()) -> RobotProfile:
     """Load the profile of a registered robot by its name, or from a file by its path. Raises GraphError.
 
-    ``changed_by`` are the profiles that change this one by ``like``.
+    A relative path starts at ``folder``. ``changed_by`` are the profiles that change this one by ``like``.
     """
-    text, where = _text_of(name)
+    text, where = _text_of(name, folder)
     if where in changed_by:
         raise GraphError("the profile changes itself", where=where, remedy="name another one with 'like'")
-    return parse_profile(text, where, changed_by=changed_by)
+    return parse_profile(text, where, folder=Path(where).parent, changed_by=changed_by)
 
 
-def profile_text(name: str) -> str:
-    """Return the YAML text of a profile. Raises GraphError."""
-    return _text_of(name)[0]
-
-
-def _text_of(name: str) -> tuple[str, str]:
+def _text_of(name: str, folder: Path = Path()) -> tuple[str, str]:
     known = registry.robot_files()
-    path = Path(known.get(name, name))
+    path = folder / known.get(name, name)
     if name not in known and path.suffix not in (".yaml", ".yml"):
         raise GraphError(
             f"no robot {name!r}",
@@ -198,22 +193,27 @@ def _text_of(name: str) -> tuple[str, str]:
     return paths.read_text(path, GraphError, remedy=suggestion(name, known)), str(path)
 
 
-def parse_profile(text: str, where: str, *, changed_by: tuple[str, ...] = ()) -> RobotProfile:
+def parse_profile(text: str, where: str, *, folder: Path = Path(), changed_by: tuple[str, ...] = ()) -> RobotProfile:
     """Parse a profile from YAML. Errors name the source ``where`` and the line. Raises GraphError."""
-    return read_profile(read_page(text, where=where), where=where, changed_by=changed_by)
+    return read_profile(read_page(text, where=where), where=where, folder=folder, changed_by=changed_by)
 
 
 def read_profile(
-    root: YamlSection, *, where: str, name: str | None = None, changed_by: tuple[str, ...] = ()
+    root: YamlSection,
+    *,
+    where: str,
+    name: str | None = None,
+    folder: Path = Path(),
+    changed_by: tuple[str, ...] = (),
 ) -> RobotProfile:
-    """Read a profile from a section of a file; ``like`` names the profile that it changes.
+    """Read a profile from a section of a file. ``like`` names the profile that it changes, or its file in ``folder``.
 
     Raises:
         GraphError: A key is unknown, or a value is missing or invalid.
     """
     root.only(*_PROFILE_KEYS, "like")
     if "like" in root.page:
-        base = load_profile(root.text("like"), changed_by=(*changed_by, where))
+        base = load_profile(root.text("like"), folder=folder, changed_by=(*changed_by, where))
     else:
         base = RobotProfile(name=root.text("name", name))
     if not NODE_NAME.fullmatch(base.name):
@@ -255,6 +255,10 @@ def _camera(section: YamlSection, base: CameraProfile | None) -> CameraProfile:
             "a camera needs topics or a device, not both" if camera.device else "the camera has no images",
             where=section.where,
             remedy="give 'image' or 'compressed', the topic of its driver, or 'device', such as \"0\"",
+        )
+    if not (camera.device or camera.info):
+        raise GraphError(
+            "the camera has no intrinsics", where=section.where, remedy="give 'info', the topic of its CameraInfo"
         )
     return camera
 

@@ -74,6 +74,22 @@ def test_a_project_for_a_robot_has_its_profile_and_graph(tmp_path: Path) -> None
     assert (tmp_path / "hostess" / "robot.yaml").read_text().splitlines()[1:3] == ["like: reachy_mini", "name: hostess"]
 
 
+def test_a_project_for_a_robot_of_ones_own_holds_its_profile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robby.yaml").write_text(
+        "name: robby\ncamera: {image: /eye/image_raw, info: /eye/camera_info}\nspeech: {type: topic, topic: /speech}\n"
+    )
+    assert socialbot_here("new", "robby_host", "--robot", "robby.yaml").returncode == 0
+    (tmp_path / "robby.yaml").unlink()
+    (tmp_path / "robby_host").rename(tmp_path / "moved")
+    monkeypatch.chdir("/")
+    graph = load_graph(str(tmp_path / "moved" / "robot_graph.yaml"))
+    assert graph.node("speech").type.__name__ == "TopicSpeaker"
+    readme = (tmp_path / "moved" / "README.md").read_text()
+    assert "socialbot doctor --robot robot.yaml" in readme
+    assert "socialbot up robot_graph.yaml" in readme
+
+
 def test_an_unknown_robot_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     done = socialbot_here("new", "hostess", "--robot", "reachy", "--out", tmp_path)
     assert (done.returncode, list(tmp_path.iterdir())) == (4, [])

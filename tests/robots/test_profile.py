@@ -10,6 +10,7 @@ import pytest
 from socialbot.core import registry
 from socialbot.core.errors import GraphError
 from socialbot.core.yaml import read_page
+from socialbot.graph.files import load_graph
 from socialbot.robots.profile import load_profile, parse_profile, read_profile, robot_names
 
 GOOD = """\
@@ -48,6 +49,7 @@ def test_a_profile_holds_what_its_file_says():
         ("on_head: true", "on_head: maybe", 4, "'on_head' must be true or false", ""),
         ("image: /cam/image_raw", "image: cam", 4, "'cam' is no full name", "begin with /"),
         ("image: /cam/image_raw,", "", 4, "the camera has no images", "'image'"),
+        (", info: /cam/camera_info", "", 4, "the camera has no intrinsics", "'info', the topic of its CameraInfo"),
         ("on_head: true", 'device: "0"', 4, "topics or a device", "'device'"),
         ("type: ros2_control", "type: ros_control", 6, "unknown type of head: 'ros_control'", "'ros2_control'"),
         ("  type: ros2_control\n", "", 6, "head has no type", "ros2_control, naoqi, reachy_mini"),
@@ -122,3 +124,16 @@ def test_every_shipped_profile_is_valid_and_honest(name):
     for joint in (profile.head.pan, profile.head.tilt) if profile.head else ():
         assert joint.reach_rad >= 0.2
         assert joint.speed_rad_s <= 2.0
+
+
+def test_a_profile_is_like_the_file_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "robby.yaml").write_text(GOOD)
+    (tmp_path / "lab" / "mine.yaml").write_text("like: ../robby.yaml\nname: mine\n")
+    (tmp_path / "lab" / "graph.yaml").write_text(
+        "name: eyes\nrobot: {like: mine.yaml}\nnodes: {camera: {type: camera}}\n"
+    )
+    monkeypatch.chdir("/")
+    mine = load_profile(str(tmp_path / "lab" / "mine.yaml"))
+    assert (mine.name, mine.title) == ("mine", "Robby")
+    assert not load_graph(str(tmp_path / "lab" / "graph.yaml")).nodes  # the robot has a camera of its own
