@@ -9,8 +9,8 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from socialbot.bdi.literals import Belief, Literal, literal_from_key, source
-from socialbot.bdi.terms import Atom, Cons, Rest, order
-from socialbot.bdi.unification import Trail, Var, closed, resolve, undo, unify
+from socialbot.bdi.terms import Atom, Cons, Rest, by_order
+from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
     from socialbot.bdi._hold_timers import HoldTimer
@@ -353,12 +353,12 @@ def choices(pattern: Annotations, held: Annotations, trail: Trail, used: Annotat
         return
     mark = len(trail)
     if pattern[0].__class__ is Rest:
-        others = sorted((note for note in held if note not in used), key=order)
+        others = by_order([note for note in held if note not in used])
         if unify(pattern[0].tail, tuple(others), trail):
             yield None
         undo(trail, mark)
         return
-    for candidate in sorted(held, key=order) if pattern[0].__class__ is Var else held:
+    for candidate in held if closed(pattern[0]) else by_order(held):
         if unify(pattern[0], candidate, trail):
             yield from choices(pattern[1:], held, trail, (*used, candidate))
         undo(trail, mark)

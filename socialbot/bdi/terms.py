@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -377,6 +377,11 @@ def order(term: object) -> tuple[object, ...]:
         notes = tuple(sorted(map(order, getattr(term, "annotations", ()))))
         return (3, str(getattr(term, "functor", "")), getattr(term, "negated", False), tuple(map(order, args)), notes)
     return (4, str(term))
+
+
+def by_order(items: Collection[Any]) -> Collection[Any]:
+    """Return annotations in the order of terms, in which Jason keeps them."""
+    return sorted(items, key=order) if len(items) > 1 else items
 
 
 def show(term: object) -> str:

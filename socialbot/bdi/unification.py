@@ -7,7 +7,7 @@ from operator import is_
 from typing import Any
 
 from socialbot.bdi.literals import Event, Literal, literal
-from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest, Term, order
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Rest, Term, by_order, order
 
 Trail = list["Var"]
 """Variables bound since a choice point, for backtracking."""
@@ -189,8 +189,7 @@ def annotations_match(pattern: Iterable[Any], held: tuple[Any, ...], trail: Trai
         if note.__class__ is Rest:
             others = (other for other in held if all(other is not one for one in matched))
             return unify(note.tail, tuple(sorted(others, key=order)), trail)
-        # Jason keeps annotations in the order of terms.
-        for candidate in sorted(held, key=order) if note.__class__ is Var else held:
+        for candidate in held if closed(note) else by_order(held):
             mark = len(trail)
             if unify(note, candidate, trail):
                 matched.append(candidate)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Goal, Inference, Plan, apart, test, wait
+from socialbot.bdi import Goal, Inference, Plan, apart, ask, wait
 from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
@@ -189,7 +189,7 @@ def test_a_failure_plan_sees_what_head_and_context_gave_as_in_the_reference():
     program = [
         go(X) >> [sub(X, Y), do("after")],
         sub(0, Z) / q(0, Z) >> [crash()],
-        sub(1, Z) >> [test(q(0, Z)), crash()],
+        sub(1, Z) >> [ask(q(0, Z)), crash()],
         -sub(X, Z) / p(Z) >> [do("failed", X, Z)],
     ]
     both = Both(program)

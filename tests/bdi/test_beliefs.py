@@ -145,7 +145,7 @@ def test_annotations_are_matched_in_all_ways_and_the_newest_belief_first():
     engine.run_until_idle()
     says = p(X)[source(Y)]
     assert list(engine.query(says)) == [
-        {"X": 2, "Y": "self"}, {"X": 1, "Y": "self"}, {"X": 1, "Y": "bob"},
+        {"X": 2, "Y": "self"}, {"X": 1, "Y": "bob"}, {"X": 1, "Y": "self"},
     ]  # fmt: skip
     assert list(engine.query(p(X)[source(Atom("bob"))])) == [{"X": 1}]
     assert list(engine.query(p(X)[source("ann")])) == []

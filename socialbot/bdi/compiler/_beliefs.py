@@ -173,10 +173,15 @@ def match_annotations(f: Function, patterns: tuple[object, ...], fail: str) -> N
     """Emit the match of each pattern with the first annotation of an event that fits; else it executes ``fail``."""
     for pattern in patterns:
         found = f.unit.name("n")
-        with f.block(f"for {found} in notes"):
+        with f.block(f"for {found} in {_in_order(f, pattern, 'notes')}"):
             _match_annotation(f, pattern, found)
             f.line("break")
         f.line(f"else: {fail}")
+
+
+def _in_order(f: Function, pattern: object, held: str) -> str:
+    """Return the expression of the annotations in the order in which a pattern is matched with them."""
+    return held if settled(f, pattern) else f"by_order({held})"
 
 
 def _match_annotation(f: Function, pattern: object, found: str) -> None:
@@ -191,6 +196,6 @@ def _annotated(f: Function, patterns: tuple[object, ...], held: str, rest: Calla
     if not patterns:
         rest()
         return
-    with loop(f, held, binds=False) as found:
+    with loop(f, _in_order(f, patterns[0], held), binds=False) as found:
         _match_annotation(f, patterns[0], found)
         _annotated(f, patterns[1:], held, rest)

@@ -48,7 +48,7 @@ from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
 from socialbot.bdi.steps import Action
-from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, order, show
+from socialbot.bdi.terms import Atom, Cons, LiteralVariable, Name, Rest, by_order, order, show
 from socialbot.bdi.unification import SIMPLE, Trail, Var, annotations_match, closed, cons, resolve, same, undo, unify
 
 if TYPE_CHECKING:
@@ -215,11 +215,11 @@ def univ(term: Any, parts: Any, trail: Trail) -> bool:
     if term.__class__ is Atom:
         term = literal(term.name)
     if isinstance(term, Literal):
-        sign = "~" if term.negated else ""
+        sign, notes = "~" if term.negated else "", tuple(by_order(term.annotations))
         if size == 3:
-            return unify(parts, (Atom(sign + term.functor), term.args, term.annotations), trail)
+            return unify(parts, (Atom(sign + term.functor), term.args, notes), trail)
         namespace, _, name = term.functor.rpartition("::")
-        return unify(parts, (Atom(namespace or "default"), Atom(sign + name), term.args, term.annotations), trail)
+        return unify(parts, (Atom(namespace or "default"), Atom(sign + name), term.args, notes), trail)
     if term.__class__ is not Var:
         return False
     if size not in (3, 4) or any(part.__class__ is not Atom for part in parts[:-2]):
@@ -426,6 +426,7 @@ NAMES: dict[str, Any] = {
     "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
     "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
     "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
+    "by_order": by_order,
     "chosen": chosen, "closed": closed, "cons": cons, "div": div, "failure_of": failure_of, "goal_of": goal_of,
     "holds": holds, "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod,
     "open_goal": open_goal, "order": order, "outcome": outcome, "perform": perform, "plain": plain,
