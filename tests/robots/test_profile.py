@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -137,3 +138,13 @@ def test_a_profile_is_like_the_file_beside_it(tmp_path: Path, monkeypatch: pytes
     mine = load_profile(str(tmp_path / "lab" / "mine.yaml"))
     assert (mine.name, mine.title) == ("mine", "Robby")
     assert not load_graph(str(tmp_path / "lab" / "graph.yaml")).nodes  # the robot has a camera of its own
+
+
+def test_the_profile_of_the_how_to_is_valid():
+    page = Path(__file__).parents[2].joinpath("docs", "howto", "robots.md").read_text("utf-8")
+    found = re.search(r"^    name: fetch\n(?:    .*\n)+", page, re.MULTILINE)
+    assert found is not None
+    fetch = parse_profile(textwrap.dedent(found[0]), "fetch.yaml")
+    assert fetch.head is not None
+    assert fetch.base is not None
+    assert (fetch.head.tilt.reach_rad, fetch.head.tilt.sign) == (0.76, -1)
