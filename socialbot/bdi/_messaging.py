@@ -217,7 +217,7 @@ class Messaging:
         if receiver.__class__ is Var:
             raise wrong(".send", receiver, "the name of an agent, or a list of names")
         if self.society is None:
-            raise Failed("action_failed", f"there is no agent {receiver}: {self._engine.name} is in no society")
+            raise Failed("receiver_not_found", f"there is no agent {receiver}: {self._engine.name} is in no society")
         return self.society.find(receiver)
 
 

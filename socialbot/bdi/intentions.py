@@ -57,6 +57,7 @@ REASONS = {
     "deadline_reached": "the deadline has passed",
     "wait_timeout": "the event did not occur, or the condition did not hold, in time",
     "ask_failed": "the answer to a question does not match",
+    "receiver_not_found": "there is no agent of this name",
     "cancelled": "the goal was dropped",
 }
 """Reasons of failures: ``-g[error(E), error_msg(M)]`` binds E to a key, as an atom, and M to a sentence."""

@@ -124,7 +124,7 @@ class Society:
 
             near = get_close_matches(str(name), self.agents, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
-            raise Failed("action_failed", f"there is no agent {name}{hint}")
+            raise Failed("receiver_not_found", f"there is no agent {name}{hint}")
         return agent
 
     def tell(self, sender: Engine, receiver: Any, key: str, args: tuple[Any, ...], cause: Any) -> None:
