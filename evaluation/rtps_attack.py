@@ -58,6 +58,13 @@ def gaps(chance: random.Random, known: bytes) -> bytes:
     return HEADER + known[:12] + submessage(GAP, content)
 
 
+def samples(chance: random.Random, known: bytes) -> bytes:
+    """A message in the name of a publisher with a later number: a best-effort subscription drops all before it."""
+    number = struct.pack("<iI", 0, 2**30 + chance.randrange(2**20))
+    content = struct.pack("<HH", 0, 16) + bytes(4) + known[12:16] + number + b"\x00\x01\x00\x00" + bytes(8)
+    return HEADER + known[:12] + submessage(DATA, content, flags=5)
+
+
 def endless_gap(chance: random.Random, known: bytes) -> bytes:
     """A gap in the name of a publisher: all its messages up to a number that takes days to count to."""
     content = bytes(4) + known[12:16] + struct.pack("<iIiII", 0, 1, chance.randrange(1, 2**20), 0, 0)
@@ -90,6 +97,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "malformed": malformed,
     "heartbeats": heartbeats,
     "gaps": gaps,
+    "samples": samples,
     "endless_gap": endless_gap,
     "participants": participants,
 }

@@ -13,9 +13,11 @@ import msgspec
 import pytest
 
 from socialbot.agents.waldo.nodes import Listener
+from socialbot.bridge import stream_watch
 from socialbot.bridge import transport as wires
 from socialbot.bridge.detached_seals import seal_topic
-from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC
+from socialbot.bridge.diagnostics import DIAGNOSTICS_TOPIC, DiagnosticsSubscriber
+from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import Keys, load_keys, new_key
 from socialbot.bridge.security import SCHEMA, Stream
@@ -230,3 +232,40 @@ def test_a_graph_with_keys_has_no_other_endpoints(keys):
         assert {seal_topic(topic) for topic in found & standard} <= found
         services = {name.rpartition("/")[2] for name, _ in ros.get_service_names_and_types()}
         assert services <= {"get_type_description"}
+
+
+@pytest.mark.slow
+def test_a_node_that_misses_messages_subscribes_again_and_says_so(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A publisher without beacons looks like one whose messages do not arrive. Others are heard as before."""
+    monkeypatch.setenv(wires.WINDOW_VARIABLE, "1.0")
+    for name in ("SILENT_S", "MAX_PAUSE_S"):
+        monkeypatch.setattr(stream_watch, name, 1.5)
+    statuses: list[dict[str, str]] = []
+
+    def note(name: str, values: dict[str, str]) -> None:
+        if name == "mouth" and values["resubscribed"]:
+            statuses.append(values)
+
+    with hosted(Mouth) as (mouth,), spinning_node("outside") as ros:
+        DiagnosticsSubscriber(ros, note)
+        sender = wires.open_transport().advertise(ros, TOPIC, Utterance)
+        silent = ros.create_publisher(wires.message_class(wires.STRING), TOPIC, 10)
+        said: list[str] = []
+
+        def heard() -> bool:
+            said.append(str(len(said)))
+            sender.publish(Utterance(stamp=time.time_ns(), id=said[-1], text=said[-1]))
+            return len(statuses) > 0 and mouth.statistics.resubscribed[TOPIC] > 1
+
+        assert eventually(heard)
+        assert eventually(lambda: mouth.node.said[-1:] == said[-1:])
+        assert len(mouth.node.said) == len(set(mouth.node.said))
+        first = said.index(mouth.node.said[0])  # DDS had not connected both before
+        assert mouth.node.said == said[first:]
+        assert statuses[0]["resubscribed"].endswith(TOPIC)
+        assert mouth.statistics.refused == 0
+        ros.destroy_publisher(silent)
+        timers = len(list(mouth.ros_node.timers))
+        mouth.clean_up()
+        mouth.configure()
+        assert len(list(mouth.ros_node.timers)) == timers

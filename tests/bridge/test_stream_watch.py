@@ -161,10 +161,9 @@ class TestWatchedSubscription:
             assert faults(subscription, time, 1.0) == []
 
     def test_a_recovered_subscription_is_replaced_as_soon_as_before(self, subscription, watch, time):
-        faults(subscription, time, 30.0)
+        assert faults(subscription, time, 21.0) == [7.0, 20.0]
         watch.note(ROBOT, 1, is_beacon=False)
-        assert faults(subscription, time, 4.0) == []
-        assert faults(subscription, time, 6.0) == [3.0]
+        assert faults(subscription, time, 10.0) == [SILENT_S + CHECK_S]
 
     def test_without_publishers_silence_is_no_fault(self, subscription, ros, time):
         ros.publishers = 0
@@ -189,6 +188,20 @@ class TestWatchedSubscription:
         assert faults(subscription, time, 30.0) == []
         subscription.replace()
         assert ros.present == []
+
+    def test_the_new_one_counts_the_publishers_of_the_old_one_until_it_matches_them(self, subscription, ros):
+        old = ros.present[0]
+        subscription.replace()
+        old.get_publisher_count, ros.publishers = lambda: 2, 0
+        assert subscription.get_publisher_count() == 2
+
+    def test_two_replacements_at_once_are_one(self, subscription, ros, time):
+        subscription.replace()
+        subscription.replace()
+        assert len(ros.present) == 2
+        time.passes(CHECK_S)
+        subscription.fault()
+        assert len(ros.present) == 1
 
     def test_a_fault_replaces_all_subscriptions_of_the_node(self, subscription, ros, time):
         heard = StreamWatch(clock=time)

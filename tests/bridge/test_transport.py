@@ -167,6 +167,7 @@ class TestEnvironment:
         assert not open_transport({}).sealed
         assert open_transport({KEYS_VARIABLE: str(keys)}).sealed
         assert open_transport({KEYS_VARIABLE: f"{keys}:robot", WINDOW_VARIABLE: "1.0"}).renewal_s == 0.5
+        assert open_transport({KEYS_VARIABLE: str(keys), WINDOW_VARIABLE: "60.0"}).renewal_s == BEACON_S
 
     def test_refuses_unusable_keys(self, keys):
         for value in ("", f"{keys}:other", str(keys / "none")):

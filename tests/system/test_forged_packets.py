@@ -52,11 +52,11 @@ from socialbot.core.messages import JointTrajectory, Utterance
 from socialbot.graph.ports import Delivery
 logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s")
 with spinning_node("hearer") as ros:
-    transport = open_transport()
+    transport, undemanding = open_transport(), subscription_qos(Delivery.NEWEST, outside=True)
     def hear(topic, kind, **options):
         take = lambda one: print(topic, getattr(one, "id", one.__class__.__name__), flush=True)
         return transport.subscribe(ros, topic, kind, take, **options)
-    kept = [hear("/busy", Utterance), hear("/idle", Utterance), hear("/joints", JointTrajectory)]
+    kept = [hear("/busy", Utterance), hear("/idle", Utterance), hear("/joints", JointTrajectory, qos=undemanding)]
     kept += [hear("/latched", Utterance, qos=subscription_qos(Delivery.LATCHED), latched=True)]
     time.sleep(3600)
 """
@@ -82,7 +82,7 @@ def attack(
 
 @pytest.mark.ros
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["heartbeats", "gaps"])
+@pytest.mark.parametrize("name", ["heartbeats", "gaps", "samples"])
 def test_messages_arrive_again_after_false_packets_end(name: str, tmp_path: Path) -> None:
     """Messages of all kinds, each once, also on topics that are seldom used."""
     new_key("robot", tmp_path / "keys")
