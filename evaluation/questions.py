@@ -36,11 +36,17 @@ Listen = Callable[[str], str]
 
 
 def reaches(found: Answer, target: str, verifier: Verifier) -> bool:
-    """Return whether an answer rests on the record that ``target`` describes, as in questions.yaml."""
+    """Return whether an answer rests on the records that ``target`` describes, as in questions.yaml."""
+    if " | " in target:
+        return any(reaches(found, each, verifier) for each in target.split(" | "))
+    if " + " in target:
+        return all(reaches(found, each, verifier) for each in target.split(" + "))
     kind, _, rest = target.partition(" ")
     claims = [clause.claim for clause in found.clauses]
     if kind == "unknown":
         return not found.known
+    if kind == "unsaid":
+        return any(claim.kind == "said_not" and " ".join(claim.what) == rest for claim in claims)
     if kind == "idle":
         return any(claim.kind == "did_not" and not claim.what for claim in claims)
     if kind == "intends":

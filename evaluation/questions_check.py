@@ -24,6 +24,7 @@ NEGATION = re.compile(
 )
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w]|\.\d)")
 _NAMED = re.compile(r"\b[A-Za-z]+_\w+|\b[a-z]+\d+\b")
+_ADDRESSED = re.compile(r"\b(you|dich|dir|vous|te)\b", re.IGNORECASE)
 CONNECTIVES = re.compile(
     r"\b(because|and|denn|und|car|et|porque|y|Yes|No|Ja|Nein|Oui|Non|Sí|At|at|Bei|bei|À|à|A|a|los|s|the last thing was|"
     r"the next thing was|das Letzte war|das Nächste war|la dernière chose était|la suite était|lo último fue|"
@@ -185,8 +186,17 @@ class Verifier:
         known += [self.trace.seconds(line) for line in lines]
         known += [float(len(line["detail"].get("steps", ()))) for line in lines]
         for shown in _NUMBER.findall(plain):
+            if (
+                claim["kind"] in ABSENCES
+                and claim["at_s"] - ROUNDING <= float(shown) <= (claim.get("until_s") or 0.0) + ROUNDING
+            ):
+                continue
             if not any(near(value, float(shown)) for value in known if value is not None) and shown not in quoted:
                 return f"states the number {shown}"
+        if claim["kind"] == "did_not":
+            hidden = [one for one in claim.get("persons", ()) if _NAMED.fullmatch(one) and one not in text]
+            if hidden and not _ADDRESSED.search(text):
+                return f"denies more than it claims: does not name {hidden[0]}"
         for name in _NAMED.findall(plain):
             if name not in f"{quoted} {details}" and name not in {line["source"] for line in lines} | {
                 claim.get("agent")
@@ -262,11 +272,15 @@ class Verifier:
                 return f"{line['id']} was under way"
         return ""
 
+    def _is_speech(self, line: Line) -> bool:
+        return line["kind"] == "utterance" or (line["kind"] == "action" and line["what"].startswith(("say(", "tell(")))
+
     def _said_not(self, claim: Line, lines: Sequence[Line]) -> str:
         spoken = [
             line for line in self.trace.lines
-            if line["kind"] == "utterance" and claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
+            if self._is_speech(line) and claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
             and all(self.trace.concerns(line, one) for one in claim.get("persons", ()))
+            and {*claim.get("what", ())} <= {*re.findall(r"[a-z]+", line["what"].casefold())}
         ]  # fmt: skip
         return f"said {spoken[0]['what']}" if spoken else ""
 
@@ -392,7 +406,10 @@ class Verifier:
 
     def _count_people(self, claim: Line, lines: Sequence[Line]) -> str:
         came = {
-            one for line in self.trace.lines if self.trace.seconds(line) <= claim["until_s"] for one in people(line)
+            one
+            for line in self.trace.lines
+            if claim["at_s"] <= self.trace.seconds(line) <= claim["until_s"]
+            for one in people(line)
         }
         return "" if len(came) == claim["value"] else f"{len(came)} people were here"
 

@@ -13,7 +13,18 @@ VOCABULARY = Vocabulary(
                 'tell("greeting_several")',
             ),
             words={
-                "en": ("greet", "greeting", "welcome", "salute", "say hello", "say hi", "hello", "address"),
+                "en": (
+                    "greet",
+                    "greeting",
+                    "welcome",
+                    "salute",
+                    "say hello",
+                    "say hi",
+                    "hello",
+                    "address",
+                    "speak to",
+                    "talk to",
+                ),
                 "de": (
                     "begrüßen",
                     "begrüßt",
@@ -29,10 +40,10 @@ VOCABULARY = Vocabulary(
                 "es": ("saludar", "saludaste", "saludado", "saludo", "decir hola", "dijiste hola", "recibir"),
             },
             opposites={
-                "en": ("ignore",),
-                "de": ("ignorieren", "ignoriert"),
-                "fr": ("ignorer", "ignoré"),
-                "es": ("ignorar", "ignoraste"),
+                "en": ("ignore", "skip", "overlook", "leave alone", "snub"),
+                "de": ("ignorieren", "ignoriert", "übersehen", "übergangen", "stehen gelassen"),
+                "fr": ("ignorer", "ignoré", "négligé"),
+                "es": ("ignorar", "ignoraste", "pasaste por alto"),
             },
             did={
                 "en": ("I greeted you", "I greeted {person}"),

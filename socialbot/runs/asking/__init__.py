@@ -6,7 +6,7 @@ it. What no record supports is answered with "I don't know".
 """
 
 from socialbot.runs.asking._answers import Answer, answer
-from socialbot.runs.asking._languages import LANGUAGES
 from socialbot.runs.asking._sentences import Claim, Clause
+from socialbot.runs.asking.languages import LANGUAGES
 
 __all__ = ["LANGUAGES", "Answer", "Claim", "Clause", "answer"]

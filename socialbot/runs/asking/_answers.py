@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import msgspec
 
@@ -11,19 +13,20 @@ from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
-from socialbot.runs.asking._facts import Presence, near
-from socialbot.runs.asking._languages import LANGUAGES
+from socialbot.runs.asking._facts import Presence, near, record_agent
 from socialbot.runs.asking._questions import SURE, examples, understand, with_time
 from socialbot.runs.asking._scope import NEAR_S, Scope
 from socialbot.runs.asking._sentences import Claim, Clause, number
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, similarity, tokens
+from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.narration import plan_of, step_in
 from socialbot.runs.run import RunView
 from socialbot.runs.why import decided_at
 
 MOST_NAMED = 5
 """Deeds, people or beliefs that an answer names; it counts the others."""
+ALL_WORDS = 0.8
+"""Least share of the words in question that an utterance has to have to be told as said."""
 
 
 class Answer(msgspec.Struct, frozen=True):
@@ -32,7 +35,8 @@ class Answer(msgspec.Struct, frozen=True):
     Args:
         question: The question.
         language: Language of the answer (ISO 639-1).
-        intent: Kind of question: why, why_not, see, next, doing, said, who, when, count or did; empty if unclear.
+        intent: Kind of question: why, why_not, see, next, doing, said, who, when, how_long, count or did; empty if
+            unclear.
         known: Whether there is an answer; else ``text`` says "I don't know".
         text: The answer.
         clauses: Its clauses with the ids of their records and their claims, in the order of the text.
@@ -103,7 +107,9 @@ class _Answering(Scope):
             return self._unknown(text, self.speech.say("unclear"), understood=False)
         if question.at_s is not None and question.at_s > self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
-        found = getattr(self, f"_{question.kind}")()
+        if question.event is not None and self.event_s is None:
+            return self._unknown(text, self.speech.say("not_recorded"))
+        found = self._contrasted(getattr(self, f"_{question.kind}")())
         if found is None:
             return self._unknown(text, self.speech.say("not_recorded"))
         return self._made(text, *found)
@@ -123,6 +129,20 @@ class _Answering(Scope):
         return Answer(text, self.language, intent, False, told, (), self.question.confidence, "", asked)
 
     # Why
+
+    def _contrasted(self, found: tuple[str, list[Clause]] | None) -> tuple[str, list[Clause]] | None:
+        """Add what was done or left undone for those with whom the question contrasts the deed."""
+        other = self.question.contrast
+        if other is None or found is None or other.person is None:
+            return found
+        topics = other.topics or self.question.topics
+        if not topics:
+            return None
+        asked = replace(self.question, topics=topics, person=other.person, contrast=None, kind="why_not")
+        told = _Answering(
+            self.run, self.subjects, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken
+        )._why_not()
+        return found if told is None else (f"{found[0]}; {told[0]}", [*found[1], *told[1]])
 
     def _why(self) -> tuple[str, list[Clause]] | None:
         deed = self._chosen() if self.topic is not None else self._undescribed()
@@ -148,7 +168,7 @@ class _Answering(Scope):
         """Return the deed of a question without a known deed: what was said, or what was done at a time or last."""
         deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and self._is_meant(each)]
         if self.question.says:
-            return self._quoted(deeds)
+            return next(reversed(self.quoted(deeds, self.question.says)), None)
         if self.question.unknown:
             return None
         if self.question.at_s is not None:
@@ -157,18 +177,18 @@ class _Answering(Scope):
             return next(iter(decided or near(deeds, stamp, NEAR_S)), None)
         return self._numbered(self._of_persons(deeds))
 
-    def _quoted(self, deeds: Sequence[TraceRecord]) -> TraceRecord | None:
-        """Return the last utterance with most of the words in question; None if it has less than half of them."""
-        wanted = set(self.question.says)
-        best, most = None, 0.5
-        for each in deeds:
-            words = set(tokens(self.subjects.words_said(each)))
-            shared = sum(max((similarity(one, other) for other in words), default=0.0) > ALIKE for one in wanted)
-            if words and shared / len(wanted) >= most:
-                best, most = each, shared / len(wanted)
-        return best
+    def _up_to_now(self) -> list[TraceRecord]:
+        """Return the deeds of the agent, people and things in question until now."""
+        deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and self._is_meant(each)]
+        return self._in_time(self._of_persons(deeds))
 
     def _why_not(self) -> tuple[str, list[Clause]] | None:
+        if self.topic is None and self.question.about_speech:
+            # "Why did you say nothing to t3?": the first deed that speaks was left undone.
+            spoken = (each for each in self.subjects.deeds if self.subjects.words_said(each))
+            self.topic = next((topic for each in spoken if (topic := self.subjects.topic_of(each))), None)
+            self.deeds = self.deeds_at_all = [] if self.topic is None else self._up_to_now()
+            self.deeds = [each for each in self.deeds if self.subjects.words_said(each)]
         if self.topic is None:
             return None
         deed = self._chosen()
@@ -177,7 +197,21 @@ class _Answering(Scope):
             return did.text, [did]
         return self._left_undone()
 
-    def _left_undone(self) -> tuple[str, list[Clause]]:
+    def _left_undone(self) -> tuple[str, list[Clause]] | None:
+        """Return that the deed was not done and why; None if a deed has to do with the same things in another way."""
+        things = set(self.question.things)
+        done = self.subjects.done(self.topic) if things and self.topic is not None else ()
+        for each in done:
+            if self.agent in ("", record_agent(self.history, each)) and things <= self._things_behind(each):
+                return None
+        return self._undone()
+
+    def _things_behind(self, deed: TraceRecord) -> set[str]:
+        """Return the things in a deed and in its causes."""
+        chain = (deed, *self.history.before(deed))
+        return {name for each in chain for name in (*re.findall(r"\w+", each.what), each.source)}
+
+    def _undone(self) -> tuple[str, list[Clause]]:
         topic = self.topic
         assert topic is not None
         span = self._span()
@@ -185,6 +219,8 @@ class _Answering(Scope):
         undone = self.speech.did_not(topic, self.persons, agent, span, list(self.question.things))
         if self.question.at_s is not None:
             undone = self.speech.at(undone, self.question.at_s)
+        elif self.question.event is not None or self.question.span_s is not None:
+            undone = self.speech.within(undone, *span)
         earlier = [each for each in self._of_persons(self.deeds) if self.history.seconds(each.stamp) < span[0]]
         if earlier:
             done = self.speech.did(earlier[-1], topic)
@@ -209,12 +245,14 @@ class _Answering(Scope):
     def _when(self) -> tuple[str, list[Clause]] | None:
         if self.topic is not None:
             deeds = self._of_persons(self.deeds)
-            if self.question.ordinal is not None:
+            if self.question.at_s is not None:
+                deeds = near(deeds, self.history.stamp(self.question.at_s), NEAR_S)
+            elif self.question.ordinal is not None:
                 deeds = [one for one in [self._numbered(deeds)] if one is not None]
             return self._listed(deeds) if deeds else self._left_undone()
         if self.question.says:
-            said = self._quoted([each for each in self.subjects.deeds if each.stamp <= self.now])
-            return None if said is None else self._listed([said])
+            said = self.quoted(self._up_to_now(), self.question.says)
+            return self._listed(said) if said else None
         return self._who()
 
     def _listed(self, deeds: Sequence[TraceRecord]) -> tuple[str, list[Clause]]:
@@ -232,47 +270,111 @@ class _Answering(Scope):
             counted = self._number(deeds)
             return f"{counted.text}: {self._joined(shown)}", [counted, *shown]
         if self.question.says:
-            return None
+            said = self.quoted(self._up_to_now(), self.question.says, ALL_WORDS)
+            if not said:
+                return self._did_say()
+            counted, shown = self._number(said), [self.speech.did(each, None) for each in said[:MOST_NAMED]]
+            return f"{counted.text}: {self._joined(shown)}", [counted, *shown]
         return self._count_people() if self.subjects.persons or self._has_frames() else None
 
     def _number(self, deeds: Sequence[TraceRecord]) -> Clause:
         text = self.speech.say("times_one") if len(deeds) == 1 else self.speech.say("times", count=len(deeds))
         topic, agent = self.topic, self.agent
+        calls = (
+            topic.calls
+            if topic
+            else tuple(dict.fromkeys(one for each in deeds for one in self.subjects.calls_of(each)))
+        )
+        is_limited = self.question.event is not None or self.question.span_s is not None
+        begin_s, end_s = self._span() if is_limited else (0.0, self.now_s)
         claim = Claim(
-            "count", agent, topic.calls if topic else (), 0.0, self.now_s,
+            "count", agent, calls, begin_s, end_s,
             (*self.persons, *self.question.things), float(len(deeds)),
         )  # fmt: skip
         return Clause(text, tuple(each.id for each in deeds), claim)
 
     def _did(self) -> tuple[str, list[Clause]] | None:
         if self.topic is None:
-            return None
+            return self._did_say()
+        if (
+            self.question.about_all
+            or self.question.about_left_out
+            or (self.question.is_opposite and self.question.person is None)
+        ):
+            return self._did_for_all()
         deeds = self._of_persons(self.deeds)
         chosen = self._chosen()
         if chosen is not None:
             clause = self.speech.did(chosen, self.topic)
-            return f"{self.speech.say('yes')}: {clause.text}", [clause]
+            return f"{self._confirmed(True)}: {clause.text}", [clause]
+        other = [each for each in self._of_persons(self.deeds_at_all) if each.stamp <= self.now]
+        if not deeds and other and self.question.event is not None:
+            # Done, but on the other side of the event.
+            clauses = [self.speech.did(other[-1], self.topic)]
+            if self.event_deed is not None:
+                clauses.append(self.speech.did(self.event_deed, self.subjects.topic_of(self.event_deed)))
+            return f"{self._confirmed(False)}: {self._joined(clauses)}", clauses
         if not deeds:
-            told, clauses = self._left_undone()
-            return f"{self.speech.say('no')}: {told}", clauses
+            undone = self._left_undone()
+            return None if undone is None else (f"{self._confirmed(False)}: {undone[0]}", undone[1])
         undone = self.speech.did_not(
             self.topic, self.persons, self._only_agent(), self._span(), list(self.question.things)
         )
         if self.question.at_s is not None:
             undone = self.speech.at(undone, self.question.at_s)
         other = self.speech.did(deeds[-1], self.topic)
-        return f"{self.speech.say('no')}: {undone.text}; {other.text}", [undone, other]
+        return f"{self._confirmed(False)}: {undone.text}; {other.text}", [undone, other]
+
+    def _confirmed(self, is_done: bool) -> str:
+        """Return yes or no; for the opposite of a deed, such as "ignore", the other one."""
+        return self.speech.say("yes" if is_done is not self.question.is_opposite else "no")
+
+    def _did_say(self) -> tuple[str, list[Clause]] | None:
+        if not self.question.says:
+            return None
+        said = self.quoted(self._up_to_now(), self.question.says, ALL_WORDS)
+        if said:
+            clause = self.speech.did(said[-1], None)
+            return f"{self.speech.say('yes')}: {clause.text}", [clause]
+        text = self.speech.about(self.agent, self.speech.say("said_no_words", what=" ".join(self.question.says)))
+        claim = Claim("said_not", self.agent, self.question.says, 0.0, self.now_s, tuple(self.persons))
+        clause = Clause(text, (), claim)
+        return f"{self.speech.say('no')}: {clause.text}", [clause]
+
+    def _did_for_all(self) -> tuple[str, list[Clause]] | None:
+        """Return whether a deed was done for everybody: no, with those who were left out, or yes."""
+        asks_left_out = self.question.is_opposite or self.question.about_left_out
+        left = self._left_out(self._all_people())
+        if left:
+            told, clauses = self._without(left)
+            return f"{self.speech.say('yes' if asks_left_out else 'no')}: {told}", clauses
+        if not self.deeds:
+            return self._left_undone()
+        told, clauses = self._listed(self.deeds)
+        return f"{self.speech.say('no' if asks_left_out else 'yes')}: {told}", clauses
+
+    def _without(self, persons: Sequence[str]) -> tuple[str, list[Clause]]:
+        """Return for each of some people that the deed was not done, and why."""
+        texts, clauses = [], []
+        for person in persons[-MOST_NAMED:]:
+            self.persons = [person]
+            told, some = self._undone()
+            texts.append(told)
+            clauses += some
+        return "; ".join(texts), clauses
 
     def _who(self) -> tuple[str, list[Clause]] | None:
         if self.topic is not None:
-            return self._when()
+            left = (
+                self._left_out(self._all_people()) if self.question.is_negative is not self.question.is_opposite else []
+            )
+            return self._without(left) if left and self.question.person is None else self._when()
         if not self._has_frames():
             return None
-        if self.question.at_s is not None:
+        is_at_event = self.event_s is not None and self.question.kind == "who"
+        if self.question.at_s is not None or is_at_event:
             return self._see()
-        stays = [each for each in self.facts.visits if each.first.stamp <= self.now]
-        if self.persons:
-            stays = [each for each in stays if each.person in self.persons]
+        stays = self._visits()
         clauses = [self._stay(each) for each in stays]
         if not clauses:
             return self._nobody()
@@ -281,6 +383,36 @@ class _Answering(Scope):
             shown.insert(0, self._people_counted())
         return self._joined(shown), shown
 
+    def _visits(self) -> list[Presence]:
+        """Return the visits in question, in order of arrival."""
+        stays = [each for each in self.facts.visits if each.first.stamp <= self.now]
+        if self.persons:
+            stays = [each for each in stays if each.person in self.persons]
+        if self.question.extreme and stays:
+            lengths = [
+                round(self.history.seconds(each.last.stamp) - self.history.seconds(each.first.stamp), 1)
+                for each in stays
+            ]
+            wanted = max(lengths) if self.question.extreme == "longest" else min(lengths)
+            stays = [each for each, length in zip(stays, lengths, strict=True) if length == wanted]
+        return stays
+
+    def _how_long(self) -> tuple[str, list[Clause]] | None:
+        """Return when people were here; for a deed also when it was done."""
+        if self.topic is None:
+            return self._who()
+        deed = self._chosen()
+        if deed is None:
+            return self._left_undone()
+        clauses = [self.speech.did(deed, self.topic)]
+        concerned = self.facts.concerned(deed)
+        clauses += [
+            self._stay(each)
+            for each in self.facts.visits
+            if each.person in concerned and each.first.stamp <= deed.stamp <= each.last.stamp
+        ]
+        return self._joined(clauses), clauses
+
     def _count_people(self) -> tuple[str, list[Clause]]:
         if not any(each.first.stamp <= self.now for each in self.facts.visits):
             return self._nobody()
@@ -288,9 +420,12 @@ class _Answering(Scope):
         return clause.text, [clause]
 
     def _people_counted(self) -> Clause:
-        came = {each.person: each for each in reversed(self.facts.visits) if each.first.stamp <= self.now}
+        begin_s, end_s = self._span() if self.question.span_s is not None else (0.0, self.now_s)
+        begin, end = self.history.stamp(begin_s), self.history.stamp(end_s)
+        stays = [each for each in self.facts.visits if each.first.stamp <= end and each.last.stamp >= begin]
+        came = {each.person: each for each in reversed(stays)}
         text = self.speech.say("counted_one") if len(came) == 1 else self.speech.say("counted", count=len(came))
-        claim = Claim("count_people", at_s=0.0, until_s=self.now_s, value=float(len(came)))
+        claim = Claim("count_people", at_s=begin_s, until_s=end_s, value=float(len(came)))
         return Clause(text, tuple(each.first.id for each in came.values()), claim)
 
     def _nobody(self) -> tuple[str, list[Clause]]:
@@ -316,7 +451,8 @@ class _Answering(Scope):
     # State: what is seen, said, done and intended
 
     def _moment(self) -> tuple[float, int]:
-        seconds = self.now_s if self.question.at_s is None else self.question.at_s
+        told = self.question.at_s if self.question.at_s is not None else self.event_s
+        seconds = self.now_s if told is None else told
         return seconds, self.history.stamp(seconds)
 
     def _see(self) -> tuple[str, list[Clause]] | None:
@@ -324,7 +460,7 @@ class _Answering(Scope):
         frame = self.facts.frame(stamp)
         if frame is None or (self.agent and not self._sees(self.agent)):
             return self._sensed(stamp)
-        if self.persons and self.question.at_s is None:
+        if self.persons and self.question.at_s is None and self.event_s is None:
             return self._who()
         seconds = self.history.seconds(frame.stamp)
         people = [each for each in frame.detail.get("persons", ()) if each.get("track_id") or not self.subjects.persons]
@@ -360,12 +496,14 @@ class _Answering(Scope):
     def _said(self) -> tuple[str, list[Clause]] | None:
         deeds = [each for each in self.subjects.deeds if self.subjects.words_said(each)]
         spoken = [each for each in deeds if each.stamp <= self.now] or deeds
-        spoken = self._of_persons(each for each in spoken if self._is_meant(each))
+        spoken = self._in_time(self._of_persons(each for each in spoken if self._is_meant(each)))
         at_s = self.question.at_s
         if at_s is not None:
             spoken = near(spoken, self.history.stamp(at_s), NEAR_S)
         elif self.question.ordinal is not None or not self.persons:
             spoken = [one for one in [self._numbered(spoken)] if one is not None]
+        if not spoken and self.question.things:
+            return None
         if not spoken:
             span = self._span()
             claim = Claim("said_not", self.agent, at_s=span[0], until_s=span[1], persons=tuple(self.persons))
@@ -377,6 +515,15 @@ class _Answering(Scope):
     def _doing(self) -> tuple[str, list[Clause]] | None:
         seconds, stamp = self._moment()
         deeds = [each for each in self.subjects.deeds if self._is_meant(each)]
+        if self.question.span_s is not None:
+            return self._listed_deeds(self._up_to_now()) or self._idle_in(self.question.span_s)
+        if self.question.event is not None:
+            deeds = self._in_time(each for each in deeds if each.stamp <= self.now)
+            place = -1 if self.question.event.relation == "before" else 0
+            return self._listed_deeds([deeds[place]]) if deeds else None
+        if self.question.ordinal is not None:
+            deed = self._numbered(self._up_to_now())
+            return None if deed is None else self._listed_deeds([deed])
         if self.question.at_s is None and self.question.is_past:
             return self._listed_deeds(self._of_persons(each for each in deeds if each.stamp <= self.now))
         under_way = [each for each in deeds if each.stamp <= stamp and self._is_under_way(each, stamp)]
@@ -393,6 +540,13 @@ class _Answering(Scope):
         last = self.speech.did(before[-1], self.subjects.topic_of(before[-1]), at=False)
         told = self.speech.say("last_was", when=self._when_done(before[-1]), clause=last.text)
         return f"{nothing.text}; {told}", [nothing, last]
+
+    def _idle_in(self, span_s: tuple[float, float]) -> tuple[str, list[Clause]]:
+        """Return that nothing was said in a span of time without deeds."""
+        begin_s, end_s = span_s[0], min(self.now_s, span_s[1])
+        claim = Claim("said_not", self.agent, at_s=begin_s, until_s=end_s, persons=tuple(self.persons))
+        clause = self.speech.within(Clause(self.speech.say("said_nothing"), (), claim), begin_s, end_s)
+        return clause.text, [clause]
 
     def _when_done(self, deed: TraceRecord) -> str:
         return self.speech.when(self.history.seconds(deed.stamp))

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from typing import Literal
 
-from socialbot.runs.asking._languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking._clauses import Parts, Relation, tells, without_contrast, without_event
+from socialbot.runs.asking._kinds import Kind, kind_of
 from socialbot.runs.asking._references import (
     PersonReference,
     Reading,
@@ -16,13 +17,13 @@ from socialbot.runs.asking._references import (
     take_names,
     take_ordinal,
     take_person,
+    take_span,
     take_time,
 )
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
 from socialbot.runs.asking._words import ALIKE, HEARD, likeness, occurrences, similarity, sound, stem, tokens
+from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 from socialbot.runs.why import call_of
-
-Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "count", "did"]
 
 SURE = 0.68
 """Confidence below which a question counts as not understood."""
@@ -43,6 +44,12 @@ _ONLY_EXACT = {
     "time",
     "last",
     "first",
+    "all",
+    "where",
+    "how_far",
+    "how_long",
+    "longest",
+    "shortest",
 }
 _MISHEARD = {"past", "present", "future"}
 _STEM = 0.96
@@ -50,9 +57,13 @@ _STEM = 0.96
 _SOUNDS, _FORM = 0.79, 0.9
 """Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
 _EXACT = 0.999
-_TAKES_NOTHING = {"past", "present", "future"}
+_TAKES_NOTHING = {"past", "present", "future", "auxiliary"}
+_PARTS = ("but", "rather", "event after", "event before", "event when", "comes", "leaves", "waits", "auxiliary")
+"""Classes of words that only divide a question into clauses."""
 _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
 _ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
+_AGENT_OF_PASSIVE = {"by", "from"}
+_ADDRESSING = {"to", "zu", "a", "an", "for"}
 _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _NEAR = 3
 _LONG = 5
@@ -90,9 +101,18 @@ class Question:
         agent: The agent that acted; empty for any.
         things: Names in it, such as box_a1, with the word before each, such as "to".
         at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
+        span_s: Span of time in it; with a negative begin it ends at the time of the question.
         ordinal: Which time a deed was done: 1 for the first, -1 for the last.
         is_past: Whether it asks about the past.
         says: Words that were said, in a question about an utterance.
+        is_opposite: Whether it names the opposite of the deed: ``ignore`` for not to greet.
+        is_negative: Whether it has a negation.
+        about_all: Whether it is about all people.
+        extreme: Whether it asks for the longest or the shortest visit.
+        about_left_out: Whether it asks for people for whom the deed was not done.
+        about_speech: Whether it is about speaking in general.
+        contrast: Question about those with whom the deed is contrasted: ``and not t2``.
+        event: Question about the event that tells the time: ``after t2 had left``.
         unknown: Its words that nothing explains.
     """
 
@@ -105,10 +125,34 @@ class Question:
     things: Mapping[str, str] = field(default_factory=dict)
     at_s: float | None = None
     ago: bool = False
+    span_s: tuple[float, float] | None = None
     ordinal: int | None = None
     is_past: bool = False
     says: tuple[str, ...] = ()
+    is_opposite: bool = False
+    is_negative: bool = False
+    about_all: bool = False
+    extreme: Literal["longest", "shortest", ""] = ""
+    about_left_out: bool = False
+    about_speech: bool = False
+    contrast: Question | None = None
+    event: Event | None = None
     unknown: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Event:
+    """Event that tells a time: a person comes or ``leaves``, or a deed of the robot.
+
+    Args:
+        relation: Whether the time is after it, before it, or that of the event.
+        what: The people and the deed, as a question.
+        leaves: Whether the person leaves.
+    """
+
+    relation: Relation
+    what: Question
+    leaves: bool
 
 
 def understand(text: str, subjects: Subjects, language: str = "") -> Question:
@@ -152,38 +196,161 @@ def _exact(words: Sequence[str], language: Language) -> int:
 
 
 def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Question:
+    """Read a question with its contrast and its event; words that only look like one belong to the main clause."""
+    contrast = None
+    split = without_contrast(words, language)
+    if split is not None:
+        contrast = _read_clause(split.contrast, subjects, language)
+        if contrast.person is None and contrast.ordinal is not None and subjects.persons:
+            contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
+        if contrast.person is not None or contrast.things or not split.is_denied:
+            words = split.main
+        else:
+            contrast = None
+    split = without_event(words, language)
+    main = None if split is None else _read_clause(split.main, subjects, language)
+    if split is not None and main is not None and main.kind is not None:
+        event = _event(split, main, subjects, language)
+        if event is not None:
+            return _with_event(replace(main, contrast=contrast), event, split.main, language)
+    return replace(_read_clause(words, subjects, language), contrast=contrast)
+
+
+def _event(parts: Parts, main: Question, subjects: Subjects, language: Language) -> Event | None:
+    what = _read_clause(parts.event, subjects, language)
+    leaves, comes = tells(parts.event, language, "leaves"), tells(parts.event, language, "comes")
+    if main.topics and not what.topics and (what.things or what.agent):
+        # The same deed with another thing or of another agent: "before carrier b"
+        things = {name: before for name, before in what.things.items() if name not in subjects.agents}
+        agent = what.agent or next((name for name in what.things if name in subjects.agents), "")
+        return Event(parts.relation, replace(what, topics=main.topics, things=things, agent=agent), leaves=False)
+    if what.says:
+        return Event(parts.relation, what, leaves=False)
+    is_visit = (what.person is not None or what.about_all) and (leaves or comes)
+    if not is_visit and main.topics and not what.topics and what.person is not None:
+        return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
+    if not is_visit and (not what.topics or what.confidence < SURE):
+        return None
+    if is_visit and what.topics:
+        what = replace(what, topics=())
+    return Event(parts.relation, what, leaves and not comes)
+
+
+def _with_event(question: Question, event: Event, words: Sequence[str], language: Language) -> Question:
+    """Return a question whose time is told by an event; how long the robot waited with a deed is about that deed."""
+    if question.kind in ("why", "why_not") and not question.topics and event.what.topics and event.relation == "when":
+        # "What were you thinking when you greeted t1?"
+        return replace(question, topics=event.what.topics, person=event.what.person, confidence=event.what.confidence)
+    waited = event.relation == "before" and event.what.topics and tells(words, language, "waits")
+    if not waited or (question.topics and question.kind not in ("why", "how_long", "count")):
+        return replace(question, event=event)
+    kind = "why" if question.kind in ("why", "why_not") else "how_long"
+    what = event.what
+    return replace(
+        question, kind=kind, topics=what.topics, person=what.person, at_s=None, confidence=what.confidence, unknown=()
+    )
+
+
+def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -> Question:
     reading = Reading(language, digits_after_names(list(words), subjects))
-    at_s, ago, person = take_time(reading)
+    span_s = take_span(reading)
+    at_s, ago, person = take_time(reading) if span_s is None else (None, False, None)
     things, agents = take_names(reading, subjects)
     person = take_person(reading, subjects) or person
+    referred = frozenset(reading.taken)
     _classify(reading, _domain(subjects, language.code))
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
-    ordinal = take_ordinal(reading)
+    ordinal = take_ordinal(reading, referred) if span_s is None else None
     topics, fit, is_opposite = _topics(reading, subjects)
     topic = next(iter(topics), None)
+    if topic is not None and reading.has("say") and reading.has("what") and (thing := _addressee(reading, topic)):
+        things, topics, topic, fit = {**things, thing: "to"}, (), None, 1.0
     if topic is not None:
         deed = set(reading.found["topic"][0][1])
         reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
     _guess_interrogative(reading, topic is not None)
     agent = _acting(reading, agents, topic is not None)
     things |= {name: words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)}
-    kind, sure = _kind(reading, topic is not None, at_s is not None)
-    if kind in ("why", "why_not", "did") and is_opposite:
-        kind = "why_not" if kind == "why" else "why" if kind == "why_not" else kind
+    kind, sure = kind_of(reading, topic is not None, at_s is not None, span_s is not None)
+    if topic is not None and (_is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
+        kind = None
+    if kind in ("why", "why_not") and is_opposite:
+        kind = "why_not" if kind == "why" else "why"
     says: tuple[str, ...] = ()
     if kind in ("why", "when", "did", "count") and reading.has("say"):
-        last = max(place for _, places in reading.found["say"] for place in places)
-        words_said = tuple(reading.words[last + 1 :])
-        if words_said and (topic is None or (topic.declared is None and subjects.is_quoted(words_said))):
-            says, topics, topic, fit = words_said, (), None, 1.0
-            reading.taken.update(range(last + 1, len(reading.words)))
+        says = _words_said(reading, referred, subjects, topic)
+        if says:
+            topics, topic, fit = (), None, 1.0
+            person = None if person is not None and person.me else person  # "can I help you"
+        elif topic is None and kind in ("when", "did"):
+            kind = "said"
+    if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
+        at_s = person.at_s
     unknown = tuple(reading.words[place] for place in reading.free())
     confidence = min(sure, fit) * _coverage(reading, topic, subjects.known_words | _domain(subjects, language.code))
     return Question(
-        kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, ordinal,
-        is_past=reading.has("past") and not reading.has("future"), says=says, unknown=unknown,
+        kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, span_s, ordinal,
+        is_past=reading.has("past") and not reading.has("future"), says=says, is_opposite=is_opposite,
+        is_negative=reading.has("not", "nobody"), about_all=reading.has("all"), extreme=_extreme(reading),
+        about_left_out=_is_about_left_out(reading), about_speech=reading.has("say"),
+        unknown=unknown,
     )  # fmt: skip
+
+
+def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
+    return "longest" if reading.has("longest") else "shortest" if reading.has("shortest") else ""
+
+
+def _is_about_left_out(reading: Reading) -> bool:
+    """Return whether a negation is about people in front of it: ``was there anybody you did not greet``."""
+    people = [places[0] for _, places in reading.found.get("people", ())]
+    denied = [places[0] for _, places in reading.found.get("not", ())]
+    return any(one < place for one in people for place in denied)
+
+
+def _is_for_robot(reading: Reading) -> bool:
+    """Return whether a person does the deed to the robot: ``did t1 greet you``, ``hat t1 dich begrüßt``."""
+    verb = reading.found["topic"][0][1][0]
+    persons = [places[0] for name in ("named", "people") for _, places in reading.found.get(name, ())]
+    robot = [places[0] for _, places in reading.found.get("you", ())]
+    if reading.language.code == "de":
+        objects = [place for place in robot if reading.words[place] in ("dich", "dir")]
+        return bool(objects) and objects == robot and any(place < objects[0] for place in persons)
+    if reading.language.code != "en" or not any(place < verb for place in persons):
+        return False
+    return bool(robot) and min(robot) > verb and reading.words[min(robot) - 1] not in _AGENT_OF_PASSIVE
+
+
+def _addressee(reading: Reading, topic: Topic) -> str:
+    """Return the name in a deed if the words name nothing else of it: ``to Ann`` is no question about check("Ann")."""
+    places = reading.found["topic"][0][1]
+    names = {tokens(one)[0]: one for call in topic.calls for one in arguments_of(call) if len(tokens(one)) == 1}
+    word = reading.words[places[0]]
+    before = reading.words[places[0] - 1] if places[0] else ""
+    return names.get(word, "") if len(places) == 1 and before in {*_ADDRESSING, "tell"} else ""
+
+
+def _words_said(reading: Reading, referred: Set[int], subjects: Subjects, topic: Topic | None) -> tuple[str, ...]:
+    """Take the words of an utterance, behind the verb: up to a person or a time; none if they only ask for words."""
+    last = max(place for _, places in reading.found["say"] for place in places)
+    end = next((place for place in range(last + 1, len(reading.words)) if place in referred), len(reading.words))
+    others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
+    if end == len(reading.words) and reading.words[-2] in _ADDRESSING and reading.words[-1] in others:
+        end -= 1  # "thank you to anybody"
+    while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in _ADDRESSING:
+        end -= 1
+    begin = last + 1
+    if begin == len(reading.words) and reading.has("you"):  # the verb is the last word, as in German
+        begin, end = max(place for _, places in reading.found["you"] for place in places) + 1, last
+    said = tuple(reading.words[begin:end])
+    is_quoted = subjects.is_quoted(said)
+    if not said or (topic is not None and (topic.declared is not None or not is_quoted)):
+        return ()
+    if not is_quoted and reading.taken.issuperset(range(begin, end)):
+        return ()
+    reading.taken.update(range(begin, end))
+    return said
 
 
 # Words by class
@@ -224,7 +391,7 @@ def _classify(reading: Reading, domain: Set[str]) -> None:
     deeds = {place for place, word in enumerate(reading.words) if stem(word) in stems}
     matches: list[tuple[float, int, str, tuple[int, ...]]] = []
     for name, alternatives in reading.language.phrases.items():
-        for phrase in alternatives:
+        for phrase in alternatives if name not in _PARTS else ():
             between = 1 if len(phrase) > 1 and name in ("why", "how_often", "see", "plan") else 0
             for alike, places in occurrences(phrase, reading.words, between):
                 if (
@@ -241,8 +408,19 @@ def _classify(reading: Reading, domain: Set[str]) -> None:
         others = {claimed[place] for place in places if place in claimed}
         if any(claimed.get(place) == "polite" for place in places) or (alike < _STEM and deeds & set(places)):
             continue
-        soft = name in _TAKES_NOTHING or name in ("filler", "next", "plan", "me", "you", "people", "last", "first")
-        if (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
+        soft = name in _TAKES_NOTHING or name in (
+            "filler",
+            "next",
+            "plan",
+            "me",
+            "you",
+            "people",
+            "last",
+            "first",
+            "all",
+        )
+        is_part = len(places) == 1 and places[0] in reading.taken and len(reading.words[places[0]]) == 1  # t, of t2
+        if is_part or (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
             continue
         if (
             others
@@ -300,7 +478,9 @@ def _topics(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...], fl
             if places:
                 fits.append((fit, len(places), topic, places, False))
         if fits:
-            found.append(max(fits, key=lambda each: each[:2]))
+            # "Skip greeting" is the opposite, too.
+            best = max(fits, key=lambda each: each[:2])
+            found.append((*best[:4], any(opposite and alike >= ALIKE for alike, _, _, _, opposite in fits)))
     if not found:
         return (), 1.0, False
     # Deeds that were done come first among those of the same fit.
@@ -348,10 +528,11 @@ def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
     """
     places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
     aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
+    stems = {stem(word) for word in known}
     penalty = 0.0
     for place in reading.free():
         word = reading.words[place]
-        if word in known:
+        if stem(word) in stems:
             continue
         before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
         is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
@@ -361,66 +542,10 @@ def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
     return 1.0 / (1.0 + penalty)
 
 
-# Kinds
-
-
-def _kind(reading: Reading, has_topic: bool, has_time: bool) -> tuple[Kind | None, float]:
-    """Return the kind of question by the classes of its words, and how sure it is."""
-    has = reading.has
-    sure = min((max(alike for alike, _ in reading.found[name]) for name in INTERROGATIVES if has(name)), default=1.0)
-    past = has("past") or has_time
-    if has("unanswerable") and not has("why", "how_often", "how_many", "what", "when"):
-        return None, 0.0
-    if has("why"):
-        return ("why_not" if has("not") else "why"), sure
-    if has("how_often"):
-        return "count", sure
-    if has("when"):
-        return ("when", sure) if has_topic or has("here", "see", "say", "people", "me") else (None, 0.0)
-    if has("how_many"):
-        if has("people"):
-            return ("count" if has("past") or (has("here") and not has("see")) else "see"), sure
-        return ("count", sure) if has_topic else (None, 0.0)
-    if has("who"):
-        if has_topic:
-            return "who", sure
-        if has("see") or (has("here") and not has("past") and not has_time):
-            return "see", sure
-        return ("who", sure) if has("here", "people") or past else (None, 0.0)
-    if has("what"):
-        return _what(reading, has_topic, sure)
-    if has_topic:
-        return ("next" if has("future", "plan") and not has("past") else "did"), 1.0
-    if has("see"):
-        return "see", 0.95
-    if has("here") and has("people", "nobody", "me", "named"):
-        return ("who" if has("past") else "see"), 0.9
-    if has("people", "nobody") and has("present", "past"):
-        return ("who" if has("past") else "see"), 0.8
-    if has("plan", "next") and len(reading.words) <= 4:
-        return "next", 0.8
-    return None, 0.0
-
-
-def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, float]:
-    has = reading.has
-    if has("see") and not has_topic:
-        return "see", sure
-    if has("say") and not has_topic and not has("future"):
-        return "said", sure
-    if has("next") and not has("past"):
-        return "next", sure
-    if has("plan", "future") and not has("past"):
-        return "next", sure
-    if has("do", "happen", "plan"):
-        return "doing", sure
-    if has("people", "here") and not has_topic:
-        return "see", sure * 0.9
-    return ("did" if has_topic and has("you", "past") else None), sure * 0.7
-
-
 def with_time(question: Question, now_s: float) -> Question:
     """Return a question with a time that counts back as a time of the run."""
+    if question.span_s is not None and question.span_s[0] < 0.0:
+        question = replace(question, span_s=(max(0.0, now_s + question.span_s[0]), now_s))
     if not question.ago or question.at_s is None:
         return question
     return replace(question, at_s=max(0.0, now_s - question.at_s), ago=False)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
-from socialbot.runs.asking._languages import Language
 from socialbot.runs.asking._topics import Phrase, Subjects
-from socialbot.runs.asking._words import digits, likeness, number_at, ordinal_at, similarity, tokens
+from socialbot.runs.asking._words import digits, half_at, likeness, number_at, ordinal_at, similarity, stem, tokens
+from socialbot.runs.asking.languages import Language
 
 
 @dataclass(frozen=True)
 class PersonReference:
-    """Person in a question: the speaker (``me``), one by order of arrival, by time, or by name; or any (``""``)."""
+    """People in a question: the speaker (``me``), one by order of arrival or by time, or by their names."""
 
     me: bool = False
     ordinal: int | None = None
     at_s: float | None = None
-    name: str = ""
+    names: tuple[str, ...] = ()
 
 
 @dataclass
@@ -62,7 +62,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     phrases, words = reading.language.phrases, reading.words
     units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
     for n in range(len(words)):
-        found = number_at(words, n) or ordinal_at(words, n, units)
+        found = number_at(words, n) or ordinal_at(words, n, units) or half_at(words, n, units)
         if found is None:
             continue
         value, used = found
@@ -113,7 +113,51 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     return None, False, None
 
 
+def take_span(reading: Reading) -> tuple[float, float] | None:
+    """Take a span of time (s): ``between 20 and 30 s``, ``before 30 s``, ``in the first ten seconds``.
+
+    ``In the last ten seconds`` counts back from the time of the question: its begin is negative.
+    """
+    phrases, words = reading.language.phrases, reading.words
+    units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
+    for n in range(1, len(words)):
+        first = number_at(words, n)
+        if first is None and words[n] in units and _order(words[n - 1], phrases) in (1, -1):
+            reading.taken |= {n - 1, n}  # the first minute
+            return (0.0, units[words[n]]) if _order(words[n - 1], phrases) == 1 else (-units[words[n]], 0.0)
+        if first is None:
+            continue
+        places, end = set(range(n, n + first[1])), n + first[1]
+        if words[end : end + 1] and words[end] in units:
+            order = _order(words[n - 1], phrases)
+            if order in (1, -1):
+                reading.taken |= {*places, n - 1, end}
+                seconds = first[0] * units[words[end]]
+                return (0.0, seconds) if order == 1 else (-seconds, 0.0)
+            if words[n - 1] in _UNTIL:
+                reading.taken |= {*places, n - 1, end}
+                return 0.0, first[0] * units[words[end]]
+            places, end = {*places, end}, end + 1
+        second = number_at(words, end + 1) if end + 1 < len(words) and words[end] in _TO else None
+        if second is None or words[n - 1] not in _FROM:
+            continue
+        last = end + 1 + second[1]
+        unit = units.get(words[last], 0.0) if last < len(words) else 0.0
+        if unit:
+            reading.taken |= {*places, n - 1, *range(end, last + 1)}
+            return first[0] * unit, second[0] * unit
+    return None
+
+
+_FROM = {"between", "from", "zwischen", "von", "entre", "de", "desde"}
+_UNTIL = {"before", "until", "till", "bis", "avant", "hasta"}
+_TO = {"and", "to", "until", "till", "und", "bis", "et", "a", "y", "hasta"}
 _ALIKE_ORDINAL = 0.79
+_RELATIVE = {"who", "that", "qui", "que", "der", "die", "das"}
+_DEFINITE = {
+    "the", "that", "this", "der", "die", "das", "den", "dem", "diesen", "diesem", "diese", "le", "la", "l", "ce",
+    "cette", "cet", "el", "al", "ese", "esa", "este", "esta",
+}  # fmt: skip
 _BETWEEN = ("at", "past", "here", "them", "filler")
 """Classes of the words between a person and the time that describes them: ``the man who was here at 12 s``."""
 
@@ -121,10 +165,11 @@ _BETWEEN = ("at", "past", "here", "them", "filler")
 def _names_person(reading: Reading, time: int) -> bool:
     """Return whether a time describes the person named before it, and not the whole question."""
     phrases, words = reading.language.phrases, reading.words
-    between = {word for name in _BETWEEN for one in phrases[name] for word in one} | {"who", "that", "qui", "que"}
+    between = {word for name in _BETWEEN for one in phrases[name] for word in one} | _RELATIVE
     for place in range(time - 1, max(-1, time - 6), -1):
         if (words[place],) in phrases["people"]:
-            return place > 0
+            # "anybody at 30 s" is nobody in particular
+            return any(word in _DEFINITE for word in words[max(0, place - 2) : place])
         if words[place] not in between:
             return False
     return False
@@ -140,15 +185,33 @@ def _order(word: str, phrases: Mapping[str, Sequence[Phrase]]) -> int | None:
     return number if alike == 1.0 or (len(word) > 4 and alike >= _ALIKE_ORDINAL) else None
 
 
-def take_ordinal(reading: Reading) -> int | None:
-    """Return which time a deed was done: 'the first time', 'the second greeting'."""
+def _order_behind(reading: Reading, person: int) -> Iterator[int]:
+    """Take the order of arrival behind a person: ``the man who came first``."""
+    phrases, words = reading.language.phrases, reading.words
+    between = {word for name in ("comes", "here", *_BETWEEN) for one in phrases[name] for word in one} | _RELATIVE
+    for place in range(person + 1, min(len(words), person + 6)):
+        if place in reading.taken:
+            return
+        exact = [*phrases["first"], *phrases["last"], *phrases["ordinals"]]
+        number = _order(words[place], phrases) if (words[place],) in exact else None
+        if number is not None and place > person + 1:
+            reading.taken |= set(range(person, place + 1))
+            yield number
+        if words[place] not in between:
+            return
+
+
+def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
+    """Return which time a deed was done, 'the first time', 'the second greeting'; ``referred`` words name people."""
     words, phrases = reading.words, reading.language.phrases
     for n, word in enumerate(words):
         number = _order(word, phrases)
-        if number is None or (n in reading.taken and word not in ("first", "last")):
+        is_time = n + 1 < len(words) and (words[n + 1],) in phrases["time"]
+        is_counted = is_time or word in ("first", "last") or (n not in referred and words[max(0, n - 1)] in _DEFINITE)
+        if number is None or (n in reading.taken and not is_counted):
             continue
         reading.taken.add(n)
-        if n + 1 < len(words) and (words[n + 1],) in phrases["time"]:
+        if is_time:
             reading.taken.add(n + 1)
         return number
     return None
@@ -163,7 +226,18 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
     things: dict[str, str] = {}
     agents: list[tuple[str, int]] = []
     named = [(phrase, "agent", name) for name, phrases in subjects.agent_words().items() for phrase in phrases]
-    named += [(phrase, "thing", name) for name, phrase in subjects.things.items() if name not in subjects.agents]
+    grammar = {
+        stem(word)
+        for alternatives in reading.language.phrases.values()
+        for one in alternatives
+        for word in one
+        if len(one) == 1
+    }
+    named += [
+        (phrase, "thing", name)
+        for name, phrase in subjects.things.items()
+        if name not in subjects.agents and (len(phrase) != 1 or not grammar.issuperset(map(stem, phrase)))
+    ]
     named += [(tuple(tokens(name)), "person", name) for name in subjects.persons]
     for phrase, kind, name in sorted(named, key=lambda each: -len(each[0])):
         if len(phrase) == 1 and len(phrase[0]) < 3:
@@ -197,16 +271,24 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
     """Take a person by name or by order of arrival from the words."""
     words, phrases = reading.words, reading.language.phrases
     people = {one for one in phrases["people"] if len(one) == 1}
-    for name in subjects.persons:
-        if reading.has(f"person {name}"):
-            place = reading.place(f"person {name}")
-            if place and (words[place - 1],) in people:
-                reading.taken.add(place - 1)
-            return PersonReference(name=name)
+    named = [name for name in subjects.persons if reading.has(f"person {name}")]
+    if named:
+        places = [reading.place(f"person {name}") for name in named]
+        reading.taken |= {place - 1 for place in places if place and (words[place - 1],) in people}
+        return PersonReference(names=tuple(named))
     for n, word in enumerate(words):
         number = None if n in reading.taken else _order(word, phrases)
         near = [place for place in (n + 1, n - 1) if 0 <= place < len(words) and (words[place],) in people]
         if number is not None and near:
             reading.taken |= {n, near[0]}
             return PersonReference(ordinal=number)
+    for n, word in enumerate(words):
+        # "the man who came first", "two people"
+        if n not in reading.taken and (word,) in people:
+            number = next((place for place in _order_behind(reading, n)), None)
+            if number is not None:
+                return PersonReference(ordinal=number)
+            counted = number_at(words, n - 1) if n else None
+            if counted is not None and n - 1 not in reading.taken:
+                reading.taken.add(n - 1)
     return None

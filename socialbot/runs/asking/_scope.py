@@ -8,12 +8,16 @@ from typing import TypeVar
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
-from socialbot.runs.asking._languages import LANGUAGES
 from socialbot.runs.asking._questions import Question
 from socialbot.runs.asking._sentences import Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._words import ALIKE, similarity, tokens
+from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of
+
+EVENT_S = 8.0
+"""Time (s) after the begin of an event that counts as during it: "when t2 came"."""
 
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
@@ -40,6 +44,7 @@ class Scope:
         spoken: bool,
     ) -> None:
         self.run, self.subjects, self.question, self.now_s = run, subjects, question, now_s
+        self.speaker, self.spoken = speaker, spoken
         self.history = subjects.history
         self.now = self.history.stamp(now_s)
         self.facts = Facts(subjects, self.now)
@@ -47,7 +52,10 @@ class Scope:
         self.topic: Topic | None = next(iter(question.topics), None)
         self.assumes = ""
         self.language = self._answer_language()
-        self.deeds = self._deeds()
+        self.event_deed: TraceRecord | None = None
+        self.event_s = self._event_time(speaker)
+        self.deeds_at_all = self._deeds()
+        self.deeds = self._in_time(self.deeds_at_all)
         self.persons = self._persons(speaker)
         me = question.person is not None and question.person.me
         asked_at_s = now_s if spoken else None
@@ -75,6 +83,52 @@ class Scope:
                 return before
         return later
 
+    def _event_time(self, speaker: str) -> float | None:
+        """Return the time (s) of the event of the question; None without one, or if it did not happen."""
+        event = self.question.event
+        if event is None:
+            return None
+        scope = Scope(self.run, self.subjects, event.what, self.now_s, speaker, "", spoken=False)
+        if event.what.says:
+            said = [each for each in self.subjects.deeds if each.stamp <= self.now]
+            self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)
+            return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
+        if event.what.topics:
+            self.event_deed = scope._chosen()
+            return None if self.event_deed is None else self.history.seconds(self.event_deed.stamp)
+        stays = [one for one in self.facts.visits if one.first.stamp <= self.now]
+        if not event.what.about_all:
+            stays = [one for one in stays if one.person in scope.persons]
+        if not stays:
+            return None
+        ends = max(one.last.stamp for one in stays)
+        return self.history.seconds(ends if event.leaves else stays[0].first.stamp)
+
+    def quoted(self, deeds: Sequence[TraceRecord], words: Sequence[str], least: float = 0.5) -> list[TraceRecord]:
+        """Return the utterances with the largest share of ``words``, at least ``least`` of them."""
+        shares = []
+        for each in deeds:
+            said = set(tokens(self.subjects.words_said(each)))
+            shared = sum(max((similarity(one, other) for other in said), default=0.0) > ALIKE for one in words)
+            shares.append(shared / len(words) if said else 0.0)
+        most = max([least, *shares])
+        return [each for each, share in zip(deeds, shares, strict=True) if share >= most]
+
+    def _in_time(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
+        """Return the records in the span, or before, after or at the event of the question; all of them without one."""
+        event, span_s = self.question.event, self.question.span_s
+        if span_s is not None:
+            return [each for each in records if span_s[0] <= self.history.seconds(each.stamp) <= span_s[1]]
+        if event is None:
+            return list(records)
+        if self.event_s is None:
+            return []
+        seconds = [(self.history.seconds(each.stamp), each) for each in records if each is not self.event_deed]
+        if event.relation == "before":
+            return [each for at_s, each in seconds if at_s < self.event_s]
+        end_s = self.event_s + EVENT_S if event.relation == "when" else self.now_s
+        return [each for at_s, each in seconds if self.event_s - 0.1 <= at_s <= end_s]
+
     def _is_meant(self, record: TraceRecord) -> bool:
         """Return whether a deed is one of the agent and things in question, each in the place that its word names."""
         things, arguments = self.question.things, arguments_of(record.what)
@@ -97,8 +151,8 @@ class Scope:
         if reference is None:
             left = self._left_out() if self.question.kind == "why_not" and self.question.at_s is None else []
             return left[-1:] if left and self.deeds else []
-        if reference.name:
-            return [reference.name]
+        if reference.names:
+            return list(reference.names)
         if reference.ordinal is not None:
             arrivals = [one for one in facts.arrivals if self._came(one)]
             place = reference.ordinal - 1 if reference.ordinal > 0 else reference.ordinal
@@ -135,16 +189,18 @@ class Scope:
                 return found[-1]
         return next((each.person for each in reversed(self.facts.visits) if each.first.stamp <= self.now), "")
 
+    def _all_people(self) -> list[str]:
+        return [one for one in self.facts.arrivals if self._came(one)]
+
     def _known_people(self) -> list[str]:
         """Return the people who came until now and whom an agent believed something about, or else all who came."""
-        came = [one for one in self.facts.arrivals if self._came(one)]
+        came = self._all_people()
         return [one for one in came if any(one in arguments_of(each.what) for each in self.facts.beliefs)] or came
 
-    def _left_out(self) -> list[str]:
+    def _left_out(self, people: Sequence[str] | None = None) -> list[str]:
         """Return the people whom the deed in question never concerned."""
-        return [
-            one for one in self._known_people() if not any(one in self.facts.concerned(each) for each in self.deeds)
-        ]
+        people = self._known_people() if people is None else people
+        return [one for one in people if not any(one in self.facts.concerned(each) for each in self.deeds)]
 
     def _of_persons(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
         return [each for each in records if not self.persons or set(self.persons) & {*self.facts.concerned(each)}]
@@ -161,6 +217,9 @@ class Scope:
         deeds = self._of_persons(self.deeds)
         if self.question.at_s is not None:
             return next(iter(near(deeds, self.history.stamp(self.question.at_s), NEAR_S)), None)
+        event = self.question.event
+        if event is not None and event.relation != "before" and self.question.ordinal is None:
+            return deeds[0] if deeds else None
         return self._numbered(deeds)
 
     def _only_agent(self) -> str:
@@ -171,6 +230,13 @@ class Scope:
         at_s = self.question.at_s
         if at_s is not None:
             return max(0.0, at_s - NEAR_S), min(self.now_s, at_s + NEAR_S)
+        if self.question.span_s is not None:
+            return self.question.span_s[0], min(self.now_s, self.question.span_s[1])
+        if self.question.event is not None and self.event_s is not None:
+            relation = self.question.event.relation
+            begin_s = 0.0 if relation == "before" else max(0.0, self.event_s - 0.1)
+            end_s = self.event_s + EVENT_S if relation == "when" else self.now_s
+            return begin_s, min(self.event_s if relation == "before" else end_s, self.now_s)
         stays = [each for each in self.facts.visits if each.person in self.persons and each.first.stamp <= self.now]
         if not stays:
             return 0.0, self.now_s

@@ -11,9 +11,9 @@ import msgspec
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Condition, Sentences
 from socialbot.runs.asking._facts import Facts, Held, record_agent
-from socialbot.runs.asking._languages import LANGUAGES
 from socialbot.runs.asking._questions import infinitive
 from socialbot.runs.asking._topics import Topic, arguments_of
+from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.narration import Narrator, past
 from socialbot.runs.why import call_of
 
@@ -103,6 +103,11 @@ class Speech:
         """Return a clause with its time in front."""
         return msgspec.structs.replace(clause, text=self.then(seconds, clause.text))
 
+    def within(self, clause: Clause, begin_s: float, end_s: float) -> Clause:
+        """Return a clause with its span of time (s) in front."""
+        text = self.say("within", at=number(begin_s), until=number(end_s), clause=clause.text)
+        return msgspec.structs.replace(clause, text=text)
+
     def then(self, seconds: float, text: str) -> str:
         """Return a text with the time it is about in front."""
         return self.say("then", when=self.when(seconds), clause=text)
@@ -189,6 +194,7 @@ class Speech:
             r"\s+\w+\s+\{(?!(?:%s)\})\d\}|\s*\{(?!(?:%s)\})\d\}" % (("|".join(map(str, values)) or "x",) * 2), sentence
         )[0]
         told = told.format(*(values.get(n, "") for n in range(10)))
+        unfit += [thing for thing in values.values() if thing not in told]
         return told + (f" with {', '.join(unfit)}" if unfit else "")
 
     # Beliefs

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
-from socialbot.runs.asking._languages import ENGLISH
 from socialbot.runs.asking._words import folded, name_tokens, tokens
+from socialbot.runs.asking.languages import ENGLISH
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.why import actions, call_of
@@ -211,7 +211,7 @@ class Subjects:
 
     def done(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed in order: what agents did, or else what they wanted."""
-        found = [record for record in self.deeds if any(topic.covers(call) for call in self._calls_of(record))]
+        found = [record for record in self.deeds if any(topic.covers(call) for call in self.calls_of(record))]
         if found:
             return found
         wanted = (record for record in self.history if record.kind in ("desire", "goal"))
@@ -232,10 +232,11 @@ class Subjects:
 
     def topic_of(self, record: TraceRecord) -> Topic | None:
         """Return the deed of a record of an action; None without one."""
-        calls = self._calls_of(record)
+        calls = self.calls_of(record)
         return next((topic for topic in self.topics if any(topic.covers(call) for call in calls)), None)
 
-    def _calls_of(self, record: TraceRecord) -> list[str]:
+    def calls_of(self, record: TraceRecord) -> list[str]:
+        """Return the call of a deed; of an utterance that of the action behind it."""
         if record.kind != "utterance":
             return [call_of(record)]
         action = next((each for each in self.history.before(record) if each.kind == "action"), None)

@@ -226,6 +226,18 @@ def ordinal_at(words: Sequence[str], place: int, units: Container[str]) -> tuple
     return None
 
 
+_HALVES = {"half", "halbe", "halben", "demi", "medio", "media"}
+
+
+def half_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:
+    """Return one half before a unit of time, ``half a minute``, and how many words it takes."""
+    if words[place] not in _HALVES:
+        return None
+    used = 2 if words[place + 1 : place + 2] in (["a"], ["an"]) else 1
+    following = words[place + used] if place + used < len(words) else ""
+    return (0.5, used) if following in units else None
+
+
 def _with_point(number: float, words: Sequence[str], place: int, used: int) -> tuple[float, int]:
     if number.is_integer() and place + 1 < len(words) and words[place] in _POINTS:
         digit = words[place + 1]

@@ -149,6 +149,139 @@ def test_answers(waldo, question, text):
     assert answer(waldo, question).text == text
 
 
+class TestPeople:
+    @pytest.mark.parametrize(
+        "question",
+        [
+            "Why did you help t1 but not t2?",
+            "Why did t1 get help and t2 didn't?",
+            "Why did you offer help to t1 rather than t2?",
+            "Why did the first visitor get help and the second not?",
+            "Warum hast du t1 geholfen, aber t2 nicht?",
+            "Pourquoi as-tu aidé t1 et pas t2 ?",
+            "¿Por qué ayudaste a t1 y no a t2?",
+        ],
+    )
+    def test_two_are_contrasted(self, waldo, question):
+        found = answer(waldo, question)
+        assert deed_of(waldo, found) == 'speak("offer")'
+        undone = [clause.claim for clause in found.clauses if clause.claim.kind == "did_not"]
+        assert [claim.persons for claim in undone] == [("t2",)]
+        assert "4.7 s" in found.text
+
+    def test_a_contrast_without_a_deed_is_not_known(self, waldo):
+        assert not answer(waldo, "Why me and not her?").known
+
+    @pytest.mark.parametrize(
+        "question",
+        [
+            "Who did you not help?",
+            "Who got no help?",
+            "Did everybody get help?",
+            "Was there anyone you did not help?",
+            "Wem hast du nicht geholfen?",
+            "Qui n'as-tu pas aidé ?",
+            "¿A quién no ayudaste?",
+        ],
+    )
+    def test_those_who_were_left_out(self, waldo, question):
+        found = answer(waldo, question)
+        assert (kinds(found)[0], found.clauses[0].claim.persons) == ("did_not", ("t2",))
+
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("Did everybody get help?", "No: I did not offer"),
+            ("Was there anyone you did not help?", "Yes: I did not offer"),
+            ("Did you greet everyone?", "Yes: at 2.2 s I greeted person t1 and"),
+            ("Did you ignore t2?", "No: at 20.2 s I greeted person t2."),
+            ("Has anyone been ignored?", "No: at 2.2 s I greeted"),
+        ],
+    )
+    def test_yes_and_no(self, waldo, question, text):
+        assert answer(waldo, question).text.startswith(text)
+
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("How long did the second visitor stay?", "Person t2 was here from 20 to 24.9 s."),
+            ("Wie lange war t2 da?", "Person t2 war von 20 bis 24.9 s hier."),
+            ("Who stayed the longest?", "Person t1 was here from 2 to 13.9 s."),
+            ("Who had the shortest visit?", "Person t2 was here from 20 to 24.9 s."),
+            (
+                "How long did you wait before you offered help to t1?",
+                "At 10.2 s I offered person t1 help and person t1 was here from 2 to 13.9 s.",
+            ),
+        ],
+    )
+    def test_durations(self, waldo, question, text):
+        assert answer(waldo, question).text == text
+
+    @pytest.mark.parametrize("question", ["Did t1 greet you?", "Did anybody talk to you?", "Hat t1 dich begrüßt?"])
+    def test_what_people_do_to_the_robot_is_not_known(self, waldo, question):
+        assert not answer(waldo, question).known
+
+
+class TestTimes:
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("What did you do when the second visitor came?", "At 20.2 s I greeted person t2."),
+            ("When t2 came, what did you do?", "At 20.2 s I greeted person t2."),
+            ("What did you do before t2 came?", "At 15.9 s I stayed idle."),
+            ("What did you do after you had offered help to t1?", "At 15.9 s I stayed idle."),
+            ("Was hast du gemacht, nachdem t1 gegangen war?", "Bei 15.9 s: ich blieb untätig."),
+            (
+                "Did you greet t2 before t1?",
+                "No: at 20.2 s I greeted person t2 and at 2.2 s I greeted person t1.",
+            ),
+            (
+                "Did you offer help after t2 came?",
+                "No: at 10.2 s I offered person t1 help.",
+            ),
+            ("What did you see when t2 came?", "At 20 s I saw person t2 4 m away."),
+        ],
+    )
+    def test_told_by_an_event(self, waldo, question, text):
+        assert answer(waldo, question).text == text
+
+    def test_an_event_that_did_not_happen(self, waldo):
+        assert not answer(waldo, "What did you do when the ninth visitor came?").known
+
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("What did you do between 1 and 8 seconds?", "At 2.2 s I greeted person t1."),
+            ("What did you do between 5 and 8 seconds?", "From 5 to 8 s I said nothing."),
+            ("How often did you greet people in the last 15 seconds?", "Once: at 20.2 s I greeted person t2."),
+            ("How often did you greet people before 15 s?", "Once: at 2.2 s I greeted person t1."),
+            ("Did you greet anyone in the first ten seconds?", "Yes: at 2.2 s I greeted person t1."),
+            ("Did you see anyone at half a minute?", "At 29.9 s I saw nobody."),
+        ],
+    )
+    def test_spans(self, waldo, question, text):
+        assert answer(waldo, question).text == text
+
+
+class TestWords:
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("Did you say goodbye?", 'No: I did not say "goodbye".'),
+            ("Did you say thank you to anybody?", 'No: I did not say "thank you".'),
+            ("Did you say nice to see you?", 'Yes: at 20.2 s I said "Hello! Nice to see you.".'),
+            ("What was the last thing you said?", 'At 20.2 s I said "Hello! Nice to see you.".'),
+            ("What did you say before you offered help?", 'At 2.2 s I said "Hello! Nice to see you.".'),
+        ],
+    )
+    def test_of_the_robot(self, waldo, question, text):
+        assert answer(waldo, question).text == text
+
+    def test_are_counted(self, waldo):
+        found = answer(waldo, "How often did you say nice to see you?")
+        assert (kinds(found)[0], found.clauses[0].claim.value) == ("count", 2.0)
+
+
 def test_what_is_done_and_intended_at_a_time(waldo, ann):
     doing = answer(waldo, "What are you doing?", at_s=9.0)
     assert doing.text == "At 9 s I was doing nothing; the last thing was at 2.2 s: I greeted person t1."

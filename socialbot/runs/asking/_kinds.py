@@ -1,0 +1,92 @@
+"""Kinds of questions, by the classes of their words."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from socialbot.runs.asking._references import Reading
+from socialbot.runs.asking.languages import INTERROGATIVES
+
+Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
+
+
+def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -> tuple[Kind | None, float]:
+    """Return the kind of question by the classes of its words, and how sure it is."""
+    has = reading.has
+    sure = min((max(alike for alike, _ in reading.found[name]) for name in INTERROGATIVES if has(name)), default=1.0)
+    past = has("past") or has_time or has_span
+    if has("unanswerable") and not has("why", "how_often", "how_many", "how_long", "how_far", "what", "when", "where"):
+        return None, 0.0
+    if not has_topic and has("say") and _is_said_by_a_person(reading):
+        return None, 0.0
+    if has("why") and not has_topic and has("here") and has("people", "named") and not has("you", "not"):
+        return None, 0.0  # why people come and go is not known
+    if has("why"):
+        return ("why_not" if has("not") else "why"), sure
+    if has("how_long"):
+        return ("how_long", sure) if has_topic or has("here", "people", "me", "named") else (None, 0.0)
+    if has("how_far"):
+        return ("see", sure) if has("people", "me", "named", "see") else (None, 0.0)
+    if has("where"):
+        # The sentence of a deed has its place.
+        return ("when", sure) if has_topic else (None, 0.0)
+    if has("longest", "shortest") and has("who", "what") and not has_topic:
+        return "who", sure
+    if has("how_often"):
+        return "count", sure
+    if has("when"):
+        return ("when", sure) if has_topic or has("here", "see", "say", "people", "me") else (None, 0.0)
+    if has("how_many"):
+        if has("people"):
+            if has_time and not has_topic:
+                return "see", sure
+            return ("count" if has("past") or (has("here") and not has("see")) else "see"), sure
+        return ("count", sure) if has_topic else (None, 0.0)
+    if has("who"):
+        if has_topic:
+            return "who", sure
+        if has("see") or (has("here") and not has("past") and not has_time):
+            return "see", sure
+        return ("who", sure) if has("here", "people", "longest", "shortest") or past else (None, 0.0)
+    if has("what"):
+        return _what(reading, has_topic, sure)
+    if has_topic:
+        return ("next" if has("future", "plan") and not has("past") else "did"), 1.0
+    if has("say") and has("you"):
+        return "did", 0.95
+    if has("see"):
+        return "see", 0.95
+    if has("here") and has("people", "nobody", "me", "named"):
+        return ("who" if has("past") else "see"), 0.9
+    if has("people", "nobody") and has("present", "past"):
+        return ("who" if has("past") else "see"), 0.8
+    if has("plan", "next") and len(reading.words) <= 4:
+        return "next", 0.8
+    return None, 0.0
+
+
+def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, float]:
+    has = reading.has
+    if has("see") and not has_topic:
+        return "see", sure
+    if has("say") and not has_topic and not has("future"):
+        return "said", sure
+    if has("next") and not has("past"):
+        return "next", sure
+    if has("plan", "future") and not has("past"):
+        return "next", sure
+    if has("do", "happen", "plan"):
+        return "doing", sure
+    if has("people", "here", "named") and not has_topic:
+        return "see", sure * 0.9
+    return ("did" if has_topic and has("you", "past") else None), sure * 0.7
+
+
+def _is_said_by_a_person(reading: Reading) -> bool:
+    """Return whether a person speaks, and not the robot: ``did t2 say anything``, ``did anybody talk to you``."""
+    if reading.language.code == "es":
+        return False  # the form of the verb alone addresses the robot
+    verb = reading.place("say")
+    speakers = [places[0] for name in ("named", "people", "nobody") for _, places in reading.found.get(name, ())]
+    robot = [places[0] for _, places in reading.found.get("you", ())]
+    return any(place < verb for place in speakers) and not any(place < verb for place in robot)

@@ -1,0 +1,163 @@
+"""English questions and answers."""
+
+from socialbot.runs.asking.languages.language import Language
+
+ENGLISH = Language(
+    "en",
+    {
+        "why": (
+            "how is it that,how was it that,motive,motivation,purpose,justification,why,what made,what makes,"
+            "what brought,how come,for what reason,what reason,what was the reason,what is the reason,reason,"
+            "what for,what made you,what makes you,made you,what caused,cause,what led,led you to,what prompted,"
+            "prompted you,motivated,explain,on what grounds,what brought you to,justify,account for,"
+            "how did you decide,how do you decide,how did you know,how do you know,how could you know,"
+            "how could you tell,on what basis,on which basis,based on what,made you think,made you believe,"
+            "what convinced,convinced you,what triggered,triggered,how so,grounds,basis,moved you to,"
+            "what were you thinking,going through your mind,what was the idea,what was the point,"
+            "what was the purpose"
+        ),
+        "what": (
+            "what,which thing,anything,describe,something,how did you react,how did you respond,how did you behave,"
+            "tell me about,what about,which"
+        ),
+        "who": (
+            "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
+            "which agent,which robot"
+        ),
+        "when": (
+            "when,at what time,what time,at which time,which time,at what moment,at what point,what moment,since when"
+        ),
+        "how_often": (
+            "how often,how many times,number of times,how frequently,count how often,how many time,many times"
+        ),
+        "how_many": "how many,number of,count",
+        "unanswerable": (
+            "how much,how old,which colour,which color,what colour,what color,whose,how tall,how do,how did,how are,"
+            "how can,how was,how is,how will,how big,what is your name,how"
+        ),
+        "not": (
+            "nothing,nobody,no one,not,never,no,without,refuse,refused,fail to,failed to,forget to,forgot to,omit,"
+            "avoid,neither,stop you from,stopped you from,keep you from,kept you from,prevented you from,instead of,"
+            "leave out,left out,none,no single"
+        ),
+        "see": (
+            "see,saw,seen,look like,notice,observe,in view,in sight,in front of,visible,perceive,sense,detect,"
+            "spot anybody,"
+            "watching,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
+        ),
+        "do": (
+            "do,doing,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
+            "how did you react,how did you respond,how did you behave,your reaction"
+        ),
+        "happen": "happen,going on,occur,went on",
+        "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
+        "plan": (
+            "plan to,planning,intend,intention,intentions,going to,will you,want,goal,goals,aim,desire,plans,"
+            "your plan,are you about,about to,trying to,shall you,aiming"
+        ),
+        "say": "say,speak,tell,utter,words,talk,sentence,sentences,phrase,remark,statement",
+        "here": (
+            "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
+            "walk by,drop by,stop by,enter,appear,leave,left,go away,went away,walk away,walked away,disappear,"
+            "hang around,nearby"
+        ),
+        "people": (
+            "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
+            "anybody,anyone,somebody,someone,everybody,one,faces"
+        ),
+        "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
+        "me": "me,i,my,myself,us,we,mine",
+        "you": "you,your,yourself,waldo,robot,u,ya,ye",
+        "them": "him,her,them,they,he,she,that person,this person,that man,that woman,that visitor,it",
+        "past": (
+            "came,visited,arrived,appeared,saw,did,was,were,have,has,had,been,just,yet,already,so far,until now,ago,"
+            "earlier,before,done"
+        ),
+        "future": "will,shall,going to,next,would",
+        "present": "are,is,do,does,can,am,now,currently,right now,at the moment,could",
+        "ago": "ago,earlier",
+        "first": "first,at first",
+        "last": "last,latest,most recent,previous,recent",
+        "ordinals": "second,third,fourth,fifth,sixth,seventh,eighth,ninth,tenth",
+        "time": "time,times",
+        "seconds": "s,sec,secs,second,seconds",
+        "minutes": "min,mins,minute,minutes",
+        "at": "at,around,about,after,in,from,during,by",
+        "start": "at the start,at the beginning,in the beginning,initially,to begin with",
+        "recently": "just now,right now,a moment ago,just,lately,now",
+        "how_long": (
+            "how long,for how long,how much time,how many seconds,how many minutes,since when,what duration,"
+            "which duration,how long did it take,how long it took,how soon,how quickly,what was the length,"
+            "what was the duration,length of,duration of,amount of time"
+        ),
+        "where": "where,whereabouts,to which place,which place,what place,in which place",
+        "how_far": "how far,how far away,how close,how near,what distance,which distance",
+        "auxiliary": "did,do,does,was,were,have,has,had,is,are",
+        "all": "everyone,everybody,all,each,every,both",
+        "shortest": "shortest,least time,briefest",
+        "longest": "longest,the most time,most time",
+        "but": "but,and,while,whereas,yet",
+        "rather": "rather than,instead of,as opposed to,in place of",
+        "event after": "after,as soon as,once,since",
+        "event before": "before,until,prior to",
+        "event when": "when,while,the moment,at the moment,as",
+        "comes": "come,came,arrive,enter,appear,approach,show,turn,walk,return",
+        "leaves": "leave,left,go,went,gone,disappear,vanish,depart,departed,away,off",
+        "waits": "wait,hesitate,delay",
+        "filler": (
+            "behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,my,his,her,"
+            "their,its,very,quite,altogether,get,got,receive,received,give,gave,given,given to,away,back,off,out,"
+            "over,into,onto,inside,toward,towards,please,hey,hi,okay,ok,well,so,tell me,can you tell me,"
+            "could you tell me,i would like to know,i want to know,do you know,let me know,would you say,"
+            "could you say,can you say,the,a,an,of,to,for,that,this,on,with,and,any,kind,by,it,from,as,ever,even,"
+            "really,then,actually,in,at,be,being,like,earth,hell,up,your,want to,decide to,decided to,choose to,"
+            "chose to,have to,had to,need to,started to,start,begin,began,some,all,exactly,precisely,there,here,if,"
+            "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
+            "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,way,just,than,"
+            "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
+            "finally,stand,standing,stood,straight away,spend,spent,visit,room,area,hall"
+        ),
+    },
+    {
+        "because": " because",
+        "and": "and",
+        "at": "at {at} s",
+        "within": "from {at} to {until} s {clause}",
+        "ago": "{ago} seconds ago",
+        "just_now": "just now",
+        "then": "{when} {clause}",
+        "person": "person {id}",
+        "somebody": "somebody",
+        "anybody": "anybody",
+        "yes": "Yes",
+        "no": "No",
+        "unknown": "I don't know",
+        "unclear": "I am not sure what you ask",
+        "not_recorded": "the record does not say so",
+        "belief": "I believed {what}",
+        "no_belief": "I did not believe {what}",
+        "saw_none": "I saw nobody",
+        "saw_one": "I saw {people}",
+        "away": "{person} {distance} m away",
+        "nobody_came": "nobody was here",
+        "here": "{person} was here from {at} to {until} s",
+        "here_you": "you were here from {at} to {until} s",
+        "counted": "{count} people were here",
+        "counted_one": "one person was here",
+        "times": "{count} times",
+        "times_one": "once",
+        "said": 'I said "{what}"',
+        "said_nothing": "I said nothing",
+        "said_no_words": 'I did not say "{what}"',
+        "nothing_next": "I had no intention",
+        "next_was": "the next thing was {when}: {clause}",
+        "last_was": "the last thing was {when}: {clause}",
+        "nothing_done": "I was doing nothing",
+        "wanted": "I wanted {what}",
+        "assumes": "I take you for person {id}.",
+        "examples": (
+            "Why did you {deed}? | What do you see? | What will you do next? | Who was here? | When did you {deed}? "
+            "| How often did you {deed}? | Did you {deed}? | What did you do at {at} seconds?"
+        ),
+    },
+)

@@ -1,0 +1,119 @@
+"""French questions and answers."""
+
+from socialbot.runs.asking.languages.language import Language
+
+FRENCH = Language(
+    "fr",
+    {
+        "why": (
+            "pourquoi,pour quelle raison,quelle raison,raison,comment se fait il,qu est ce qui t a pousse,explique,"
+            "a cause de quoi,dans quel but,comment as tu decide,comment savais tu,comment as tu su,sur quelle base,"
+            "qu est ce qui t a fait,pour quel motif,motif"
+        ),
+        "what": (
+            "que,quoi,qu est ce que,qu est ce qu,qu,quelque chose,decris,quelle,quel,comment as tu reagi,"
+            "comment avez vous reagi"
+        ),
+        "who": "qui,quelles personnes,quels visiteurs,quelle personne,quel robot,quel agent,qui est ce que",
+        "when": "quand,a quelle heure,a quel moment,depuis quand",
+        "how_often": "combien de fois,a quelle frequence",
+        "how_many": "combien de,combien,nombre de",
+        "unanswerable": "ou,quel age,quelle couleur,a qui,comment,combien coute",
+        "not": "pas,jamais,aucun,aucune,oublie,omis,refuse,sans",
+        "see": (
+            "vois,voyez,voir,vu,voyais,apercois,remarque,apercu,devant toi,devant vous,visible,observes,observe,camera"
+        ),
+        "do": "fais,faites,faire,fait,faisais,occupe,fabriques,reagi",
+        "happen": "passe,arrive,passait,produit",
+        "next": "ensuite,apres,prochaine,prochain,suite,suivant",
+        "plan": "comptes,prevois,veux,vas,allez,intention,but,objectif,plan,voulez,feras,projet",
+        "say": "dis,dit,dire,dites,parle,dite,disais,phrase,mots,paroles",
+        "here": (
+            "ici,la,venu,venue,venus,passe,present,presente,visite,arrive,parti,reste,restee,restes,rester,partie,"
+            "partis"
+        ),
+        "people": (
+            "gens,personnes,personne,visiteur,visiteurs,visiteuse,homme,femme,quelqu un,invite,invites,humain,enfant"
+        ),
+        "nobody": "personne n,vide",
+        "me": "me,m,moi,je,j,nous,mon",
+        "you": "tu,te,t,vous,toi,waldo,robot",
+        "them": "lui,elle,l,le,la,les,il,ils,eux",
+        "past": "as,avez,a,ai,ont,etait,etaient,etais,ete,viens,deja,auparavant,est venu,est elle,est il",
+        "future": "vas,allez,feras,ferez,prochaine,ensuite",
+        "present": "est,es,sont,peux,maintenant,actuellement,vois,fais,en train",
+        "ago": "il y a",
+        "first": "premier,premiere,d abord",
+        "last": "dernier,derniere",
+        "ordinals": "deuxieme,troisieme,quatrieme,cinquieme,sixieme,septieme,huitieme,neuvieme,dixieme",
+        "time": "fois",
+        "seconds": "s,sec,seconde,secondes",
+        "minutes": "min,minute,minutes",
+        "at": "a,apres,vers,au bout de,dans",
+        "start": "au debut,au commencement",
+        "recently": "a l instant,juste,maintenant",
+        "how_long": (
+            "combien de temps,depuis combien de temps,pendant combien de temps,depuis combien,combien de secondes,"
+            "combien de minutes,depuis quand,combien de temps as tu mis,combien de temps a t il fallu"
+        ),
+        "where": "d ou,a quel endroit,dans quel endroit,ou as tu,ou avez vous,ou est,ou es",
+        "how_far": "a quelle distance,quelle distance,de combien",
+        "auxiliary": "as,avez,a,ont,es,est,etes,etait,etaient",
+        "all": "tous,toutes,tout le monde,chacun,chaque",
+        "shortest": "le moins longtemps,moins longtemps,plus court,plus courte",
+        "longest": "le plus longtemps,plus longtemps",
+        "but": "mais,et,tandis que,alors que",
+        "rather": "plutot que,au lieu de,et pas,mais pas,et non",
+        "event after": "apres que,des que,une fois que",
+        "event before": "avant que,avant de,jusqu a ce que",
+        "event when": "quand,lorsque,lorsqu,pendant que,au moment ou",
+        "comes": "venu,venue,venus,arrive,arrivee,arrives,entre,entree,apparu,apparue,vient,arrivait,arriva",
+        "leaves": "parti,partie,partis,part,partait,sorti,sortie,disparu,disparue,quitte",
+        "waits": "attendu,attendre,hesite,attends",
+        "filler": (
+            "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
+            "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
+            "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"
+            "simplement,ensemble,elle,avait,besoin,qui"
+        ),
+    },
+    {
+        "because": " car",
+        "and": "et",
+        "at": "à {at} s",
+        "within": "de {at} à {until} s, {clause}",
+        "ago": "il y a {ago} secondes",
+        "just_now": "à l'instant",
+        "then": "{when}, {clause}",
+        "person": "la personne {id}",
+        "somebody": "quelqu'un",
+        "anybody": "qui que ce soit",
+        "yes": "Oui",
+        "no": "Non",
+        "unknown": "Je ne sais pas",
+        "unclear": "Je ne suis pas sûr de comprendre la question",
+        "not_recorded": "l'enregistrement ne le dit pas",
+        "belief": "je croyais {what}",
+        "no_belief": "je ne croyais pas {what}",
+        "saw_none": "je ne voyais personne",
+        "saw_one": "je voyais {people}",
+        "away": "{person} à {distance} m",
+        "nobody_came": "il n'y avait personne",
+        "here": "{person} était là de {at} à {until} s",
+        "here_you": "vous étiez là de {at} à {until} s",
+        "counted": "{count} personnes étaient là",
+        "counted_one": "une personne était là",
+        "times": "{count} fois",
+        "times_one": "une fois",
+        "said": "j'ai dit « {what} »",
+        "said_nothing": "je n'ai rien dit",
+        "said_no_words": "je n'ai pas dit « {what} »",
+        "nothing_next": "je n'avais aucune intention",
+        "next_was": "la suite était {when} : {clause}",
+        "last_was": "la dernière chose était {when} : {clause}",
+        "nothing_done": "je ne faisais rien",
+        "wanted": "je voulais {what}",
+        "assumes": "Je vous prends pour la personne {id}.",
+        "examples": "Que vois-tu ? | Qu'as-tu fait à {at} secondes ? | Qui était là ? | Que vas-tu faire ensuite ?",
+    },
+)

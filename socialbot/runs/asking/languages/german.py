@@ -1,0 +1,130 @@
+"""German questions and answers."""
+
+from socialbot.runs.asking.languages.language import Language
+
+GERMAN = Language(
+    "de",
+    {
+        "why": (
+            "warum,wieso,weshalb,weswegen,aus welchem grund,welchen grund,was war der grund,grund,wozu,erklare,"
+            "wie kommt es,was brachte dich dazu,was hat dich dazu gebracht,was hat dich veranlasst,"
+            "wie hast du entschieden,woher wusstest du,woher weisst du,worauf beruht,was hat dich bewogen,"
+            "auf welcher grundlage,wieso denn,aufgrund wovon,wie kam es,was war der anlass,anlass"
+        ),
+        "what": (
+            "was,irgendwas,etwas,beschreibe,wie hast du reagiert,wie hast du dich verhalten,was ist mit,"
+            "erzahl mir von,welcher,welches,welchen"
+        ),
+        "who": "wer,wen,wem,welche leute,welche person,welche personen,welche besucher,welcher roboter,welcher agent",
+        "when": "wann,um welche zeit,zu welcher zeit,zu welchem zeitpunkt,seit wann",
+        "how_often": "wie oft,wie haufig,wie viele male,wieviele male,wie viel mal,wie viele mal",
+        "how_many": "wie viele,wieviele,wie viel,anzahl,wie vielen,wie vieler,wieviel",
+        "unanswerable": "wie alt,welche farbe,wessen,wie heisst,wie schnell,wie gross,wie",
+        "not": "nicht,nie,niemals,kein,keine,keinen,keiner,vergessen,versaumt,unterlassen",
+        "see": (
+            "siehst,sehen,gesehen,sahst,sieht,sah,erkennst,erkannt,bemerkt,bemerkst,im blick,vor dir,sichtbar,"
+            "wahrgenommen,beobachtest,beobachtet,kamera"
+        ),
+        "do": (
+            "tust,machst,tun,getan,gemacht,tat,machte,tatest,macht,beschaftigt,treibst,tut,unternommen,reagiert,"
+            "verhalten"
+        ),
+        "happen": "passiert,geschehen,geschieht,passierte,geschah,los",
+        "next": "als nachstes,nachstes,danach,dann,nachste,anschliessend,gleich",
+        "plan": "planst,vor,vorhast,willst,wirst,ziel,absicht,plan,plane,ziele,mochtest,beabsichtigst",
+        "say": "sagst,gesagt,sagen,sagtest,gesprochen,sagte,satz,worte,satze",
+        "here": (
+            "hier,da,gekommen,kam,kamen,besucht,anwesend,vorbei,vorbeigekommen,aufgetaucht,dort,gegangen,geblieben,"
+            "blieb,bleiben,ging,stand,gestanden,weggegangen,verschwunden"
+        ),
+        "people": (
+            "leute,person,personen,besucher,besucherin,mann,frau,gast,gaste,mensch,menschen,jemand,jemanden,kind"
+        ),
+        "nobody": "niemand,niemanden,leer",
+        "me": "mich,mir,ich,uns,wir",
+        "you": "du,dich,dir,waldo,roboter,ihr",
+        "them": "ihn,ihm,sie,ihnen,er,diesen mann,diese frau",
+        "past": (
+            "kam,kamen,gekommen,sah,sahst,hast,habe,hat,haben,hattest,war,waren,wart,wurde,wurden,wurdest,bist,schon,"
+            "vorher,bisher,blieb,stand,ging,geschah,passierte,sagtest,tatest,machtest"
+        ),
+        "future": "wirst,werden,als nachstes,nachstes,vorhast",
+        "present": "ist,sind,kannst,jetzt,gerade,derzeit,momentan,siehst,machst,tust",
+        "ago": "vor",
+        "first": "erste,ersten,erster,erstes,zuerst,erstmals",
+        "last": "letzte,letzten,letzter,letztes,zuletzt,vorige",
+        "ordinals": "zweite,dritte,vierte,funfte,sechste,siebte,achte,neunte,zehnte",
+        "time": "mal",
+        "seconds": "s,sek,sekunde,sekunden",
+        "minutes": "min,minute,minuten",
+        "at": "bei,nach,um,in,ab",
+        "start": "am anfang,zu beginn,anfangs",
+        "recently": "gerade eben,soeben,gerade,jetzt,eben",
+        "how_long": (
+            "wie lange,seit wann,wie viele sekunden,wie viele minuten,wieviele sekunden,wie viel zeit,wieviel zeit,"
+            "wie schnell,wie lange hat es gedauert,wie lange dauerte es"
+        ),
+        "where": "wo,wohin,woher,an welchem ort",
+        "how_far": "wie weit,wie weit weg,wie nah,wie nahe,welche entfernung,in welcher entfernung",
+        "auxiliary": "hast,hat,haben,habt,bist,ist,sind,warst,war,waren,wurde,wurden,kannst",
+        "all": "alle,allen,jeder,jeden,jedem,beide,beiden",
+        "shortest": "am kurzesten,kurzeste,kurzesten",
+        "longest": "am langsten,langste,langsten",
+        "but": "aber,und,wahrend,doch,jedoch",
+        "rather": "statt,anstatt,anstelle von,und nicht,aber nicht",
+        "event after": "nachdem,sobald,nach dem",
+        "event before": "bevor,ehe,bis",
+        "event when": "als,wenn,wahrend",
+        "comes": "kam,kamen,kommt,gekommen,ankam,erschien,erschienen,auftauchte,hereinkam,eintrat",
+        "leaves": "ging,gingen,geht,gegangen,wegging,verschwand,verschwunden,verliess,verlassen,weg,fort",
+        "waits": "warten,gewartet,gezogert",
+        "filler": (
+            "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
+            "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
+            "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"
+            "des,nun,alle,alles,aufgehort,dort,welche,uberhaupt,als,ding,sache,bloss,einfach,zusammen,brauchte,"
+            "brauche,sich,du,aber,einmal,dich"
+        ),
+    },
+    {
+        "because": ", denn",
+        "and": "und",
+        "at": "bei {at} s",
+        "within": "von {at} bis {until} s: {clause}",
+        "ago": "vor {ago} Sekunden",
+        "just_now": "gerade eben",
+        "then": "{when}: {clause}",
+        "person": "Person {id}",
+        "somebody": "jemand",
+        "anybody": "irgendjemanden",
+        "yes": "Ja",
+        "no": "Nein",
+        "unknown": "Das weiß ich nicht",
+        "unclear": "Ich verstehe die Frage nicht sicher",
+        "not_recorded": "die Aufzeichnung sagt es nicht",
+        "belief": "ich glaubte {what}",
+        "no_belief": "ich glaubte nicht {what}",
+        "saw_none": "ich sah niemanden",
+        "saw_one": "ich sah {people}",
+        "away": "{person} in {distance} m Entfernung",
+        "nobody_came": "niemand war hier",
+        "here": "{person} war von {at} bis {until} s hier",
+        "here_you": "du warst von {at} bis {until} s hier",
+        "counted": "{count} Personen waren hier",
+        "counted_one": "eine Person war hier",
+        "times": "{count} Mal",
+        "times_one": "einmal",
+        "said": "ich sagte „{what}“",
+        "said_nothing": "ich sagte nichts",
+        "said_no_words": "ich sagte nicht „{what}“",
+        "nothing_next": "ich hatte keine Absicht",
+        "next_was": "das Nächste war {when}: {clause}",
+        "last_was": "das Letzte war {when}: {clause}",
+        "nothing_done": "ich tat gerade nichts",
+        "wanted": "ich wollte {what}",
+        "assumes": "Ich halte dich für Person {id}.",
+        "examples": (
+            "Was siehst du? | Was hast du bei Sekunde {at} gemacht? | Wer war hier? | Was machst du als Nächstes?"
+        ),
+    },
+)

@@ -1,0 +1,114 @@
+"""Spanish questions and answers."""
+
+from socialbot.runs.asking.languages.language import Language
+
+SPANISH = Language(
+    "es",
+    {
+        "why": (
+            "por que,por que razon,por cual motivo,razon,motivo,a que se debe,como es que,explica,para que,"
+            "que te hizo,que te llevo,como decidiste,como sabias,como supiste,en que te basaste,en base a que,"
+            "que te hizo pensar,con que motivo,debido a que"
+        ),
+        "what": "que,que cosa,algo,describe,cual,como reaccionaste",
+        "who": "quien,quienes,a quien,a quienes,que personas,que persona,que visitantes,que robot,que agente",
+        "when": "cuando,a que hora,en que momento,desde cuando",
+        "how_often": "cuantas veces,con que frecuencia,cada cuanto",
+        "how_many": "cuantas,cuantos,cuanta,numero de",
+        "unanswerable": "que edad,que color,de quien,como,cuanto",
+        "not": "no,nunca,jamas,ningun,ninguna,tampoco,sin,olvidaste",
+        "see": "ves,viste,ver,visto,veias,miras,notas,notaste,delante de ti,visible,observas,observaste,camara,ve",
+        "do": "haces,hiciste,hacer,hecho,hacias,haras,hace,ocupado,haciendo,reaccionaste",
+        "happen": "pasa,paso,pasado,ocurre,ocurrio,sucedio",
+        "next": "despues,luego,siguiente,proximo,proxima,a continuacion",
+        "plan": "planeas,piensas,quieres,vas a,intencion,objetivo,plan,meta,pretendes,haras",
+        "say": "dices,dijiste,decir,dicho,hablaste,frase,palabras",
+        "here": (
+            "aqui,aca,ahi,vino,vinieron,estuvo,estuvieron,llego,visito,presente,alli,vine,quedo,quedaron,fue,marcho,"
+            "salio,permanecio"
+        ),
+        "people": "gente,persona,personas,visitante,visitantes,hombre,mujer,alguien,invitado,humano,nino",
+        "nobody": "nadie,vacio,vacia",
+        "me": "me,mi,yo,nos,nosotros,conmigo",
+        "you": "tu,te,ti,usted,waldo,robot,vosotros",
+        "them": "lo,la,le,los,les,ella,el,ellos",
+        "past": (
+            "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
+            "hasta ahora"
+        ),
+        "future": "vas a,haras,proximo,siguiente,despues,va a",
+        "present": "estas,es,son,puedes,ahora,actualmente,ves,haces,esta",
+        "ago": "hace",
+        "first": "primero,primera,primer,al principio",
+        "last": "ultimo,ultima",
+        "ordinals": "segundo,tercero,cuarto,quinto,sexto,septimo,octavo,noveno,decimo",
+        "time": "vez,veces",
+        "seconds": "s,seg,segundo,segundos",
+        "minutes": "min,minuto,minutos",
+        "at": "a,en,despues de,tras,sobre",
+        "start": "al principio,al comienzo,al inicio",
+        "recently": "ahora mismo,hace un momento,recien,ahora",
+        "how_long": (
+            "cuanto tiempo,durante cuanto tiempo,cuantos segundos,cuantos minutos,desde cuando,hace cuanto,"
+            "cuanto tardaste,cuanto tardo"
+        ),
+        "where": "donde,adonde,a donde,en que lugar,de donde",
+        "how_far": "a que distancia,que distancia,que tan lejos,que tan cerca,como de lejos",
+        "auxiliary": "has,ha,han,habias,estas,esta,estaba,fue,hubo",
+        "all": "todos,todas,todo el mundo,cada",
+        "shortest": "menos tiempo,mas corta",
+        "longest": "mas tiempo",
+        "but": "pero,y,mientras que",
+        "rather": "en vez de,en lugar de,y no,pero no",
+        "event after": "despues de que,en cuanto,una vez que,tan pronto como",
+        "event before": "antes de que,antes de,hasta que",
+        "event when": "cuando,mientras,al momento en que",
+        "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
+        "leaves": "fue,fueron,marcho,marcharon,salio,salieron,desaparecio,irse,ido",
+        "waits": "esperaste,esperar,tardaste",
+        "filler": (
+            "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
+            "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
+            "realmente,simplemente,juntos,necesitaba,fue,ultimo que"
+        ),
+    },
+    {
+        "because": " porque",
+        "and": "y",
+        "at": "a los {at} s",
+        "within": "de {at} a {until} s {clause}",
+        "ago": "hace {ago} segundos",
+        "just_now": "hace un momento",
+        "then": "{when} {clause}",
+        "person": "la persona {id}",
+        "somebody": "alguien",
+        "anybody": "nadie",
+        "yes": "Sí",
+        "no": "No",
+        "unknown": "No lo sé",
+        "unclear": "No estoy seguro de entender la pregunta",
+        "not_recorded": "el registro no lo dice",
+        "belief": "yo creía {what}",
+        "no_belief": "yo no creía {what}",
+        "saw_none": "no veía a nadie",
+        "saw_one": "veía a {people}",
+        "away": "{person} a {distance} m",
+        "nobody_came": "no hubo nadie aquí",
+        "here": "{person} estuvo aquí de {at} a {until} s",
+        "here_you": "estuviste aquí de {at} a {until} s",
+        "counted": "{count} personas estuvieron aquí",
+        "counted_one": "una persona estuvo aquí",
+        "times": "{count} veces",
+        "times_one": "una vez",
+        "said": "dije «{what}»",
+        "said_nothing": "no dije nada",
+        "said_no_words": "no dije «{what}»",
+        "nothing_next": "no tenía ninguna intención",
+        "next_was": "lo siguiente fue {when}: {clause}",
+        "last_was": "lo último fue {when}: {clause}",
+        "nothing_done": "no hacía nada",
+        "wanted": "yo quería {what}",
+        "assumes": "Te tomo por la persona {id}.",
+        "examples": "¿Qué ves? | ¿Qué hiciste a los {at} segundos? | ¿Quién estuvo aquí? | ¿Qué harás después?",
+    },
+)
