@@ -116,9 +116,9 @@ def test_plans_and_rules_are_printed():
 
 
 def test_all_plans_are_listed_by_file():
-    text = "@one +!x(1) <- .print(1). !go. +!go <- .add_plan({@two +!y}); .list_plans."
+    text = "@one +!x(X) <- .print(X). !go. +!go <- .add_plan({@two +!y}); .list_plans."
     (listed,) = said(text)
-    plain = '@one[source(self),url("file:me.asl")] +!x(1) <- .print(1).\n'
+    plain = '@one[source(self),url("file:me.asl")] +!x(X) <- .print(X).\n'
     rest = '@p__1[source(self),url("file:me.asl")] +!go <- .add_plan({ @two +!y }); .list_plans.\n'
     assert listed == f'\n\n// plans from file:me.asl\n\n{plain}{rest}@two[source(self),url("file:me.asl")] +!y.\n\n'
 

@@ -143,13 +143,13 @@ def list_plans(engine: Any, args: Args, trail: Trail) -> None:
     """``.list_plans({+!g(_)})``: print the plans for an event, or all plans by their files."""
     if args:
         for plan in relevant(engine, args[0]):
-            print_(engine, (spelled_item(shown(engine, plan)),), trail)
+            print_(engine, (_listed(engine, plan),), trail)
         return
     files: dict[str, list[str]] = {}
     for plan in engine.library:
         origin = plan.origin if SELF[0] in _sources(plan) else None
         place = "without file" if origin is None else f"from {source_of(origin)}"
-        files.setdefault(place, []).append(spelled_item(shown(engine, plan)))
+        files.setdefault(place, []).append(_listed(engine, plan))
     text = "".join(f"\n\n// plans {place}\n\n" + "\n".join(plans) + "\n" for place, plans in files.items())
     print_(engine, (f"{text}\n",), trail)
 
@@ -244,6 +244,15 @@ def shown(engine: Any, plan: Plan, said_by: tuple[Any, ...] = ()) -> Plan:
         plan = replace(plan, annotations=(*_others(plan), *said_by))
     twin.__dict__["known"] = KnownPlan(plan, label)
     return twin
+
+
+def _listed(engine: Any, plan: Plan) -> str:
+    """Format a plan of the library with its label; only plans of others lose the names of their variables."""
+    if _sources(plan) != SELF:
+        return spelled_item(shown(engine, plan))
+    twin = copy.copy(plan)
+    twin.__dict__["known"] = KnownPlan(plan, label_of(engine, plan))
+    return spelled_item(twin)
 
 
 def _labelled(engine: Any, term: Any) -> Plan | None:
