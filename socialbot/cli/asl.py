@@ -85,16 +85,19 @@ def run(
     from socialbot.bdi.engine import Engine
     from socialbot.bdi.environment import load_environment
     from socialbot.bdi.society import Society
+    from socialbot.bdi.stdlib.environment import RawOutput
     from socialbot.cli._agent_shell import EchoActions
 
     _import_actions(actions)
     paths = _include_paths(include, root)
     arguments: tuple[Any, ...] = ()
     folder = None
+    raw: set[str] = set()
     if any(file.suffix == ".mas2j" for file in files):
         project = _project(files, agents)
         paths = replace(paths, folders=(*project.folders, *paths.folders))
         names, programs = _of_project(project, paths)
+        raw = {name for agent in project.agents if agent.raw for name in agent.names}
         if environment is None and not (echo and project.environment):
             environment, arguments, folder = environment_of(project), project.arguments, files[0].parent
     else:
@@ -115,7 +118,7 @@ def run(
 
         def made(name: str, library: Library | None) -> Engine:
             engine = Engine(name, clock, sink=sink, library=library)
-            engine.out = _printer(console, name, next(colors))
+            engine.out = RawOutput() if name in raw else _printer(console, name, next(colors))
             if echo:
                 engine.actions = EchoActions()
             return engine

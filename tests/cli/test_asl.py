@@ -256,6 +256,16 @@ def test_a_project_runs_in_its_python_environment(written, tmp_path):
     assert socialbot("run", str(project), "--environment", f"{tmp_path}/one.py:House").stdout == "[a] 2\n"
 
 
+def test_prints_of_an_agent_that_is_not_verbose_are_raw(written, tmp_path):
+    written(
+        ann='!g. +!g <- .print("a"); .print("b"); .println("c"); .print("d").', bob="!h. +!h <- .wait(50); .print(h)."
+    )
+    project = tmp_path / "p.mas2j"
+    project.write_text("MAS p { agents: ann [verbose=0]; bob; }")
+    ended = socialbot("run", str(project))
+    assert (ended.stdout, ended.stderr) == ("abc\nd[bob] h\n", "")
+
+
 def test_agents_of_one_file_learn_apart(written):
     main = """!g.
     +!g <- .create_agent(bob, "carl.asl"); .send(bob, tellHow, "@l +!h <- .print(one).");

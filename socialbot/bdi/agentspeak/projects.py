@@ -28,7 +28,8 @@ _COMMENT = re.compile(r'("(?:[^"\\\n]|\\.)*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
 class ProjectAgent:
     """Agents of a project with one program: ``alice #3`` gives ``alice1`` to ``alice3``.
 
-    ``beliefs`` and ``goals`` are added to those of the program.
+    ``beliefs`` and ``goals`` are added to those of the program. The prints of a ``raw`` agent have neither its name nor
+    an end of line.
     """
 
     name: str
@@ -36,6 +37,7 @@ class ProjectAgent:
     count: int = 1
     beliefs: tuple[Literal, ...] = ()
     goals: tuple[Literal, ...] = ()
+    raw: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -216,6 +218,9 @@ class _ProjectParser:
             entry[name] = self.literals(self.string(), at)
             return
         self.at += 1
+        if name == "verbose" and self.words[at] == "0":
+            entry["raw"] = True
+            return
         self.notes.append(f"the option {name}={self.words[at]} of {entry['name']} is ignored")
 
     def literals(self, text: str, at: int) -> tuple[Literal, ...]:
@@ -254,7 +259,7 @@ class _ProjectParser:
         if file is None:
             tried = ", ".join(map(str, dict.fromkeys(places)))
             raise self.error(f"the program {entry['file']} of {entry['name']} does not exist", f"tried: {tried}", at)
-        extra = {name: entry[name] for name in ("beliefs", "goals") if name in entry}
+        extra = {name: entry[name] for name in ("beliefs", "goals", "raw") if name in entry}
         return ProjectAgent(entry["name"], file, entry["count"], **extra)
 
 

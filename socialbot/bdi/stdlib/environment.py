@@ -31,7 +31,17 @@ def print_(engine: Any, args: Args, trail: Trail) -> None:
         print(f"[{engine.name}] {line}", flush=True)
 
 
-internal(".println", 0, 100)(print_)
+class RawOutput:
+    """Output of an agent without its name and without ends of lines, except for `.println`."""
+
+    def __call__(self, text: str) -> None:
+        print(text, end="", flush=True)
+
+
+@internal(".println", 0, 100)
+def println(engine: Any, args: Args, trail: Trail) -> None:
+    """``.println(a1, ..., an)``: the same as `.print`; it ends the line if the project says ``verbose=0``."""
+    print_(engine, (*args, "\n") if isinstance(engine.out, RawOutput) else args, trail)
 
 
 @internal(".log", 1, 100)
