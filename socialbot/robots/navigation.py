@@ -62,7 +62,7 @@ class PersonSpot(NamedTuple):
 def pose_before(robot: Pose2D, person: PersonSpot, distance_m: float) -> Pose2D:
     """Return the pose at ``distance_m`` from a person and turned to them, in front of a person who faces somewhere.
 
-    A person whose back is turned is approached in a curve: the pose is at most 90 degrees beside the way they face,
+    A person whose back is turned is approached in a curve: the pose is at most 60 degrees beside the way they face,
     on the side of the robot, so that they see it come.
     """
     direction = math.atan2(robot.y - person.y, robot.x - person.x)
