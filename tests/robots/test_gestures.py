@@ -65,3 +65,9 @@ def test_a_step_is_never_longer_than_the_speed_allows():
     assert stepped(0.0, 0.05, 2.0, 0.1) == pytest.approx(0.05)
     assert stepped(0.3, float("nan"), 2.0, 0.1) == 0.3
     assert stepped(0.3, 1.0, 2.0, -1.0) == 0.3
+
+
+def test_a_gesture_that_repeats_goes_on_after_its_first_frame():
+    idle = GESTURES["idle"]
+    assert idle.at(2.5)["z"] == pytest.approx(0.0015, abs=0.0005)
+    assert idle.at(10.5) == pytest.approx(idle.at(2.5))  # the first frame is at 1.5 s, the last one at 9.5 s

@@ -10,7 +10,10 @@ import pytest
 
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import JointTrajectory, RosMessage, ros_message
-from socialbot.robots.head import TARGET, TrajectoryHead
+from socialbot.graph.calls import GoalHandle
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.services import ActionServer
+from socialbot.robots.head import TARGET, NaoqiHead, TrajectoryActionHead, TrajectoryHead
 from socialbot.testing import GraphTester
 
 SENT = "/head_controller/joint_trajectory"
@@ -115,6 +118,53 @@ def test_without_joint_states_the_head_stops_by_dead_reckoning():
         end(graph)
     last = graph.messages(SENT)[-1]
     assert last.positions[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_old_joint_states_do_not_count():
+    with GraphTester(TrajectoryHead, parameters=LIMITS) as graph:
+        graph.send("/joint_states", joint_states(graph, 0.0, 0.0))
+        target(graph, 1.0, 0.0)
+        graph.run(2.0)
+        end(graph)
+    assert graph.messages(SENT)[-1].positions == (1.0, 0.0)
+
+
+def test_a_slow_motion_of_naoqi_has_a_speed_that_moves_the_joint():
+    with GraphTester(NaoqiHead, parameters=LIMITS) as graph:
+        target(graph, 0.0, 0.0)
+        graph.run(5.0)
+        target(graph, 0.1, 0.0, duration_s=20.0)
+        graph.run(0.1)
+        angles = graph.messages("/joint_angles")[-1]
+    assert angles.speed == pytest.approx(0.01)
+
+
+class Controller(Node):
+    """A controller whose new goal aborts the one before it."""
+
+    follow = ActionServer("control_msgs/action/FollowJointTrajectory", "/head_controller/follow_joint_trajectory")
+    present: GoalHandle | None = None
+
+    @follow
+    def on_goal(self, goal: GoalHandle) -> None:
+        if self.present is not None:
+            self.present.abort({"error_string": "replaced"})
+        self.present = goal
+
+
+def test_a_goal_that_a_newer_target_replaces_is_no_fault(monkeypatch):
+    reasons: list[str] = []
+    monkeypatch.setattr(TrajectoryActionHead, "report_health", lambda _, state, reason="": reasons.append(reason))
+    nodes = (NodeConfig("head", TrajectoryActionHead, LIMITS), NodeConfig("controller", Controller))
+    with GraphTester(Graph("robot", nodes, inputs=frozenset({TARGET}))) as graph:
+        target(graph, 0.5, 0.0, duration_s=1.0)
+        graph.run(0.2)
+        target(graph, -0.5, 0.0, duration_s=1.0)
+        graph.run(0.2)
+        assert not any(reasons)
+        graph.node("controller").present.abort({"error_string": "blocked"})
+        graph.run(0.2)
+    assert reasons[-1] == "the head did not move: blocked"
 
 
 def test_a_head_that_did_not_move_sends_nothing_at_the_end():

@@ -117,6 +117,12 @@ def test_the_robot_leaves_the_way_of_a_person():
     assert goal[0] == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize("aside_m", [0.02, 0.0, -0.02])
+def test_a_robot_right_ahead_of_a_person_steps_to_their_right(aside_m):
+    person = PersonSpot(3.0, 0.0, math.pi, 0)  # faces the robot, to -x: +y is to their right
+    assert pose_aside(Pose2D(0.0, aside_m, 0.0), person, 1.0).y == pytest.approx(1.0, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("prepare", "why", "text"),
     [

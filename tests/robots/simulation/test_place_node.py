@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +16,19 @@ pytest.importorskip("mujoco")
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CompressedImage, JointTrajectory, Message
 from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.demo import PLACE, simulation
 from socialbot.robots.simulation.head_servo import PAN, TILT, SimulatedHead
+from socialbot.robots.simulation.node import SimulatedPlace
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, HeadCamera
 from socialbot.vision.detector import iou
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
 from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.truth import TruthMessage, parse_json
+from socialbot.vision.transforms import TransformTree
 from tests.system.running import socialbot_here
+
+COMMANDS = frozenset({"/head_controller/joint_trajectory"})
 
 
 def messages(seconds: float, **parameters: object) -> dict[str, list[Message]]:
@@ -82,6 +88,56 @@ def test_the_camera_projects_as_a_pinhole_that_pans_and_tilts():
     turned = HeadCamera(pan_rad=math.atan2(1, 3), tilt_rad=0.3)
     pixels, _ = turned.seen(np.array([[3.0, 1.0, CAMERA_HEIGHT_M + math.hypot(3, 1) * math.tan(0.3)]]))
     assert pixels[0] == pytest.approx([320, 240])
+
+
+def turned(head: str) -> tuple[dict[str, Any], np.ndarray]:
+    """Command the head of a place for 3 s; return the last ground truth, and the pose of the lens by transforms."""
+    parameters = {"head": head, "pictures": False, "people": 8, "seed": 0, "duration_s": 20.0, "rate_hz": 1.0}
+    runner = InlineRunner(Graph("turned", (NodeConfig(PLACE, SimulatedPlace, parameters),), inputs=COMMANDS))
+    truths: list[dict[str, Any]] = []
+    tree = TransformTree()
+    runner.tap("/ground_truth/persons", lambda _, message: truths.append(json.loads(message.data)))
+    for topic in ("/tf", "/tf_static"):
+        runner.tap(topic, lambda _, message: tree.add(message.transforms))
+    runner.start()
+    runner.advance(14 * SECOND)
+    runner.feed("/head_controller/joint_trajectory", command(-0.4, 0.2, 1.0))
+    runner.advance(17 * SECOND)
+    lens = tree.lookup("base_footprint", "camera_optical_frame", 17 * SECOND)
+    assert lens is not None
+    return truths[-1], lens
+
+
+def test_truth_and_transforms_follow_the_head():
+    truth, lens = turned("commanded")
+    assert truth["camera"]["yaw_rad"] == pytest.approx(-0.4, abs=0.005)
+    assert truth["camera"]["pitch_rad"] == pytest.approx(-0.2, abs=0.005)
+    ahead = (math.cos(0.2) * math.cos(-0.4), math.cos(0.2) * math.sin(-0.4), math.sin(0.2))
+    assert lens[:3, 2] == pytest.approx(ahead, abs=0.005)  # the optical axis
+    assert truth["persons"]
+    for person in truth["persons"]:
+        x, y = person["at"]
+        assert person["bearing_rad"] == pytest.approx(math.atan2(y, x) + 0.4, abs=0.03)
+
+
+def test_a_still_head_takes_no_commands():
+    truth, _ = turned("still")
+    assert (truth["camera"]["yaw_rad"], truth["camera"]["pitch_rad"]) == (0.0, 0.0)
+
+
+def test_a_motion_beyond_the_limit_ends_at_rest():
+    head = SimulatedHead()
+    fast = JointTrajectory(stamp=0, joint_names=(PAN,), positions=(3.0,), velocities=(6.0,), duration_s=1.0)
+    head.command(fast, 0)
+    pans = []
+    for step in range(1, 151):
+        head.advance(step * SECOND // 100)
+        pans.append(head.pan_rad)
+    assert max(pans) < 1.605
+
+
+def test_perception_by_the_truth_draws_no_pictures():
+    assert simulation(perception="truth").node(PLACE).parameters["pictures"] is False
 
 
 def command(pan: float, tilt: float, seconds: float) -> JointTrajectory:
