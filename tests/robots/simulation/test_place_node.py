@@ -96,9 +96,9 @@ def turned(head: str) -> tuple[dict[str, Any], np.ndarray]:
     runner = InlineRunner(Graph("turned", (NodeConfig(PLACE, SimulatedPlace, parameters),), inputs=COMMANDS))
     truths: list[dict[str, Any]] = []
     tree = TransformTree()
-    runner.tap("/ground_truth/persons", lambda _, message: truths.append(json.loads(message.data)))
+    runner.tap("/ground_truth/persons", lambda _, message: truths.append(json.loads(message.data)))  # type: ignore[attr-defined]
     for topic in ("/tf", "/tf_static"):
-        runner.tap(topic, lambda _, message: tree.add(message.transforms))
+        runner.tap(topic, lambda _, message: tree.add(message.transforms))  # type: ignore[attr-defined]
     runner.start()
     runner.advance(14 * SECOND)
     runner.feed("/head_controller/joint_trajectory", command(-0.4, 0.2, 1.0))
@@ -125,7 +125,7 @@ def test_a_still_head_takes_no_commands():
     assert (truth["camera"]["yaw_rad"], truth["camera"]["pitch_rad"]) == (0.0, 0.0)
 
 
-def test_a_motion_beyond_the_limit_ends_at_rest():
+def test_a_fast_motion_beyond_the_limit_ends_at_rest_without_a_swing():
     head = SimulatedHead()
     fast = JointTrajectory(stamp=0, joint_names=(PAN,), positions=(3.0,), velocities=(6.0,), duration_s=1.0)
     head.command(fast, 0)
@@ -133,7 +133,7 @@ def test_a_motion_beyond_the_limit_ends_at_rest():
     for step in range(1, 151):
         head.advance(step * SECOND // 100)
         pans.append(head.pan_rad)
-    assert max(pans) < 1.605
+    assert -0.005 < min(pans) <= max(pans) < 1.605
 
 
 def test_perception_by_the_truth_draws_no_pictures():
