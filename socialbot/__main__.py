@@ -2,7 +2,7 @@
 
 import sys
 
-from socialbot.core.process import exit_on_signals, keep_freed_memory
+from socialbot.core.process import exit_on_signals, keep_freed_memory, run_to_exit
 
 
 def run() -> None:
@@ -11,7 +11,7 @@ def run() -> None:
     keep_freed_memory()
     from socialbot.cli.main import main
 
-    main()
+    run_to_exit(main)
 
 
 def run_node() -> None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import pip_command
+from socialbot.core.process import skip_cleanup
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -267,7 +268,8 @@ def ros_context(args: list[str] | None = None) -> Iterator[Context]:
     try:
         yield context
     finally:
-        try_shutdown(context=context)
+        if not _is_blocked:
+            try_shutdown(context=context)
 
 
 @contextmanager
@@ -288,8 +290,24 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
         finally:
             ended.set()
             executor.shutdown()
-            thread.join(2.0)
-            node.destroy_node()
+            thread.join(BLOCKED_S)
+            if thread.is_alive():
+                _note_blocked(name)
+            else:
+                node.destroy_node()
+
+
+BLOCKED_S = 10.0
+"""Time (s) after which an executor that does not end is blocked by DDS."""
+_is_blocked = False
+
+
+def _note_blocked(node: str) -> None:
+    """Leave rclpy as it is: all its functions may wait for DDS, which a false packet can block without end."""
+    global _is_blocked
+    _is_blocked = True
+    log.error("%s: DDS does not answer; see docs/security.md", node)
+    skip_cleanup()
 
 
 def _spin(executor: SingleThreadedExecutor, ended: threading.Event) -> None:

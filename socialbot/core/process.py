@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import logging
 import os
 import resource
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -18,6 +19,7 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 _exit_requested = False
+_skips_cleanup = False
 
 
 def exit_on_signals() -> None:
@@ -42,6 +44,28 @@ def _ignore_signals() -> None:
     # Python restores its default handlers before module cleanup, which is slow on a busy machine.
     for number in ENDING_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+def skip_cleanup() -> None:
+    """Let `run_to_exit` end the process at once, since the cleanup of a library would not return."""
+    global _skips_cleanup
+    _skips_cleanup = True
+
+
+def run_to_exit(main: Callable[[], object]) -> None:
+    """Call ``main``. After `skip_cleanup`, end the process with its exit code, without handlers and destructors."""
+    code: object = 0
+    try:
+        main()
+    except SystemExit as ending:
+        if not _skips_cleanup:
+            raise
+        code = ending.code
+    if _skips_cleanup:
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code if isinstance(code, int) else int(code is not None))
 
 
 class Ending:

@@ -146,8 +146,11 @@ def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
     with two_hosts() as hosts, ExitStack() as scripts:
         scripts.enter_context(script(hosts.robot, SAY, tmp_path / "talker.log", own))
         arguments = ("up", str(tmp_path / "voice.yaml"), "--out", str(tmp_path / "run"))
-        scripts.enter_context(script(hosts.robot, UP, shown, own, *arguments))
+        up = scripts.enter_context(script(hosts.robot, UP, shown, own, *arguments))
         assert eventually(lambda: "says" in shown.read_text()), shown.read_text()
         attack(hosts.workstation, "endless_gap", tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
         assert eventually(lambda: "speech hung" in shown.read_text()), shown.read_text()
         assert eventually(lambda: "speech is back" in shown.read_text()), shown.read_text()
+        up.terminate()
+        assert eventually(lambda: up.poll() is not None), shown.read_text()
+        assert up.returncode == 0, shown.read_text()
