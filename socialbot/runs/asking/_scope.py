@@ -9,7 +9,7 @@ from typing import TypeVar
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import Question
-from socialbot.runs.asking._sentences import Speech
+from socialbot.runs.asking._sentences import Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._words import ALIKE, similarity, tokens
 from socialbot.runs.asking.languages import LANGUAGES
@@ -25,6 +25,12 @@ NEAR_S = 2.0
 _SHOWN = re.compile(r"\{(\d)\}")
 _PLACE = re.compile(r"(\w+) \{(\d)\}")
 """Argument of a phrase with the word before it: ``from {1}``."""
+
+MOST_NAMED = 5
+"""Deeds, people or beliefs that an answer names; it counts the others."""
+
+Told = tuple[str, list[Clause]]
+"""Text of an answer and its clauses."""
 
 T = TypeVar("T")
 
@@ -55,7 +61,7 @@ class Scope:
         self.event_deed: TraceRecord | None = None
         self.event_s = self._event_time(speaker)
         self.deeds_at_all = self._deeds()
-        self.deeds = self._in_time(self.deeds_at_all)
+        self.deeds = self.in_time(self.deeds_at_all)
         self.persons = self._persons(speaker)
         me = question.person is not None and question.person.me
         asked_at_s = now_s if spoken else None
@@ -75,7 +81,7 @@ class Scope:
         """Return the records of the deed of the question, of its agent and things: up to now, or else later ones."""
         later: list[TraceRecord] = []
         for topic in self.question.topics:
-            found = [each for each in self.subjects.done(topic) if self._is_meant(each)]
+            found = [each for each in self.subjects.done(topic) if self.is_meant(each)]
             before = [each for each in found if each.stamp <= self.now]
             if before or (found and not later):
                 self.topic, later = topic, found
@@ -114,7 +120,7 @@ class Scope:
         most = max([least, *shares])
         return [each for each, share in zip(deeds, shares, strict=True) if share >= most]
 
-    def _in_time(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
+    def in_time(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
         """Return the records in the span, or before, after or at the event of the question; all of them without one."""
         event, span_s = self.question.event, self.question.span_s
         if span_s is not None:
@@ -129,7 +135,7 @@ class Scope:
         end_s = self.event_s + EVENT_S if event.relation == "when" else self.now_s
         return [each for at_s, each in seconds if self.event_s - 0.1 <= at_s <= end_s]
 
-    def _is_meant(self, record: TraceRecord) -> bool:
+    def is_meant(self, record: TraceRecord) -> bool:
         """Return whether a deed is one of the agent and things in question, each in the place that its word names."""
         things, arguments = self.question.things, arguments_of(record.what)
         phrase = self.subjects.wording.phrases.get(call_of(record).partition("(")[0], "")
@@ -181,7 +187,7 @@ class Scope:
             return next(iter([*concerned, *seen]), "")
         deeds = self.deeds
         if self.question.ordinal is not None and deeds:
-            deeds = [self._numbered(deeds) or deeds[-1]]
+            deeds = [self.numbered(deeds) or deeds[-1]]
         if self.question.kind == "why_not":
             return ([*self._known_people(), *self._left_out()] or [""])[-1]
         for deed in reversed(deeds):
@@ -202,10 +208,10 @@ class Scope:
         people = self._known_people() if people is None else people
         return [one for one in people if not any(one in self.facts.concerned(each) for each in self.deeds)]
 
-    def _of_persons(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
+    def of_persons(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
         return [each for each in records if not self.persons or set(self.persons) & {*self.facts.concerned(each)}]
 
-    def _numbered(self, records: Sequence[T]) -> T | None:
+    def numbered(self, records: Sequence[T]) -> T | None:
         place = self.question.ordinal
         if place is None:
             return records[-1] if records else None
@@ -214,18 +220,18 @@ class Scope:
 
     def _chosen(self) -> TraceRecord | None:
         """Return the deed that is meant: the one at the time or of the number in the question, or else the last."""
-        deeds = self._of_persons(self.deeds)
+        deeds = self.of_persons(self.deeds)
         if self.question.at_s is not None:
             return next(iter(near(deeds, self.history.stamp(self.question.at_s), NEAR_S)), None)
         event = self.question.event
         if event is not None and event.relation != "before" and self.question.ordinal is None:
             return deeds[0] if deeds else None
-        return self._numbered(deeds)
+        return self.numbered(deeds)
 
-    def _only_agent(self) -> str:
+    def only_agent(self) -> str:
         return self.agent or (self.history.agents[0] if len(self.history.agents) == 1 else "")
 
-    def _span(self) -> tuple[float, float]:
+    def span(self) -> tuple[float, float]:
         """Return the time (s) in which a deed was left undone."""
         at_s = self.question.at_s
         if at_s is not None:
@@ -241,3 +247,12 @@ class Scope:
         if not stays:
             return 0.0, self.now_s
         return self.history.seconds(stays[0].first.stamp), min(self.now_s, self.history.seconds(stays[-1].last.stamp))
+
+    def up_to_now(self) -> list[TraceRecord]:
+        """Return the deeds of the agent, people and things in question until now."""
+        deeds = [each for each in self.subjects.deeds if each.stamp <= self.now and self.is_meant(each)]
+        return self.in_time(self.of_persons(deeds))
+
+    def joined(self, clauses: Sequence[Clause]) -> str:
+        texts = [each.text for each in clauses]
+        return ", ".join(texts[:-1]) + (f" {self.speech.say('and')} " if texts[1:] else "") + texts[-1] if texts else ""

@@ -1,0 +1,146 @@
+"""Answers about activity: what was said, what was done at a time, and what was intended."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking._facts import near
+from socialbot.runs.asking._people import moment
+from socialbot.runs.asking._scope import MOST_NAMED, NEAR_S, Scope, Told
+from socialbot.runs.asking._sentences import Claim, Clause
+from socialbot.runs.narration import plan_of, step_in
+
+
+def said(scope: Scope) -> Told | None:
+    deeds = [each for each in scope.subjects.deeds if scope.subjects.words_said(each)]
+    spoken = [each for each in deeds if each.stamp <= scope.now] or deeds
+    spoken = scope.in_time(scope.of_persons(each for each in spoken if scope.is_meant(each)))
+    at_s = scope.question.at_s
+    if at_s is not None:
+        spoken = near(spoken, scope.history.stamp(at_s), NEAR_S)
+    elif scope.question.ordinal is not None or not scope.persons:
+        spoken = [one for one in [scope.numbered(spoken)] if one is not None]
+    if not spoken and scope.question.things:
+        return None
+    if not spoken:
+        span = scope.span()
+        claim = Claim("said_not", scope.agent, at_s=span[0], until_s=span[1], persons=tuple(scope.persons))
+        clause = Clause(scope.speech.say("said_nothing"), (), claim)
+        return clause.text, [clause]
+    clauses = [scope.speech.did(each, None) for each in spoken[-MOST_NAMED:]]
+    return scope.joined(clauses), clauses
+
+
+def doing(scope: Scope) -> Told | None:
+    seconds, stamp = moment(scope)
+    deeds = [each for each in scope.subjects.deeds if scope.is_meant(each)]
+    if scope.question.span_s is not None:
+        return _listed_deeds(scope, scope.up_to_now()) or _idle_in(scope, scope.question.span_s)
+    if scope.question.event is not None:
+        deeds = scope.in_time(each for each in deeds if each.stamp <= scope.now)
+        place = -1 if scope.question.event.relation == "before" else 0
+        return _listed_deeds(scope, [deeds[place]]) if deeds else None
+    if scope.question.ordinal is not None:
+        deed = scope.numbered(scope.up_to_now())
+        return None if deed is None else _listed_deeds(scope, [deed])
+    if scope.question.at_s is None and scope.question.is_past:
+        return _listed_deeds(scope, scope.of_persons(each for each in deeds if each.stamp <= scope.now))
+    under_way = [each for each in deeds if each.stamp <= stamp and _is_under_way(scope, each, stamp)]
+    if not under_way and scope.question.at_s is not None:
+        under_way = [each for each in near(deeds, stamp, 1.0) if each.stamp <= scope.now]
+    if under_way:
+        return _listed_deeds(scope, under_way)
+    before = [each for each in deeds if each.stamp <= stamp]
+    text = scope.speech.about(scope.agent, scope.speech.say("nothing_done"))
+    nothing = Clause(text, (), Claim("did_not", scope.only_agent(), (), seconds, seconds))
+    nothing = scope.speech.at(nothing, seconds)
+    if not before:
+        return nothing.text, [nothing]
+    last = scope.speech.did(before[-1], scope.subjects.topic_of(before[-1]), at=False)
+    told = scope.speech.say("last_was", when=_when_done(scope, before[-1]), clause=last.text)
+    return f"{nothing.text}; {told}", [nothing, last]
+
+
+def ahead(scope: Scope) -> Told | None:
+    seconds, stamp = moment(scope)
+    planned = _planned(scope, stamp)
+    if planned:
+        told = scope.joined(planned)
+        return scope.speech.then(seconds, told), planned
+    state = scope.run.states.at(stamp)
+    wanted = [
+        Clause(
+            scope.speech.about(mind.name, scope.speech.say("wanted", what=goal.text)),
+            (goal.id,),
+            Claim("wanted", mind.name, (goal.text,), seconds),
+        )
+        for mind in state.agents
+        if scope.agent in ("", mind.name)
+        for goal in (*mind.desires, *mind.goals)
+        if not scope.facts.has_failed(goal.id, stamp)
+    ][:MOST_NAMED]
+    nothing = scope.speech.about(scope.agent, scope.speech.say("nothing_next"))
+    clauses = wanted or [Clause(nothing, (), Claim("nothing_wanted", scope.only_agent(), at_s=seconds))]
+    told = scope.speech.then(seconds, scope.joined(clauses))
+    later = next((each for each in scope.subjects.deeds if each.stamp > stamp and scope.is_meant(each)), None)
+    if later is None or later.stamp > scope.now:
+        return told, clauses
+    done = scope.speech.did(later, scope.subjects.topic_of(later), at=False)
+    following = scope.speech.say("next_was", when=_when_done(scope, later), clause=done.text)
+    return f"{told}; {following}", [*clauses, done]
+
+
+def _idle_in(scope: Scope, span_s: tuple[float, float]) -> Told:
+    """Return that nothing was said in a span of time without deeds."""
+    begin_s, end_s = span_s[0], min(scope.now_s, span_s[1])
+    claim = Claim("said_not", scope.agent, at_s=begin_s, until_s=end_s, persons=tuple(scope.persons))
+    clause = scope.speech.within(Clause(scope.speech.say("said_nothing"), (), claim), begin_s, end_s)
+    return clause.text, [clause]
+
+
+def _when_done(scope: Scope, deed: TraceRecord) -> str:
+    return scope.speech.when(scope.history.seconds(deed.stamp))
+
+
+def _listed_deeds(scope: Scope, deeds: Sequence[TraceRecord]) -> Told | None:
+    shown = deeds[-MOST_NAMED:]
+    clauses = [scope.speech.did(each, scope.subjects.topic_of(each)) for each in shown]
+    return (scope.joined(clauses), clauses) if clauses else None
+
+
+def _is_under_way(scope: Scope, record: TraceRecord, stamp: int) -> bool:
+    """Return whether a step, an action or an utterance that began had not ended at ``stamp``."""
+    ends = [each for each in scope.history.effects(record) if each.kind in ("step_end", "action_end", "speech")]
+    over = [each for each in ends if each.kind != "speech" or each.what not in ("started", "waiting")]
+    return bool(over) and min(each.stamp for each in over) > stamp
+
+
+def _planned(scope: Scope, stamp: int) -> list[Clause]:
+    """Return the next step of each plan in execution."""
+    found = []
+    for mind in scope.run.states.at(stamp).agents:
+        for plan in mind.plans if scope.agent in ("", mind.name) else ():
+            record = scope.history.find(plan.id)
+            if record is not None:
+                found += _step_ahead(scope, record, mind.name, stamp)
+    return found[:MOST_NAMED]
+
+
+def _step_ahead(scope: Scope, plan: TraceRecord, agent: str, stamp: int) -> Iterator[Clause]:
+    """Yield the first step of a plan that had not begun at ``stamp``."""
+    between = scope.history.between(plan.stamp, stamp)
+    begun = Counter(each.what for each in between if each.kind == "step" and plan_of(scope.history, each) is plan)
+    for place, line in enumerate(plan.detail.get("steps", ()), 1):
+        step = step_in(line)
+        if begun[step]:
+            begun[step] -= 1
+            continue
+        action, *arguments = step.strip("()").split()
+        sentence = scope.subjects.wording.call(action, arguments)
+        whose = "my" if scope.speech.is_single else f"{scope.subjects.wording.name(agent)}'s"
+        text = f"step {place} of {whose} plan for {plan.what} was next: {sentence}"
+        claim = Claim("planned", agent, (step, plan.what), scope.history.seconds(stamp), value=float(place))
+        yield Clause(text, (plan.id,), claim)
+        return

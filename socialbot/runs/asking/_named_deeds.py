@@ -1,0 +1,116 @@
+"""Deeds that the words of a question name, and how much of it is explained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+
+from socialbot.runs.asking._references import Reading
+from socialbot.runs.asking._topics import Phrase, Subjects, Topic
+from socialbot.runs.asking._words import ALIKE, likeness, similarity, stem
+
+_UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
+_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
+_PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
+_NEAR = 3
+_SOFT = (
+    "see",
+    "do",
+    "say",
+    "here",
+    "plan",
+    "happen",
+    "next",
+    "time",
+    "filler",
+    "not",
+    "people",
+    "nobody",
+    "what",
+    "at",
+)
+_SAME = 0.06
+"""Difference of fit within which several deeds have the same words."""
+
+
+def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...], float, bool]:
+    """Return the deeds that the words name, how well the first one fits, and whether they name its opposite."""
+    code, words = reading.language.code, reading.words
+    free = set(reading.free())
+    # Verbs of every agent may be parts of a deed: "do nothing", "say hello", "come to base".
+    soft = {place for name in _SOFT for _, places in reading.found.get(name, ()) for place in places}
+    found: list[tuple[float, int, Topic, tuple[int, ...], bool]] = []
+    for topic in subjects.topics:
+        fits = [
+            (alike, len(places), topic, places, opposite)
+            for opposite, table in ((False, topic.words), (True, topic.opposites))
+            for phrase in table.get(code, ())
+            for alike, places in [likeness(phrase, words, 4)]
+            if places and (set(places) & free or len(places) > 1) and _is_whole(phrase, places, words, free, soft)
+        ]
+        for phrase in topic.loose:
+            fit, places = _loosely(phrase, words, free, soft)
+            if places:
+                fits.append((fit, len(places), topic, places, False))
+        if fits:
+            # "Skip greeting" is the opposite, too.
+            best = max(fits, key=lambda each: each[:2])
+            found.append((*best[:4], any(opposite and alike >= ALIKE for alike, _, _, _, opposite in fits)))
+    if not found:
+        return (), 1.0, False
+    # Deeds that were done come first among those of the same fit.
+    found.sort(key=lambda each: (-each[0], -each[1]))
+    near = [each for each in found if each[0] >= found[0][0] - _SAME]
+    near.sort(key=lambda each: (not subjects.done(each[2]), -each[0], -each[1]))
+    fit, _, _, places, opposite = near[0]
+    if fit < ALIKE - 0.04:
+        return (), 1.0, False
+    reading.found["topic"] = [(fit, places)]
+    reading.taken |= set(places)
+    named = {word for phrase in (*near[0][2].words.get(code, ()), *near[0][2].loose) for word in phrase}
+    reading.taken |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in named)}
+    return tuple(each[2] for each in near), min(1.0, fit), opposite
+
+
+def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:
+    """Return whether no word of a phrase has another role; words that only resemble theirs must have none."""
+    return all(
+        place in free or (place in soft and len(phrase) > 1 and similarity(words[place], wanted) > 0.95)
+        for place, wanted in zip(places, phrase, strict=True)
+    )
+
+
+def _loosely(phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int]) -> tuple[float, tuple[int, ...]]:
+    """Return how well words name a deed by its phrase, whose first word counts most, and their places."""
+    found: list[int] = []
+    total = 0.0
+    for n, wanted in enumerate(phrase):
+        share = 1.0 if len(phrase) == 1 else 0.78 if n == 0 else 0.22 / (len(phrase) - 1)
+        places = [at for at in free | soft if similarity(words[at], wanted) >= (ALIKE if at in free else 0.95)]
+        place = max(places, key=lambda at: (similarity(words[at], wanted), -at), default=None)
+        if place is not None:
+            total += share * similarity(words[place], wanted)
+            found.append(place)
+        elif n == 0:
+            return 0.0, ()
+    return (total, tuple(found)) if set(found) & free else (0.0, ())
+
+
+def coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
+    """Return how much of the question is explained.
+
+    An unknown object of the deed counts most; less count words behind a preposition, adverbs, and words far away.
+    """
+    places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
+    aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
+    stems = {stem(word) for word in known}
+    penalty = 0.0
+    for place in reading.free():
+        word = reading.words[place]
+        if stem(word) in stems:
+            continue
+        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
+        is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
+        near = not places or any(abs(place - at) <= _NEAR for at in places)
+        far = word.endswith("ly") or len(word) < 3 or not near
+        penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
+    return 1.0 / (1.0 + penalty)

@@ -1,0 +1,125 @@
+"""Answers about people: who was here, for how long, how many, and what was seen."""
+
+from __future__ import annotations
+
+from socialbot.runs.asking._facts import Presence
+from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
+from socialbot.runs.asking._sentences import Claim, Clause, number
+
+
+def visitors(scope: Scope) -> Told | None:
+    """Return who was here: at the time in question, or else all visits."""
+    if not has_frames(scope):
+        return None
+    is_at_event = scope.event_s is not None and scope.question.kind == "who"
+    if scope.question.at_s is not None or is_at_event:
+        return seen(scope)
+    stays = _visits(scope)
+    clauses = [stay(scope, each) for each in stays]
+    if not clauses:
+        return _nobody(scope)
+    shown = clauses[:MOST_NAMED]
+    if len(clauses) > MOST_NAMED or scope.question.kind == "count":
+        shown.insert(0, _people_counted(scope))
+    return scope.joined(shown), shown
+
+
+def seen(scope: Scope) -> Told | None:
+    _, stamp = moment(scope)
+    frame = scope.facts.frame(stamp)
+    if frame is None or (scope.agent and not _sees(scope, scope.agent)):
+        return _sensed(scope, stamp)
+    if scope.persons and scope.question.at_s is None and scope.event_s is None:
+        return visitors(scope)
+    seconds = scope.history.seconds(frame.stamp)
+    people = [each for each in frame.detail.get("persons", ()) if each.get("track_id") or not scope.subjects.persons]
+    if not people:
+        claim = Claim("saw_nobody", at_s=seconds)
+        clause = scope.speech.at(Clause(scope.speech.say("saw_none"), (frame.id,), claim), seconds)
+        return clause.text, [clause]
+    clauses = []
+    for person in people[:MOST_NAMED]:
+        name = str(person.get("track_id") or "somebody")
+        shown, distance = scope.speech.people([name]), person.get("distance_m")
+        if distance is not None:
+            shown = scope.speech.say("away", person=shown, distance=number(distance))
+        claim = Claim("saw", at_s=seconds, persons=(name,), value=distance)
+        clauses.append(Clause(shown, (frame.id,), claim))
+    told = scope.speech.say("saw_one", people=scope.joined(clauses))
+    return scope.speech.then(seconds, told), clauses
+
+
+def count_people(scope: Scope) -> Told:
+    if not any(each.first.stamp <= scope.now for each in scope.facts.visits):
+        return _nobody(scope)
+    clause = _people_counted(scope)
+    return clause.text, [clause]
+
+
+def _visits(scope: Scope) -> list[Presence]:
+    """Return the visits in question, in order of arrival."""
+    stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
+    if scope.persons:
+        stays = [each for each in stays if each.person in scope.persons]
+    if scope.question.extreme and stays:
+        lengths = [
+            round(scope.history.seconds(each.last.stamp) - scope.history.seconds(each.first.stamp), 1) for each in stays
+        ]
+        wanted = max(lengths) if scope.question.extreme == "longest" else min(lengths)
+        stays = [each for each, length in zip(stays, lengths, strict=True) if length == wanted]
+    return stays
+
+
+def _people_counted(scope: Scope) -> Clause:
+    begin_s, end_s = scope.span() if scope.question.span_s is not None else (0.0, scope.now_s)
+    begin, end = scope.history.stamp(begin_s), scope.history.stamp(end_s)
+    stays = [each for each in scope.facts.visits if each.first.stamp <= end and each.last.stamp >= begin]
+    came = {each.person: each for each in reversed(stays)}
+    text = scope.speech.say("counted_one") if len(came) == 1 else scope.speech.say("counted", count=len(came))
+    claim = Claim("count_people", at_s=begin_s, until_s=end_s, value=float(len(came)))
+    return Clause(text, tuple(each.first.id for each in came.values()), claim)
+
+
+def _nobody(scope: Scope) -> Told:
+    claim = Claim("nobody_here", at_s=0.0, until_s=scope.now_s, persons=tuple(scope.persons))
+    clause = Clause(scope.speech.say("nobody_came"), (), claim)
+    return clause.text, [clause]
+
+
+def stay(scope: Scope, stay: Presence) -> Clause:
+    last = stay.last if stay.last.stamp <= scope.now else (scope.facts.frame(scope.now) or stay.last)
+    at_s, until_s = scope.history.seconds(stay.first.stamp), scope.history.seconds(last.stamp)
+    is_you = stay.person == scope.speech.you
+    text = scope.speech.say(
+        "here_you" if is_you else "here",
+        person=scope.speech.people([stay.person]),
+        at=number(at_s),
+        until=number(until_s),
+    )
+    return Clause(text, (stay.first.id, last.id), Claim("here", at_s=at_s, until_s=until_s, persons=(stay.person,)))
+
+
+def has_frames(scope: Scope) -> bool:
+    return scope.facts.frame(scope.now) is not None
+
+
+def moment(scope: Scope) -> tuple[float, int]:
+    told = scope.question.at_s if scope.question.at_s is not None else scope.event_s
+    seconds = scope.now_s if told is None else told
+    return seconds, scope.history.stamp(seconds)
+
+
+def _sees(scope: Scope, agent: str) -> bool:
+    """Return whether the decisions of an agent come from detections."""
+    return any(each.source == agent and each.cause.startswith("detection") for each in scope.history)
+
+
+def _sensed(scope: Scope, stamp: int) -> Told | None:
+    """Return the newest beliefs from sensors."""
+    held = [
+        each
+        for each in scope.facts.beliefs
+        if each.at(stamp) and each.record.detail.get("source") == "percept" and scope.agent in ("", each.agent)
+    ]
+    clauses = [scope.speech.believed(each, stamp) for each in held[-3:]]
+    return (scope.joined(clauses), clauses) if clauses else None

@@ -1,0 +1,126 @@
+"""Classes of the words of a question, exact or as they were heard."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from difflib import SequenceMatcher
+
+from socialbot.runs.asking._references import Reading
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._words import HEARD, occurrences, sound, stem
+from socialbot.runs.asking.languages import INTERROGATIVES
+
+_ONLY_EXACT = {
+    "unanswerable",
+    "not",
+    "past",
+    "present",
+    "future",
+    "filler",
+    "you",
+    "me",
+    "them",
+    "seconds",
+    "minutes",
+    "at",
+    "time",
+    "last",
+    "first",
+    "all",
+    "where",
+    "how_far",
+    "how_long",
+    "longest",
+    "shortest",
+}
+_MISHEARD = {"past", "present", "future"}
+_STEM = 0.96
+"""Least similarity of two forms of a word."""
+_SOUNDS, _FORM = 0.79, 0.9
+"""Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
+_EXACT = 0.999
+_TAKES_NOTHING = {"past", "present", "future", "auxiliary"}
+_PARTS = ("but", "rather", "event after", "event before", "event when", "comes", "leaves", "waits", "auxiliary")
+"""Classes of words that only divide a question into clauses."""
+_WRITTEN_ALIKE = 0.84
+_SOUNDS_LIKE, _GUESSED = 0.6, 0.8
+
+
+def _is_alike(alike: float) -> bool:
+    """Return whether a word that is no form of a known one is written much like it, or sounds like it."""
+    return alike >= _WRITTEN_ALIKE or alike == HEARD
+
+
+def words_of_deeds(subjects: Subjects, language: str) -> set[str]:
+    """Return the words of the deeds of the agents in a language."""
+    phrases = (one for topic in subjects.topics for one in (*topic.words.get(language, ()), *topic.loose))
+    return {word for phrase in phrases for word in phrase}
+
+
+def classify(reading: Reading, domain: Set[str]) -> None:
+    """Find the classes of the words; longer phrases and better matches first.
+
+    A word that only resembles one of a class is none of it if it is a form of a word of the ``domain``.
+    """
+    stems = {stem(word) for word in domain}
+    deeds = {place for place, word in enumerate(reading.words) if stem(word) in stems}
+    matches: list[tuple[float, int, str, tuple[int, ...]]] = []
+    for name, alternatives in reading.language.phrases.items():
+        for phrase in alternatives if name not in _PARTS else ():
+            between = 1 if len(phrase) > 1 and name in ("why", "how_often", "see", "plan") else 0
+            for alike, places in occurrences(phrase, reading.words, between):
+                if (
+                    alike > _EXACT
+                    or (name in _MISHEARD and _SOUNDS < alike < _FORM)
+                    or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and _is_alike(alike))
+                ):
+                    matches.append((alike, len(phrase), name, places))
+    exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}
+    matches = [each for each in matches if each[0] > _EXACT or not exact.intersection(each[3]) or each[1] > 1]
+    matches.sort(key=lambda each: (each[0] < _EXACT, -each[1], -each[0]))
+    claimed: dict[int, str] = {}
+    for alike, _, name, places in matches:
+        others = {claimed[place] for place in places if place in claimed}
+        if any(claimed.get(place) == "polite" for place in places) or (alike < _STEM and deeds & set(places)):
+            continue
+        soft = name in _TAKES_NOTHING or name in (
+            "filler",
+            "next",
+            "plan",
+            "me",
+            "you",
+            "people",
+            "last",
+            "first",
+            "all",
+        )
+        is_part = len(places) == 1 and places[0] in reading.taken and len(reading.words[places[0]]) == 1  # t, of t2
+        if is_part or (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
+            continue
+        if (
+            others
+            and not soft
+            and any(each in INTERROGATIVES or each == name for each in others)
+            and name in INTERROGATIVES
+        ):
+            continue
+        reading.found.setdefault(name, []).append((alike, places))
+        if name not in _TAKES_NOTHING or name == "filler":
+            claimed.update(dict.fromkeys(places, "polite" if name == "filler" and len(places) > 1 else name))
+    for name, places in ((name, places) for name, found in reading.found.items() for _, places in found):
+        if name != "named" and not name.startswith("person "):
+            reading.taken |= set(places)
+
+
+def guess_interrogative(reading: Reading, has_topic: bool) -> None:
+    """Take an unknown first word for the interrogative that it sounds like, as in ``wide did you ...``."""
+    free = [place for place in reading.free() if place < 2]
+    if reading.has(*INTERROGATIVES) or not free or not reading.has("you"):
+        return
+    heard = sound(reading.words[free[0]])
+    names = ("why", "when", "who") if has_topic else ("what", "who")
+    known = [(one[0], name) for name in names for one in reading.language.phrases[name] if len(one) == 1]
+    alike, name = max((SequenceMatcher(None, heard, sound(word)).ratio(), name) for word, name in known)
+    if alike >= _SOUNDS_LIKE:
+        reading.found[name] = [(_GUESSED, (free[0],))]
+        reading.taken.add(free[0])
