@@ -12,12 +12,17 @@ import numpy as np
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, MessageError
 from socialbot.core.installation import extra_command
+from socialbot.core.limits import DATA_BYTES
 from socialbot.core.messages import AudioData
+from socialbot.core.paths import read_bytes
 
 RATE_HZ = 16000
 """Sample rate of voice activity detection and recognition."""
 
 MIN_RATE_HZ, MAX_RATE_HZ = 8000, 96000
+
+MAX_CHANNELS = 32
+"""Most channels of a file: a header of 44 bytes may claim 65,535."""
 
 _SUBTYPE_OF_FORMAT = 24  # Place of the real format in a WAV header of the extensible kind.
 
@@ -94,6 +99,8 @@ class Converter:
 class WavFile:
     """PCM WAV file with 8, 16, 24 or 32 bits, read piece by piece as 16-bit samples.
 
+    A file that is shorter than its header says is read as far as it goes.
+
     Raises:
         DeviceError: There is no such file, or it has another format.
     """
@@ -109,13 +116,21 @@ class WavFile:
             ) from error
         self.sample_rate = self._file.getframerate()
         self.channels = self._file.getnchannels()
-        self.frames = self._file.getnframes()
         self._width = self._file.getsampwidth()
+        size = self._width * self.channels
+        self.frames = min(self._file.getnframes(), self.path.stat().st_size // size)
         if not MIN_RATE_HZ <= self.sample_rate <= MAX_RATE_HZ or not 1 <= self._width <= 4:
             what = f"{8 * self._width} bits with {self.sample_rate} Hz are not supported"
             self._file.close()
             raise DeviceError(
                 what, where=str(path), remedy=f"convert it to 16 bits with {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz"
+            )
+        if self.channels > MAX_CHANNELS:
+            self._file.close()
+            raise DeviceError(
+                f"{self.channels} channels are not supported",
+                where=str(path),
+                remedy=f"convert it to {MAX_CHANNELS} channels or fewer",
             )
 
     def read(self, frames: int) -> bytes:
@@ -138,7 +153,7 @@ def _open_wav(path: Path) -> wave.Wave_read:
         return wave.open(str(path), "rb")
     except wave.Error:
         # Python before 3.12 refuses the extensible header, which stands for PCM as well.
-        data = bytearray(path.read_bytes())
+        data = bytearray(read_bytes(path))
         at = data.find(b"fmt ") + 8
         if at < 8 or data[at : at + 2] != b"\xfe\xff" or data[at + _SUBTYPE_OF_FORMAT :][:2] != b"\x01\x00":
             raise
@@ -152,6 +167,10 @@ def read_wav(path: str | Path) -> np.ndarray:
     """All samples of a WAV file as mono int16 with `RATE_HZ`. Raises DeviceError."""
     file = WavFile(path)
     try:
+        if file.frames * 2 * file.channels > DATA_BYTES:
+            raise DeviceError(
+                f"more than {DATA_BYTES >> 20} MiB of sound", where=str(path), remedy="cut it into shorter files"
+            )
         converter = Converter(file.sample_rate, file.channels)
         pieces = [converter.push(piece) for piece in _pieces(file)]
         pieces.append(converter.flush())

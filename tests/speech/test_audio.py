@@ -12,6 +12,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, MessageError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData
+from socialbot.speech import audio
 from socialbot.speech.audio import (
     RATE_HZ,
     Converter,
@@ -135,6 +136,53 @@ def test_missing_file_is_refused(tmp_path: Path) -> None:
 def test_file_of_a_rate_out_of_range_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="4000 Hz are not supported"):
         WavFile(write_wav(tmp_path / "sound.wav", silence(0.1), 4000))
+
+
+def header(*, channels: int = 1, rate: int = 16000, bits: int = 16, claimed: int = 0xFFFFFFF0) -> bytes:
+    """Header of a WAV file that claims to hold almost 4 GiB."""
+    size = channels * bits // 8
+    fmt = struct.pack("<HHIIHH", 1, channels, rate, min(rate * size, 0xFFFFFFFF), size & 0xFFFF, bits)
+    return (
+        b"RIFF"
+        + struct.pack("<I", 0xFFFFFFFF)
+        + b"WAVEfmt "
+        + struct.pack("<I", len(fmt))
+        + fmt
+        + b"data"
+        + (struct.pack("<I", claimed))
+    )
+
+
+def test_a_truncated_file_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "sound.wav"
+    path.write_bytes(header(channels=2) + np.arange(6, dtype="<i2").tobytes() + b"half")
+    file = WavFile(path)
+    assert file.frames < 100
+    assert np.frombuffer(file.read(96000), "<i2").tolist()[:6] == [0, 1, 2, 3, 4, 5]
+    assert file.read(96000) == b""
+    path.write_bytes(header() + b"\1")
+    assert read_wav(path).size == 0
+
+
+@pytest.mark.parametrize("channels", [33, 65535])
+def test_a_file_of_many_channels_is_refused(tmp_path: Path, channels: int) -> None:
+    path = tmp_path / "sound.wav"
+    path.write_bytes(header(channels=channels))
+    with pytest.raises(DeviceError, match=f"{channels} channels are not supported"):
+        WavFile(path)
+
+
+def test_a_long_file_is_not_read_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(audio, "DATA_BYTES", 2 << 20)
+    path = tmp_path / "sound.wav"
+    with path.open("wb") as file:
+        file.write(header())
+        file.truncate(2 << 20)
+    assert read_wav(path).size
+    with path.open("ab") as file:
+        file.truncate(3 << 20)
+    with pytest.raises(DeviceError, match="more than 2 MiB of sound"):
+        read_wav(path)
 
 
 def test_chunks_are_stamped_without_gaps() -> None:
