@@ -20,6 +20,7 @@ node from one thread at a time.
 from __future__ import annotations
 
 import logging
+import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -179,6 +180,14 @@ class Node:
         define it again.
         """
         return None
+
+    @classmethod
+    def longest_step_s(cls, parameters: Mapping[str, Any]) -> float:
+        """Longest step of simulated time (s) of a simulator, by default its parameter ``period_s``.
+
+        In a longer step it would publish several messages of a topic at once, or fewer than it should.
+        """
+        return float(parameters.get("period_s", math.inf))
 
     @property
     def clock(self) -> Clock:

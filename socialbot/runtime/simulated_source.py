@@ -17,7 +17,7 @@ from socialbot.core.registry import CompletionCheck, completion_of, recorded_typ
 from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, LifecycleStatus, PlanExecutionInfo
 from socialbot.graph.files import dump_graph
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.node import Graph
+from socialbot.graph.node import Graph, check_parameters
 from socialbot.runs.record import NOTHING_SHOWN, NOTHING_WANTED, RECORDED, STOPPED, TIME_UP
 from socialbot.runtime.bag_source import BAG_GRAPH
 from socialbot.runtime.run import Execution, Runner, RunSource, with_speech_files
@@ -127,7 +127,8 @@ class SimulatedSource(RunSource):
                 from socialbot.bridge.sim_clock import SimClock
 
                 names = [config.name for config in execution.graph.nodes]
-                clock = SimClock(observer.ros, names, subscriptions=observer.subscriptions.values())
+                step_s = clock_step_s(execution.graph)
+                clock = SimClock(observer.ros, names, step_s=step_s, subscriptions=observer.subscriptions.values())
 
                 def advance_clock() -> int:
                     launch.check()
@@ -177,6 +178,16 @@ class SimulatedSource(RunSource):
         except OSError as error:
             where = str(self.bag / BAG_GRAPH)
             raise SocialbotError(f"cannot be written: {error.strerror}", where=where) from error
+
+
+def clock_step_s(graph: Graph) -> float:
+    """Return the step (s) of a simulated clock in which no simulator of ``graph`` acts twice."""
+    simulators = (config for config in graph.nodes if config.type.is_simulator)
+    longest = (
+        config.type.longest_step_s(check_parameters(config.type, config.parameters, where=config.name))
+        for config in simulators
+    )
+    return min((STEP_S, *longest))
 
 
 def simulation_topics(graph: Graph) -> dict[str, type[Message]]:

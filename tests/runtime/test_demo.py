@@ -22,6 +22,7 @@ from socialbot.runtime.simulated_source import (
     DesiresDone,
     SimulatedSource,
     SimulatorsDone,
+    clock_step_s,
     completion_check,
     replay_topics,
     simulation_topics,
@@ -206,3 +207,16 @@ def test_the_time_of_a_run_begins_at_one_second(cleaned):
     # Zero means to ROS that there is no time yet, and bags are replayed over ROS, too.
     _, _, _, seen, _ = cleaned
     assert min(message.stamp for _, message in seen) == SECOND
+
+
+@pytest.mark.parametrize(
+    ("graph", "changes", "step_s"),
+    [
+        ("warehouse", {}, 0.1),
+        ("warehouse", {"world": {"period_s": 0.05}}, 0.05),
+        ("hospital", {"world": {"period_s": 5.0}}, 0.1),
+        ("foyer", {"place": {"rate_hz": 20.0}}, 0.05),
+    ],
+)
+def test_no_simulator_acts_twice_in_a_step_of_the_clock(graph, changes, step_s):
+    assert clock_step_s(load_graph(graph).with_parameters(changes)) == step_s

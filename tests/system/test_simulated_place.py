@@ -19,8 +19,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.ros]
 
 @pytest.fixture(scope="module", params=["processes", "composed"])
 def over_ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Message]]:
-    options = ("--runner", "ros", *(("--composed",) if request.param == "composed" else ()))
-    return recorded(tmp_path_factory.mktemp("ros"), *options)
+    return recorded(tmp_path_factory.mktemp("ros"), *over_dds(request.param))
+
+
+def over_dds(hosting: str) -> tuple[str, ...]:
+    return ("--runner", "ros", *(("--composed",) if hosting == "composed" else ()))
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +32,7 @@ def inline(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Message]]
 
 
 def recorded(folder: Path, *options: str) -> dict[str, list[Message]]:
-    """Record 8 s, and return the messages of the bag by topic."""
+    """Record 8 s at 5 pictures per second, unless the options differ; return the messages of the bag by topic."""
     done = socialbot(
         "sim", "foyer", "--seed", "0", "--visitors", "4", "--duration", "8", "--size", "320x240", "--fps", "5",
         "--record", folder / "bag", "--out", folder / "run", *options,
@@ -75,6 +78,15 @@ def test_the_runners_agree_on_pictures_motions_and_decisions(
     decisions = [record for record in over_ros["/waldo/trace"] if isinstance(record, TraceRecord)]
     assert decisions == inline["/waldo/trace"]
     assert any(record.kind == "belief" for record in decisions)
+
+
+def test_no_picture_is_skipped_at_a_rate_above_the_usual_steps_of_the_clock(tmp_path: Path) -> None:
+    fast = ("--duration", "3", "--fps", "20")
+    here, there = recorded(tmp_path / "inline", *fast), recorded(tmp_path / "ros", *over_dds("composed"), *fast)
+    assert len(pictures(there)) == 61
+    assert pictures(there) == pictures(here)
+    motions = "/head_controller/joint_trajectory"
+    assert there[motions] == here[motions]
 
 
 def pictures(messages: dict[str, list[Message]]) -> list[tuple[int, bytes]]:

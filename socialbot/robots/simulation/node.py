@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -95,6 +96,10 @@ class SimulatedPlace(Node):
         self._duration = self.duration_s or self.crowd.duration
         self._types = RosbagsTypes()
         self._begin_at(self.clock.now())
+
+    @classmethod
+    def longest_step_s(cls, parameters: Mapping[str, Any]) -> float:
+        return 1 / parameters["rate_hz"]
 
     def _begin_at(self, time: int) -> None:
         self._begin = self._next_image = self._next_joints = self._next_info = time
