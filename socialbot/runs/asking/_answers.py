@@ -127,6 +127,8 @@ class _Answering(Scope):
     def _unknown(self, text: str, why: str, *, understood: bool = True) -> Answer:
         language = LANGUAGES[self.language]
         told = f"{self.speech.say('unknown')}. {why[:1].upper()}{why[1:]}."
+        if not understood and not self.spoken:
+            told += f" {self.speech.say('able')}."
         intent = self.question.kind or "" if understood else ""
         asked = examples(self.subjects, language, self.history.duration_s / 2)
         return Answer(text, self.language, intent, False, told, (), self.question.confidence, "", asked)

@@ -315,6 +315,16 @@ def test_what_no_record_tells_is_not_known(waldo, question):
     assert found.examples
 
 
+def test_an_unclear_question_is_told_what_can_be_asked(waldo):
+    found = answer(waldo, "bla bla bla")
+    assert found.text == (
+        "I don't know. I am not sure what you ask. I can tell why I did something or left it undone, what I saw, "
+        "said, did and intended, and who was here when."
+    )
+    assert answer(waldo, "bla bla bla", spoken=True).text == "I don't know. I am not sure what you ask."
+    assert answer(waldo, "What did you see at 5000 seconds?").text == "I don't know. The record does not say so."
+
+
 def test_suggested_questions_are_understood(waldo):
     for code in ("en", "de", "fr", "es"):
         for one in answer(waldo, "xyzzy", language=code).examples:

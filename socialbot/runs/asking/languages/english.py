@@ -133,6 +133,10 @@ ENGLISH = Language(
         "no": "No",
         "unknown": "I don't know",
         "unclear": "I am not sure what you ask",
+        "able": (
+            "I can tell why I did something or left it undone, what I saw, said, did and intended, and "
+            "who was here when"
+        ),
         "not_recorded": "the record does not say so",
         "belief": "I believed {what}",
         "no_belief": "I did not believe {what}",

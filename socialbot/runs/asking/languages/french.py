@@ -92,6 +92,10 @@ FRENCH = Language(
         "no": "Non",
         "unknown": "Je ne sais pas",
         "unclear": "Je ne suis pas sûr de comprendre la question",
+        "able": (
+            "Je peux dire pourquoi j'ai fait quelque chose ou non, ce que j'ai vu, dit, fait et prévu, "
+            "et qui était là et quand"
+        ),
         "not_recorded": "l'enregistrement ne le dit pas",
         "belief": "je croyais {what}",
         "no_belief": "je ne croyais pas {what}",

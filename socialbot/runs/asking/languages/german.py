@@ -101,6 +101,9 @@ GERMAN = Language(
         "no": "Nein",
         "unknown": "Das weiß ich nicht",
         "unclear": "Ich verstehe die Frage nicht sicher",
+        "able": (
+            "Ich kann sagen, warum ich etwas tat oder ließ, was ich sah, sagte, tat und vorhatte, und wer wann hier war"
+        ),
         "not_recorded": "die Aufzeichnung sagt es nicht",
         "belief": "ich glaubte {what}",
         "no_belief": "ich glaubte nicht {what}",

@@ -87,6 +87,9 @@ SPANISH = Language(
         "no": "No",
         "unknown": "No lo sé",
         "unclear": "No estoy seguro de entender la pregunta",
+        "able": (
+            "Puedo decir por qué hice o no hice algo, qué vi, dije, hice y pensaba hacer, y quién estuvo aquí y cuándo"
+        ),
         "not_recorded": "el registro no lo dice",
         "belief": "yo creía {what}",
         "no_belief": "yo no creía {what}",
