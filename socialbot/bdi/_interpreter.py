@@ -308,7 +308,7 @@ class Interpreter:
                         if kind & EVENT:
                             served = None
                         special = special or (
-                            kind & OPEN and (not mode or trigger.failure is None or trigger.failure.plans)
+                            kind & OPEN and (not mode or (trigger.failure or intentions.failure_plans(result)).plans)
                         )
                         if kind & TAIL:
                             frames.pop()

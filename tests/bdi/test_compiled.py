@@ -304,6 +304,16 @@ def test_a_goal_that_has_to_be_returned_to_may_go_as_deep_as_memory_allows(depth
     assert descend(depth, go(X) >> [go(X - 1), note(X)]) == ["bottom", *range(1, depth + 1)]
 
 
+def test_plans_of_goals_with_variables_are_compiled_for_these_variables():
+    """The general form of a plan, which any arguments fit, is several times slower."""
+    lab = Lab(go(X) >> [sub(X, Y), do(Y)], sub(X, Y) / q(X, Y) >> [do("found"), do(X)])
+    lab.engine.trace.sink = None
+    lab.tell(+q(1, 2), +q(2, 3), go(1), go(2))
+    assert lab.done.count("found") == 2
+    (compiled,) = lab.engine.library.triggers["+!sub/2"].plans
+    assert list(compiled.modes) == [0b10]
+
+
 def test_failure_propagates_through_many_levels():
     assert descend(50_000, -go(50_000) >> [note("caught")], go(1) >> [crash()], go(X) >> [go(X - 1), note(X)]) == [
         "caught"
