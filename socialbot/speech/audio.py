@@ -22,7 +22,7 @@ RATE_HZ = 16000
 MIN_RATE_HZ, MAX_RATE_HZ = 8000, 96000
 
 MAX_CHANNELS = 32
-"""Most channels of a file: a header of 44 bytes may claim 65,535."""
+"""Most channels of sound: the header of a file may claim 65,535, and a message any number."""
 
 _SUBTYPE_OF_FORMAT = 24  # Place of the real format in a WAV header of the extensible kind.
 
@@ -31,12 +31,16 @@ def samples_of(sound: AudioData) -> np.ndarray:
     """Samples of a message: int16 of shape (frames, channels).
 
     Raises:
-        MessageError: The sample rate is not supported, or the bytes are no whole frames.
+        MessageError: The sample rate or number of channels is not supported, or the bytes are no whole frames.
     """
     if not MIN_RATE_HZ <= sound.sample_rate <= MAX_RATE_HZ:
         raise MessageError(
             f"sound of {sound.sample_rate} Hz is not supported",
             remedy=f"set the microphone to {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz",
+        )
+    if sound.channels > MAX_CHANNELS:
+        raise MessageError(
+            f"sound of {sound.channels} channels is not supported", remedy=f"send {MAX_CHANNELS} channels or fewer"
         )
     if len(sound.samples) % (2 * sound.channels):
         what = f"{len(sound.samples)} bytes are no whole samples of {sound.channels} channels of 16 bits"

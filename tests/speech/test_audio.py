@@ -58,6 +58,12 @@ def test_message_with_an_unusable_rate_is_refused(rate: int) -> None:
         samples_of(AudioData(stamp=0, samples=b"\0\0", sample_rate=rate))
 
 
+@pytest.mark.parametrize("channels", [33, 2**62])
+def test_message_of_many_channels_is_refused(channels: int) -> None:
+    with pytest.raises(MessageError, match="channels is not supported"):
+        samples_of(AudioData(stamp=1, samples=b"", sample_rate=16000, channels=channels))
+
+
 def test_message_with_half_a_sample_is_refused() -> None:
     with pytest.raises(MessageError, match="3 bytes are no whole samples of 1 channels"):
         samples_of(AudioData(stamp=0, samples=b"\0\0\0", sample_rate=16000))
