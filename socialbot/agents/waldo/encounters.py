@@ -60,6 +60,16 @@ class Path(NamedTuple):
     approach_mps: float
     passes_m: float
 
+    @property
+    def is_walk(self) -> bool:
+        """Whether the person walks rather than stands."""
+        return self.speed_mps >= _WALKS_MPS
+
+    @property
+    def is_towards_robot(self) -> bool:
+        """Whether the path comes nearer, and passes the robot closely."""
+        return self.approach_mps > 0 and self.passes_m <= _REACH_M
+
 
 def path_of(frames: Sequence[Frame], person: str) -> Path | None:
     """Return the path of ``person`` in ``frames``; None if they show too little of it."""
@@ -87,28 +97,33 @@ def is_attentive(person: PersonDetection, path: Path | None, within_m: float, *,
     if person.distance_m is not None and person.distance_m > within_m:
         return False
     if path is not None and path.speed_mps >= _STRIDES_MPS:
-        return path.approach_mps > 0 and path.passes_m <= _REACH_M
+        return path.is_towards_robot and not _is_turned_away(person)
     if _is_facing_known(person):
         return (person.facing_rad or 0.0) <= _FACES_RAD
     if path is None:
         return person.approach_mps is None or person.approach_mps > -_WALKS_MPS
     if path.speed_mps < _WALKS_MPS:
         return _stands_near(person, faces)
-    return path.approach_mps > 0 and path.passes_m <= _REACH_M
+    return path.is_towards_robot
 
 
 def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:
     """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
-    if person.facing_rad is not None or person.distance_m is None or person.bearing_rad is None:
+    if person.facing_rad is not None or not is_placed(person):
         return False
     return path is None or (faces and path.speed_mps < _WALKS_MPS)
+
+
+def is_placed(person: PersonDetection) -> bool:
+    """Whether it is known where a person is."""
+    return person.distance_m is not None and person.bearing_rad is not None
 
 
 def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> str:
     """Describe what `is_attentive` judges by."""
     if person.distance_m is not None and person.distance_m > within_m:
         return f"is {person.distance_m:.1f} m away"
-    strides = path is not None and path.speed_mps >= _STRIDES_MPS
+    strides = path is not None and path.speed_mps >= _STRIDES_MPS and not _is_turned_away(person)
     if _is_facing_known(person) and not strides:
         return "faces the robot" if (person.facing_rad or 0.0) <= _FACES_RAD else "faces away from the robot"
     if path is None:
@@ -118,11 +133,15 @@ def attention(person: PersonDetection, path: Path | None, within_m: float, *, fa
         near = _stands_near(person, faces)
         return "stands before the robot" if near else f"stands {person.distance_m:.1f} m away"
     walks = f"walks past the robot at {path.passes_m:.1f} m" if path.approach_mps > 0 else "walks away from the robot"
-    return "walks up to the robot" if path.approach_mps > 0 and path.passes_m <= _REACH_M else walks
+    return "walks up to the robot" if path.is_towards_robot else walks
 
 
 def _stands_near(person: PersonDetection, faces: bool) -> bool:
     return not faces or person.distance_m is None or person.distance_m <= _STANDS_M
+
+
+def _is_turned_away(person: PersonDetection) -> bool:
+    return person.facing_rad is not None and person.facing_rad >= _AWAY_RAD
 
 
 def _is_facing_known(person: PersonDetection) -> bool:

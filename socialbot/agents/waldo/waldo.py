@@ -19,6 +19,7 @@ from socialbot.agents.waldo.encounters import (
     attention,
     in_base,
     is_attentive,
+    is_placed,
     is_undecided,
     path_of,
 )
@@ -58,6 +59,10 @@ class stays(Belief):
 
 class engages(Belief):
     """This person is present and faces the robot, walks up to it, or stands before it; who only passes does not."""
+
+
+class comes(Belief):
+    """This person engages by walking up to the robot, and has not arrived yet."""
 
 
 class converses(Belief):
@@ -164,7 +169,7 @@ SOMEBODY = "somebody"  # track id of all people without one
 
 _RENAMED_S, _RENAMED_M = 4.0, 0.9  # a track that begins so soon and so near where another one ended goes on with it
 _UNSEEN_S = 8.0  # a person outside of the view of a camera that turns counts as present for this long
-_DECIDE_S = 1.0  # a person who has been present for this long engages even if no path was measured
+_DECIDE_S = 1.0  # a person who has been in view for this long engages even if no path was measured
 
 
 class PersonSensor(Sensor):
@@ -182,6 +187,8 @@ class PersonSensor(Sensor):
         self._there: dict[str, int | None] = {}  # time (ns) from which a person counts as staying; None if they stay
         self._changed: dict[str, int] = {}  # time (ns) of the last arrival or departure
         self._engaged: set[str] = set()
+        self._coming: set[str] = set()
+        self._in_view: dict[str, int] = {}  # time (ns) from which each of them has been in view without a gap
         self._sees_faces = False  # whether any face has been seen, so that a face may be waited for
         self._conversations = Conversations()
         self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
@@ -220,6 +227,7 @@ class PersonSensor(Sensor):
         self._lost_at = engine.clock.now()
         staying = {one.belief.args[0] for one in engine.beliefs if isinstance(one.belief, stays)}
         self._engaged = {str(one.belief.args[0]) for one in engine.beliefs if isinstance(one.belief, engages)}
+        self._coming = {str(one.belief.args[0]) for one in engine.beliefs if isinstance(one.belief, comes)}
         for one in engine.beliefs:
             if isinstance(one.belief, present):
                 person = str(one.belief.args[0])
@@ -248,6 +256,8 @@ class PersonSensor(Sensor):
             self._there,
             self._changed,
             self._engaged,
+            self._coming,
+            self._in_view,
             self._conversations,
             self._bearings,
             self._places,
@@ -264,6 +274,9 @@ class PersonSensor(Sensor):
             if person in self._engaged:
                 self._engaged.remove(person)
                 yield (-engages(person)).because(why)
+            if person in self._coming:
+                self._coming.remove(person)
+                yield (-comes(person)).because(why)
             if self._conversations.forget(person):
                 yield (-converses(person)).because(why)
             self._changed[person] = self._gone[person] = now
@@ -321,21 +334,36 @@ class PersonSensor(Sensor):
 
     def _attend(self) -> Iterator[Event]:
         frames, faces = self._recent(max(self._config.appear_s, PATH_S)), self._sees_faces
+        now = self._frames[-1].stamp
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
-            engaged, path = person in self._engaged, path_of(frames, person)
-            since = self._frames[-1].stamp - self._changed.get(person, 0)
-            if not looks or (since < nanoseconds(_DECIDE_S) and is_undecided(looks[-1], path, faces=faces)):
+            engaged = person in self._engaged
+            path = path_of(frames, person) or path_of(self._recent(_DECIDE_S), person)
+            since = now - max(self._changed.get(person, 0), self._in_view.get(person, 0))
+            is_new = since < nanoseconds(_DECIDE_S) or person not in frames[-1].near
+            if not looks or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
             share = fmean(is_attentive(look, path, self._config.engage_m, faces=faces) for look in looks)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
             why = f"{person} {attention(looks[-1], path, self._config.engage_m, faces=faces)} ({shown})"
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
+                if path.is_walk if path is not None else is_new and is_placed(looks[-1]):
+                    self._coming.add(person)
+                    yield (+comes(person)).because(why)
                 yield (+engages(person)).because(why)
             elif engaged and share < 0.25:
                 self._engaged.remove(person)
                 yield (-engages(person)).because(why)
+                yield from self._arrive(person, why)
+            elif not path.is_walk if path is not None else not is_new:
+                yield from self._arrive(person, why)
+
+    def _arrive(self, person: str, why: str) -> Iterator[Event]:
+        """Believe that a person has stopped walking up, or was not coming."""
+        if person in self._coming:
+            self._coming.remove(person)
+            yield (-comes(person)).because(why)
 
     def _look(self, percept: PersonDetections) -> None:
         if self._frames and percept.stamp < self._frames[-1].stamp:
@@ -357,6 +385,10 @@ class PersonSensor(Sensor):
             for p in near
             if p.track_id and p.distance_m is not None and p.bearing_rad is not None
         }
+        before = self._frames[-2].near if len(self._frames) > 1 else {}
+        for person in self._frames[-1].near:
+            if person not in before and percept.stamp - self._seen_at.get(person, 0) > nanoseconds(_DECIDE_S):
+                self._in_view[person] = percept.stamp
         self._seen_at |= dict.fromkeys(self._frames[-1].near, percept.stamp)
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
         while len(self._frames) > 1 and self._frames[1].stamp <= oldest:
@@ -364,7 +396,7 @@ class PersonSensor(Sensor):
         self._changed = {person: at for person, at in self._changed.items() if person in self._there or at >= oldest}
         unseen = percept.stamp - nanoseconds(_UNSEEN_S)
         for person in [person for person, at in self._seen_at.items() if at < unseen and person not in self._there]:
-            del self._seen_at[person], self._bearings[person]
+            del self._seen_at[person], self._bearings[person], self._in_view[person]
             self._places.pop(person, None)
 
     def _recent(self, seconds: float) -> list[Frame]:
@@ -415,8 +447,11 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         +personDetected("No") >> [DoNothing()],
         atomic(
             +engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)],
+            # While Waldo attends to somebody, those who walk up are greeted when they arrive: they may only pass.
+            +engages(Who) / (comes(Who) & engages(Other) & greeted(Other)) >> [],
             +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +engages(Who) / unoffered(Who) >> [OfferHelp()],
+            -comes(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +stays(Who) / (personDetected("Next") & unoffered(Who)) >> [OfferHelp()],
             +stays(Who) / personDetected("Yes") >> [+personDetected("Next")],
             +personDetected("Next") / unoffered(_) >> [OfferHelp()],
@@ -441,7 +476,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         # People who return after a while are greeted again.
         atomic(+forgotten(Who) >> [-greeted(Who), -offered(Who)]),
         # After a loss of detections Waldo waits. People present afterwards count as those present before.
-        +personDetected("Unknown") >> [-stays(_), -engages(_), -converses(_), -present(_), -people(_), DoNothing()],
+        +personDetected("Unknown") >> [-stays(_), -engages(_), -comes(_), -converses(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
         personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
         +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_), -greeted(_), -offered(_)],
