@@ -1,8 +1,9 @@
 """Social competence: Waldo and three baselines meet people of random schedules in a simulated foyer.
 
 ``python -m evaluation.social`` draws 200 schedules by seed. Each policy meets the same people, with the same detections
-and the same head. `evaluation.social_rules` scores them from the ground truth. The exit code is 1 if Waldo is not best
-overall, or if one of his criteria is worse than the behaviour tree's by more than 5 %.
+and the same head. Policies that leave the head to its node share a run. `evaluation.social_rules` scores them from the
+ground truth. The exit code is 1 if Waldo is not best overall, or if one of his criteria is worse than the behaviour
+tree's by more than 5 %.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import typer
 
 from evaluation.progress import Bar
 from evaluation.report import JsonOption, QuickOption, Report, run
-from evaluation.social_policies import POLICIES
+from evaluation.social_policies import POLICIES, parties
 from evaluation.social_rules import Said, Score, score, totals
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message, RosMessage, Utterance
@@ -48,7 +49,7 @@ PerceptionOption = Annotated[
 
 
 class Outcome(NamedTuple):
-    """Score of one policy in one schedule, and its processor time, s."""
+    """Score of one policy in one schedule, its share of the processor time of the run, s, and failures of nodes."""
 
     policy: str
     seed: int
@@ -57,62 +58,73 @@ class Outcome(NamedTuple):
     failures: int
 
 
-def graph_of(policy: str, seed: int, perception: Perception) -> Graph:
-    """Return the graph of a policy in a schedule."""
+def graph_of(policies: Sequence[str], seed: int, perception: Perception) -> tuple[Graph, dict[str, str]]:
+    """Return the graph of policies that meet the people of one schedule in one run, and the topics of their speech.
+
+    The first policy sends commands to the head. The others only speak.
+    """
     # Drawn pictures are found at 640 x 480; the truth needs only half of the rate.
     rate_hz = 5.0 if perception == "truth" else 10.0
     graph = simulation("foyer", perception=perception, seed=seed, people=PEOPLE, duration_s=DURATION_S, rate_hz=rate_hz)
-    kind = POLICIES[policy]
     nodes = [config for config in graph.nodes if config.name != "speech"]
-    if kind is not None:
+    if WALDO not in policies:
         nodes = [config for config in nodes if config.name not in ("bdi_engine", "listener", "head")]
         head = graph.node("head")
-        nodes += [
-            NodeConfig("policy", kind, {"seed": seed}),
-            replace(head, parameters={**head.parameters, "engine": ""}, remap={}),
-        ]
-    return replace(graph, nodes=tuple(nodes))
+        nodes.append(replace(head, parameters={**head.parameters, "engine": ""}, remap={}))
+    says: dict[str, str] = {}
+    for number, policy in enumerate(policies):
+        kind = POLICIES[policy]
+        topics = {"say": f"/policy_{number}/say", "head": f"/policy_{number}/head"} if number else {}
+        if kind is not None:
+            nodes.append(NodeConfig(f"policy_{number}", kind, {"seed": seed}, remap=topics))
+        says[topics.get("say", "/speech/say")] = policy
+    return replace(graph, nodes=tuple(nodes)), says
 
 
-def play(policy: str, seed: int, perception: Perception = "truth") -> Outcome:
-    """Let a policy meet the people of a schedule, and score it."""
+def play(policies: Sequence[str], seed: int, perception: Perception = "truth") -> list[Outcome]:
+    """Let policies meet the people of a schedule in one run, and score each of them."""
     begun = time.process_time()
-    graph = graph_of(policy, seed, perception)
+    graph, says = graph_of(policies, seed, perception)
     runner = InlineRunner(graph, start=SECOND)
-    said: list[Said] = []
+    said: dict[str, list[Said]] = {policy: [] for policy in policies}
     head: list[tuple[float, float, float]] = []
 
     def hear(topic: str, message: Message) -> None:
         assert isinstance(message, Utterance)
-        said.append(Said(message.stamp / SECOND - 1.0, message.key, head[-1][1] if head else 0.0))
+        said[says[topic]].append(Said(message.stamp / SECOND - 1.0, message.key, head[-1][1] if head else 0.0))
 
     def turn(topic: str, message: Message) -> None:
         assert isinstance(message, RosMessage)
         head.append((message.stamp / SECOND - 1.0, float(message.position[0]), float(message.velocity[0])))
 
-    runner.tap("/speech/say", hear)
+    for topic in says:
+        runner.tap(topic, hear)
     runner.tap("/joint_states", turn)
     runner.start()
     runner.advance(SECOND + round(DURATION_S * SECOND))
     place = runner.nodes[PLACE]
     assert isinstance(place, SimulatedPlace)
-    found = score(place.crowd, said, np.array(head), DURATION_S)
+    found = [score(place.crowd, said[policy], np.array(head), DURATION_S) for policy in policies]
     failures = sum(fault.failures for fault in runner.faults.values())
     runner.close()
-    return Outcome(policy, seed, found, time.process_time() - begun, failures)
+    share_s = (time.process_time() - begun) / len(policies)
+    return [
+        Outcome(policy, seed, one, share_s, 0 if number else failures)
+        for number, (policy, one) in enumerate(zip(policies, found, strict=True))
+    ]
 
 
 def play_all(seeds: Sequence[int], perception: Perception, jobs: int) -> list[Outcome]:
     """Play all policies; outcomes and their order do not depend on ``jobs``."""
-    work = [(policy, seed) for seed in seeds for policy in POLICIES]
+    work = [(party, seed) for seed in seeds for party in parties()]
     with (
         Bar("schedules", len(work)) as bar,
         ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool,
     ):
-        waiting = [pool.submit(play, policy, seed, perception) for policy, seed in work]
+        waiting = [pool.submit(play, party, seed, perception) for party, seed in work]
         for future in waiting:
             future.add_done_callback(lambda future: bar.advance())
-        return [future.result() for future in waiting]
+        return [outcome for future in waiting for outcome in future.result()]
 
 
 def _hush() -> None:

@@ -19,7 +19,13 @@ FACES_RAD, NEAR_M, PRESENT_S = 1.0, 4.5, 0.5
 
 
 class Policy(Node):
-    """Base of the baselines: people by track, and Waldo's actions."""
+    """Base of the baselines: people by track, and Waldo's actions.
+
+    A policy that leaves the direction of the head to the node `head` sees the same as all other such policies, and
+    meets people in the same run as they do. A policy with ``turns_head`` has a run of its own.
+    """
+
+    turns_head = False
 
     detections = Input(PersonDetections, "/humans/bodies/detections")
     say = Output(Utterance, "/speech/say")
@@ -73,6 +79,8 @@ class Policy(Node):
         """Command the head, if that changes anything."""
         if mode == self._mode != "look":
             return
+        if mode == "look" and not self.turns_head:
+            raise ValueError(f"{type(self).__name__} turns the head without 'turns_head'")
         self._mode = mode
         self.head.publish(HeadCommand(stamp=self.clock.now(), mode=mode, pan_rad=pan))  # type: ignore[arg-type]
 
@@ -95,6 +103,8 @@ class GreetOnSight(Policy):
 
 class Random(Policy):
     """Speaks and turns the head at random while people are in view."""
+
+    turns_head = True
 
     def prepare(self) -> None:
         self._rng = random.Random(self.seed)
@@ -183,3 +193,9 @@ POLICIES: dict[str, type[Policy] | None] = {
     "behaviour tree": BehaviourTree,
 }
 """The policies to compare; None stands for Waldo's nodes."""
+
+
+def parties() -> list[tuple[str, ...]]:
+    """Return the policies that meet people in one run, for each run of a schedule."""
+    together = tuple(name for name, kind in POLICIES.items() if kind is None or not kind.turns_head)
+    return [together, *((name,) for name in POLICIES if name not in together)]

@@ -39,7 +39,9 @@ _LEAD_S, _EASE_S = 0.2, 0.4  # The head leads a walker by this time; speeds are 
 _FASTEST_RAD_S = 0.8
 _LOST_S = 2.5  # The head looks where it lost a person for this long,
 _BEYOND_RAD = 0.35  # farther on in the direction in which the person went.
-_REACHED_RAD = 0.1
+_EDGE_RAD = 0.12  # People this near to the edge of the view may be cut off.
+_TURNS_S = 1.5  # An attentive person out of view is looked at after this time.
+_MISSED_S, _UNSEEN_S = 1.0, 6.0  # An attentive person is remembered for this long where nobody is seen; out of view.
 _SEARCH = ((0.0, 3.0), (0.55, 1.6), (0.0, 2.0), (-0.55, 1.6))
 """Directions (rad) in which the head looks around, and how long (s) it stays there."""
 
@@ -52,6 +54,26 @@ class _Walker:
 
 
 @dataclass
+class _Member:
+    """Attentive person: direction and distance, and when they were seen last."""
+
+    pan: float
+    distance_m: float
+    at_s: float
+
+
+class View(NamedTuple):
+    """What a camera on the head sees: the direction of its middle from the robot's base, and half of its width."""
+
+    pan: float
+    half_rad: float
+
+    def shows(self, pan: float) -> bool:
+        """Whether a direction is clearly in the view."""
+        return abs(pan - self.pan) < self.half_rad - _EDGE_RAD
+
+
+@dataclass
 class Gaze:
     """Chooses the direction of an attentive head from the people in view, their interest, and who speaks.
 
@@ -61,6 +83,7 @@ class Gaze:
 
     switch_margin_m: float = 0.5
     target: str = ""
+    _group: dict[str, _Member] = field(default_factory=dict)
     _since_s: float = 0.0
     _rests: dict[str, float] = field(default_factory=dict)
     _walkers: dict[str, _Walker] = field(default_factory=dict)
@@ -73,12 +96,13 @@ class Gaze:
         """Look at a person who speaks."""
         self._speaker = person, now_s + _SPEAKER_S
 
-    def look(self, seen: Sequence[Seen], now_s: float) -> Pose | None:
+    def look(self, seen: Sequence[Seen], now_s: float, view: View | None = None) -> Pose | None:
         """Return where to look; None to keep the direction.
 
         Args:
             seen: People in view, with poses from the robot's base.
             now_s: Time of the image.
+            view: What the camera sees; the head keeps all attentive people in it, if they fit.
         """
         self._measure(seen, now_s)
         chosen = self._choose(seen, now_s)
@@ -86,8 +110,41 @@ class Gaze:
             return self._search(now_s)
         self._search_since_s = None
         speed = self._walkers[chosen.track_id].speed_rad_s
-        self._lost = chosen.pose.pan + math.copysign(_BEYOND_RAD, speed) * (abs(speed) > 0.1), now_s + _LOST_S
-        return Pose(chosen.pose.pan + _LEAD_S * speed, chosen.pose.tilt)
+        if chosen.attentive is not False:
+            self._lost = chosen.pose.pan + math.copysign(_BEYOND_RAD, speed) * (abs(speed) > 0.1), now_s + _LOST_S
+        pan = chosen.pose.pan + _LEAD_S * speed
+        if view is not None:
+            self._remember(seen, now_s, view)
+            if chosen.attentive:
+                pan = self._with_group(pan, now_s, view)
+        return Pose(pan, chosen.pose.tilt)
+
+    def _remember(self, seen: Sequence[Seen], now_s: float, view: View) -> None:
+        """Note who attends to the robot, also while they are out of view."""
+        for person in seen:
+            if person.attentive:
+                self._group[person.track_id] = _Member(person.pose.pan, person.distance_m, now_s)
+            elif person.attentive is False:
+                self._group.pop(person.track_id, None)
+        for name, one in list(self._group.items()):
+            if now_s - one.at_s > (_MISSED_S if view.shows(one.pan) else _UNSEEN_S):
+                del self._group[name]
+
+    def _with_group(self, pan: float, now_s: float, view: View) -> float:
+        """Return the direction nearest to ``pan`` that also shows the attentive people, the nearest of them first.
+
+        If they do not fit into the view, the head turns to those whom it has not seen for a while.
+        """
+        group = sorted(self._group.values(), key=lambda one: one.distance_m)
+        waiting = [one for one in group if now_s - one.at_s > _TURNS_S and not view.shows(one.pan)]
+        if waiting:
+            pan = min(waiting, key=lambda one: one.at_s).pan
+        room = 2 * (view.half_rad - _EDGE_RAD)
+        low = high = pan
+        for one in group:
+            if max(high, one.pan) - min(low, one.pan) <= room:
+                low, high = min(low, one.pan), max(high, one.pan)
+        return min(max(pan, high - room / 2), low + room / 2)
 
     def _measure(self, seen: Sequence[Seen], now_s: float) -> None:
         for person in seen:

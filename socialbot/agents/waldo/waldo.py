@@ -387,7 +387,7 @@ class PersonSensor(Sensor):
         }
         before = self._frames[-2].near if len(self._frames) > 1 else {}
         for person in self._frames[-1].near:
-            if person not in before and percept.stamp - self._seen_at.get(person, 0) > nanoseconds(_DECIDE_S):
+            if person not in before and percept.stamp - self._seen_at.get(person, -math.inf) > nanoseconds(_DECIDE_S):
                 self._in_view[person] = percept.stamp
         self._seen_at |= dict.fromkeys(self._frames[-1].near, percept.stamp)
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
@@ -396,7 +396,8 @@ class PersonSensor(Sensor):
         self._changed = {person: at for person, at in self._changed.items() if person in self._there or at >= oldest}
         unseen = percept.stamp - nanoseconds(_UNSEEN_S)
         for person in [person for person, at in self._seen_at.items() if at < unseen and person not in self._there]:
-            del self._seen_at[person], self._bearings[person], self._in_view[person]
+            del self._seen_at[person], self._bearings[person]
+            self._in_view.pop(person, None)
             self._places.pop(person, None)
 
     def _recent(self, seconds: float) -> list[Frame]:
@@ -476,7 +477,8 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         # People who return after a while are greeted again.
         atomic(+forgotten(Who) >> [-greeted(Who), -offered(Who)]),
         # After a loss of detections Waldo waits. People present afterwards count as those present before.
-        +personDetected("Unknown") >> [-stays(_), -engages(_), -comes(_), -converses(_), -present(_), -people(_), DoNothing()],
+        +personDetected("Unknown")
+        >> [-stays(_), -engages(_), -comes(_), -converses(_), -present(_), -people(_), DoNothing()],
         atomic(+returned(Who, Other) >> [when(greeted(Other), [+greeted(Who)]), when(offered(Other), [+offered(Who)])]),
         personDetected("Yes").changed("Unknown") / greeted(_) >> [attend()],
         +personDetected("Unknown").held_for(lambda: config.forget_after_s) >> [-gone(_), -greeted(_), -offered(_)],

@@ -208,9 +208,13 @@ class SimulatedPlace(Node):
         time_s = (now - self._begin) / SECOND
         stances = self.crowd.at(time_s)
         numbers = {name: number for number, name in enumerate(self.crowd.motions)}
-        frames = {name: pose(self._figures[name], stance, numbers[name]) for name, stance in stances.items()}
         pan, tilt = self.servo.pan_rad, self.servo.tilt_rad
         camera = HeadCamera(self.width, self.height, self.hfov_rad, pan, tilt)
+        frames = {
+            name: pose(self._figures[name], stance, numbers[name])
+            for name, stance in stances.items()
+            if self.pictures or self._watcher.may_show(camera, stance)
+        }
         seen = self._watcher.sights(camera, stances, frames)
         frame = truth_frame(now, self.crowd, time_s, camera, seen, stances, image_topic=IMAGE_TOPIC, frame_id=FRAME_ID)
         self.truth.publish(self._types.make("std_msgs/msg/String", data=json.dumps(frame)))

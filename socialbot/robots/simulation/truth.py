@@ -24,6 +24,8 @@ _AXIS = np.array([0.0, 0.0, CAMERA_HEIGHT_M])
 _MASK = 4  # Pixels of the image in a pixel of the masks for visible shares.
 _LEAST_VISIBLE = 0.05
 
+_PERSON_M, _FURNITURE_M = 1.2, 2.0  # Nothing of a person, or of a piece of furniture, is farther from its middle.
+
 
 @dataclass(frozen=True)
 class HeadCamera:
@@ -50,6 +52,14 @@ class HeadCamera:
         depth = own[:, 0] - LENS_AHEAD_M
         pixels = own[:, 1:] * (-self.focal_px / np.maximum(depth, _NEAR_M))[:, None]
         return np.add(pixels, (self.width / 2, self.height / 2)), depth
+
+    def may_show(self, x: float, y: float, radius_m: float) -> bool:
+        """Whether a thing of this radius, on the floor at x and y, may reach into the image."""
+        away = math.hypot(x, y)
+        if away <= radius_m:
+            return True
+        aside = abs(math.remainder(math.atan2(y, x) - self.pan_rad, math.tau))
+        return aside <= self.hfov_rad / 2 + math.asin(radius_m / away)
 
 
 @dataclass(frozen=True)
@@ -95,7 +105,7 @@ class Watcher:
 
     def __init__(self, place: Place, figures: Mapping[str, Figure]) -> None:
         self._place, self._figures = place, figures
-        self._furniture = [(math.hypot(*piece.at), *_corners(piece)) for piece in place.furniture]
+        self._furniture = [(piece.at, math.hypot(*piece.at), *_corners(piece)) for piece in place.furniture]
 
     def sights(
         self, camera: HeadCamera, stances: Mapping[str, Stance], frames: Mapping[str, Mapping[str, Frame]]
@@ -103,7 +113,7 @@ class Watcher:
         """Return what ``camera`` sees of all people who are visible, the nearest first."""
         covers = list(self._of_furniture(camera))
         for name, stance in stances.items():
-            if self._is_inside(stance.x, stance.y, 0.3):
+            if self.may_show(camera, stance):
                 covers += self._of_person(camera, name, stance, frames[name])
         covers.sort(key=lambda cover: cover.distance_m)
         covered = np.zeros((-(-camera.height // _MASK), -(-camera.width // _MASK)), np.uint8)
@@ -121,12 +131,18 @@ class Watcher:
             covered |= mask
         return found
 
+    def may_show(self, camera: HeadCamera, stance: Stance) -> bool:
+        """Whether a person may be in the image: in the room, and not far beside the view."""
+        return self._is_inside(stance.x, stance.y, 0.3) and camera.may_show(stance.x, stance.y, _PERSON_M)
+
     def _is_inside(self, x: float, y: float, margin: float) -> bool:
         x0, x1, y0, y1 = self._place.size
         return x0 - margin <= x <= x1 + margin and y0 - margin <= y <= y1 + margin
 
     def _of_furniture(self, camera: HeadCamera) -> Iterator[_Cover]:
-        for distance, corners, counts in self._furniture:
+        for (x, y), distance, corners, counts in self._furniture:
+            if not camera.may_show(x, y, _FURNITURE_M):
+                continue
             pixels, depths = camera.seen(corners)
             begins = range(0, len(corners), counts)
             polygons = [
