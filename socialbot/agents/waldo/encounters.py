@@ -16,7 +16,7 @@ _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
 _STANDS_M = 3.2  # who stands farther away engages only by facing the robot, where faces are detected
 _REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
-PATH_S = 0.3  # least time to measure a path
+PATH_S, _SURE_S = 0.3, 0.55  # least time to measure a path, and to be sure of it where a face may tell more
 _VIEW_EDGE_RAD = 0.12  # people this near to the edge of the view may be cut off
 _TOGETHER_M = 1.9  # people who talk to each other stand at most this far apart,
 _STILL_M, _STILL = 0.35, 0.07  # move less than this and this share of their distance in the time that is looked at,
@@ -54,8 +54,11 @@ def in_base(person: PersonDetection, camera_yaw_rad: float | None) -> PersonDete
 
 
 class Path(NamedTuple):
-    """How a person walks: speed, its part towards the robot, and the distance at which the path passes the robot."""
+    """How a person walks: for how long this was seen, speed, its part towards the robot, and the distance at which the
+    path passes the robot.
+    """
 
+    seconds: float
     speed_mps: float
     approach_mps: float
     passes_m: float
@@ -86,7 +89,14 @@ def path_of(frames: Sequence[Frame], person: str) -> Path | None:
     # In the frame of the last position: ahead towards the robot, and sideways.
     ahead, sideways = (first_m * math.cos(turn) - last_m) / seconds, first_m * math.sin(turn) / seconds
     speed = math.hypot(ahead, sideways)
-    return Path(speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
+    return Path(seconds, speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
+
+
+def slower(path: Path | None, longer: Path | None) -> Path | None:
+    """Return the slower one of two paths: errors of distances make people who stand seem to walk for a moment."""
+    if path is None or longer is None:
+        return path or longer
+    return min(path, longer, key=lambda one: one.speed_mps)
 
 
 def is_attentive(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> bool:
@@ -111,7 +121,7 @@ def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> 
     """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
     if person.facing_rad is not None or not is_placed(person):
         return False
-    return path is None or (faces and path.speed_mps < _WALKS_MPS)
+    return path is None or (faces and (path.speed_mps < _WALKS_MPS or path.seconds < _SURE_S))
 
 
 def is_placed(person: PersonDetection) -> bool:

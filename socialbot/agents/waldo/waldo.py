@@ -22,6 +22,7 @@ from socialbot.agents.waldo.encounters import (
     is_placed,
     is_undecided,
     path_of,
+    slower,
 )
 
 # 1. Import the parts of an agent
@@ -169,6 +170,7 @@ SOMEBODY = "somebody"  # track id of all people without one
 
 _RENAMED_S, _RENAMED_M = 4.0, 0.9  # a track that begins so soon and so near where another one ended goes on with it
 _UNSEEN_S = 8.0  # a person outside of the view of a camera that turns counts as present for this long
+_GAP_S = 0.7  # a person who was out of view for this long is new to the view, and judged by what is seen from then on
 _DECIDE_S = 1.0  # a person who has been in view for this long engages even if no path was measured
 
 
@@ -337,11 +339,11 @@ class PersonSensor(Sensor):
         now = self._frames[-1].stamp
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
-            engaged = person in self._engaged
-            path = path_of(frames, person) or path_of(self._recent(_DECIDE_S), person)
+            engaged, seen = person in self._engaged, person in frames[-1].near
+            path = slower(path_of(frames, person), path_of(self._recent(_DECIDE_S), person))
             since = now - max(self._changed.get(person, 0), self._in_view.get(person, 0))
-            is_new = since < nanoseconds(_DECIDE_S) or person not in frames[-1].near
-            if not looks or (is_new and is_undecided(looks[-1], path, faces=faces)):
+            is_new = since < nanoseconds(_DECIDE_S)
+            if not looks or not (engaged or seen) or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
             share = fmean(is_attentive(look, path, self._config.engage_m, faces=faces) for look in looks)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
@@ -387,7 +389,7 @@ class PersonSensor(Sensor):
         }
         before = self._frames[-2].near if len(self._frames) > 1 else {}
         for person in self._frames[-1].near:
-            if person not in before and percept.stamp - self._seen_at.get(person, -math.inf) > nanoseconds(_DECIDE_S):
+            if person not in before and percept.stamp - self._seen_at.get(person, -math.inf) > nanoseconds(_GAP_S):
                 self._in_view[person] = percept.stamp
         self._seen_at |= dict.fromkeys(self._frames[-1].near, percept.stamp)
         oldest = percept.stamp - nanoseconds(max(self._config.vanish_s, self._config.appear_s))
@@ -448,8 +450,10 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         +personDetected("No") >> [DoNothing()],
         atomic(
             +engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)],
-            # While Waldo attends to somebody, those who walk up are greeted when they arrive: they may only pass.
+            # While Waldo attends to somebody, or people talk to each other, those who walk up are greeted when they
+            # arrive: they may only pass.
             +engages(Who) / (comes(Who) & engages(Other) & greeted(Other)) >> [],
+            +engages(Who) / (comes(Who) & converses(_)) >> [],
             +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +engages(Who) / unoffered(Who) >> [OfferHelp()],
             -comes(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
