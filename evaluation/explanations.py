@@ -167,6 +167,7 @@ class Check:
         known: dict[str, Callable[[str], Iterable[str]]] = {
             "ungreeted": lambda _: self.people("engages") - self.people("greeted"),
             "unoffered": lambda _: (self.people("engages") & self.people("stays")) - self.people("offered"),
+            "delayed": lambda _: self.people("comes") if self.attends_to_others() else (),
         }
         if name == "several":
             ungreeted = self.people("engages") - self.people("greeted")
@@ -180,6 +181,10 @@ class Check:
             return some is not negated
         held = args in found_args if found_args is not None else f"{name}({args})" in self.facts
         return held is not negated
+
+    def attends_to_others(self) -> bool:
+        """Whether somebody greeted engages, or people talk to each other."""
+        return bool((self.people("engages") & self.people("greeted")) or self.people("converses"))
 
     def people(self, name: str) -> set[str]:
         """The persons of a belief."""

@@ -1,7 +1,7 @@
 """Expectations on the receptionist in any run: ``socialbot test reception BAG --graph reception``."""
 
 from socialbot.agents.dialogue import heard
-from socialbot.agents.waldo.waldo import engages
+from socialbot.agents.waldo.waldo import comes, engages
 from socialbot.bdi import variables
 from socialbot.runs.expectations import believed, did, expect, failed, never, once, recorded, said
 
@@ -11,7 +11,9 @@ Who, Room, _ = variables("Who Room _")
 SOON_S = 3.0
 
 greets_people_that_engage = (
-    expect(said("greeting*") | once(said("greeting*"))).within(SOON_S).after(believed(engages(Who)))
+    expect(said("greeting*") | once(said("greeting*")))
+    .within(SOON_S)
+    .after(believed(engages(Who)) & ~believed(comes(Who)))
 )
 shows_the_way = expect(said("way_*")).within(SOON_S).after(believed(heard(Who, "directions", _)))
 answers_questions_about_itself = expect(did("explain(*)")).within(SOON_S).after(believed(heard(Who, "ask_why", _)))

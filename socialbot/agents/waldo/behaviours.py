@@ -3,7 +3,7 @@
 The limits are those of his parameters in docs/waldo.md, with half a second for frames to arrive.
 """
 
-from socialbot.agents.waldo.waldo import engages, greeted, offered, personDetected, present, stays
+from socialbot.agents.waldo.waldo import comes, engages, greeted, offered, personDetected, present, stays
 from socialbot.bdi import variables
 from socialbot.runs.expectations import (
     always,
@@ -26,6 +26,7 @@ GREETING = said("greeting*")
 OFFER = said("offer")
 NOBODY = believed(personDetected("No"))
 PRESENT, ENGAGES, STAYS = believed(present(Who)), believed(engages(Who)), believed(stays(Who))
+ARRIVED = ENGAGES & ~believed(comes(Who))
 GREETED_BEFORE = once(believed(greeted(Who)), within=(0.05, 3600))
 OFFERED_BEFORE = once(believed(offered(Who)), within=(0.05, 3600))
 
@@ -38,8 +39,8 @@ notices_departures = never(believed(present(person))).within((3.5, 3.9)).after(e
 notices_that_all_have_left = expect(NOBODY).within(0.2).after(ended(believed("present(_)")))
 
 # Greetings
-greets_people_that_engage = expect(GREETING | GREETED_BEFORE).within(0.2).after(ENGAGES)
-remembers_greetings = expect(believed(greeted(Who))).within(0.2).after(ENGAGES)
+greets_people_that_engage = expect(GREETING | GREETED_BEFORE).within(0.2).after(ARRIVED)
+remembers_greetings = expect(believed(greeted(Who))).within(0.2).after(ARRIVED)
 greets_each_once = once_per(person, said("greeting*", to=person))
 greets_once_at_a_time = expect(GREETING).at_most(1).within(0.5).after(GREETING)
 greets_only_people_that_engage = expect(believed("engages(_)")).within(0).before(GREETING)

@@ -98,6 +98,10 @@ class unoffered(Belief):
     """This person stays, engages, and has not been offered help."""
 
 
+class delayed(Belief):
+    """This person walks up while Waldo attends to others or others talk: the greeting waits for the arrival."""
+
+
 class several(Belief):
     """More than one person waits for a greeting."""
 
@@ -450,10 +454,7 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         +personDetected("No") >> [DoNothing()],
         atomic(
             +engages(Who) / (ungreeted(Who) & hello("said")) >> [+greeted(Who)],
-            # While Waldo attends to somebody, or people talk to each other, those who walk up are greeted when they
-            # arrive: they may only pass.
-            +engages(Who) / (comes(Who) & engages(Other) & greeted(Other)) >> [],
-            +engages(Who) / (comes(Who) & converses(_)) >> [],
+            +engages(Who) / (ungreeted(Who) & delayed(Who)) >> [],
             +engages(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
             +engages(Who) / unoffered(Who) >> [OfferHelp()],
             -comes(Who) / ungreeted(Who) >> [GreetPeople(), when(unoffered(Who), [OfferHelp()])],
@@ -466,6 +467,9 @@ def waldo(name: str, clock: Clock, config: WaldoConfig, **connections: object) -
         # People who talk to each other are not interrupted.
         ungreeted(Who) << (engages(Who) & ~converses(Who) & ~greeted(Who)),
         unoffered(Who) << (engages(Who) & ~converses(Who) & stays(Who) & ~offered(Who)),
+        # While Waldo attends to others, or others talk, those who walk up are greeted when they arrive: they may pass.
+        delayed(Who) << (comes(Who) & engages(Other) & greeted(Other)),
+        delayed(Who) << (comes(Who) & converses(_)),
         several() << (ungreeted(Who) & ungreeted(Other) & (Who != Other)),
         several() << (ungreeted(SOMEBODY) & people(N) & (N > 1)),
         # ... desires cause intentions ...
