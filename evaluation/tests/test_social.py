@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evaluation.social import TREE, WALDO, play
+from evaluation.social_policies import GreetOnSight, parties
 from evaluation.social_rules import IN_TIME_S, Said, Score, score, visits_of
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.people import Crowd, read_script
 from socialbot.robots.simulation.place import load_place
 
@@ -28,6 +32,7 @@ people:
     legs: [{walk: [3.0, -0.2], aim: company}, {talk: 12, to: ben, aim: company}, {walk: corridor}]
 """
 UNTIL_S = 55.0
+DETECTIONS = "/humans/bodies/detections"
 STILL = np.array([(0.05 * step, 0.0, 0.0) for step in range(1100)])
 
 
@@ -90,3 +95,25 @@ def test_a_stare_and_jerks_are_measured(crowd):
     shaking[:, 2] = 0.1 * (-1.0) ** np.arange(len(STILL))
     assert scored(crowd, head=shaking).criteria()["head jerk, rad/s3"] > 50
     assert scored(crowd).criteria()["head jerk, rad/s3"] == 0
+
+
+@pytest.mark.slow
+def test_policies_that_share_a_run_score_as_alone():
+    pytest.importorskip("mujoco")
+    pytest.importorskip("py_trees")
+    together, *_ = parties()
+    assert WALDO in together
+    assert TREE in together
+    shared = play(together, 1003)
+    assert [one.policy for one in shared] == list(together)
+    assert [one.failures for one in shared] == [0] * len(together)
+    for one in shared:
+        (alone,) = play((one.policy,), 1003)
+        assert alone.score == one.score
+
+
+def test_a_policy_that_turns_the_head_says_so():
+    assert ("random",) in parties()
+    node = InlineRunner(Graph("policy", (NodeConfig("policy", GreetOnSight, {}),), inputs=frozenset({DETECTIONS})))
+    with pytest.raises(ValueError, match="turns_head"):
+        node.nodes["policy"].look("look", 0.5)  # type: ignore[attr-defined]

@@ -40,6 +40,7 @@ _FASTEST_RAD_S = 0.8
 _LOST_S = 2.5  # The head looks where it lost a person for this long,
 _BEYOND_RAD = 0.35  # farther on in the direction in which the person went.
 _EDGE_RAD = 0.12  # People this near to the edge of the view may be cut off.
+_COAST_S = 1.2  # Somebody who walks out of view is expected to walk on for this long.
 _TURNS_S = 1.5  # An attentive person out of view is looked at after this time.
 _MISSED_S, _UNSEEN_S = 1.0, 6.0  # An attentive person is remembered for this long where nobody is seen; out of view.
 _SEARCH = ((0.0, 3.0), (0.55, 1.6), (0.0, 2.0), (-0.55, 1.6))
@@ -55,11 +56,17 @@ class _Walker:
 
 @dataclass
 class _Member:
-    """Attentive person: direction and distance, and when they were seen last."""
+    """Attentive person: direction, distance, and speed of the direction, when they were seen last."""
 
-    pan: float
+    last_pan: float
     distance_m: float
     at_s: float
+    speed_rad_s: float
+    pan: float = 0.0
+
+    def expect(self, now_s: float) -> None:
+        """Set the direction that is expected now."""
+        self.pan = self.last_pan + self.speed_rad_s * min(now_s - self.at_s + _LEAD_S, _COAST_S)
 
 
 class View(NamedTuple):
@@ -105,43 +112,52 @@ class Gaze:
             view: What the camera sees; the head keeps all attentive people in it, if they fit.
         """
         self._measure(seen, now_s)
+        if view is not None:
+            self._remember(seen, now_s, view)
         chosen = self._choose(seen, now_s)
         if chosen is None:
-            return self._search(now_s)
+            waiting = self._waiting(now_s, view)
+            return self._search(now_s) if waiting is None else Pose(waiting, 0.0)
         self._search_since_s = None
         speed = self._walkers[chosen.track_id].speed_rad_s
         if chosen.attentive is not False:
             self._lost = chosen.pose.pan + math.copysign(_BEYOND_RAD, speed) * (abs(speed) > 0.1), now_s + _LOST_S
         pan = chosen.pose.pan + _LEAD_S * speed
-        if view is not None:
-            self._remember(seen, now_s, view)
-            if chosen.attentive:
-                pan = self._with_group(pan, now_s, view)
+        if view is not None and chosen.attentive:
+            pan = self._with_group(pan, now_s, view)
         return Pose(pan, chosen.pose.tilt)
 
     def _remember(self, seen: Sequence[Seen], now_s: float, view: View) -> None:
         """Note who attends to the robot, also while they are out of view."""
         for person in seen:
             if person.attentive:
-                self._group[person.track_id] = _Member(person.pose.pan, person.distance_m, now_s)
+                speed = self._walkers[person.track_id].speed_rad_s
+                self._group[person.track_id] = _Member(person.pose.pan, person.distance_m, now_s, speed)
             elif person.attentive is False:
                 self._group.pop(person.track_id, None)
         for name, one in list(self._group.items()):
+            one.expect(now_s)
             if now_s - one.at_s > (_MISSED_S if view.shows(one.pan) else _UNSEEN_S):
                 del self._group[name]
+
+    def _waiting(self, now_s: float, view: View | None) -> float | None:
+        """Return the direction of the attentive person out of view who has not been seen for longest."""
+        if view is None:
+            return None
+        unseen = [one for one in self._group.values() if now_s - one.at_s > _TURNS_S and not view.shows(one.pan)]
+        return min(unseen, key=lambda one: one.at_s).pan if unseen else None
 
     def _with_group(self, pan: float, now_s: float, view: View) -> float:
         """Return the direction nearest to ``pan`` that also shows the attentive people, the nearest of them first.
 
         If they do not fit into the view, the head turns to those whom it has not seen for a while.
         """
-        group = sorted(self._group.values(), key=lambda one: one.distance_m)
-        waiting = [one for one in group if now_s - one.at_s > _TURNS_S and not view.shows(one.pan)]
-        if waiting:
-            pan = min(waiting, key=lambda one: one.at_s).pan
+        waiting = self._waiting(now_s, view)
+        if waiting is not None:
+            pan = waiting
         room = 2 * (view.half_rad - _EDGE_RAD)
         low = high = pan
-        for one in group:
+        for one in sorted(self._group.values(), key=lambda one: one.distance_m):
             if max(high, one.pan) - min(low, one.pan) <= room:
                 low, high = min(low, one.pan), max(high, one.pan)
         return min(max(pan, high - room / 2), low + room / 2)

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from socialbot.agents.waldo.gaze import Gaze, Pose, Seen
+from socialbot.agents.waldo.gaze import Gaze, Pose, Seen, View
 from socialbot.agents.waldo.head import Head
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory, Message, PersonDetection, PersonDetections
@@ -114,3 +114,29 @@ def test_the_head_looks_at_who_speaks():
     gaze.hear("far", 0.1)
     assert gaze.look(both, 0.2) == Pose(-0.3, 0.0)
     assert gaze.look(both, 9.0) == Pose(0.3, 0.0)
+
+
+def beside(last: float) -> list[dict[str, float]]:
+    """Return the directions of a person who stands, and of one who comes from ahead and stops beside."""
+    ways = np.linspace(0.0, last, 30)
+    return [{"a": -0.3}] * 10 + [{"a": -0.3, "b": float(way)} for way in (*ways, *[last] * 60)]
+
+
+def test_attentive_people_stay_in_view_while_the_nearest_is_looked_at():
+    pans = followed(beside(0.5))[-150:]
+    assert (0.5 - pans).max() < 0.545
+    assert (pans + 0.3).max() < 0.545
+
+
+def test_attentive_people_who_do_not_fit_into_the_view_are_looked_at_in_turn():
+    pans = followed(beside(0.9))[-300:]
+    assert pans.min() < -0.3 + 0.545
+    assert pans.max() > 0.9 - 0.545
+
+
+def test_the_head_does_not_wait_where_a_passer_by_was_lost():
+    gaze, view = Gaze(), View(0.0, 0.545)
+    assert gaze.look([seen("p", 0.5, attentive=False)], 0.0, view) == Pose(0.5, 0.0)
+    assert gaze.look([], 0.2, view) == Pose(0.0, 0.0)
+    assert gaze.look([seen("v", 0.5, attentive=True)], 0.4, view) == Pose(0.5, 0.0)
+    assert gaze.look([], 0.6, view) == Pose(0.5, 0.0)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, PersonDetections
-from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, Corridor, person
+from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, GREETING, Corridor, person
 
 DISTANT_BEN = person(FAR, "t2")
 
@@ -125,6 +125,73 @@ def walks(seconds: float, begin: tuple[float, float], speed: tuple[float, float]
 )
 def test_only_people_who_approach_or_stand_are_greeted(begin, speed, greeted):
     assert [what for _, what in walks(3.0, begin, speed)] == (["greeting"] if greeted else [])
+
+
+def at(track: str, ahead: float, left: float, facing_rad: float | None = None) -> PersonDetection:
+    """Return a person at a place before the robot (m)."""
+    where = {"distance_m": math.hypot(ahead, left), "bearing_rad": math.atan2(left, ahead)}
+    return replace(person(track=track), facing_rad=facing_rad, **where)
+
+
+def comes_up(corridor: Corridor, *others: PersonDetection) -> list[str]:
+    """Let Ben walk up to the robot beside others and stop; return what was said until he stopped, and after it."""
+    said = len(corridor.said)
+    corridor.until(corridor.frame / 10 + 0.1, *others)
+    for tenth in range(28):
+        corridor.see(*others, at("t2", 5.2 - 0.12 * tenth, -0.4))
+    before = len(corridor.said)
+    corridor.see(*others, at("t2", 1.9, -0.4), times=12)
+    return [*corridor.said[said:before], "stops", *corridor.said[before:]]
+
+
+def test_who_walks_up_while_others_are_attended_to_is_greeted_on_arrival():
+    corridor = Corridor()
+    assert comes_up(corridor) == [GREETING, "stops"]
+    corridor = Corridor()
+    anna = at("t1", 2.0, 0.5)
+    corridor.until(4, anna)
+    assert corridor.said == [GREETING]
+    assert comes_up(corridor, anna) == ["stops", GREETING]
+
+
+def test_who_passes_while_others_are_attended_to_is_not_greeted():
+    corridor = Corridor()
+    anna = at("t1", 2.0, 0.5)
+    corridor.until(4, anna)
+    for tenth in range(20):  # up to the robot, then aside
+        corridor.see(anna, at("t2", 5.2 - 0.12 * tenth, -0.4))
+    for tenth in range(25):
+        corridor.see(anna, at("t2", 2.9, -0.4 - 0.13 * tenth))
+    assert corridor.said == [GREETING]
+
+
+def test_who_walks_up_to_the_robot_past_a_conversation_is_greeted_on_arrival():
+    corridor = Corridor()
+    pair = at("t3", 4.5, 2.0, 1.6), at("t4", 4.5, 3.0, 1.2)
+    corridor.until(4, *pair)
+    assert any("converses" in record.what for record in corridor.trace if record.kind == "belief")
+    assert comes_up(corridor, *pair) == ["stops", GREETING]
+
+
+@pytest.mark.parametrize("facing_rad", [None, 2.1], ids=["unknown", "turned away"])
+def test_errors_of_distances_do_not_make_people_walk_up(facing_rad):
+    corridor = Corridor()
+    corridor.see(at("t9", 5.8, 1.5, 0.1))  # faces are detected
+    corridor.until(2)
+    for distance_m in (*[4.6] * 8, 4.5, 4.4, 4.35, 4.4, 4.5, *[4.6] * 8) * 2:
+        corridor.see(at("t1", distance_m, 0.3, facing_rad))
+    assert corridor.said == []
+
+
+def test_a_single_look_at_a_person_who_returns_to_the_view_decides_nothing():
+    corridor = Corridor()
+    corridor.see(at("t9", 5.8, 1.5, 0.1))  # faces are detected
+    corridor.until(2)
+    back = at("t1", 4.5, 1.0, 2.1)
+    corridor.until(5, back)
+    corridor.see(at("t3", 4.0, -1.0, 2.1), times=9)
+    corridor.see(at("t1", 4.3, 0.9), times=2)
+    assert corridor.said == []
 
 
 @pytest.mark.parametrize("facing_rad", [None, 3.0])

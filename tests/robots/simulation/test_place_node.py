@@ -79,6 +79,17 @@ def test_people_behind_others_and_outside_of_the_picture_are_less_visible():
     assert min(shares) < 0.5 < max(shares)
 
 
+def test_nobody_who_reaches_into_the_image_is_left_out(monkeypatch):
+    def persons() -> list[object]:
+        truths = messages(30, seed=5, people=8, pictures=False, rate_hz=2.0, duration_s=30.0)["/ground_truth/persons"]
+        return [json.loads(message.data)["persons"] for message in truths]  # type: ignore[attr-defined]
+
+    quick = persons()
+    monkeypatch.setattr(HeadCamera, "may_show", lambda *_: True)
+    assert sum(map(len, quick)) > 20
+    assert quick == persons()
+
+
 def test_the_camera_projects_as_a_pinhole_that_pans_and_tilts():
     ahead = HeadCamera()
     pixels, depths = ahead.seen(np.array([[3.0, 0.0, CAMERA_HEIGHT_M], [3.0, 1.0, CAMERA_HEIGHT_M + 1]]))
