@@ -343,18 +343,20 @@ class PersonSensor(Sensor):
         now = self._frames[-1].stamp
         for person in self._there:
             looks = [look for frame in frames if (look := frame.near.get(person))]
-            engaged, seen = person in self._engaged, person in frames[-1].near
+            if not looks:
+                continue
+            engaged, placed = person in self._engaged, is_placed(looks[-1])
             path = slower(path_of(frames, person), path_of(self._recent(_DECIDE_S), person))
-            since = now - max(self._changed.get(person, 0), self._in_view.get(person, 0))
-            is_new = since < nanoseconds(_DECIDE_S)
-            if not looks or not (engaged or seen) or (is_new and is_undecided(looks[-1], path, faces=faces)):
+            is_new = now - max(self._changed.get(person, 0), self._in_view.get(person, 0)) < nanoseconds(_DECIDE_S)
+            hidden = placed and not engaged and person not in frames[-1].near
+            if hidden or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
             share = fmean(is_attentive(look, path, self._config.engage_m, faces=faces) for look in looks)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
             why = f"{person} {attention(looks[-1], path, self._config.engage_m, faces=faces)} ({shown})"
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
-                if path.is_walk if path is not None else is_new and is_placed(looks[-1]):
+                if path.is_walk if path is not None else is_new and placed:
                     self._coming.add(person)
                     yield (+comes(person)).because(why)
                 yield (+engages(person)).because(why)
