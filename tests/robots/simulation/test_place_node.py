@@ -80,7 +80,7 @@ def test_people_behind_others_and_outside_of_the_picture_are_less_visible():
 
 
 def test_nobody_who_reaches_into_the_image_is_left_out(monkeypatch):
-    def persons() -> list[object]:
+    def persons() -> list[list[object]]:
         truths = messages(30, seed=5, people=8, pictures=False, rate_hz=2.0, duration_s=30.0)["/ground_truth/persons"]
         return [json.loads(message.data)["persons"] for message in truths]  # type: ignore[attr-defined]
 
