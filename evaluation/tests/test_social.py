@@ -7,7 +7,7 @@ import pytest
 
 from evaluation.social import TREE, WALDO, play
 from evaluation.social_policies import GreetOnSight, parties
-from evaluation.social_rules import IN_TIME_S, Said, Score, score, visits_of
+from evaluation.social_rules import IN_TIME_S, MOST_JERK, Said, Score, score, visits_of
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.people import Crowd, read_script
@@ -76,8 +76,9 @@ def test_a_polite_robot_has_no_faults(crowd):
         ([(0.0, "greeting"), (3.0, "greeting")], {"in_time": 1, "twice": 1}),
         ([(30.0, "greeting")], {"interrupted": 1, "missed": 1}),
         ([(45.0, "greeting")], {"to_nobody": 1}),
+        ([(30.0, "greeting"), (45.0, "greeting")], {"interrupted": 1, "to_nobody": 1}),
     ],
-    ids=["late", "missed", "twice", "interrupted", "to nobody"],
+    ids=["late", "missed", "twice", "interrupted", "to nobody", "interrupted once"],
 )
 def test_each_fault_is_counted(crowd, said, fault):
     (visit,) = visits_of(crowd, UNTIL_S)
@@ -117,3 +118,28 @@ def test_a_policy_that_turns_the_head_says_so():
     node = InlineRunner(Graph("policy", (NodeConfig("policy", GreetOnSight, {}),), inputs=frozenset({DETECTIONS})))
     with pytest.raises(ValueError, match="turns_head"):
         node.nodes["policy"].look("look", 0.5)  # type: ignore[attr-defined]
+
+
+def test_an_offer_before_the_arrival_has_no_wait(crowd):
+    (visit,) = visits_of(crowd, UNTIL_S)
+    assert scored(crowd, (visit.begin + 0.2, "offer")).offers_s == [0.0]
+
+
+@pytest.mark.parametrize(("key", "helped"), [("offer", 1), ("greeting", 0)])
+def test_only_an_offer_helps_a_passer_by(key, helped):
+    legs = "[{walk: [2.5, 0.0], aim: pass}, {walk: corridor, aim: pass}]"
+    script = f"place: foyer\npeople: [{{id: uma, enter: entrance, legs: {legs}}}]"
+    passing = Crowd(read_script(script, where="script"), load_place("foyer"))
+    there = passing.motions["uma"].episodes[0].end
+    found = score(passing, [Said(there, key, 0.0)], STILL, UNTIL_S)
+    assert (found.passers, found.helped_passers, found.to_nobody) == (1, helped, 1 - helped)
+
+
+def test_a_glance_is_no_stare(crowd):
+    glances = np.array([(0.05 * step, 0.0 if step % 30 < 15 else 1.5, 0.0) for step in range(1100)])
+    assert scored(crowd, head=STILL).stared_s > 0.0
+    assert scored(crowd, head=glances).stared_s == 0.0
+
+
+def test_the_worst_jerk_costs_no_more_than_its_criterion():
+    assert Score(jerks=[100 * MOST_JERK]).points() == Score(jerks=[MOST_JERK]).points()
