@@ -169,6 +169,9 @@ class TestPeople:
         assert [claim.persons for claim in undone] == [("t2",)]
         assert "4.7 s" in found.text
 
+    def test_two_who_are_only_joined_are_not_contrasted(self, waldo):
+        assert "did_not" not in kinds(answer(waldo, "Why did you help t1 and t2?"))
+
     def test_a_contrast_without_a_deed_is_not_known(self, waldo):
         assert not answer(waldo, "Why me and not her?").known
 
