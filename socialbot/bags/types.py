@@ -228,6 +228,9 @@ _FIELDS = {
         "uint8 DISENGAGING=4, uint8 level"
     ),
     "hri_msgs/msg/IdsList": "std_msgs/Header header, string[] ids",
+    "hri_msgs/msg/LiveSpeech": (
+        "std_msgs/Header header, string incremental, string final, float64 confidence, string language"
+    ),
     "hri_msgs/msg/NormalizedRegionOfInterest2D": (
         "std_msgs/Header header, float32 xmin, float32 ymin, float32 xmax, float32 ymax, float32 c"
     ),

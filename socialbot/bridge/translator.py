@@ -1,6 +1,6 @@
-"""Republish detections, speech and head pose of a running graph as standard ROS messages, for RViz, rqt and ROS4HRI.
+"""Republish people, speech, voices and the head pose of a running graph as standard ROS messages.
 
-Types of missing packages are skipped. See docs/ros-installation.md.
+They are for RViz, rqt and ROS4HRI. Types of missing packages are skipped. See docs/ros-installation.md.
 """
 
 from __future__ import annotations
@@ -17,11 +17,19 @@ from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.transport import RclpyTypes, Sender, message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, ParameterError
-from socialbot.core.messages import JointTrajectory, Message, PersonDetections, Utterance
+from socialbot.core.messages import (
+    HeardSpeech,
+    JointTrajectory,
+    Message,
+    PersonDetections,
+    Utterance,
+    VoiceActivity,
+)
 from socialbot.graph.node import Graph
 from socialbot.graph.ports import Delivery
 from socialbot.runs.standard_messages import (
     AHEAD,
+    ANONYMOUS,
     HEAD_HZ,
     HeadPose,
     Joints,
@@ -31,6 +39,7 @@ from socialbot.runs.standard_messages import (
     fits_time,
     mounting_of,
     neck_of,
+    topic_id,
 )
 
 log = logging.getLogger("socialbot.translator")
@@ -41,6 +50,12 @@ FACES = "/humans/faces/tracked"
 REGION, FACE_REGION = "/humans/bodies/{}/roi", "/humans/faces/{}/roi"
 SPEECH = "/speech/text"
 PERSONS, ENGAGEMENT = "/humans/persons/tracked", "/humans/persons/{}/engagement_status"
+VOICES, VOICE_SPEECH, IS_SPEAKING = (
+    "/humans/voices/tracked",
+    "/humans/voices/{}/speech",
+    "/humans/voices/{}/is_speaking",
+)
+VOICE_OF_PERSON = "/humans/persons/{}/voice_id"
 
 TYPES: Mapping[str, str] = {
     TF: "tf2_msgs/msg/TFMessage",
@@ -49,6 +64,7 @@ TYPES: Mapping[str, str] = {
     TRACKED: "hri_msgs/msg/IdsList",
     FACES: "hri_msgs/msg/IdsList",
     PERSONS: "hri_msgs/msg/IdsList",
+    VOICES: "hri_msgs/msg/IdsList",
     SPEECH: "std_msgs/msg/String",
 }
 HEAD_TYPES: Mapping[str, str] = {TF_STATIC: "tf2_msgs/msg/TFMessage", JOINTS: "sensor_msgs/msg/JointState"}
@@ -59,12 +75,22 @@ PERSON_TYPES: Mapping[str, str] = {
     ENGAGEMENT: "hri_msgs/msg/EngagementLevel",
 }
 """Types of the topics of one person."""
+VOICE_TYPES: Mapping[str, str] = {
+    VOICE_SPEECH: "hri_msgs/msg/LiveSpeech",
+    IS_SPEAKING: "std_msgs/msg/Bool",
+    VOICE_OF_PERSON: "std_msgs/msg/String",
+}
+"""Types of the topics of one voice, and of the voice of one person."""
+_EACH_TYPES = {**PERSON_TYPES, **VOICE_TYPES}
+_LIST_OF = {TRACKED: PERSON_TYPES, VOICES: VOICE_TYPES}
+"""Topics of one person or voice, by the topic that lists them."""
 _FACE_KEPT_S = 1.0  # A face is listed for this long after it was last found: not every image is searched.
+_VOICE_KEPT_S = 10.0  # A voice is listed for this long after it was last heard.
 
 
 def translated_topics(graph: Graph) -> dict[str, type[Message]]:
     """Topics of ``graph`` for a `Translator`."""
-    kinds = (PersonDetections, JointTrajectory, Utterance)
+    kinds = (PersonDetections, JointTrajectory, Utterance, HeardSpeech, VoiceActivity)
     return {topic: kind for topic, kind in graph.topics().items() if issubclass(kind, kinds)}
 
 
@@ -85,8 +111,10 @@ class Translator:
         self._mounting = mounting_of(graph)
         self._joints = Joints((self._neck.pan, self._neck.tilt))
         self._transport = open_transport()
-        self._of_persons: dict[str, dict[str, Sender]] = {topic: {} for topic in PERSON_TYPES}
+        self._of_each: dict[str, dict[str, Sender]] = {topic: {} for topic in _EACH_TYPES}
         self._faces: dict[str, int] = {}
+        self._voices: dict[str, int] = {}
+        self._voice_of: dict[str, str] = {}
         self._lock = threading.Lock()
         self.missing: set[str] = set()
         self._publishers: dict[str, Sender] = {}
@@ -101,8 +129,9 @@ class Translator:
         """Published topics, each with its type."""
         offered = {**TYPES, **HEAD_TYPES}
         topics = [f"{topic}  {offered[topic]}" for topic in self._publishers]
-        if TRACKED in self._publishers:
-            topics += [f"{topic.format('<id>')}  {kind}" for topic, kind in PERSON_TYPES.items()]
+        for listed, types in _LIST_OF.items():
+            if listed in self._publishers:
+                topics += [f"{topic.format('<id>')}  {kind}" for topic, kind in types.items()]
         return topics
 
     def take(self, topic: str, message: Message) -> None:
@@ -116,6 +145,8 @@ class Translator:
                 self._publish_people(message)
             elif isinstance(message, Utterance):
                 self._publish(SPEECH, lambda: self._messages.make("std_msgs/msg/String", [message.text]))
+            elif isinstance(message, HeardSpeech | VoiceActivity) and VOICES in self._publishers:
+                self._publish_voice(message)
 
     def _publish_people(self, found: PersonDetections) -> None:
         if found.frame_id not in ("", self._mounting.optical):
@@ -148,19 +179,47 @@ class Translator:
         self._publish_each(FACE_REGION, self._faces, faces)
         self._publish_each(ENGAGEMENT, there, {name: make.engagement(found, each) for name, each in there.items()})
         for topic, names in ((TRACKED, there), (FACES, self._faces), (PERSONS, there)):
-            self._publish(topic, functools.partial(make.ids, found, list(names)))
+            self._publish(topic, functools.partial(make.ids, found.stamp, found.frame_id, list(names)))
 
-    def _publish_each(self, topic: str, there: Collection[str], messages: Mapping[str, Any]) -> None:
-        """Publish ``messages`` by id, one topic for each of those who are ``there``, and remove the others."""
-        publishers = self._of_persons[topic]
+    def _publish_voice(self, message: HeardSpeech | VoiceActivity) -> None:
+        """Publish a voice as ROS4HRI does; one without an id is that of the anonymous speaker."""
+        make, name = self._messages, topic_id(message.voice, "v") if message.voice else ANONYMOUS
+        self._voices[name] = message.stamp
+        oldest = message.stamp - round(_VOICE_KEPT_S * SECOND)
+        self._voices = {voice: stamp for voice, stamp in self._voices.items() if stamp >= oldest}
+        if message.person:
+            self._voice_of[topic_id(message.person, "b")] = name
+        self._voice_of = {person: voice for person, voice in self._voice_of.items() if voice in self._voices}
+        self._publish(VOICES, functools.partial(make.ids, message.stamp, "", list(self._voices)))
+        voices = {person: make.make("std_msgs/msg/String", [voice]) for person, voice in self._voice_of.items()}
+        self._publish_each(VOICE_OF_PERSON, voices, voices)
+        speaks = isinstance(message, VoiceActivity) and message.active
+        self._publish_each(IS_SPEAKING, self._voices, {name: make.make("std_msgs/msg/Bool", [speaks])})
+        speech = {name: make.live_speech(message)} if isinstance(message, HeardSpeech) else {}
+        # Its topic exists from the first sound of the voice, so that subscribers do not miss the first sentence.
+        self._publish_each(VOICE_SPEECH, self._voices, speech, Delivery.EVERY, known=(name,))
+
+    def _publish_each(
+        self,
+        topic: str,
+        there: Collection[str],
+        messages: Mapping[str, Any],
+        delivery: Delivery = Delivery.LATCHED,
+        known: Collection[str] = (),
+    ) -> None:
+        """Publish ``messages`` by id, one topic for each of those who are ``there``, and remove the others.
+
+        The state is latched, so that late subscribers get it. ``known`` get a topic before their first message.
+        """
+        publishers = self._of_each[topic]
         for gone in publishers.keys() - set(there):
             publishers.pop(gone).destroy(self._ros)
-        for name, message in messages.items():
+        for name in dict.fromkeys((*known, *messages)):
             if name not in publishers:
-                # Latched, so that late subscribers get the current state.
                 publishers[name] = self._transport.advertise_class(
-                    self._ros, topic.format(name), message_class(PERSON_TYPES[topic]), Delivery.LATCHED, standard=True
+                    self._ros, topic.format(name), message_class(_EACH_TYPES[topic]), delivery, standard=True
                 )
+        for name, message in messages.items():
             publishers[name].publish_encoded(message)
 
     def _publish_camera(self) -> None:
@@ -190,9 +249,8 @@ class Translator:
 
         try:
             found = message_class(kind)
-            if topic == TRACKED:
-                for each in PERSON_TYPES.values():
-                    message_class(each)
+            for each in _LIST_OF.get(topic, {}).values():
+                message_class(each)
             self._publishers[topic] = self._transport.advertise_class(self._ros, topic, found, delivery, standard=True)
         except (InstallationError, UnsupportedTypeSupport):
             # UnsupportedTypeSupport: the libraries of the package are not found.

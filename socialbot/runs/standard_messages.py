@@ -16,7 +16,7 @@ import numpy as np
 from socialbot.bags.codec import TypeFactory
 from socialbot.bags.types import types_with
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import Image, JointTrajectory, PersonDetection, PersonDetections
+from socialbot.core.messages import HeardSpeech, Image, JointTrajectory, PersonDetection, PersonDetections
 from socialbot.graph.node import Graph, check_parameters
 
 if TYPE_CHECKING:
@@ -189,12 +189,19 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 _TIMES = range(2**31 * SECOND)
 _NO_LETTERS = re.compile(r"[^A-Za-z0-9]+")
 _ID_LETTERS = 64
+ANONYMOUS = "anonymous_speaker"
+"""Id of ROS4HRI for the voice of an unknown speaker."""
+
+
+def topic_id(name: str, prefix: str) -> str:
+    """Return an id that is valid in topic names: letters, digits and _, with ``prefix`` before a digit."""
+    words = _NO_LETTERS.sub("_", name)[:_ID_LETTERS].strip("_")
+    return words if words[:1].isalpha() else f"{prefix}{words}"
 
 
 def body_id(person: PersonDetection) -> str:
-    """Return a track id that is valid in topic names: letters, digits and _, not starting with a digit."""
-    words = _NO_LETTERS.sub("_", person.track_id)[:_ID_LETTERS].strip("_")
-    return words if words[:1].isalpha() else f"b{words}"
+    """Return the id of a body, which is valid in topic names."""
+    return topic_id(person.track_id, "b")
 
 
 def fits_time(stamp: int) -> bool:
@@ -294,9 +301,14 @@ class StandardMessages:
         ]
         return self.make("vision_msgs/msg/Detection2DArray", (header, detections))
 
-    def ids(self, found: PersonDetections, names: Sequence[str]) -> Any:
+    def ids(self, stamp: int, frame_id: str, names: Sequence[str]) -> Any:
         """Return an IdsList of hri_msgs with ``names``."""
-        return self.make("hri_msgs/msg/IdsList", ((found.stamp, found.frame_id), list(names)))
+        return self.make("hri_msgs/msg/IdsList", ((stamp, frame_id), list(names)))
+
+    def live_speech(self, heard: HeardSpeech) -> Any:
+        """Return a LiveSpeech of hri_msgs with a recognised sentence."""
+        values = {"final": heard.text, "confidence": heard.confidence, "language": heard.language}
+        return self.make("hri_msgs/msg/LiveSpeech", {"header": (heard.stamp, ""), **values})
 
     def region(self, found: PersonDetections, box: Sequence[float], score: float) -> Any:
         """Return a NormalizedRegionOfInterest2D of hri_msgs for ``box`` (x, y, w, h), as fractions of the image."""

@@ -43,6 +43,8 @@ def test_translates_people_and_head_joints() -> None:
         "/humans/bodies/detections",
         "/head_controller/joint_trajectory",
         "/speech/say",
+        "/humans/voices/speech",
+        "/humans/voices/activity",
     }
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from socialbot.bags.reader import RosbagsTypes
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import PersonDetection, PersonDetections
+from socialbot.core.messages import HeardSpeech, PersonDetection, PersonDetections
 from socialbot.runs.standard_messages import (
     CAMERA,
     OPTICAL,
@@ -163,7 +163,15 @@ def test_region_is_a_fraction_of_the_image():
 
 
 def test_tracked_persons_have_ids():
-    assert there_and_back(SAY.ids(FOUND, ["t1"])).ids == ["t1"]
+    assert there_and_back(SAY.ids(FOUND.stamp, FOUND.frame_id, ["t1"])).ids == ["t1"]
+
+
+def test_recognised_speech_has_text_language_and_time():
+    heard = HeardSpeech(stamp=2 * SECOND, start=SECOND, text="Where is room 204?", language="en", confidence=0.75)
+    told = there_and_back(SAY.live_speech(heard))
+    assert (told.final, told.language, told.confidence) == ("Where is room 204?", "en", 0.75)
+    assert told.header.stamp.sec == 2
+    assert told.incremental == ""
 
 
 def test_joint_state_has_names():

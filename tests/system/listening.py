@@ -1,7 +1,7 @@
 """Subscribe to each topic as viewers and libhri do, and print one message: ``python -m tests.system.listening``.
 
 A process of its own, for types whose libraries have to be found before Python starts. The arguments are a limit (s) and
-TOPIC=TYPE; ``<id>`` in a topic stands for every body that is told of on /humans/bodies/tracked.
+TOPIC=TYPE; ``<id>`` in a topic stands for every voice, body or person that is listed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.transport import message_class
 from tests.system.running import eventually
 
-TRACKED, ID = "/humans/bodies/tracked", "<id>"
+ID = "<id>"
+LISTS = ("/humans/voices/tracked", "/humans/bodies/tracked", "/humans/persons/tracked")
+"""Topics that list ids; the last ones list the same."""
 LEAST = {"markers": 1, "detections": 0, "ids": 0, "transforms": 0}
 
 
@@ -37,26 +39,26 @@ def tells(told: dict[str, Any]) -> bool:
 def listen(types: dict[str, str], limit_s: float) -> dict[str, Any]:
     """Return the first message of each topic that is not empty, within the time limit."""
     heard: dict[str, Any] = {}
-    followed: set[str] = set()
+    followed: set[tuple[str, str]] = set()
     with spinning_node("listener") as ros:
 
-        def subscribe(topic: str, kind: str, body: str = "") -> None:
+        def subscribe(topic: str, kind: str, one: str = "") -> None:
             def hear(message: Any) -> None:
-                if topic == TRACKED:
-                    follow(message.ids)
+                if topic in LISTS:
+                    follow(topic, message.ids)
                 if topic not in heard and tells(told := plain(message)):
                     heard[topic] = told
 
             static = DurabilityPolicy.TRANSIENT_LOCAL if topic.endswith("static") else DurabilityPolicy.VOLATILE
             qos = QoSProfile(depth=1, durability=static)
-            ros.create_subscription(message_class(kind), topic.replace(ID, body), hear, qos)
+            ros.create_subscription(message_class(kind), topic.replace(ID, one), hear, qos)
 
-        def follow(bodies: list[str]) -> None:
-            for body in set(bodies) - followed:
-                followed.add(body)
-                for topic, kind in types.items():
-                    if ID in topic:
-                        subscribe(topic, kind, body)
+        def follow(listed: str, names: list[str]) -> None:
+            ours = [topic for topic in types if ID in topic and ("/voices/" in topic) == ("/voices/" in listed)]
+            for topic, name in ((topic, name) for topic in ours for name in names):
+                if (topic, name) not in followed:
+                    followed.add((topic, name))
+                    subscribe(topic, types[topic], name)
 
         for topic, kind in types.items():
             if ID not in topic:

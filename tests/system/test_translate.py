@@ -48,6 +48,34 @@ PEOPLE = {
 }
 
 
+TALK = '''
+"""A voice that speaks again and again, as speech recognition publishes it."""
+
+from socialbot import Node, Output
+from socialbot.core.messages import HeardSpeech, VoiceActivity
+
+
+class Talk(Node):
+    speech = Output(HeardSpeech, "/humans/voices/speech")
+    activity = Output(VoiceActivity, "/humans/voices/activity")
+
+    def start(self):
+        self.talk()
+
+    def talk(self):
+        self.call_after(0.5, self.talk)
+        now, who = self.clock.now(), {"voice": "voice 1", "person": "t1"}
+        self.activity.publish(VoiceActivity(stamp=now, active=True, **who))
+        self.speech.publish(HeardSpeech(stamp=now, start=now, text="Where is room 204?", language="en", **who))
+'''
+VOICES = {
+    "/humans/voices/tracked": "hri_msgs/msg/IdsList",
+    "/humans/voices/<id>/speech": "hri_msgs/msg/LiveSpeech",
+    "/humans/voices/<id>/is_speaking": "std_msgs/msg/Bool",
+    "/humans/persons/t1/voice_id": "std_msgs/msg/String",
+}
+
+
 @pytest.fixture
 def graph_file(corridor: Path, tmp_path: Path) -> Path:
     """A graph that sees again and again how somebody comes nearer, and goes back: nobody ever leaps."""
@@ -162,6 +190,21 @@ def test_publishes_people_as_tf_vision_msgs_and_ros4hri(graph: Path) -> None:
     placed = camera["camera_link"]["transform"]
     assert placed["translation"]["z"] == 1.62
     assert placed["rotation"]["y"] == pytest.approx(math.sin(0.026)), "it looks down as the detector takes it to"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("standard")
+def test_publishes_voices_as_ros4hri(tmp_path: Path) -> None:
+    (tmp_path / "talk.py").write_text(TALK)
+    graph = tmp_path / "talk.yaml"
+    graph.write_text("name: talk\nnodes:\n  talk: {type: talk:Talk}\n")
+    with running("up", graph, "--out", tmp_path / "run"), running("translate", graph):
+        told = heard(VOICES)
+    assert told["/humans/voices/tracked"]["ids"] == ["voice_1"]
+    assert told["/humans/voices/<id>/speech"]["final"] == "Where is room 204?"
+    assert told["/humans/voices/<id>/speech"]["language"] == "en"
+    assert isinstance(told["/humans/voices/<id>/is_speaking"]["data"], bool)
+    assert told["/humans/persons/t1/voice_id"]["data"] == "voice_1"
 
 
 def frames(told: dict[str, Any]) -> dict[str, Any]:
