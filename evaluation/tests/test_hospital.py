@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -38,6 +39,7 @@ from evaluation.hospital_tables import (
 )
 from evaluation.report import Report
 from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.installation import extra_command
 
 replace = msgspec.structs.replace
 
@@ -197,7 +199,7 @@ def test_a_cluster_gives_the_same_missions(monkeypatch: pytest.MonkeyPatch):
 
 def test_without_the_extra_a_cluster_is_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(SocialbotError, match=r"socialbot\[dask\]"):
+    with pytest.raises(SocialbotError, match=re.escape(extra_command("dask"))):
         play_inline(settings((0.0,), 1), 1, "tcp://127.0.0.1:9")
 
 

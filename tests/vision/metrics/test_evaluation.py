@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from socialbot.core.errors import ImageError, ParameterError, SocialbotError, TruthError
+from socialbot.core.installation import extra_command
 from socialbot.runs.evaluation_json import content
 from socialbot.vision.metrics.evaluation import Evaluation, EvaluationPlan, evaluate, scene_names
 from socialbot.vision.metrics.frames import bag_source, image_sources
@@ -245,6 +247,6 @@ def test_scheduler_that_does_not_answer(bag, monkeypatch):
 
 def test_without_the_extra_a_cluster_is_an_error_with_a_remedy(bag, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(SocialbotError, match=r"socialbot\[dask\]") as caught:
+    with pytest.raises(SocialbotError, match=re.escape(extra_command("dask"))) as caught:
         carried_out([bag_source(bag)], scheduler="tcp://127.0.0.1:9")
     assert caught.value.exit_code == 5
