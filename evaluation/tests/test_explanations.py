@@ -43,6 +43,11 @@ def counted(record: TraceRecord) -> TraceRecord | None:
     return replace(record, what=record.what.replace(" of ", "1 of ")) if "was within" in record.what else None
 
 
+def other_walk(record: TraceRecord) -> TraceRecord | None:
+    what = record.what.replace("faces the robot", "walks past the robot at 2.0 m")
+    return replace(record, what=what) if what != record.what else None
+
+
 def later_since(record: TraceRecord) -> TraceRecord | None:
     matched = [dict(each) for each in record.detail.get("matched", ())]
     if not any("since" in each for each in matched):
@@ -60,6 +65,7 @@ def other_reason(record: TraceRecord) -> TraceRecord | None:
     ("kind", "change", "found"),
     [
         ("percept", counted, "reasons of sensors"),
+        ("percept", other_walk, "reasons of sensors"),
         ("plan", later_since, "conditions that hold"),
         ("plan", other_reason, "conditions that do not hold"),
         ("belief", lambda record: replace(record, what="sunny()"), "beliefs that end"),
