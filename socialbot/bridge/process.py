@@ -82,7 +82,7 @@ def run_nodes(
                 for host in hosts:
                     host.start()
                 if supervisor is not None:
-                    arguments = supervisor, hosts, executor
+                    arguments = supervisor, hosts, executor, ending
                     threading.Thread(target=_follow_commands, args=arguments, name="supervisor", daemon=True).start()
                 while not ending.asked and not any(host.ended for host in hosts):
                     executor.spin_once(timeout_sec=POLL_S)
@@ -108,10 +108,10 @@ def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
     environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
 
 
-def _follow_commands(supervisor: SupervisorChannel, hosts: list[NodeHost], executor: Executor) -> None:
-    """Run the transitions commanded by the supervisor, in the executor thread."""
+def _follow_commands(supervisor: SupervisorChannel, hosts: list[NodeHost], executor: Executor, ending: Ending) -> None:
+    """Run the transitions commanded by the supervisor, in the executor thread, until the process ends."""
     named = {host.name: host for host in hosts}
-    while (command := supervisor.wait()) is not None:
+    while (command := supervisor.wait()) is not None and not ending.asked:
         name, state = command
         executor.create_task(named[name].transition_to, state)
 
