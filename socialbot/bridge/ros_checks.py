@@ -419,5 +419,11 @@ def missing_types(graph: Graph, nodes: Collection[str] | None = None) -> Iterato
             yield topic, error
 
 
+def expect_types(graph: Graph, nodes: Collection[str] | None = None) -> None:
+    """Refuse a graph that ROS nodes cannot run. Raises InstallationError for a ROS type that is not installed."""
+    for topic, error in missing_types(graph, nodes):
+        raise InstallationError(error.what, where=topic, remedy=error.remedy)
+
+
 if __name__ == "__main__":
     print(main(sys.argv[1]))

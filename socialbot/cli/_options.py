@@ -173,10 +173,10 @@ SetOption = Annotated[
     ),
 ]
 Runner = Literal["inline", "ros"]
-RunnerOption = Annotated[
-    Runner,
-    typer.Option(help="inline: one thread, simulated time; ros: one process per node, over DDS."),
-]
+_RUNNER = typer.Option(help="inline: one thread, simulated time; ros: one process per node, over DDS.")
+RunnerOption = Annotated[Runner, _RUNNER]
+CheckedRunnerOption = Annotated[Runner | None, _RUNNER]
+"""Runner that a graph is checked for."""
 ComposedOption = Annotated[bool, typer.Option("--composed", help="Run all nodes in one process (ros).")]
 DomainOption = Annotated[
     int | None,

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from socialbot.bridge.ros_checks import missing_types
-from socialbot.cli._options import GraphArgument, RobotOption
+from socialbot.bridge.ros_checks import expect_types, missing_types
+from socialbot.cli._options import CheckedRunnerOption, GraphArgument, RobotOption
 from socialbot.core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -22,14 +22,23 @@ PANEL = "Write agents and graphs"
 EXAMPLES = (
     "socialbot graph waldo",
     "socialbot graph my_graph.yaml",
+    "socialbot graph my_graph.yaml --runner ros",
 )
 
 
-def graph(graph: GraphArgument, robot: RobotOption = None) -> None:
-    """Check a graph and show its nodes, topics and parameters."""
+def graph(
+    graph: GraphArgument,
+    robot: RobotOption = None,
+    runner: CheckedRunnerOption = None,
+) -> None:
+    """Check a graph and show its nodes, topics and parameters. With --runner, refuse what it cannot run."""
     from socialbot.graph.files import load_graph
 
     loaded = load_graph(graph, robot=robot or "")
+    if runner == "inline":
+        loaded.with_stand_ins().expect_answers()
+    elif runner == "ros":
+        expect_types(loaded)
     console = Console(highlight=False)
     configs = (*loaded.nodes, *loaded.stand_ins)
     extra = ("offers", "calls") if any(config.servers or config.clients for config in configs) else ()

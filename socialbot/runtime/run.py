@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from socialbot.core.errors import InstallationError, NodeError
+from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
 from socialbot.deliberation.messages import PlanExecutionInfo
@@ -217,7 +217,9 @@ def run(
     record.describe(graph)
     graph = source.prepare(graph, runner, record.folder)
     if runner == "ros":
-        _expect_types(graph, source.nodes)
+        from socialbot.bridge.ros_checks import expect_types
+
+        expect_types(graph, source.nodes)
     result = RunResult()
     begun = time.monotonic()
 
@@ -255,14 +257,6 @@ def run(
             }
             record.write_results(result.results)
     return result
-
-
-def _expect_types(graph: Graph, nodes: Collection[str] | None) -> None:
-    """Refuse a graph before any process starts. Raises InstallationError for a ROS type that is not installed."""
-    from socialbot.bridge.ros_checks import missing_types
-
-    for topic, error in missing_types(graph, nodes):
-        raise InstallationError(error.what, where=topic, remedy=error.remedy)
 
 
 def new_run_folder() -> Path:

@@ -197,8 +197,11 @@ def test_types_that_are_not_installed_are_named_before_anything_starts(tmp_path)
     assert "/thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stdout
     assert "source the ROS workspace that has the package nobody_msgs" in done.stdout
 
-    done = socialbot("up", str(file), "--out", "live")
-    assert done.returncode == 5
-    assert "error: /thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stderr
-    assert "source the ROS workspace that has the package nobody_msgs" in done.stderr
+    assert socialbot("graph", str(file), "--runner", "inline").returncode == 0
+
+    for command in (("up", str(file), "--out", "live"), ("graph", str(file), "--runner", "ros")):
+        done = socialbot(*command)
+        assert done.returncode == 5
+        assert "error: /thing: the ROS type nobody_msgs/msg/Thing is not installed" in done.stderr
+        assert "source the ROS workspace that has the package nobody_msgs" in done.stderr
     assert not (tmp_path / "live").exists()
