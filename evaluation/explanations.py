@@ -216,7 +216,7 @@ class Check:
         return text in ("no more detections arrive",)
 
     def attention(self, found: re.Match[str], now: int) -> bool:
-        """Whether that many frames show a person, and they show what is said of the walk, the face or the distance."""
+        """Whether the stated number of frames show a person, and whether the stated walk, face or distance is right."""
         for window_s in (0.3, 0.5):  # the longer one of appear_s and the least time of a path
             looks = self.looks(found[1], now, window_s)
             if len(looks) == int(found[4]):

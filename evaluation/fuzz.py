@@ -153,7 +153,7 @@ def _prepare() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (GUARD_MB << 20, GUARD_MB << 20))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, _too_long)
-    # Free memory that the parent left would hide growth: give it back, and let the peak begin anew.
+    # Free memory inherited from the parent would hide growth. So it is returned, and the peak is reset.
     ctypes.CDLL(None).malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5", "ascii")
 

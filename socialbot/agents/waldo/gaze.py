@@ -141,7 +141,7 @@ class Gaze:
                 del self._group[name]
 
     def _waiting(self, now_s: float, view: View | None) -> float | None:
-        """Return the direction of the attentive person out of view who has not been seen for longest."""
+        """Return the direction of the attentive person who has been out of view for the longest time."""
         if view is None:
             return None
         unseen = [one for one in self._group.values() if now_s - one.at_s > _TURNS_S and not view.shows(one.pan)]

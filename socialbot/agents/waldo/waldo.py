@@ -174,8 +174,8 @@ SOMEBODY = "somebody"  # track id of all people without one
 
 _RENAMED_S, _RENAMED_M = 4.0, 0.9  # a track that begins so soon and so near where another one ended goes on with it
 _UNSEEN_S = 8.0  # a person outside of the view of a camera that turns counts as present for this long
-_GAP_S = 0.7  # a person who was out of view for this long is new to the view, and judged by what is seen from then on
-_DECIDE_S = 1.0  # a person who has been in view for this long engages even if no path was measured
+_GAP_S = 0.7  # after so long out of view, only new frames of a person count
+_DECIDE_S = 1.0  # after so long in view, a person can engage without a measured path
 
 
 class PersonSensor(Sensor):
