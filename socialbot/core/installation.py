@@ -18,8 +18,8 @@ INTERFACES = {"socialbot_msgs": "interfaces", "robot_interfaces": "robot-interfa
 def extra_command(*extras: str) -> str:
     """Return the command that installs extras of socialbot.
 
-    In a checkout whose environment `make` has created, each extra has a target of its name. The environment of another
-    checkout gets the checkout again, and a package is installed again from where it came.
+    `make` creates the environment of a checkout, and has a target for each extra. In another environment, pip installs
+    the checkout with the extras. A package that is no checkout is installed again from its origin.
     """
     root = checkout()
     names = ",".join(extras)

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from socialbot.bridge.keys import new_key
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Utterance
 from tests.bridge.hosting import spinning_nodes
 from tests.bridge.test_process import HOLD
 from tests.system.running import eventually, next_line
@@ -47,6 +49,29 @@ def test_statuses_arrive_with_and_without_keys(tmp_path: Path, monkeypatch: pyte
         ]
         assert friend[:2] == curious[-2:]
         assert receiver.refused == 0
+
+
+def test_statuses_of_programs_without_keys_are_no_silence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.diagnostics import DiagnosticsSubscriber
+
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    with spinning_nodes("subscriber") as (ros,):
+        opener = DiagnosticsSubscriber(ros, print)._opener
+        assert opener is not None
+        assert opener.watch.fault(publishers=3) == ""
+
+
+def test_a_node_that_only_subscribes_checks_its_subscription(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from socialbot.bridge.stream_watch import BEACON_S
+    from socialbot.bridge.transport import open_transport
+
+    new_key("robot", tmp_path / "keys")
+    monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
+    with spinning_nodes("subscriber") as (ros,):
+        transport = open_transport()
+        transport.subscribe(ros, "/said", Utterance, print)
+        assert min(timer.timer_period_ns for timer in ros.timers) <= BEACON_S * SECOND
 
 
 def test_refuses_forged_altered_and_replayed_statuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
