@@ -19,6 +19,10 @@
 # requirements-dev.lock, and comes with the first of them.
 
 PYTHON ?= python3
+# An activated .venv has no pip: the Python that it was made with installs into it.
+override PYTHON := $(or $(shell $(PYTHON) -c 'import os, sys; \
+  made = os.path.join(sys.base_prefix, "bin", "python%d.%d" % sys.version_info[:2]); \
+  print(made if os.path.realpath(sys.prefix) == os.path.realpath(".venv") else "")'),$(PYTHON))
 VENV := .venv
 BIN := $(VENV)/bin
 BAG := data/synthetic/corridor

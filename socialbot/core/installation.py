@@ -31,9 +31,14 @@ def extra_command(*extras: str) -> str:
 
 
 def pip_command(*arguments: str) -> str:
-    """Return a command of pip for this environment, which may lack a pip of its own: `make` gives it none."""
-    pip = "pip" if find_spec("pip") is not None else f"python3 -m pip --python {quote(sys.executable)}"
-    return " ".join((pip, *map(quote, arguments)))
+    """Return a command of pip for this environment.
+
+    The environment of `make` has no pip. The Python that it was made with then installs into it.
+    """
+    if find_spec("pip") is not None:
+        return " ".join(("pip", *map(quote, arguments)))
+    outside = Path(sys.base_prefix) / "bin" / f"python{sys.version_info.major}.{sys.version_info.minor}"
+    return " ".join(map(quote, (str(outside), "-m", "pip", "--python", sys.executable, *arguments)))
 
 
 def interfaces_command(package: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -94,8 +95,20 @@ class TestAPackage:
 
 def test_an_environment_without_pip_is_named_to_another_pip(monkeypatch):
     no_pip(monkeypatch, missing=True)
-    expected = ["python3", "-m", "pip", "--python", sys.executable, "install", "a>=1,<2"]
-    assert shlex.split(pip_command("install", "a>=1,<2")) == expected
+    outside, *command = shlex.split(pip_command("install", "a>=1,<2"))
+    assert command == ["-m", "pip", "--python", sys.executable, "install", "a>=1,<2"]
+    found = subprocess.run([outside, "-c", "import sys; print(sys.prefix)"], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == sys.base_prefix
+
+
+@pytest.mark.skipif(not (ROOT / ".venv" / "bin" / "python3").exists(), reason="make has set up no environment here")
+def test_make_installs_from_outside_of_its_environment_when_that_is_active():
+    """The environment of make has no pip."""
+    path = f"{ROOT / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    install = next(line for line in recipe("sim", PATH=path).splitlines() if line.endswith("'.[sim]'"))
+    subprocess.run(
+        [shlex.split(install)[0], "-m", "pip", "--version"], cwd=ROOT, env={**os.environ, "PATH": path}, check=True
+    )
 
 
 @pytest.mark.parametrize("extra", metadata.metadata("socialbot").get_all("Provides-Extra") or ["none"])
@@ -104,7 +117,8 @@ def test_each_extra_has_a_target_that_installs_it(extra):
     assert any(extra in option.strip(".[]").split(",") for option in options)
 
 
-def recipe(target: str) -> str:
-    """What make does for a target."""
+def recipe(target: str, **variables: str) -> str:
+    """What make does for a target; ``variables`` are added to the environment."""
     command = ["make", "--dry-run", "--always-make", "--no-print-directory", target]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    environment = {**os.environ, **variables}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True).stdout
