@@ -371,7 +371,6 @@ class _ActionChannel(_RosChannel):
     def _cancel(self, call: PendingCall) -> None:
         super()._cancel(call)
         if call in self._goals:
-            self._unwanted.add(call)
             self._ask_to_cancel(call)
 
     @property
@@ -380,10 +379,10 @@ class _ActionChannel(_RosChannel):
 
     def cancel_all(self) -> None:
         for call in self._goals:
-            self._unwanted.add(call)
             self._ask_to_cancel(call)
 
     def _ask_to_cancel(self, call: PendingCall) -> None:
+        self._unwanted.add(call)
         # By its id, a goal can be cancelled before the answer that it is accepted has arrived.
         future = self._goals[call].cancel_goal_async()
         future.add_done_callback(functools.partial(self._on_cancel_answer, call, call not in self._answered))
@@ -395,7 +394,7 @@ class _ActionChannel(_RosChannel):
         self._unwanted.discard(call)
         if answer.goals_canceling:
             self._on_accepted(call)
-        if not answer.goals_canceling and answer.return_code != CancelGoal.Response.ERROR_GOAL_TERMINATED:
+        elif answer.return_code != CancelGoal.Response.ERROR_GOAL_TERMINATED:
             self._report(call.on_cancel_refused)
 
 

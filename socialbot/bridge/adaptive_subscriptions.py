@@ -122,8 +122,7 @@ def verified_subscriptions(
         try:
             opened = receiver.open(text)
         except MessageError as error:
-            if not opener.is_duplicate(error):
-                refuse(error)
+            refuse(error)
             return
         if opened is not None:
             take(serialize_message(opened))

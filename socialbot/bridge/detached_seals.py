@@ -126,8 +126,7 @@ class SealMatcher:
         try:
             name = self.opener.open(text)
         except MessageError as error:
-            if not self.opener.is_duplicate(error):
-                self.refuse(error)
+            self.refuse(error)
             return
         if name is None:
             return

@@ -100,8 +100,6 @@ class DiagnosticsSubscriber:
             try:
                 verified = self._verify(status)
             except MessageError as error:
-                if self._opener is not None and self._opener.is_duplicate(error):
-                    continue
                 self.refused += 1
                 log_refusal(DIAGNOSTICS_TOPIC, self.refused, error)
             else:

@@ -200,7 +200,11 @@ class Opener:
     stream: StreamKey = field(default=("", ""), init=False)
 
     def open(self, text: str) -> str | None:
-        """Return the payload of ``text``; None for a renewed seal of a known message and a beacon. Raises SealError."""
+        """Return the payload of ``text``; None if it brings no new message. Raises SealError.
+
+        A beacon brings none, nor does a renewed seal of a known message. The same holds for a message that arrives
+        again because its subscription is being replaced.
+        """
         sealed = read(text)
         self._verify(sealed)
         verdict = self.freshness.judge(sealed.sender, sealed.stream, sealed.number, sealed.time)
@@ -209,11 +213,9 @@ class Opener:
             is_beacon = sealed.payload == BEACON
             self.watch.note(self.stream, sealed.number, is_beacon=is_beacon)
             return sealed.payload if verdict == "new" and not is_beacon else None
+        if verdict == "replayed" and self.watch.overlaps:
+            return None
         raise SealError(verdict, f"from {sealed.sender!r}, sealed {self._age(sealed)}")
-
-    def is_duplicate(self, error: MessageError) -> bool:
-        """Whether a message was refused because a subscription that is being replaced has delivered it."""
-        return self.watch.overlaps and isinstance(error, SealError) and error.reason == "replayed"
 
     def _verify(self, sealed: Sealed) -> None:
         keys = self.keys.latest().of(sealed.sender)

@@ -269,8 +269,7 @@ class Transport:
             try:
                 message = receiver.decode(kind, ros_message, stamp=now())
             except MessageError as error:
-                if receiver.opener is None or not receiver.opener.is_duplicate(error):
-                    refuse(error)
+                refuse(error)
             else:
                 if message is not None:
                     take(message, info)
