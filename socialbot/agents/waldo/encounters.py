@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.messages import PersonDetection
+from socialbot.core.messages import PersonDetection, PersonDetections
 
 _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
@@ -27,23 +27,43 @@ _SILENT_S, _HIDDEN_S = 2.0, 12.0  # a conversation is over after this time witho
 _LEFT_M = 0.9  # who moves farther has left a conversation
 
 
+class View(NamedTuple):
+    """View of a camera that turns: the direction of its middle from the robot's base, and half of its width."""
+
+    yaw_rad: float
+    half_rad: float
+
+    @property
+    def clear_rad(self) -> float:
+        """Half of the width in which people are not cut off by the edge."""
+        return self.half_rad - _VIEW_EDGE_RAD
+
+    def shows(self, bearing_rad: float) -> bool:
+        """Whether people in the direction ``bearing_rad`` from the robot's base are in the view, and not cut off."""
+        return abs(math.remainder(bearing_rad - self.yaw_rad, math.tau)) < self.clear_rad
+
+
+def view_of(detections: PersonDetections) -> View | None:
+    """Return the view of the camera; None if it does not turn, or is not known by transforms."""
+    if detections.camera_yaw_rad is None or detections.camera_hfov_rad is None:
+        return None
+    return View(detections.camera_yaw_rad, detections.camera_hfov_rad / 2)
+
+
 class Frame(NamedTuple):
     """Persons within range in one frame by track id, with its stamp (ns); of people without an id, the nearest.
 
-    A camera that turns looks into the direction ``yaw_rad`` and sees ``half_view_rad`` to both sides of it.
+    Without a ``view``, the camera does not turn.
     """
 
     stamp: int
     near: Mapping[str, PersonDetection]
     persons: int
-    yaw_rad: float = 0.0
-    half_view_rad: float = math.inf
+    view: View | None = None
 
     def could_show(self, bearing_rad: float | None) -> bool:
         """Whether the view contains the direction ``bearing_rad`` from the robot's base."""
-        if bearing_rad is None or math.isinf(self.half_view_rad):
-            return True
-        return abs(math.remainder(bearing_rad - self.yaw_rad, math.tau)) < self.half_view_rad - _VIEW_EDGE_RAD
+        return bearing_rad is None or self.view is None or self.view.shows(bearing_rad)
 
 
 def in_base(person: PersonDetection, camera_yaw_rad: float | None) -> PersonDetection:
@@ -54,8 +74,13 @@ def in_base(person: PersonDetection, camera_yaw_rad: float | None) -> PersonDete
 
 
 class Path(NamedTuple):
-    """How a person walks: for how long this was seen, speed, its part towards the robot, and the distance at which the
-    path passes the robot.
+    """How a person walks.
+
+    Attributes:
+        seconds: Time in which it was measured.
+        speed_mps: Speed.
+        approach_mps: Its part towards the robot.
+        passes_m: Distance at which the line of the path passes the robot.
     """
 
     seconds: float
@@ -99,24 +124,6 @@ def slower(path: Path | None, longer: Path | None) -> Path | None:
     return min(path, longer, key=lambda one: one.speed_mps)
 
 
-def is_attentive(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> bool:
-    """Whether a person within ``within_m`` walks up to the robot, faces it, or stands near it without turning away.
-
-    Without detection of ``faces``, to stand within ``within_m`` is enough.
-    """
-    if person.distance_m is not None and person.distance_m > within_m:
-        return False
-    if path is not None and path.speed_mps >= _STRIDES_MPS:
-        return path.is_towards_robot and not _is_turned_away(person)
-    if _is_facing_known(person):
-        return (person.facing_rad or 0.0) <= _FACES_RAD
-    if path is None:
-        return person.approach_mps is None or person.approach_mps > -_WALKS_MPS
-    if path.speed_mps < _WALKS_MPS:
-        return _stands_near(person, faces)
-    return path.is_towards_robot
-
-
 def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:
     """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
     if person.facing_rad is not None or not is_placed(person):
@@ -129,25 +136,31 @@ def is_placed(person: PersonDetection) -> bool:
     return person.distance_m is not None and person.bearing_rad is not None
 
 
-def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> str:
-    """Describe what `is_attentive` judges by."""
+def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> tuple[bool, str]:
+    """Judge whether a person within ``within_m`` walks up to the robot, faces it, or stands near it.
+
+    Without detection of ``faces``, to stand within ``within_m`` is enough.
+
+    Returns:
+        Whether the person attends to the robot, and what shows it.
+    """
     if person.distance_m is not None and person.distance_m > within_m:
-        return f"is {person.distance_m:.1f} m away"
+        return False, f"is {person.distance_m:.1f} m away"
     strides = path is not None and path.speed_mps >= _STRIDES_MPS and not _is_turned_away(person)
     if _is_facing_known(person) and not strides:
-        return "faces the robot" if (person.facing_rad or 0.0) <= _FACES_RAD else "faces away from the robot"
+        faces_robot = (person.facing_rad or 0.0) <= _FACES_RAD
+        return faces_robot, "faces the robot" if faces_robot else "faces away from the robot"
     if path is None:
-        known = person.approach_mps is not None
-        return f"approaches at {person.approach_mps:.1f} m/s" if known else "does not turn away"
-    if path.speed_mps < _WALKS_MPS:
-        near = _stands_near(person, faces)
-        return "stands before the robot" if near else f"stands {person.distance_m:.1f} m away"
-    walks = f"walks past the robot at {path.passes_m:.1f} m" if path.approach_mps > 0 else "walks away from the robot"
-    return "walks up to the robot" if path.is_towards_robot else walks
-
-
-def _stands_near(person: PersonDetection, faces: bool) -> bool:
-    return not faces or person.distance_m is None or person.distance_m <= _STANDS_M
+        if person.approach_mps is None:
+            return True, "does not turn away"
+        return person.approach_mps > -_WALKS_MPS, f"approaches at {person.approach_mps:.1f} m/s"
+    if not path.is_walk:
+        near = not faces or person.distance_m is None or person.distance_m <= _STANDS_M
+        return near, "stands before the robot" if near else f"stands {person.distance_m:.1f} m away"
+    if path.is_towards_robot:
+        return True, "walks up to the robot"
+    past = f"walks past the robot at {path.passes_m:.1f} m"
+    return False, past if path.approach_mps > 0 else "walks away from the robot"
 
 
 def _is_turned_away(person: PersonDetection) -> bool:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from socialbot.agents.waldo.encounters import View
+
 
 class Pose(NamedTuple):
     """Head pose in rad: pan positive to the left, tilt positive up (REP-103); 0, 0 is straight ahead."""
@@ -39,10 +41,10 @@ _LEAD_S, _EASE_S = 0.2, 0.4  # The head leads a walker by this time; speeds are 
 _FASTEST_RAD_S = 0.8
 _LOST_S = 2.5  # The head looks where it lost a person for this long,
 _BEYOND_RAD = 0.35  # farther on in the direction in which the person went.
-_EDGE_RAD = 0.12  # People this near to the edge of the view may be cut off.
 _COAST_S = 1.2  # Somebody who walks out of view is expected to walk on for this long.
 _TURNS_S = 1.5  # An attentive person out of view is looked at after this time.
-_MISSED_S, _UNSEEN_S = 1.0, 6.0  # An attentive person is remembered for this long where nobody is seen; out of view.
+_MISSED_S = 1.0  # An attentive person is forgotten after this time if their direction is in view, but not they,
+_UNSEEN_S = 6.0  # or after this time out of view.
 _SEARCH = ((0.0, 3.0), (0.55, 1.6), (0.0, 2.0), (-0.55, 1.6))
 """Directions (rad) in which the head looks around, and how long (s) it stays there."""
 
@@ -67,17 +69,6 @@ class _Member:
     def expect(self, now_s: float) -> None:
         """Set the direction that is expected now."""
         self.pan = self.last_pan + self.speed_rad_s * min(now_s - self.at_s + _LEAD_S, _COAST_S)
-
-
-class View(NamedTuple):
-    """What a camera on the head sees: the direction of its middle from the robot's base, and half of its width."""
-
-    pan: float
-    half_rad: float
-
-    def shows(self, pan: float) -> bool:
-        """Whether a direction is clearly in the view."""
-        return abs(pan - self.pan) < self.half_rad - _EDGE_RAD
 
 
 @dataclass
@@ -155,12 +146,12 @@ class Gaze:
         waiting = self._waiting(now_s, view)
         if waiting is not None:
             pan = waiting
-        room = 2 * (view.half_rad - _EDGE_RAD)
+        width = 2 * view.clear_rad
         low = high = pan
         for one in sorted(self._group.values(), key=lambda one: one.distance_m):
-            if max(high, one.pan) - min(low, one.pan) <= room:
+            if max(high, one.pan) - min(low, one.pan) <= width:
                 low, high = min(low, one.pan), max(high, one.pan)
-        return min(max(pan, high - room / 2), low + room / 2)
+        return min(max(pan, high - view.clear_rad), low + view.clear_rad)
 
     def _measure(self, seen: Sequence[Seen], now_s: float) -> None:
         for person in seen:

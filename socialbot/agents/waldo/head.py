@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.agents.waldo.gaze import Gaze, Pose, Seen, View
+from socialbot.agents.waldo.encounters import view_of
+from socialbot.agents.waldo.gaze import Gaze, Pose, Seen
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import (
     HeadCommand,
@@ -138,7 +139,7 @@ class Head(Node):
     def on_detections(self, detections: PersonDetections) -> None:
         seen = self._seen(detections)
         if self.attentive:
-            now_s, view = detections.stamp / SECOND, self._view(detections)
+            now_s, view = detections.stamp / SECOND, view_of(detections) if self.camera_on_head else None
             wanted = self._gaze.look(seen, now_s, view) if self._led and self._free else None
             if wanted is not None:
                 self._aim(wanted, slack=self.dead_band_rad)
@@ -172,12 +173,6 @@ class Head(Node):
         self._gaze.switch_margin_m = self.switch_margin_m
         if name in ("pan_limit_rad", "tilt_limit_rad"):
             self._aim(self._wanted, slack=self._slack)
-
-    def _view(self, detections: PersonDetections) -> View | None:
-        """What the camera sees, if it is on the head and known by transforms."""
-        if not self.camera_on_head or detections.camera_yaw_rad is None or detections.camera_hfov_rad is None:
-            return None
-        return View(detections.camera_yaw_rad, detections.camera_hfov_rad / 2)
 
     def _seen(self, detections: PersonDetections) -> list[Seen]:
         """Persons with a known direction."""

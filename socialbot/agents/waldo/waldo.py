@@ -18,11 +18,11 @@ from socialbot.agents.waldo.encounters import (
     Frame,
     attention,
     in_base,
-    is_attentive,
     is_placed,
     is_undecided,
     path_of,
     slower,
+    view_of,
 )
 
 # 1. Import the parts of an agent
@@ -351,9 +351,10 @@ class PersonSensor(Sensor):
             hidden = placed and not engaged and person not in frames[-1].near
             if hidden or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
-            share = fmean(is_attentive(look, path, self._config.engage_m, faces=faces) for look in looks)
+            judged = [attention(look, path, self._config.engage_m, faces=faces) for look in looks]
+            share = fmean(attentive for attentive, _ in judged)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
-            why = f"{person} {attention(looks[-1], path, self._config.engage_m, faces=faces)} ({shown})"
+            why = f"{person} {judged[-1][1]} ({shown})"
             if not engaged and share >= 0.5:
                 self._engaged.add(person)
                 if path.is_walk if path is not None else is_new and placed:
@@ -384,9 +385,8 @@ class PersonSensor(Sensor):
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
         self._sees_faces = self._sees_faces or any(person.facing_rad is not None for person in persons)
-        turned = percept.camera_yaw_rad is not None and percept.camera_hfov_rad is not None
-        view = (percept.camera_yaw_rad or 0.0, (percept.camera_hfov_rad or 0.0) / 2) if turned else (0.0, math.inf)
-        self._frames.append(Frame(percept.stamp, {p.track_id or SOMEBODY: p for p in near}, len(near), *view))
+        by_id = {p.track_id or SOMEBODY: p for p in near}
+        self._frames.append(Frame(percept.stamp, by_id, len(near), view_of(percept)))
         self._bearings |= {p.track_id or SOMEBODY: p.bearing_rad for p in near}
         self._places |= {
             p.track_id: (p.distance_m * math.cos(p.bearing_rad), p.distance_m * math.sin(p.bearing_rad))
