@@ -107,8 +107,8 @@ class Script:
 
     def __or__(self, other: Script) -> Script:
         """Return both scripts in one; parts of the right one replace equally named ones and are tried first."""
-        mine = other.grammar
-        return Script(mine.intents.values(), mine.values, other.questions.values(), other.sentences, base=self)
+        grammar = other.grammar
+        return Script(grammar.intents.values(), grammar.values, other.questions.values(), other.sentences, base=self)
 
     @property
     def languages(self) -> tuple[str, ...]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import near
-from socialbot.runs.asking._people import moment
 from socialbot.runs.asking._scope import MOST_NAMED, NEAR_S, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.narration import plan_of, step_in
@@ -34,7 +33,7 @@ def said(scope: Scope) -> Told | None:
 
 
 def doing(scope: Scope) -> Told | None:
-    seconds, stamp = moment(scope)
+    seconds, stamp = scope.moment()
     deeds = [each for each in scope.subjects.deeds if scope.is_meant(each)]
     if scope.question.span_s is not None:
         return _listed_deeds(scope, scope.up_to_now()) or _idle_in(scope, scope.question.span_s)
@@ -64,7 +63,7 @@ def doing(scope: Scope) -> Told | None:
 
 
 def ahead(scope: Scope) -> Told | None:
-    seconds, stamp = moment(scope)
+    seconds, stamp = scope.moment()
     planned = _planned(scope, stamp)
     if planned:
         told = scope.joined(planned)
@@ -124,12 +123,12 @@ def _planned(scope: Scope, stamp: int) -> list[Clause]:
         for plan in mind.plans if scope.agent in ("", mind.name) else ():
             record = scope.history.find(plan.id)
             if record is not None:
-                found += _step_ahead(scope, record, mind.name, stamp)
-    return found[:MOST_NAMED]
+                found.append(_step_ahead(scope, record, mind.name, stamp))
+    return [each for each in found if each is not None][:MOST_NAMED]
 
 
-def _step_ahead(scope: Scope, plan: TraceRecord, agent: str, stamp: int) -> Iterator[Clause]:
-    """Yield the first step of a plan that had not begun at ``stamp``."""
+def _step_ahead(scope: Scope, plan: TraceRecord, agent: str, stamp: int) -> Clause | None:
+    """Return the first step of a plan that had not begun at ``stamp``; None if all had."""
     between = scope.history.between(plan.stamp, stamp)
     begun = Counter(each.what for each in between if each.kind == "step" and plan_of(scope.history, each) is plan)
     for place, line in enumerate(plan.detail.get("steps", ()), 1):
@@ -142,5 +141,5 @@ def _step_ahead(scope: Scope, plan: TraceRecord, agent: str, stamp: int) -> Iter
         whose = "my" if scope.speech.is_single else f"{scope.subjects.wording.name(agent)}'s"
         text = f"step {place} of {whose} plan for {plan.what} was next: {sentence}"
         claim = Claim("planned", agent, (step, plan.what), scope.history.seconds(stamp), value=float(place))
-        yield Clause(text, (plan.id,), claim)
-        return
+        return Clause(text, (plan.id,), claim)
+    return None

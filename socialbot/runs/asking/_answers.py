@@ -15,13 +15,13 @@ from socialbot.runs.asking._activity import ahead, doing, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._facts import near, record_agent
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
-from socialbot.runs.asking._questions import SURE, examples, understand, with_time
+from socialbot.runs.asking._questions import SURE, understand, with_time
 from socialbot.runs.asking._scope import MOST_NAMED, NEAR_S, Scope, Told
-from socialbot.runs.asking._sentences import Claim, Clause
+from socialbot.runs.asking._sentences import Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking.languages import LANGUAGES
+from socialbot.runs.asking.languages import LANGUAGES, Language
 from socialbot.runs.run import RunView
-from socialbot.runs.why import decided_at
+from socialbot.runs.why import call_of, decided_at
 
 ALL_WORDS = 0.8
 """Least share of the words in question that an utterance has to have to be told as said."""
@@ -130,7 +130,7 @@ class _Answering(Scope):
         if not understood and not self.spoken:
             told += f" {self.speech.say('able')}."
         intent = self.question.kind or "" if understood else ""
-        asked = examples(self.subjects, language, self.history.duration_s / 2)
+        asked = _examples(self.subjects, language, self.history.duration_s / 2)
         return Answer(text, self.language, intent, False, told, (), self.question.confidence, "", asked)
 
     # Why
@@ -386,3 +386,17 @@ class _Answering(Scope):
             if each.person in concerned and each.first.stamp <= deed.stamp <= each.last.stamp
         ]
         return self.joined(clauses), clauses
+
+
+def _examples(subjects: Subjects, language: Language, at_s: float) -> tuple[str, ...]:
+    """Return questions that this run can answer."""
+    done = [topic for topic in subjects.topics if subjects.done(topic)]
+    declared = (" ".join(topic.words[language.code][0]) for topic in done if language.code in topic.words)
+    named = (_infinitive(topic, subjects) for topic in done if topic.loose and language.code == "en")
+    deed = next(declared, None) or next(named, None)
+    texts = language.sentences["examples"].split(" | ")
+    return tuple(text.format(deed=deed, at=f"{at_s:.0f}") for text in texts if deed or "{deed}" not in text)
+
+
+def _infinitive(topic: Topic, subjects: Subjects) -> str:
+    return infinitive(subjects.wording.call(topic.name, arguments_of(call_of(subjects.done(topic)[0]))))

@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from socialbot.runs.asking._words import similarity
 from socialbot.runs.asking.languages import INTERROGATIVES, Language
 
 Relation = Literal["after", "before", "when"]
 
 _MOST_WORDS = 8
 """Most words of a contrast."""
-_FORM = 0.96
 
 
 @dataclass(frozen=True)
@@ -77,12 +75,6 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
 def _asks(pair: Sequence[str], language: Language) -> bool:
     """Return whether two words begin a question to the robot: ``did you``."""
     return pair[0] in language.auxiliaries and tuple(pair[1:]) in language.phrases["you"]
-
-
-def tells(words: Sequence[str], language: Language, name: str) -> bool:
-    """Return whether a form of a word of a class occurs."""
-    known = [one[0] for one in language.phrases[name] if len(one) == 1]
-    return any(similarity(word, one) >= _FORM for word in words for one in known)
 
 
 def _is_at(phrase: Sequence[str], words: Sequence[str], place: int) -> bool:

@@ -71,9 +71,7 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
         return "see", sure
     if has("say") and not has_topic and not has("future"):
         return "said", sure
-    if has("next") and not has("past"):
-        return "next", sure
-    if has("plan", "future") and not has("past"):
+    if has("next", "plan", "future") and not has("past"):
         return "next", sure
     if has("do", "happen", "plan"):
         return "doing", sure

@@ -1,17 +1,13 @@
-"""Deeds that the words of a question name, and how much of it is explained."""
+"""Deeds that the words of a question name."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic
-from socialbot.runs.asking._words import ALIKE, likeness, similarity, stem
+from socialbot.runs.asking._words import ALIKE, likeness, similarity
 
-_UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
-_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
-_PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
-_NEAR = 3
 _SOFT = (
     "see",
     "do",
@@ -93,24 +89,3 @@ def _loosely(phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int
         elif n == 0:
             return 0.0, ()
     return (total, tuple(found)) if set(found) & free else (0.0, ())
-
-
-def coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
-    """Return how much of the question is explained.
-
-    An unknown object of the deed counts most; less count words behind a preposition, adverbs, and words far away.
-    """
-    places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
-    aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
-    stems = {stem(word) for word in known}
-    penalty = 0.0
-    for place in reading.free():
-        word = reading.words[place]
-        if stem(word) in stems:
-            continue
-        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
-        is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
-        near = not places or any(abs(place - at) <= _NEAR for at in places)
-        far = word.endswith("ly") or len(word) < 3 or not near
-        penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
-    return 1.0 / (1.0 + penalty)

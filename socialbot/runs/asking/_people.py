@@ -25,7 +25,7 @@ def visitors(scope: Scope) -> Told | None:
 
 
 def seen(scope: Scope) -> Told | None:
-    _, stamp = moment(scope)
+    _, stamp = scope.moment()
     frame = scope.facts.frame(stamp)
     if frame is None or (scope.agent and not _sees(scope, scope.agent)):
         return _sensed(scope, stamp)
@@ -86,27 +86,21 @@ def _nobody(scope: Scope) -> Told:
     return clause.text, [clause]
 
 
-def stay(scope: Scope, stay: Presence) -> Clause:
-    last = stay.last if stay.last.stamp <= scope.now else (scope.facts.frame(scope.now) or stay.last)
-    at_s, until_s = scope.history.seconds(stay.first.stamp), scope.history.seconds(last.stamp)
-    is_you = stay.person == scope.speech.you
+def stay(scope: Scope, visit: Presence) -> Clause:
+    last = visit.last if visit.last.stamp <= scope.now else (scope.facts.frame(scope.now) or visit.last)
+    at_s, until_s = scope.history.seconds(visit.first.stamp), scope.history.seconds(last.stamp)
+    is_you = visit.person == scope.speech.you
     text = scope.speech.say(
         "here_you" if is_you else "here",
-        person=scope.speech.people([stay.person]),
+        person=scope.speech.people([visit.person]),
         at=number(at_s),
         until=number(until_s),
     )
-    return Clause(text, (stay.first.id, last.id), Claim("here", at_s=at_s, until_s=until_s, persons=(stay.person,)))
+    return Clause(text, (visit.first.id, last.id), Claim("here", at_s=at_s, until_s=until_s, persons=(visit.person,)))
 
 
 def has_frames(scope: Scope) -> bool:
     return scope.facts.frame(scope.now) is not None
-
-
-def moment(scope: Scope) -> tuple[float, int]:
-    told = scope.question.at_s if scope.question.at_s is not None else scope.event_s
-    seconds = scope.now_s if told is None else told
-    return seconds, scope.history.stamp(seconds)
 
 
 def _sees(scope: Scope, agent: str) -> bool:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from socialbot.runs.asking._clauses import Parts, Relation, tells, without_contrast, without_event
+from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event
 from socialbot.runs.asking._kinds import Kind, kind_of
-from socialbot.runs.asking._named_deeds import coverage, named_deeds
+from socialbot.runs.asking._named_deeds import named_deeds
 from socialbot.runs.asking._references import (
     PersonReference,
     Reading,
@@ -21,10 +20,9 @@ from socialbot.runs.asking._references import (
     take_time,
 )
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._word_classes import classify, guess_interrogative, words_of_deeds
-from socialbot.runs.asking._words import tokens
+from socialbot.runs.asking._word_classes import classify, guess_interrogative, tells, words_of_deeds
+from socialbot.runs.asking._words import stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES, Language
-from socialbot.runs.why import call_of
 
 SURE = 0.68
 """Confidence below which a question counts as not understood."""
@@ -32,6 +30,12 @@ _AGENT_OF_PASSIVE = {"by", "from"}
 _ADDRESSING = {"to", "zu", "a", "an", "for"}
 _LONG = 5
 """Least length of a word that is heard as two."""
+_UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
+"""What an unknown word costs: near the deed, behind a preposition, and far away."""
+_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
+_PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
+_NEAR = 3
+"""Most words between a deed and an unknown word near it."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +127,7 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
 
 def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
     """Join pairs of words that are one known word: a recogniser may hear ``of ten`` for ``often``."""
-    known = {word for alternatives in language.phrases.values() for phrase in alternatives for word in phrase}
-    known |= words_of_deeds(subjects, language.code)
+    known = language.known_words | words_of_deeds(subjects, language.code)
     result: list[str] = []
     for word in words:
         is_whole = bool(result) and result[-1] in known and word in known
@@ -137,8 +140,7 @@ def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> lis
 
 def _exact(words: Sequence[str], language: Language) -> int:
     """Return how many words a language knows as they are."""
-    known = {word for alternatives in language.phrases.values() for phrase in alternatives for word in phrase}
-    return sum(word in known for word in words)
+    return sum(word in language.known_words for word in words)
 
 
 def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Question:
@@ -234,7 +236,7 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -
     if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
         at_s = person.at_s
     unknown = tuple(reading.words[place] for place in reading.free())
-    confidence = min(sure, fit) * coverage(
+    confidence = min(sure, fit) * _coverage(
         reading, topic, subjects.known_words | words_of_deeds(subjects, language.code)
     )
     return Question(
@@ -244,6 +246,27 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say"),
         unknown=unknown,
     )  # fmt: skip
+
+
+def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
+    """Return how much of the question is explained.
+
+    An unknown object of the deed counts most; less count words behind a preposition, adverbs, and words far away.
+    """
+    places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
+    aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
+    stems = {stem(word) for word in known}
+    penalty = 0.0
+    for place in reading.free():
+        word = reading.words[place]
+        if stem(word) in stems:
+            continue
+        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
+        is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
+        near = not places or any(abs(place - at) <= _NEAR for at in places)
+        far = word.endswith("ly") or len(word) < 3 or not near
+        penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
+    return 1.0 / (1.0 + penalty)
 
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
@@ -320,31 +343,3 @@ def with_time(question: Question, now_s: float) -> Question:
     if not question.ago or question.at_s is None:
         return question
     return replace(question, at_s=max(0.0, now_s - question.at_s), ago=False)
-
-
-def examples(subjects: Subjects, language: Language, at_s: float) -> tuple[str, ...]:
-    """Return questions that this run can answer."""
-    done = [topic for topic in subjects.topics if subjects.done(topic)]
-    declared = (" ".join(topic.words[language.code][0]) for topic in done if language.code in topic.words)
-    named = (_infinitive(topic, subjects) for topic in done if topic.loose and language.code == "en")
-    deed = next(declared, None) or next(named, None)
-    texts = language.sentences["examples"].split(" | ")
-    return tuple(text.format(deed=deed, at=f"{at_s:.0f}") for text in texts if deed or "{deed}" not in text)
-
-
-def _infinitive(topic: Topic, subjects: Subjects) -> str:
-    return infinitive(subjects.wording.call(topic.name, arguments_of(call_of(subjects.done(topic)[0]))))
-
-
-def infinitive(sentence: str) -> str:
-    """Put a sentence without subject, such as ``goes to room1``, into the infinitive."""
-    verb, space, rest = sentence.partition(" ")
-    if verb.endswith("ies"):
-        verb = f"{verb[:-3]}y"
-    elif verb in ("has", "is", "does", "goes"):
-        verb = {"has": "have", "is": "be", "does": "do", "goes": "go"}[verb]
-    elif re.search(r"(ss|sh|ch|x)es$", verb):
-        verb = verb[:-2]
-    elif verb.endswith("s") and not verb.endswith("ss"):
-        verb = verb[:-1]
-    return f"{verb}{space}{rest}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 from socialbot.runs.asking._topics import Phrase, Subjects
@@ -185,20 +185,21 @@ def _order(word: str, phrases: Mapping[str, Sequence[Phrase]]) -> int | None:
     return number if alike == 1.0 or (len(word) > 4 and alike >= _ALIKE_ORDINAL) else None
 
 
-def _order_behind(reading: Reading, person: int) -> Iterator[int]:
+def _order_behind(reading: Reading, person: int) -> int | None:
     """Take the order of arrival behind a person: ``the man who came first``."""
     phrases, words = reading.language.phrases, reading.words
     between = {word for name in ("comes", "here", *_BETWEEN) for one in phrases[name] for word in one} | _RELATIVE
     for place in range(person + 1, min(len(words), person + 6)):
         if place in reading.taken:
-            return
+            return None
         exact = [*phrases["first"], *phrases["last"], *phrases["ordinals"]]
         number = _order(words[place], phrases) if (words[place],) in exact else None
         if number is not None and place > person + 1:
             reading.taken |= set(range(person, place + 1))
-            yield number
+            return number
         if words[place] not in between:
-            return
+            return None
+    return None
 
 
 def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
@@ -285,7 +286,7 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
     for n, word in enumerate(words):
         # "the man who came first", "two people"
         if n not in reading.taken and (word,) in people:
-            number = next((place for place in _order_behind(reading, n)), None)
+            number = _order_behind(reading, n)
             if number is not None:
                 return PersonReference(ordinal=number)
             counted = number_at(words, n - 1) if n else None

@@ -27,7 +27,7 @@ _PLACE = re.compile(r"(\w+) \{(\d)\}")
 """Argument of a phrase with the word before it: ``from {1}``."""
 
 MOST_NAMED = 5
-"""Deeds, people or beliefs that an answer names; it counts the others."""
+"""Most deeds, people or beliefs that an answer names."""
 
 Told = tuple[str, list[Clause]]
 """Text of an answer and its clauses."""
@@ -59,10 +59,10 @@ class Scope:
         self.assumes = ""
         self.language = self._answer_language()
         self.event_deed: TraceRecord | None = None
-        self.event_s = self._event_time(speaker)
+        self.event_s = self._event_time()
         self.deeds_at_all = self._deeds()
         self.deeds = self.in_time(self.deeds_at_all)
-        self.persons = self._persons(speaker)
+        self.persons = self._persons()
         me = question.person is not None and question.person.me
         asked_at_s = now_s if spoken else None
         self.speech = self._speech(speaker or (self.persons[0] if me and self.persons else ""), asked_at_s)
@@ -89,12 +89,12 @@ class Scope:
                 return before
         return later
 
-    def _event_time(self, speaker: str) -> float | None:
+    def _event_time(self) -> float | None:
         """Return the time (s) of the event of the question; None without one, or if it did not happen."""
         event = self.question.event
         if event is None:
             return None
-        scope = Scope(self.run, self.subjects, event.what, self.now_s, speaker, "", spoken=False)
+        scope = Scope(self.run, self.subjects, event.what, self.now_s, self.speaker, "", spoken=False)
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]
             self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)
@@ -149,7 +149,7 @@ class Scope:
                 return False
         return not self.agent or record_agent(self.history, record) == self.agent
 
-    def _persons(self, speaker: str) -> list[str]:
+    def _persons(self) -> list[str]:
         """Return the people whom the question names; none if it names nobody."""
         reference, facts = self.question.person, self.facts
         if not self.subjects.persons:
@@ -166,8 +166,8 @@ class Scope:
         if reference.at_s is not None:
             seen = facts.present_at(self.history.stamp(reference.at_s))
             return seen[:1] or ["?"]
-        if speaker:
-            return [speaker]
+        if self.speaker:
+            return [self.speaker]
         found = self._asker()
         if found:
             self.assumes = LANGUAGES[self.language].sentences["assumes"].format(id=found)
@@ -227,6 +227,12 @@ class Scope:
         if event is not None and event.relation != "before" and self.question.ordinal is None:
             return deeds[0] if deeds else None
         return self.numbered(deeds)
+
+    def moment(self) -> tuple[float, int]:
+        """Return the time that a state is asked for, in seconds and as a stamp: by default that of the question."""
+        told = self.question.at_s if self.question.at_s is not None else self.event_s
+        seconds = self.now_s if told is None else told
+        return seconds, self.history.stamp(seconds)
 
     def only_agent(self) -> str:
         return self.agent or (self.history.agents[0] if len(self.history.agents) == 1 else "")

@@ -11,7 +11,6 @@ import msgspec
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Condition, Sentences
 from socialbot.runs.asking._facts import Facts, Held, record_agent
-from socialbot.runs.asking._questions import infinitive
 from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.narration import Narrator, past
@@ -57,6 +56,20 @@ class Clause(msgspec.Struct, frozen=True):
 def number(value: float) -> str:
     """Return a number with at most one decimal."""
     return f"{round(value, 1):g}"
+
+
+def infinitive(sentence: str) -> str:
+    """Put a sentence without subject, such as ``goes to room1``, into the infinitive."""
+    verb, space, rest = sentence.partition(" ")
+    if verb.endswith("ies"):
+        verb = f"{verb[:-3]}y"
+    elif verb in ("has", "is", "does", "goes"):
+        verb = {"has": "have", "is": "be", "does": "do", "goes": "go"}[verb]
+    elif re.search(r"(ss|sh|ch|x)es$", verb):
+        verb = verb[:-2]
+    elif verb.endswith("s") and not verb.endswith("ss"):
+        verb = verb[:-1]
+    return f"{verb}{space}{rest}"
 
 
 class Speech:

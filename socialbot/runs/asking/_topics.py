@@ -319,6 +319,4 @@ def _name(text: str) -> str:
     return text.lstrip("~").partition("(")[0]
 
 
-_CLASS_WORDS = {word for alternatives in ENGLISH.phrases.values() for phrase in alternatives for word in phrase} | {
-    "yes"
-}
+_CLASS_WORDS = ENGLISH.known_words | {"yes"}

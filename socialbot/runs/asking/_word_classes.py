@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from difflib import SequenceMatcher
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import HEARD, occurrences, sound, stem
-from socialbot.runs.asking.languages import INTERROGATIVES
+from socialbot.runs.asking._words import HEARD, occurrences, similarity, sound, stem
+from socialbot.runs.asking.languages import INTERROGATIVES, Language
 
 _ONLY_EXACT = {
     "unanswerable",
@@ -33,13 +33,13 @@ _ONLY_EXACT = {
     "longest",
     "shortest",
 }
-_MISHEARD = {"past", "present", "future"}
+_TENSES = {"past", "present", "future"}
+"""Classes of words that may have another class, too; misheard ones are recognised by their sound alone."""
 _STEM = 0.96
 """Least similarity of two forms of a word."""
 _SOUNDS, _FORM = 0.79, 0.9
 """Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
 _EXACT = 0.999
-_TAKES_NOTHING = {"past", "present", "future", "auxiliary"}
 _PARTS = ("but", "rather", "event after", "event before", "event when", "comes", "leaves", "waits", "auxiliary")
 """Classes of words that only divide a question into clauses."""
 _WRITTEN_ALIKE = 0.84
@@ -66,13 +66,15 @@ def classify(reading: Reading, domain: Set[str]) -> None:
     deeds = {place for place, word in enumerate(reading.words) if stem(word) in stems}
     matches: list[tuple[float, int, str, tuple[int, ...]]] = []
     for name, alternatives in reading.language.phrases.items():
-        for phrase in alternatives if name not in _PARTS else ():
-            between = 1 if len(phrase) > 1 and name in ("why", "how_often", "see", "plan") else 0
+        if name in _PARTS:
+            continue
+        for phrase in alternatives:
+            between = 1 if phrase[1:] and name in ("why", "how_often", "see", "plan") else 0
             for alike, places in occurrences(phrase, reading.words, between):
                 if (
                     alike > _EXACT
-                    or (name in _MISHEARD and _SOUNDS < alike < _FORM)
-                    or (name not in _ONLY_EXACT and len(next(iter(phrase))) > 2 and _is_alike(alike))
+                    or (name in _TENSES and _SOUNDS < alike < _FORM)
+                    or (name not in _ONLY_EXACT and len(phrase[0]) > 2 and _is_alike(alike))
                 ):
                     matches.append((alike, len(phrase), name, places))
     exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}
@@ -81,35 +83,25 @@ def classify(reading: Reading, domain: Set[str]) -> None:
     claimed: dict[int, str] = {}
     for alike, _, name, places in matches:
         others = {claimed[place] for place in places if place in claimed}
-        if any(claimed.get(place) == "polite" for place in places) or (alike < _STEM and deeds & set(places)):
+        if "polite" in others or (alike < _STEM and deeds & set(places)):
             continue
-        soft = name in _TAKES_NOTHING or name in (
-            "filler",
-            "next",
-            "plan",
-            "me",
-            "you",
-            "people",
-            "last",
-            "first",
-            "all",
-        )
         is_part = len(places) == 1 and places[0] in reading.taken and len(reading.words[places[0]]) == 1  # t, of t2
         if is_part or (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
             continue
-        if (
-            others
-            and not soft
-            and any(each in INTERROGATIVES or each == name for each in others)
-            and name in INTERROGATIVES
-        ):
+        if name in INTERROGATIVES and others.intersection(INTERROGATIVES):
             continue
         reading.found.setdefault(name, []).append((alike, places))
-        if name not in _TAKES_NOTHING or name == "filler":
+        if name not in _TENSES:
             claimed.update(dict.fromkeys(places, "polite" if name == "filler" and len(places) > 1 else name))
     for name, places in ((name, places) for name, found in reading.found.items() for _, places in found):
         if name != "named" and not name.startswith("person "):
             reading.taken |= set(places)
+
+
+def tells(words: Sequence[str], language: Language, name: str) -> bool:
+    """Return whether a form of a word of a class occurs."""
+    known = [one[0] for one in language.phrases[name] if len(one) == 1]
+    return any(similarity(word, one) >= _STEM for word in words for one in known)
 
 
 def guess_interrogative(reading: Reading, has_topic: bool) -> None:

@@ -29,6 +29,11 @@ class Language:
         """Alternatives of each class as tuples of words."""
         return {name: tuple(tuple(one.split()) for one in text.split(",")) for name, text in self.words.items()}
 
+    @cached_property
+    def known_words(self) -> frozenset[str]:
+        """Words of all classes."""
+        return frozenset(word for alternatives in self.phrases.values() for phrase in alternatives for word in phrase)
+
     @property
     def auxiliaries(self) -> frozenset[str]:
         """First words of questions that are answered by yes or no."""
