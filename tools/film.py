@@ -11,9 +11,10 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
+from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.agents.warehouse.demo import warehouse
 from socialbot.agents.warehouse.gripper import PHRASES
-from socialbot.agents.warehouse.physics import PhysicalWarehouse, load_mujoco
+from socialbot.agents.warehouse.physics import PhysicalWarehouse
 from socialbot.agents.warehouse.scenario import GRIPPER
 from socialbot.agents.warehouse.world_node import WarehouseWorld
 from socialbot.core.clock import SECOND

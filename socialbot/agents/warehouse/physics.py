@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from socialbot.agents.base._simulation import WorldFault
+from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
@@ -26,7 +27,6 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.agents.warehouse.world import FLOOR, UNLOAD_S, Warehouse
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.mujoco import load_mujoco
 
 STEP_S = 0.004
 CONTACT_S = 4 * STEP_S

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.core import paths
-from socialbot.core.mujoco import load_mujoco
 from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.node import SimulatedPlace

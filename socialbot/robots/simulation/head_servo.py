@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory
-from socialbot.core.mujoco import load_mujoco
 
 PAN, TILT = "head_pan_joint", "head_tilt_joint"
 LIMITS_RAD = {PAN: 1.6, TILT: 0.8}

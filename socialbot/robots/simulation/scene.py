@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.core.errors import InstallationError
-from socialbot.core.mujoco import load_mujoco
 from socialbot.robots.simulation.figure import Figure, Part
 from socialbot.robots.simulation.looks import Colour
 from socialbot.robots.simulation.place import Place, placed
