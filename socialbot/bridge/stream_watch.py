@@ -1,8 +1,8 @@
 """Subscriptions that are replaced when the sealed messages of a live publisher do not arrive.
 
-DDS believes any packet. False HEARTBEATs and GAPs in the name of a publisher stop its messages to the subscriptions
-that exist at that time, for good. A new subscription receives again. So idle publishers with keys send sealed beacons,
-and a subscription that does not receive those of all its publishers is replaced.
+DDS accepts packets from any sender. False HEARTBEATs and GAPs in the name of a publisher stop its messages to the
+subscriptions that exist at that time, for good. A new subscription receives messages again. So idle publishers with
+keys send sealed beacons, and a subscription that does not receive those of all its publishers is replaced.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 BEACON_S = 2.0
-"""Longest time (s) between two sealed messages of a publisher."""
+"""Longest period (s) of `Transport.renew`. A publisher that has sealed nothing for half of it sends a beacon."""
 SILENT_S = 3 * BEACON_S
 """Time (s) without a sealed message after which a publisher is silent, and first time between two replacements."""
 MAX_PAUSE_S = 2 * SILENT_S

@@ -192,7 +192,7 @@ class Transport:
 
             seals = ros.create_publisher(message_class(STRING), seal_topic(publisher.topic_name), qos)
         sender = self.sender(publisher, latched=delivery is Delivery.LATCHED, standard=standard, seals=seals)
-        self._attend(ros)
+        self._schedule_renewal(ros)
         if standard and self._drivers is not None and publisher.topic_name in self._drivers.topics:
             sender.drivers = self._drivers.publisher(ros, publisher.topic_name, ros_class, qos)
         return sender
@@ -328,7 +328,7 @@ class Transport:
         made = WatchedSubscription(ros, create, watch)
         with self._lock:
             self._watched.add(made)
-        self._attend(ros)
+        self._schedule_renewal(ros)
         return made
 
     def _replace_faulty(self, subscriptions: Collection[WatchedSubscription]) -> None:
@@ -337,7 +337,7 @@ class Transport:
             if is_power_of_ten(count := self.resubscribed[topic]):
                 log.warning("%s: all topics of the node are subscribed again (%d): %s", topic, count, reason)
 
-    def _attend(self, ros: Any) -> None:
+    def _schedule_renewal(self, ros: Any) -> None:
         """Call `renew` in the thread that spins ``ros``, once in its period."""
         if self._seal is None or ros in self._timers:
             return

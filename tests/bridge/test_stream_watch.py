@@ -123,10 +123,22 @@ class TestStreamWatch:
         watch.note(ROBOT, 3, is_beacon=False)
         assert watch.fault(2) == ""
 
+    def test_a_restarted_publisher_is_one_publisher(self, watch, time):
+        watch.has_foreign = True
+        watch.note(ROBOT, 1, is_beacon=False)
+        watch.note(OTHER, 1, is_beacon=False)
+        assert watch.fault(1) == ""
+        time.passes(SILENT_S)
+        watch.note(OTHER, 2, is_beacon=False)
+        time.passes(0.1)
+        assert watch.fault(1) == ""
+
     def test_memory_is_bounded(self, watch):
         for number in range(2 * MAX_STREAMS):
             watch.note(("robot", str(number)), 1, is_beacon=False)
         assert len(watch._heard) == MAX_STREAMS
+        assert watch.fault(MAX_STREAMS) == ""
+        assert ("robot", str(2 * MAX_STREAMS - 1)) in watch._heard
 
 
 class TestMessageWatch:
@@ -175,6 +187,12 @@ class TestWatchedSubscription:
             faults(subscription, time, 1.0)
         ros.publishers = 2
         assert faults(subscription, time, SILENT_S) == []
+
+    def test_a_publisher_that_leaves_delays_nothing(self, subscription, ros, time):
+        ros.publishers = 2
+        assert faults(subscription, time, 4.0) == []
+        ros.publishers = 1
+        assert faults(subscription, time, 5.0) == [SILENT_S + CHECK_S - 4.0]
 
     def test_both_receive_until_the_next_check(self, subscription, ros, watch, time):
         subscription.replace()
