@@ -494,7 +494,7 @@ def test_a_beacon_is_recorded_and_is_no_message():
 
 
 def test_a_forged_or_replayed_beacon_does_not_count():
-    sender, receiver = stream(), opener()
+    sender, late, receiver = stream(), stream(at=NOW - 3 * SECOND), opener()
     text = sender.beacon()
     for broken in (text.replace('"number":0', '"number":1'), text.replace(TOPIC, "/other")):
         with pytest.raises(SealError):
@@ -503,8 +503,9 @@ def test_a_forged_or_replayed_beacon_does_not_count():
     receiver.open(text)
     receiver.watch.begin_again()
     assert receiver.open(text) is None
-    with pytest.raises(SealError, match="forged"):
-        receiver.open(text.replace('"number":0', '"number":1'))
+    for broken, why in ((text.replace('"number":0', '"number":1'), "forged"), (late.seal("a"), "late")):
+        with pytest.raises(SealError, match=why):
+            receiver.open(broken)
     receiver.watch.end_overlap()
     with pytest.raises(SealError, match="replayed"):
         receiver.open(text)
