@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from socialbot.bridge._services import WATCH_PERIOD_S, _ActionChannel
+from socialbot.bridge._service_clients import ActionChannel
+from socialbot.bridge._services import WATCH_PERIOD_S
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph.calls import CallResult, GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
@@ -258,7 +259,7 @@ class TestActions:
 
     def test_a_goal_can_be_cancelled_without_the_answer_that_it_is_accepted(self, monkeypatch):
         """A server that starts may answer before it has discovered the client, and the answer is lost."""
-        monkeypatch.setattr(_ActionChannel, "_on_answer", lambda self, call, future: None)
+        monkeypatch.setattr(ActionChannel, "_on_answer", lambda self, call, future: None)
         with foreign_servers() as process, active(Counter) as hosted:
             call = in_thread(hosted, lambda node: node.start_count(99))
             assert eventually(lambda: bool(hosted.node.seen))
