@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import near
-from socialbot.runs.asking._scope import MOST_NAMED, NEAR_S, Scope, Told
+from socialbot.runs.asking._questions import NEAR_S
+from socialbot.runs.asking._scope import MOST_NAMED, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause
 from socialbot.runs.narration import plan_of, step_in
 

@@ -15,8 +15,8 @@ from socialbot.runs.asking._activity import ahead, doing, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._facts import near, record_agent
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
-from socialbot.runs.asking._questions import SURE, understand, with_time
-from socialbot.runs.asking._scope import MOST_NAMED, NEAR_S, Scope, Told
+from socialbot.runs.asking._questions import NEAR_S, SURE, understand, with_time
+from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking.languages import LANGUAGES, Language
@@ -106,9 +106,10 @@ class _Answering(Scope):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.kind is None or question.confidence < SURE:
             return self._unknown(text, self.speech.say("unclear"), understood=False)
-        if question.at_s is not None and question.at_s > self.history.duration_s + NEAR_S:
+        asked_s = question.at_s if question.span_s is None else question.span_s[0]
+        if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
-        if question.event is not None and self.event_s is None:
+        if (question.event is not None and self.event_s is None) or self.persons == [NOBODY]:
             return self._unknown(text, self.speech.say("not_recorded"))
         found = self._contrasted(
             _TOLD[question.kind](self) if question.kind in _TOLD else getattr(self, f"_{question.kind}")()
@@ -144,9 +145,10 @@ class _Answering(Scope):
         if not topics:
             return None
         asked = replace(self.question, topics=topics, person=other.person, contrast=None, kind="why_not")
-        told = _Answering(
-            self.run, self.subjects, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken
-        )._why_not()
+        foil = _Answering(self.run, self.subjects, asked, self.now_s, self.speaker, self.agent, spoken=self.spoken)
+        if foil.persons == [NOBODY]:
+            return None
+        told = foil._why_not()
         return found if told is None else (f"{found[0]}; {told[0]}", [*found[1], *told[1]])
 
     def _why(self) -> Told | None:

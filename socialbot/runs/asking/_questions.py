@@ -28,6 +28,10 @@ SURE = 0.68
 """Confidence below which a question counts as not understood."""
 _AGENT_OF_PASSIVE = {"by", "from"}
 _ADDRESSING = {"to", "zu", "a", "an", "for"}
+NEAR_S = 2.0
+"""Tolerance (s) of a time in a question about a deed: people estimate times."""
+MOST_WORDS = 100
+"""Words of the longest question that is understood; the time to read one grows with the square of its length."""
 _LONG = 5
 """Least length of a word that is heard as two."""
 _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
@@ -114,7 +118,7 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
         language: Language of the text (ISO 639-1), if it is known; else that which explains it best.
     """
     words = tokens(text)
-    if not words:
+    if not 0 < len(words) <= MOST_WORDS:
         return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
     read = [_read(_joined(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
@@ -337,9 +341,10 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
 
 
 def with_time(question: Question, now_s: float) -> Question:
-    """Return a question with a time that counts back as a time of the run."""
+    """Return a question with a time that counts back as a time of the run; it is negative before the run."""
     if question.span_s is not None and question.span_s[0] < 0.0:
         question = replace(question, span_s=(max(0.0, now_s + question.span_s[0]), now_s))
     if not question.ago or question.at_s is None:
         return question
-    return replace(question, at_s=max(0.0, now_s - question.at_s), ago=False)
+    at_s = now_s - question.at_s
+    return replace(question, at_s=at_s if at_s < -NEAR_S else max(0.0, at_s), ago=False)

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Set
 from dataclasses import dataclass, field
 
-from socialbot.runs.asking._topics import Phrase, Subjects
-from socialbot.runs.asking._words import digits, half_at, likeness, number_at, ordinal_at, similarity, stem, tokens
+from socialbot.runs.asking._topics import Subjects
+from socialbot.runs.asking._words import (
+    digits,
+    half_at,
+    likeness,
+    number_at,
+    ordinal_at,
+    ordinal_in_digits,
+    similarity,
+    stem,
+    tokens,
+)
 from socialbot.runs.asking.languages import Language
 
 
@@ -59,8 +69,7 @@ def digits_after_names(words: list[str], subjects: Subjects) -> list[str]:
 
 def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | None]:
     """Take a time from the words: its value (s), whether it counts back, and the person whom it describes."""
-    phrases, words = reading.language.phrases, reading.words
-    units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
+    phrases, units, words = reading.language.phrases, reading.language.units, reading.words
     for n in range(len(words)):
         found = number_at(words, n) or ordinal_at(words, n, units) or half_at(words, n, units)
         if found is None:
@@ -84,12 +93,8 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
             one in (tuple(words[last + 1 : last + 1 + len(one)]), tuple(words[max(0, first - len(one)) : first]))
             for one in phrases["ago"]
         )
-        if (
-            ago
-            and reading.language.code == "de"
-            and not {"sekunden", "sekunde", "minuten", "minute"} & {words[p] for p in places}
-        ):
-            ago = False
+        if reading.language.code == "de" and not any(words[place] in units for place in places):
+            ago = False  # "vor 1:23" is before that time, "vor 10 s" is ten seconds ago
         reading.taken |= places
         describes = _names_person(reading, first)
         by_time = None if ago or not describes or first == 0 else PersonReference(at_s=value)
@@ -118,25 +123,25 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
 
     ``In the last ten seconds`` counts back from the time of the question: its begin is negative.
     """
-    phrases, words = reading.language.phrases, reading.words
-    units = {one[0]: 1.0 for one in phrases["seconds"]} | {one[0]: 60.0 for one in phrases["minutes"]}
+    units, words = reading.language.units, reading.words
     for n in range(1, len(words)):
         first = number_at(words, n)
-        if first is None and words[n] in units and _order(words[n - 1], phrases) in (1, -1):
+        order = _order(words[n - 1], reading.language)
+        if first is None and words[n] in units and order in (1, -1):
             reading.taken |= {n - 1, n}  # the first minute
-            return (0.0, units[words[n]]) if _order(words[n - 1], phrases) == 1 else (-units[words[n]], 0.0)
+            return (0.0, units[words[n]]) if order == 1 else (-units[words[n]], 0.0)
         if first is None:
             continue
-        places, end = set(range(n, n + first[1])), n + first[1]
+        places, end, begin_unit = set(range(n, n + first[1])), n + first[1], 0.0
         if words[end : end + 1] and words[end] in units:
-            order = _order(words[n - 1], phrases)
-            if order in (1, -1):
+            if order in (1, -1) and first[0] > 0.0:
                 reading.taken |= {*places, n - 1, end}
                 seconds = first[0] * units[words[end]]
                 return (0.0, seconds) if order == 1 else (-seconds, 0.0)
             if words[n - 1] in _UNTIL:
                 reading.taken |= {*places, n - 1, end}
                 return 0.0, first[0] * units[words[end]]
+            begin_unit = units[words[end]]
             places, end = {*places, end}, end + 1
         second = number_at(words, end + 1) if end + 1 < len(words) and words[end] in _TO else None
         if second is None or words[n - 1] not in _FROM:
@@ -145,7 +150,8 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
         unit = units.get(words[last], 0.0) if last < len(words) else 0.0
         if unit:
             reading.taken |= {*places, n - 1, *range(end, last + 1)}
-            return first[0] * unit, second[0] * unit
+            begin_s, end_s = sorted((first[0] * (begin_unit or unit), second[0] * unit))
+            return max(0.0, begin_s), end_s
     return None
 
 
@@ -175,14 +181,19 @@ def _names_person(reading: Reading, time: int) -> bool:
     return False
 
 
-def _order(word: str, phrases: Mapping[str, Sequence[Phrase]]) -> int | None:
+def _order(word: str, language: Language) -> int | None:
     """Return the number of an ordinal in any form: 1 for the first, -1 for the last; None for other words."""
+    phrases = language.phrases
+    written = ordinal_in_digits(word)
+    if written is not None:
+        return written
     known = [(one[0], 1) for one in phrases["first"] if len(one) == 1]
     known += [(one[0], -1) for one in phrases["last"] if len(one) == 1]
     known += [(one[0], number) for number, one in enumerate(phrases["ordinals"], 2)]
     forms = ((similarity(word[: len(each)], each), similarity(word[:-1], each[:-1]), number) for each, number in known)
     alike, number = max((max(one, other), number) for one, other, number in forms)
-    return number if alike == 1.0 or (len(word) > 4 and alike >= _ALIKE_ORDINAL) else None
+    is_form = len(word) > 4 and alike >= _ALIKE_ORDINAL and word not in language.known_words
+    return number if alike == 1.0 or is_form else None
 
 
 def _order_behind(reading: Reading, person: int) -> int | None:
@@ -193,7 +204,8 @@ def _order_behind(reading: Reading, person: int) -> int | None:
         if place in reading.taken:
             return None
         exact = [*phrases["first"], *phrases["last"], *phrases["ordinals"]]
-        number = _order(words[place], phrases) if (words[place],) in exact else None
+        is_exact = (words[place],) in exact or ordinal_in_digits(words[place]) is not None
+        number = _order(words[place], reading.language) if is_exact else None
         if number is not None and place > person + 1:
             reading.taken |= set(range(person, place + 1))
             return number
@@ -206,7 +218,7 @@ def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
     """Return which time a deed was done, 'the first time', 'the second greeting'; ``referred`` words name people."""
     words, phrases = reading.words, reading.language.phrases
     for n, word in enumerate(words):
-        number = _order(word, phrases)
+        number = _order(word, reading.language)
         is_time = n + 1 < len(words) and (words[n + 1],) in phrases["time"]
         is_counted = is_time or word in ("first", "last") or (n not in referred and words[max(0, n - 1)] in _DEFINITE)
         if number is None or (n in reading.taken and not is_counted):
@@ -278,7 +290,7 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
         reading.taken |= {place - 1 for place in places if place and (words[place - 1],) in people}
         return PersonReference(names=tuple(named))
     for n, word in enumerate(words):
-        number = None if n in reading.taken else _order(word, phrases)
+        number = None if n in reading.taken else _order(word, reading.language)
         near = [place for place in (n + 1, n - 1) if 0 <= place < len(words) and (words[place],) in people]
         if number is not None and near:
             reading.taken |= {n, near[0]}

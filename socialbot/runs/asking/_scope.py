@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
-from socialbot.runs.asking._questions import Question
+from socialbot.runs.asking._questions import NEAR_S, Question
 from socialbot.runs.asking._sentences import Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._words import ALIKE, similarity, tokens
@@ -19,15 +19,15 @@ from socialbot.runs.why import call_of
 EVENT_S = 8.0
 """Time (s) after the begin of an event that counts as during it: "when t2 came"."""
 
-NEAR_S = 2.0
-"""Tolerance (s) of a time in a question about a deed: people estimate times."""
-
 _SHOWN = re.compile(r"\{(\d)\}")
 _PLACE = re.compile(r"(\w+) \{(\d)\}")
 """Argument of a phrase with the word before it: ``from {1}``."""
 
 MOST_NAMED = 5
 """Most deeds, people or beliefs that an answer names."""
+
+NOBODY = "?"
+"""Person of a question that nobody fits: the ninth visitor of two."""
 
 Told = tuple[str, list[Clause]]
 """Text of an answer and its clauses."""
@@ -162,10 +162,10 @@ class Scope:
         if reference.ordinal is not None:
             arrivals = [one for one in facts.arrivals if self._came(one)]
             place = reference.ordinal - 1 if reference.ordinal > 0 else reference.ordinal
-            return arrivals[place : place + 1 or None][:1] or ["?"]
+            return arrivals[place : place + 1 or None][:1] or [NOBODY]
         if reference.at_s is not None:
             seen = facts.present_at(self.history.stamp(reference.at_s))
-            return seen[:1] or ["?"]
+            return seen[:1] or [NOBODY]
         if self.speaker:
             return [self.speaker]
         found = self._asker()

@@ -14,8 +14,10 @@ ALIKE = 0.72
 HEARD = 0.8
 """Similarity of words that sound alike."""
 
-_LETTERS = str.maketrans({"ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "\u2019": "'", "`": "'"})
-_TOKEN = re.compile(r"\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[a-z]+)?|[^\W\d_]+")
+_LETTERS = str.maketrans(
+    {"ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "\u2019": "'", "`": "'", "\u2212": "-", "º": "th", "ª": "th"}
+)
+_TOKEN = re.compile(r"\d+th\b|(?:(?<!\S)-)?\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[a-z]+)?|[^\W\d_]+")
 _CONTRACTIONS = (
     ("can't", "can not"), ("cannot", "can not"), ("won't", "will not"), ("n't", " not"), ("'ve", " have"),
     ("'ll", " will"),
@@ -24,6 +26,9 @@ _CONTRACTIONS = (
 )  # fmt: skip
 _ELIDED = re.compile(r"\b([cdjlmnst]|qu)'(?=\w)")
 """French elision: ``m'as`` is two words, ``m`` and ``as``."""
+
+_ORDINAL = re.compile(r"\b(\d+)(?:st|nd|rd|er|re|eme|e)\b|\b((?:der|die|das|den|dem|zum|beim|am) \d+)\.(?= )")
+"""Ordinal in digits, as in English (2nd), French (2e, 1er) and German (``den 2. Besucher``); Spanish has 2º."""
 
 _NAME = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _UNDOTTED = re.compile(r"(?<=\d),(?=\d)")
@@ -36,13 +41,17 @@ def folded(text: str) -> str:
 
 
 def tokens(text: str) -> list[str]:
-    """Return the words and numbers of ``text``, without accents and contractions; ``_`` separates words."""
+    """Return the words and numbers of ``text``, without accents and contractions; ``_`` separates words.
+
+    An ordinal in digits ends in ``th`` in each language.
+    """
     plain = folded(text).replace("_", " ")
     for short, long in _CONTRACTIONS:
         plain = plain.replace(short, long)
     plain = _UNDOTTED.sub(".", _ELIDED.sub(r"\1 ", plain))
+    plain = _ORDINAL.sub(r"\1\2th", plain)
     # "a1" and "room1" are two words, as a recogniser hears them.
-    plain = re.sub(r"(?<=[a-z])(?=\d)|(?<=\d)(?=[a-z])", " ", plain)
+    plain = re.sub(r"(?<=[a-z])(?=\d)|(?<=\d)(?=(?!th\b)[a-z])", " ", plain)
     return [token.partition("'")[0] for token in _TOKEN.findall(plain)]
 
 
@@ -184,7 +193,7 @@ def number_at(words: Sequence[str], place: int) -> tuple[float, int] | None:
     if re.fullmatch(r"\d+:\d\d(\.\d+)?", word):
         minutes, _, seconds = word.partition(":")
         return int(minutes) * 60 + float(seconds), 1
-    if re.fullmatch(r"\d+(\.\d+)?", word):
+    if re.fullmatch(r"-?\d+(\.\d+)?", word):
         return _with_point(float(word), words, place + 1, 1)
     german = _GERMAN.fullmatch(word)
     if german:
@@ -219,11 +228,15 @@ for _line in (
 
 
 def ordinal_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:
-    """Return the number of an ordinal before a unit of time: ``the eleventh second``, ``the 30 th second``."""
+    """Return the number of an ordinal before a unit of time: ``the eleventh second``, ``the 30th second``."""
     following = words[place + 1] if place + 1 < len(words) else ""
-    if words[place] in _ORDINALS and following in units:
-        return float(_ORDINALS[words[place]]), 1
-    return None
+    number = _ORDINALS.get(words[place]) or ordinal_in_digits(words[place])
+    return (float(number), 1) if number is not None and following in units else None
+
+
+def ordinal_in_digits(word: str) -> int | None:
+    """Return the number of an ordinal in digits, as `tokens` writes it: ``2th``; None for other words."""
+    return int(word[:-2]) or None if re.fullmatch(r"\d+th", word) else None
 
 
 _HALVES = {"half", "halbe", "halben", "demi", "medio", "media"}

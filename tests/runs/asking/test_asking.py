@@ -137,6 +137,7 @@ def test_other_words_reach_the_same_record(waldo, question, kind, deed):
         ("Was siehst du bei Sekunde 22?", "Bei 22 s: ich sah Person t2 in 4 m Entfernung."),
         ("Who was here?", "Person t1 was here from 2 to 13.9 s and person t2 was here from 20 to 24.9 s."),
         ("How many visitors came?", "2 people were here."),
+        ("¿Cuántas personas viste?", "2 personas estuvieron aquí."),
         ("How often did you greet people?", "2 times: at 2.2 s I greeted person t1 and at 20.2 s I greeted person t2."),
         ("Did you greet the man at 21 seconds?", "Yes: at 20.2 s I greeted person t2."),
         ("Did you help t2?", "No: I did not offer person t2 help because person t2 had only been here for 4.7 s."),
@@ -168,6 +169,35 @@ class TestPeople:
         undone = [clause.claim for clause in found.clauses if clause.claim.kind == "did_not"]
         assert [claim.persons for claim in undone] == [("t2",)]
         assert "4.7 s" in found.text
+
+    @pytest.mark.parametrize(
+        ("question", "text"),
+        [
+            ("How often did you greet the 1st visitor?", "Once: at 2.2 s I greeted person t1."),
+            ("How often did you greet the 2nd visitor?", "Once: at 20.2 s I greeted person t2."),
+            ("Wie oft hast du den 2. Besucher begrüßt?", "Einmal: bei 20.2 s: ich habe Person t2 begrüßt."),
+            ("Combien de fois as-tu salué le 1er visiteur ?", "Une fois: à 2.2 s, j'ai salué la personne t1."),
+            ("Combien de fois as-tu salué le 2e visiteur ?", "Une fois: à 20.2 s, j'ai salué la personne t2."),
+            ("¿Cuántas veces saludaste al 2º visitante?", "Una vez: a los 20.2 s saludé a la persona t2."),
+            ("When did you greet the man who came 1st?", "At 2.2 s I greeted person t1."),
+            ("What did you see at the 22nd second?", "At 22 s I saw person t2 4 m away."),
+        ],
+    )
+    def test_numbers_in_digits(self, waldo, question, text):
+        assert answer(waldo, question).text == text
+
+    @pytest.mark.parametrize(
+        "question",
+        [
+            "How often did you greet the 3rd visitor?",
+            "Why did you not greet the third visitor?",
+            "Did a third visitor come?",
+            "Why did you help t1, but not the third visitor?",
+        ],
+    )
+    def test_somebody_who_did_not_come_is_not_known(self, waldo, question):
+        found = answer(waldo, question)
+        assert (found.known, found.intent != "") == (False, True)
 
     def test_two_who_are_only_joined_are_not_contrasted(self, waldo):
         assert "did_not" not in kinds(answer(waldo, "Why did you help t1 and t2?"))
@@ -252,10 +282,35 @@ class TestTimes:
         assert not answer(waldo, "What did you do when the ninth visitor came?").known
 
     @pytest.mark.parametrize(
+        "question",
+        [
+            "What did you see at -5 seconds?",
+            "What did you see 100 seconds ago?",
+            "What did you do between 5000 and 6000 seconds?",
+        ],
+    )
+    def test_outside_the_run_are_not_known(self, waldo, question):
+        found = answer(waldo, question)
+        assert (found.known, found.intent) == (False, question.split()[3] if "see" in question else "doing")
+
+    def test_estimated_a_little_before_the_run_count_as_its_begin(self, waldo):
+        found = answer(waldo, "What did you see 10 seconds ago?", at_s=8.5)
+        assert found.text == "At 0 s I saw nobody."
+
+    def test_counted_back_with_a_short_unit(self, waldo):
+        found = answer(waldo, "Was hast du vor 10 s gemacht?")
+        assert found.text == answer(waldo, "Was hast du vor 10 Sekunden gemacht?").text
+        assert found.text == "Bei 20.2 s: ich habe Person t2 begrüßt."
+
+    @pytest.mark.parametrize(
         ("question", "text"),
         [
             ("What did you do between 1 and 8 seconds?", "At 2.2 s I greeted person t1."),
             ("What did you do between 5 and 8 seconds?", "From 5 to 8 s I said nothing."),
+            ("What did you do between 8 and 5 seconds?", "From 5 to 8 s I said nothing."),
+            ("How often did you greet people between 10 seconds and 1 minute?", "Once: at 20.2 s I greeted person t2."),
+            ("How often did you greet people between 1 minute and 10 seconds?", "Once: at 20.2 s I greeted person t2."),
+            ("What did you do between -5 and 8 seconds?", "At 2.2 s I greeted person t1."),
             ("How often did you greet people in the last 15 seconds?", "Once: at 20.2 s I greeted person t2."),
             ("How often did you greet people before 15 s?", "Once: at 2.2 s I greeted person t1."),
             ("Did you greet anyone in the first ten seconds?", "Yes: at 2.2 s I greeted person t1."),
@@ -326,6 +381,13 @@ def test_an_unclear_question_is_told_what_can_be_asked(waldo):
     )
     assert answer(waldo, "bla bla bla", spoken=True).text == "I don't know. I am not sure what you ask."
     assert answer(waldo, "What did you see at 5000 seconds?").text == "I don't know. The record does not say so."
+
+
+def test_a_question_of_many_words_is_not_understood(waldo):
+    question = "Why did you greet the second visitor"
+    longest = f"{question}{' please' * 93}"
+    assert answer(waldo, longest).text == answer(waldo, question).text
+    assert answer(waldo, f"{longest} please").text.startswith("I don't know. I am not sure what you ask.")
 
 
 def test_suggested_questions_are_understood(waldo):

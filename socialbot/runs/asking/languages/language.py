@@ -34,6 +34,13 @@ class Language:
         """Words of all classes."""
         return frozenset(word for alternatives in self.phrases.values() for phrase in alternatives for word in phrase)
 
+    @cached_property
+    def units(self) -> dict[str, float]:
+        """Words for units of time with their length in seconds."""
+        return {
+            one[0]: seconds for name, seconds in (("seconds", 1.0), ("minutes", 60.0)) for one in self.phrases[name]
+        }
+
     @property
     def auxiliaries(self) -> frozenset[str]:
         """First words of questions that are answered by yes or no."""
