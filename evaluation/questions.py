@@ -2,8 +2,7 @@
 
 ``python -m evaluation.questions`` asks the questions of questions.yaml about six runs: Waldo on a recorded corridor and
 with five visitors, two warehouses, a hospital, and an agent without vocabulary. `questions_check` re-evaluates each
-clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a neural
-voice and recognises them first.
+clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a neural voice and recognises them first.
 """
 
 from __future__ import annotations

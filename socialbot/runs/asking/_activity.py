@@ -25,9 +25,7 @@ def said(scope: Scope) -> Told | None:
     if not spoken and scope.question.things:
         return None
     if not spoken:
-        span = scope.span()
-        claim = Claim("said_not", scope.agent, at_s=span[0], until_s=span[1], persons=tuple(scope.persons))
-        clause = Clause(scope.speech.say("said_nothing"), (), claim)
+        clause = _silence(scope, *scope.span())
         return clause.text, [clause]
     clauses = [scope.speech.did(each, None) for each in spoken[-MOST_NAMED:]]
     return scope.joined(clauses), clauses
@@ -95,9 +93,13 @@ def ahead(scope: Scope) -> Told | None:
 def _idle_in(scope: Scope, span_s: tuple[float, float]) -> Told:
     """Return that nothing was said in a span of time without deeds."""
     begin_s, end_s = span_s[0], min(scope.now_s, span_s[1])
-    claim = Claim("said_not", scope.agent, at_s=begin_s, until_s=end_s, persons=tuple(scope.persons))
-    clause = scope.speech.within(Clause(scope.speech.say("said_nothing"), (), claim), begin_s, end_s)
+    clause = scope.speech.within(_silence(scope, begin_s, end_s), begin_s, end_s)
     return clause.text, [clause]
+
+
+def _silence(scope: Scope, begin_s: float, end_s: float) -> Clause:
+    claim = Claim("said_not", scope.agent, at_s=begin_s, until_s=end_s, persons=tuple(scope.persons))
+    return Clause(scope.speech.say("said_nothing"), (), claim)
 
 
 def _when_done(scope: Scope, deed: TraceRecord) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, Held, record_agent
 from socialbot.runs.asking._sentences import Claim, ClaimKind, Clause, Speech
-from socialbot.runs.asking._topics import Subjects, Topic
+from socialbot.runs.asking._topics import Subjects, Topic, goal_of
 from socialbot.runs.narration import place_in_plan, plan_of, rejected_plans
 from socialbot.runs.why import explain, head_of
 
@@ -215,7 +215,7 @@ def _plans_of(subjects: Subjects, topic: Topic) -> list[str]:
         for plan in subjects.plans:
             if plan in found:
                 continue
-            goal, body = _goal(plan), plan[len(head_of(plan)) :] if "\n" not in plan else plan
+            goal, body = goal_of(plan), plan[len(head_of(plan)) :] if "\n" not in plan else plan
             does = goal in names or any(call in body for call in calls) or any(
                 re.search(rf"(?<![\w+\-~]){re.escape(name)}\b", body) for name in names
             )  # fmt: skip
@@ -225,12 +225,6 @@ def _plans_of(subjects: Subjects, topic: Topic) -> list[str]:
                 if goal:
                     names.add(goal)
     return found
-
-
-def _goal(plan: str) -> str:
-    found = re.match(r"(?:@\S+\s+)?(?:\+!)?([A-Za-z]\w*)\b", plan)
-    is_rule = " >> [" in plan or " <- " in plan
-    return found[1] if found is not None and is_rule and not re.match(r"(?:@\S+\s+)?[+-](?!!)", plan) else ""
 
 
 def _belief_event(plan: str) -> str:

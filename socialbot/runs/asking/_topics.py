@@ -148,10 +148,10 @@ class Subjects:
         for plan in self.plans:
             head = plan[: len(plan) - len(_body_of(plan))]
             named = re.findall(r"[A-Za-z_]\w*(?=\()", head)
-            found.update(name for name in named if name != _goal_of(plan))
+            found.update(name for name in named if name != goal_of(plan))
             found.update(re.findall(r"(?<![\w\"])[+\-~?]{1,2}([A-Za-z_]\w*)\(", plan[len(head) :]))
         goals = {_name(record.what) for record in self.history if record.kind == "goal"}
-        return found - goals - {_goal_of(plan) for plan in self.plans}
+        return found - goals - {goal_of(plan) for plan in self.plans}
 
     def _declared(self, deed: Deed) -> Topic:
         def phrases(words: Mapping[str, Sequence[str]]) -> dict[str, tuple[Phrase, ...]]:
@@ -176,7 +176,7 @@ class Subjects:
                 seen.add((record.kind, record.what))
                 yield _literal(record)
         for plan in self.plans:
-            goal = _goal_of(plan)
+            goal = goal_of(plan)
             if goal:
                 yield f"{goal}()"
             for name, arguments in _CALLED.findall(_body_of(plan)):
@@ -292,7 +292,7 @@ def _plans(history: History) -> Iterator[str]:
 _GOAL_HEAD = re.compile(r"(?:@\S+\s+)?(?:\+!)?([A-Za-z]\w*)\b")
 
 
-def _goal_of(plan: str) -> str:
+def goal_of(plan: str) -> str:
     """Return the name of the goal that a plan is for; empty for a plan for another event, and for a label."""
     is_rule = " >> [" in plan or " <- " in plan
     found = _GOAL_HEAD.match(plan)
