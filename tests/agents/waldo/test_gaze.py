@@ -141,3 +141,59 @@ def test_the_head_does_not_wait_where_a_passer_by_was_lost():
     assert gaze.look([], 0.2, view) == Pose(0.0, 0.0)
     assert gaze.look([seen("v", 0.5, attentive=True)], 0.4, view) == Pose(0.5, 0.0)
     assert gaze.look([], 0.6, view) == Pose(0.5, 0.0)
+
+
+HALF_RAD = 0.545
+
+
+def empty(gaze: Gaze, at_s: float, view: View) -> float | None:
+    """Return where the head looks while nobody is seen; None if it keeps its direction."""
+    pose = gaze.look([], at_s, view)
+    return None if pose is None else pose.pan
+
+
+def test_a_person_who_walks_out_of_view_is_expected_a_little_farther_on_and_forgotten_after_some_time():
+    gaze, view = Gaze(), View(0.0, HALF_RAD)
+    for step in range(11):
+        gaze.look([seen("v", 0.05 * step, attentive=True)], 0.1 * step, view)
+    expected = [empty(gaze, at_s, view) for at_s in (2.6, 4.0, 6.9)]
+    assert expected[0] is not None
+    assert 0.6 < expected[0] < 1.2
+    assert expected == [expected[0]] * 3
+    assert empty(gaze, 7.1, view) == 0.0
+
+
+def test_a_person_who_turns_away_is_not_waited_for():
+    gaze, aside = Gaze(), View(-0.5, HALF_RAD)
+    for step, attentive in enumerate((True, False)):
+        gaze.look([seen("v", 0.4, attentive=attentive)], 0.1 * step, View(0.0, HALF_RAD))
+    assert empty(gaze, 3.0, aside) == 0.0
+
+
+def test_a_person_who_is_not_where_the_view_should_show_them_is_not_waited_for():
+    gaze, ahead, aside = Gaze(), View(0.0, HALF_RAD), View(-0.5, HALF_RAD)
+    gaze.look([seen("v", 0.4, attentive=True)], 0.0, ahead)
+    gaze.look([], 1.1, ahead)
+    assert empty(gaze, 3.0, aside) == 0.0
+    gaze.look([seen("v", 0.4, attentive=True)], 4.0, ahead)
+    gaze.look([], 4.9, ahead)
+    assert empty(gaze, 7.0, aside) == 0.4
+
+
+def test_the_person_who_has_been_out_of_view_for_the_longest_time_comes_first():
+    gaze = Gaze()
+    gaze.look([seen("a", 0.9, attentive=True)], 0.0, View(0.6, HALF_RAD))
+    gaze.look([seen("b", -0.9, attentive=True)], 1.0, View(-0.6, HALF_RAD))
+    assert empty(gaze, 3.5, View(0.0, HALF_RAD)) == 0.9
+
+
+def test_the_nearest_people_are_kept_in_view_if_not_all_fit():
+    gaze, view = Gaze(), View(0.0, HALF_RAD)
+    people = [
+        seen("middle", 0.0, attentive=True, distance_m=1.5),
+        seen("near", 0.4, attentive=True, distance_m=2.5),
+        seen("far", -0.5, attentive=True, distance_m=4.0),
+    ]
+    pose = gaze.look(people, 0.0, view)
+    assert pose is not None
+    assert View(pose.pan, HALF_RAD + 0.01).shows(0.4)
