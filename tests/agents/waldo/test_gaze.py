@@ -197,3 +197,9 @@ def test_the_nearest_people_are_kept_in_view_if_not_all_fit():
     pose = gaze.look(people, 0.0, view)
     assert pose is not None
     assert View(pose.pan, HALF_RAD + 0.01).shows(0.4)
+
+
+def test_a_glance_at_a_passer_by_does_not_show_the_group():
+    gaze, view = Gaze(), View(0.0, HALF_RAD)
+    gaze.look([seen("v", -0.3, attentive=True)], 0.0, view)
+    assert gaze.look([seen("p", 0.4, attentive=False)], 0.1, view) == Pose(0.4, 0.0)

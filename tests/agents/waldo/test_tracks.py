@@ -7,8 +7,9 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig
-from socialbot.core.clock import SECOND
+from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig, comes, engages, present
+from socialbot.bdi.engine import Engine
+from socialbot.core.clock import SECOND, ManualClock
 from socialbot.core.messages import PersonDetection, PersonDetections
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, GREETING, Corridor, person
 
@@ -133,25 +134,26 @@ def at(track: str, ahead: float, left: float, facing_rad: float | None = None) -
     return replace(person(track=track), facing_rad=facing_rad, **where)
 
 
-def comes_up(corridor: Corridor, *others: PersonDetection) -> list[str]:
+def comes_up(corridor: Corridor, *others: PersonDetection, facing_rad: float | None = None) -> list[str]:
     """Let Ben walk up to the robot beside others and stop; return what was said until he stopped, and after it."""
     said = len(corridor.said)
     corridor.until(corridor.frame / 10 + 0.1, *others)
     for tenth in range(28):
-        corridor.see(*others, at("t2", 5.2 - 0.12 * tenth, -0.4))
+        corridor.see(*others, at("t2", 5.2 - 0.12 * tenth, -0.4, facing_rad))
     before = len(corridor.said)
-    corridor.see(*others, at("t2", 1.9, -0.4), times=12)
+    corridor.see(*others, at("t2", 1.9, -0.4, facing_rad), times=12)
     return [*corridor.said[said:before], "stops", *corridor.said[before:]]
 
 
-def test_who_walks_up_while_others_are_attended_to_is_greeted_on_arrival():
+@pytest.mark.parametrize("facing_rad", [None, 0.2], ids=["unknown", "towards the robot"])
+def test_who_walks_up_while_others_are_attended_to_is_greeted_on_arrival(facing_rad):
     corridor = Corridor()
-    assert comes_up(corridor) == [GREETING, "stops"]
+    assert comes_up(corridor, facing_rad=facing_rad) == [GREETING, "stops"]
     corridor = Corridor()
     anna = at("t1", 2.0, 0.5)
     corridor.until(4, anna)
     assert corridor.said == [GREETING]
-    assert comes_up(corridor, anna) == ["stops", GREETING]
+    assert comes_up(corridor, anna, facing_rad=facing_rad) == ["stops", GREETING]
 
 
 def test_who_passes_while_others_are_attended_to_is_not_greeted():
@@ -194,6 +196,16 @@ def test_a_single_look_at_a_person_who_returns_to_the_view_decides_nothing():
     assert corridor.said == []
 
 
+def test_a_person_whom_the_detector_misses_now_and_then_is_greeted():
+    corridor = Corridor()
+    corridor.see(at("t9", 5.8, 1.5, 0.1))  # faces are detected
+    corridor.until(2)
+    for _ in range(15):
+        corridor.see(at("t1", 2.0, 0.3), times=2)
+        corridor.see()
+    assert corridor.said == [GREETING]
+
+
 @pytest.mark.parametrize("facing_rad", [None, 3.0])
 def test_who_stands_far_away_must_face_the_robot_once_faces_are_seen(facing_rad):
     corridor = Corridor()
@@ -213,9 +225,9 @@ def test_slow_detector_greets_people_who_approach():
     assert [what for _, what in corridor.did] == ["greeting"]
 
 
-def sensed(sensor: PersonSensor, tenth: int, *tracks: str) -> list[str]:
-    """Changes of beliefs by the frame at this tenth of a second."""
-    persons = tuple(person(track=track) for track in tracks)
+def sensed(sensor: PersonSensor, tenth: int, *seen: str | PersonDetection) -> list[str]:
+    """Changes of beliefs by the frame at this tenth of a second, which shows tracks or persons."""
+    persons = tuple(person(track=one) if isinstance(one, str) else one for one in seen)
     changes = sensor.sense(
         PersonDetections(stamp=tenth * SECOND // 10, frame_id="c", width=9, height=9, persons=persons)
     )
@@ -250,6 +262,45 @@ def test_duplicate_and_late_frames_are_ignored(order):
         '+personDetected("No")', '+present("t1")', "+people(1)", '+personDetected("Yes")', '+engages("t1")',
         '+stays("t1")', '-stays("t1")', '-engages("t1")', '-present("t1")', '+gone("t1")', '+personDetected("No")',
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seen", [[], [at("t2", 3.3, -0.4)]], ids=["vanishes", "stops"])
+def test_a_person_who_walked_up_comes_no_more_after_the_walk(seen):
+    sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
+    changes = [change for tenth in range(16) for change in sensed(sensor, tenth, at("t2", 5.2 - 0.12 * tenth, -0.4))]
+    assert '+comes("t2")' in changes
+    assert '-comes("t2")' not in changes
+    assert '-comes("t2")' in [change for tenth in range(16, 40) for change in sensed(sensor, tenth, *seen)]
+
+
+def test_a_person_who_stops_while_the_agent_restarts_comes_no_more():
+    engine = Engine("waldo", ManualClock())
+    for belief in (present("t2"), engages("t2"), comes("t2")):
+        engine.believe(belief)
+    engine.run_until_idle()
+    sensor = PersonSensor(WaldoConfig())
+    sensor.recall(engine)
+    assert '-comes("t2")' in [change for tenth in range(20) for change in sensed(sensor, tenth, at("t2", 2.0, 0.3))]
+
+
+def test_nobody_walks_up_any_more_after_a_loss_of_detections():
+    corridor = Corridor()
+    for tenth in range(16):
+        corridor.see(at("t2", 5.2 - 0.12 * tenth, -0.4))
+    beliefs = corridor.node.engine.beliefs
+    assert [one.belief for one in beliefs if isinstance(one.belief, comes)] == [comes("t2")]
+    corridor.runner.advance(20 * SECOND)
+    assert [one.belief for one in beliefs if isinstance(one.belief, comes | engages)] == []
+
+
+def test_a_hidden_person_begins_to_engage_only_in_view():
+    corridor = Corridor()
+    corridor.until(2, at("t1", 2.0, 0.3, 3.0))
+    corridor.see(at("t1", 2.0, 0.3, 0.1), times=2)
+    corridor.see(times=3)
+    assert corridor.said == []
+    corridor.see(at("t1", 2.0, 0.3, 0.1))
+    assert corridor.said == [GREETING]
 
 
 def test_sensor_memory_is_bounded():
