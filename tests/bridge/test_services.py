@@ -269,6 +269,25 @@ class TestActions:
             assert (result.outcome, result.reason) == ("cancelled", "")
             assert list(result.message.sequence) == list(hosted.node.seen)
 
+    def test_a_goal_is_cancelled_if_the_server_is_asked_before_it_has_the_goal(self, monkeypatch):
+        request = ActionChannel._request
+
+        def ask_first(self: ActionChannel, call: Any) -> None:
+            send = self._client.send_goal_async
+
+            def send_late(*message: Any, **options: Any) -> Any:
+                self._ask_to_cancel(call)
+                return send(*message, **options)
+
+            monkeypatch.setattr(self._client, "send_goal_async", send_late)
+            request(self, call)
+
+        monkeypatch.setattr(ActionChannel, "_request", ask_first)
+        with foreign_servers() as process, active(Counter) as hosted:
+            in_thread(hosted, lambda node: node.start_count(99))
+            assert only_result(hosted).outcome == "cancelled"
+            assert next_line(process) == "cancelled\n"
+
     def test_a_node_may_cancel_a_goal_when_it_stops(self):
         class Tidy(Counter):
             """Cancels its goal at the end."""

@@ -7,6 +7,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
+from socialbot.agents.waldo.nodes import WaldoNode
 from socialbot.agents.waldo.waldo import PersonSensor, WaldoConfig, comes, engages, present
 from socialbot.bdi.engine import Engine
 from socialbot.core.clock import SECOND, ManualClock
@@ -287,6 +288,7 @@ def test_nobody_walks_up_any_more_after_a_loss_of_detections():
     corridor = Corridor()
     for tenth in range(16):
         corridor.see(at("t2", 5.2 - 0.12 * tenth, -0.4))
+    assert isinstance(corridor.node, WaldoNode)
     beliefs = corridor.node.engine.beliefs
     assert [one.belief for one in beliefs if isinstance(one.belief, comes)] == [comes("t2")]
     corridor.runner.advance(20 * SECOND)
