@@ -18,6 +18,7 @@ _SOFT = (
     "next",
     "time",
     "filler",
+    "place",
     "not",
     "people",
     "nobody",

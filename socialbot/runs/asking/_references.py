@@ -241,10 +241,10 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
     named = [(phrase, "agent", name) for name, phrases in subjects.agent_words().items() for phrase in phrases]
     grammar = {
         stem(word)
-        for alternatives in reading.language.phrases.values()
+        for name, alternatives in reading.language.phrases.items()
         for one in alternatives
         for word in one
-        if len(one) == 1
+        if len(one) == 1 and name != "place"
     }
     named += [
         (phrase, "thing", name)

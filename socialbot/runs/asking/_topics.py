@@ -319,4 +319,4 @@ def _name(text: str) -> str:
     return text.lstrip("~").partition("(")[0]
 
 
-_CLASS_WORDS = ENGLISH.known_words | {"yes"}
+_CLASS_WORDS = (ENGLISH.known_words | {"yes"}) - {one[0] for one in ENGLISH.phrases["place"]}

@@ -17,6 +17,7 @@ _ONLY_EXACT = {
     "present",
     "future",
     "filler",
+    "place",
     "you",
     "me",
     "them",

@@ -312,6 +312,12 @@ class TestTimes:
             ("How often did you greet people between 1 minute and 10 seconds?", "Once: at 20.2 s I greeted person t2."),
             ("What did you do between -5 and 8 seconds?", "At 2.2 s I greeted person t1."),
             ("How often did you greet people in the last 15 seconds?", "Once: at 20.2 s I greeted person t2."),
+            ("How often did you greet people when t1 came?", "Once: at 2.2 s I greeted person t1."),
+            (
+                "How soon after t1 came did you greet them?",
+                "At 2.2 s I greeted person t1 and person t1 was here from 2 to 13.9 s.",
+            ),
+            ("How many people were here between 15 and 30 seconds?", "One person was here."),
             ("How often did you greet people before 15 s?", "Once: at 2.2 s I greeted person t1."),
             ("Did you greet anyone in the first ten seconds?", "Yes: at 2.2 s I greeted person t1."),
             ("Did you see anyone at half a minute?", "At 29.9 s I saw nobody."),
@@ -319,6 +325,24 @@ class TestTimes:
     )
     def test_spans(self, waldo, question, text):
         assert answer(waldo, question).text == text
+
+    def test_a_count_claims_its_span(self, waldo):
+        found = answer(waldo, "How often did you greet people between 15 and 28 seconds?")
+        assert (found.clauses[0].claim.at_s, found.clauses[0].claim.until_s) == (15.0, 28.0)
+
+
+class TestPlaces:
+    @pytest.mark.parametrize(
+        ("question", "begin"),
+        [
+            ("Did ann go to the yard?", "Yes: at 0 s ann went from hall to yard."),
+            ("Did ann go from the hall?", "Yes: at 0 s ann went from hall to yard."),
+            ("Did ann go to the hall?", ("No:", "I don't know.")),
+            ("Did ann go from the yard?", ("No:", "I don't know.")),
+        ],
+    )
+    def test_count_by_the_word_before_them(self, ann, question, begin):
+        assert answer(ann, question).text.startswith(begin)
 
 
 class TestWords:

@@ -115,8 +115,9 @@ ENGLISH = Language(
             "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
             "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,way,just,than,"
             "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
-            "finally,stand,standing,stood,straight away,spend,spent,visit,room,area,hall"
+            "finally,stand,standing,stood,straight away,spend,spent,visit"
         ),
+        "place": "room,area,hall",
     },
     {
         "because": " because",
