@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import pytest
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from socialbot.bridge._service_clients import ActionChannel
@@ -270,19 +271,29 @@ class TestActions:
             assert list(result.message.sequence) == list(hosted.node.seen)
 
     def test_a_goal_is_cancelled_if_the_server_is_asked_before_it_has_the_goal(self, monkeypatch):
-        request = ActionChannel._request
+        request, on_cancel_answer = ActionChannel._request, ActionChannel._on_cancel_answer
+        waiting: list[Callable[[], None]] = []
 
         def ask_first(self: ActionChannel, call: Any) -> None:
-            send = self._client.send_goal_async
+            send, answer = self._client.send_goal_async, Future()
 
-            def send_late(*message: Any, **options: Any) -> Any:
+            def send_late(*message: Any, **options: Any) -> Future:
+                waiting.append(
+                    lambda: send(*message, **options).add_done_callback(lambda sent: answer.set_result(sent.result()))
+                )
                 self._ask_to_cancel(call)
-                return send(*message, **options)
+                return answer
 
             monkeypatch.setattr(self._client, "send_goal_async", send_late)
             request(self, call)
 
+        def send_waiting(self: ActionChannel, *answer: Any) -> None:
+            on_cancel_answer(self, *answer)
+            while waiting:
+                waiting.pop()()
+
         monkeypatch.setattr(ActionChannel, "_request", ask_first)
+        monkeypatch.setattr(ActionChannel, "_on_cancel_answer", send_waiting)
         with foreign_servers() as process, active(Counter) as hosted:
             in_thread(hosted, lambda node: node.start_count(99))
             assert only_result(hosted).outcome == "cancelled"
