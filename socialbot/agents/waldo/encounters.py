@@ -36,7 +36,7 @@ class View(NamedTuple):
     @property
     def clear_rad(self) -> float:
         """Half of the width in which people are not cut off by the edge."""
-        return self.half_rad - _VIEW_EDGE_RAD
+        return max(0.0, self.half_rad - _VIEW_EDGE_RAD)
 
     def shows(self, bearing_rad: float) -> bool:
         """Whether people in the direction ``bearing_rad`` from the robot's base are in the view, and not cut off."""

@@ -203,3 +203,8 @@ def test_a_glance_at_a_passer_by_does_not_show_the_group():
     gaze, view = Gaze(), View(0.0, HALF_RAD)
     gaze.look([seen("v", -0.3, attentive=True)], 0.0, view)
     assert gaze.look([seen("p", 0.4, attentive=False)], 0.1, view) == Pose(0.4, 0.0)
+
+
+def test_a_view_that_is_hardly_wider_than_its_edges_shows_the_chosen_person():
+    people = [seen("a", 0.0, attentive=True), seen("b", 0.2, attentive=True, distance_m=4.0)]
+    assert Gaze().look(people, 0.0, View(0.0, 0.05)) == Pose(0.0, 0.0)
