@@ -137,6 +137,8 @@ def test_other_words_reach_the_same_record(waldo, question, kind, deed):
         ("Was siehst du bei Sekunde 22?", "Bei 22 s: ich sah Person t2 in 4 m Entfernung."),
         ("Who was here?", "Person t1 was here from 2 to 13.9 s and person t2 was here from 20 to 24.9 s."),
         ("How many visitors came?", "2 people were here."),
+        ("Did you see t1?", "Person t1 was here from 2 to 13.9 s."),
+        ("Would you say you greeted t1?", "Yes: at 2.2 s I greeted person t1."),
         ("¿Cuántas personas viste?", "2 personas estuvieron aquí."),
         ("How often did you greet people?", "2 times: at 2.2 s I greeted person t1 and at 20.2 s I greeted person t2."),
         ("Did you greet the man at 21 seconds?", "Yes: at 20.2 s I greeted person t2."),
@@ -367,6 +369,7 @@ class TestWords:
 def test_what_is_done_and_intended_at_a_time(waldo, ann):
     doing = answer(waldo, "What are you doing?", at_s=9.0)
     assert doing.text == "At 9 s I was doing nothing; the last thing was at 2.2 s: I greeted person t1."
+    assert answer(waldo, "What are you doing?", at_s=2.5).text == "At 2.2 s I greeted person t1."
     ahead = answer(waldo, "What will you do next at 5 s?")
     assert ahead.text.startswith("At 5 s I had no intention; the next thing was at 10.2 s: I offered person t1 help")
     assert answer(ann, "What will you do next?", at_s=1.0).text == (
@@ -383,6 +386,7 @@ def test_what_is_done_and_intended_at_a_time(waldo, ann):
         "What is your favourite colour?",
         "Did you offer me a drink?",
         "Why did you dance?",
+        "Why did t1 leave?",
         "How old are you?",
         "Why is the sky blue?",
         "What did you see at 5000 seconds?",
