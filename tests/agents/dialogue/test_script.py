@@ -40,6 +40,18 @@ def test_a_script_extends_another():
     assert both.grammar.read("yes", "en").intent == "unknown"
     assert both.sentences["which"] == {"en": "Which one?", "de": "Welcher Raum?", "fr": "?"}
     assert both.grammar.read("where is the library", "en").intent == "directions"
+    assert both.questions["which"].tries == 2
+
+
+def test_a_question_and_the_names_of_a_slot_are_replaced():
+    other = Script(
+        values={"place": {"lab": {"en": ["lab"]}}},
+        questions=[Question("which", ("directions",), 1)],
+        base=load_script("script.yaml", TEXT),
+    )
+    assert other.questions["which"].tries == 1
+    assert other.grammar.read("where is the lab", "en").slots == ("lab",)
+    assert other.grammar.read("where is the library", "en").intent == "unknown"
 
 
 @pytest.mark.parametrize(
