@@ -314,6 +314,7 @@ class TestTimes:
             ("How often did you greet people between 1 minute and 10 seconds?", "Once: at 20.2 s I greeted person t2."),
             ("What did you do between -5 and 8 seconds?", "At 2.2 s I greeted person t1."),
             ("How often did you greet people in the last 15 seconds?", "Once: at 20.2 s I greeted person t2."),
+            ("How often after t1 left did you greet people?", "Once: at 20.2 s I greeted person t2."),
             ("How often did you greet people when t1 came?", "Once: at 2.2 s I greeted person t1."),
             (
                 "How soon after t1 came did you greet them?",
