@@ -7,6 +7,7 @@ keys send sealed beacons, and a subscription that does not receive those of all 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ SILENT_S = 3 * BEACON_S
 MAX_PAUSE_S = 2 * SILENT_S
 """Longest time (s) between two replacements of a subscription."""
 CHECK_S = 1.0
-"""Shortest time (s) between two checks. A replaced subscription stays that long, so that no message is lost."""
+"""Shortest time (s) between two checks."""
 MAX_STREAMS = 256
 
 StreamKey = tuple[str, str]
@@ -103,6 +104,8 @@ class WatchedSubscription:
         self._clock = clock
         self._subscription = create()
         self._replaced: Any = None
+        self._replaced_at = -math.inf
+        self._has_matched = False
         self._publishers = 0
         self._since = self._checked = clock()
         self._pause_s = SILENT_S
@@ -123,7 +126,7 @@ class WatchedSubscription:
         if self._destroyed or now - self._checked < CHECK_S:
             return ""
         self._checked = now
-        self._end_overlap()
+        self._check_overlap()
         before, self._publishers = self._publishers, self.get_publisher_count()
         if self._publishers > before:
             self._since = now
@@ -133,11 +136,15 @@ class WatchedSubscription:
         return reason if now - self._since >= self._pause_s else ""
 
     def replace(self) -> None:
-        """Subscribe again, and end the present subscription at a later check: meanwhile both receive."""
+        """Subscribe again, and end the present subscription at a later check: meanwhile both receive.
+
+        It ends when the new one has matched as many publishers since the check before, or after `SILENT_S`.
+        """
         if self._destroyed:
             return
         if self._replaced is None:
             self._replaced, self._subscription = self._subscription, self._create()
+            self._replaced_at, self._has_matched = self._clock(), False
             self._watch.begin_again()
         self._since, self._publishers = self._clock(), 0
         self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
@@ -147,6 +154,14 @@ class WatchedSubscription:
         self._destroyed = True
         self._end_overlap()
         self._ros.destroy_subscription(self._subscription)
+
+    def _check_overlap(self) -> None:
+        if self._replaced is None:
+            return
+        had_matched = self._has_matched
+        self._has_matched = self._subscription.get_publisher_count() >= self._replaced.get_publisher_count()
+        if (had_matched and self._has_matched) or self._clock() - self._replaced_at >= SILENT_S:
+            self._end_overlap()
 
     def _end_overlap(self) -> None:
         if self._replaced is not None:

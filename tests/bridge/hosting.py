@@ -51,6 +51,13 @@ def node_hosts(graph: Graph, *ros_args: str, **options: Any) -> Iterator[Callabl
                 each.stop()
 
 
+def has_receivers(host: Any, output: str, count: int) -> bool:
+    """Whether ``count`` subscriptions or more receive what an output of a hosted node publishes, with its seals."""
+    sender = host._senders[output]
+    publishers = (each for each in (sender.publisher, sender.seals) if each is not None)
+    return all(each.get_subscription_count() >= count for each in publishers)
+
+
 @contextmanager
 def foreign_process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run the plain rclpy nodes of a module of tests in another process, which is killed at the end of the block."""

@@ -15,7 +15,7 @@ from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, free_d
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.transport import RclpyTypes, open_transport
 from socialbot.core.errors import GraphError, ParameterError
-from tests.bridge.hosting import node_hosts
+from tests.bridge.hosting import has_receivers, node_hosts
 from tests.bridge.test_strangers_standard import CASES, Intruder, nodes_of
 from tests.runtime.deployments import deployment
 from tests.system.running import eventually
@@ -66,6 +66,7 @@ def test_a_driver_receives_commands_of_the_guarded_node_only(tmp_path: Path, mon
         stranger = Intruder(stack.enter_context(spinning_node("intruder")), "/standard", ros_class)
         assert soon(lambda: source._senders["out"].drivers.publisher.get_subscription_count() == 1)
         assert soon(stranger.is_connected)
+        assert soon(lambda: has_receivers(source, "out", 2))
         stranger.messages.publish(encode(case.make(2), RclpyTypes()))
         source.node.context.call_soon(lambda: source.node.out.publish(case.make(1)))
         assert soon(lambda: received == [1.0] and sink.node.got == [1])

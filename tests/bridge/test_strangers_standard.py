@@ -28,7 +28,7 @@ from socialbot.core.messages import CameraInfo, CompressedImage, Image, JointTra
 from socialbot.graph.node import Context, Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
 from socialbot.vision.images import as_jpeg
-from tests.bridge.hosting import node_hosts
+from tests.bridge.hosting import has_receivers, node_hosts
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -138,7 +138,7 @@ def test_a_node_takes_only_sealed_messages_once(name: str, keys: None) -> None:
         sink, source = host("sink"), host("source")
         intruder = Intruder(ros, "/standard", open_transport().message_class(case.kind), case.delivery)
         assert eventually(intruder.is_connected)
-        assert eventually(lambda: sink.ros_node.count_publishers("/standard") == 2)
+        assert eventually(lambda: has_receivers(source, "out", 2))
         source.node.context.call_soon(lambda: source.node.out.publish(case.make(1)))
         assert eventually(lambda: sink.node.got == [1] and intruder.heard and intruder.seals)
         intruder.messages.publish(encode(case.make(2), RclpyTypes()))
@@ -249,6 +249,7 @@ def test_a_recording_holds_only_sealed_images(keys: None, tmp_path: Path) -> Non
             assert eventually(lambda: len(intruder.heard) == 1)
             sender.publish(image(1))
             sender.publisher.wait_for_all_acked()
+            sender.seals.wait_for_all_acked()
             assert eventually(lambda: len(intruder.heard) == 2)
         finally:
             done.set()
@@ -271,6 +272,7 @@ def test_text_of_others_is_a_standard_type(keys: None, tmp_path: Path) -> None:
         structured = open_transport().advertise(ros, "/standard", Utterance)
         assert eventually(intruder.is_connected)
         assert eventually(lambda: structured.publisher.get_subscription_count() > 1)
+        assert eventually(lambda: has_receivers(source, "out", 2))
         structured.publish(Utterance(stamp=1, id="u", text="5"))
         source.node.context.call_soon(lambda: source.node.out.publish(case.make(1)))
         assert eventually(lambda: sink.node.got == [1])

@@ -194,12 +194,32 @@ class TestWatchedSubscription:
         ros.publishers = 1
         assert faults(subscription, time, 5.0) == [SILENT_S + CHECK_S - 4.0]
 
-    def test_both_receive_until_the_next_check(self, subscription, ros, watch, time):
+    def test_both_receive_until_the_new_one_has_matched_for_a_check(self, subscription, ros, watch, time):
         subscription.replace()
+        ros.present[1].get_publisher_count = lambda: 0
+        for _ in range(3):
+            time.passes(CHECK_S)
+            subscription.fault()
+            assert (len(ros.present), watch.overlaps) == (2, True)
+        ros.present[1].get_publisher_count = lambda: ros.publishers
+        time.passes(CHECK_S)
+        subscription.fault()
         assert (len(ros.present), watch.overlaps) == (2, True)
         time.passes(CHECK_S)
         subscription.fault()
         assert (len(ros.present), watch.overlaps) == (1, False)
+
+    def test_an_old_one_that_matches_more_is_kept_for_a_bounded_time(self, subscription, ros, watch, time):
+        ros.present[0].get_publisher_count = lambda: 9
+        subscription.replace()
+        time.passes(SILENT_S - 0.1)
+        subscription.fault()
+        assert len(ros.present) == 2
+        time.passes(CHECK_S)
+        subscription.fault()
+        assert (len(ros.present), watch.overlaps) == (1, False)
+
+    def test_a_destroyed_one_leaves_none(self, subscription, ros, time):
         subscription.replace()
         subscription.destroy()
         assert ros.present == []
@@ -217,8 +237,9 @@ class TestWatchedSubscription:
         subscription.replace()
         subscription.replace()
         assert len(ros.present) == 2
-        time.passes(CHECK_S)
-        subscription.fault()
+        for _ in range(2):
+            time.passes(CHECK_S)
+            subscription.fault()
         assert len(ros.present) == 1
 
     def test_a_fault_replaces_all_subscriptions_of_the_node(self, subscription, ros, time):
