@@ -11,16 +11,24 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from logging import getLogger
 from statistics import median
 from typing import Any, NamedTuple
 
+from socialbot.bridge._endpoints import is_power_of_ten
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.health import HealthMonitor
 from socialbot.graph.node import Timer
 from socialbot.graph.ports import Delivery, Input
 
+log = getLogger("socialbot.transport")
+
 MAX_WAITING = 16  # maximum number of waiting messages per stream; older ones are dropped
+MAX_COMMANDS = 10_000
+"""Maximum number of waiting messages of an input that takes every message. A node this far behind loses the oldest."""
+MAX_DATA_BYTES = 64 * 2**20
+"""Maximum size of the data of these messages, such as images. The newest message is kept in any case."""
 OVERTAKEN_S = 1.0
 """Maximum age difference of messages that arrived out of order. A larger one means that time was reset."""
 
@@ -43,8 +51,11 @@ class InputQueue:
     arrived: int = 0
     received: int = 0
     skipped: int = 0
+    dropped: int = 0
+    """Messages that had to be handled, and are lost because the node is too slow."""
     handled: int = 0
     latest: int = 0
+    _bytes: int = 0
 
     def put(self, message: Message) -> None:
         """Append a message; skip stream messages that arrived out of order."""
@@ -61,12 +72,18 @@ class InputQueue:
             self._keep(1)
         elif self.port.delivery is Delivery.NEWEST:
             self._keep(MAX_WAITING)
+        else:
+            self._bytes += _data_bytes(message)
+            self._drop_oldest()
 
     def take(self) -> Message:
         """Remove and return the next message; the newest one if the stream is faster than the node."""
         if self._slow:
             self._keep(1)
-        return self.waiting.popleft()
+        message = self.waiting.popleft()
+        if self.port.delivery is Delivery.EVERY:
+            self._bytes -= _data_bytes(message)
+        return message
 
     def pause(self, now: int) -> float:
         """Time (s) to wait at ``now`` (ns) for a newer message; 0 unless the node is slow and the next one is due."""
@@ -91,6 +108,26 @@ class InputQueue:
         while len(self.waiting) > count:
             self.waiting.popleft()
             self.skipped += 1
+
+    def _drop_oldest(self) -> None:
+        """Bound the memory of a node that is slower than its messages; the newest command counts most."""
+        while len(self.waiting) > MAX_COMMANDS or (self._bytes > MAX_DATA_BYTES and len(self.waiting) > 1):
+            self._bytes -= _data_bytes(self.waiting.popleft())
+            self.dropped += 1
+            if is_power_of_ten(self.dropped):
+                text = "input %s: dropped %d messages, since they arrive faster than the node handles them"
+                log.warning(text, self.port.name, self.dropped)
+
+
+def _data_bytes(message: Message) -> int:
+    """Size of the field ``data`` of a message, which holds what is large; 0 without one."""
+    data = getattr(message, "data", None)
+    if isinstance(data, str):
+        return len(data)
+    try:
+        return memoryview(data).nbytes  # type: ignore[arg-type]
+    except TypeError:
+        return 0
 
 
 class IdleState(NamedTuple):

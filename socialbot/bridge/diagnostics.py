@@ -291,6 +291,7 @@ class DiagnosticsReporter:
         call_mean, call_p50, call_p99 = duration_stats(statistics.durations)
         age_mean, _, age_p99 = duration_stats(statistics.ages)
         publication, block = statistics.take_longest_publication()
+        dropped = counts({one.port.name: one.dropped for one in inputs if one.dropped})
         values: dict[str, Any] = {
             "state": state,
             "restarts": restarts(),
@@ -303,6 +304,7 @@ class DiagnosticsReporter:
             "first_failure": statistics.first_failure,
             "received": sum(one.received for one in inputs),
             "skipped": sum(one.skipped for one in inputs),
+            "dropped": dropped,
             "call_mean_ms": round(1000 * call_mean, 3),
             "call_p50_ms": round(1000 * call_p50, 3),
             "call_p99_ms": round(1000 * call_p99, 3),
@@ -315,12 +317,17 @@ class DiagnosticsReporter:
             **process_costs(),
             UNCONNECTED: missing,
         }
-        failing = statistics.failures or statistics.refused or statistics.resubscribed
         summary = "running" if state == "active" else state
-        if failing:
-            summary = "missed messages" if statistics.resubscribed else "refused messages"
+        problems = {
+            "dropped messages": dropped,
+            "missed messages": statistics.resubscribed,
+            "refused messages": statistics.refused,
+            summary: statistics.failures,
+        }
+        failing = [text for text, applies in problems.items() if applies]
         level = "WARN" if failing or missing else "OK"
-        return status_of(self._ros.get_name(), level, statistics.first_failure or summary, values)
+        text = statistics.first_failure or next(iter(failing), summary)
+        return status_of(self._ros.get_name(), level, text, values)
 
 
 def status_of(name: str, level: str, text: str, values: Mapping[str, Any]) -> Any:

@@ -235,6 +235,7 @@ def _remarks(statuses: Sequence[NodeStatus]) -> list[Text]:
             f"not connected: {one.lacks}": one.lacks,
             f"refused {one.refusals or one.refused}": one.refused,
             f"missed messages and subscribed again: {one.resubscribed}": one.resubscribed,
+            f"too slow for its inputs, and dropped messages: {one.dropped}": one.dropped,
         }
         found += [Text.assemble((f"{one.name}: ", "bold"), text) for text, applies in remarks.items() if applies]
     return [Text(""), *found] if found else []

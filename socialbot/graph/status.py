@@ -78,6 +78,7 @@ class NodeStatus:
     refused: int = 0
     refusals: str = ""
     resubscribed: str = ""
+    dropped: str = ""
 
     @property
     def condition(self) -> str:
@@ -209,6 +210,7 @@ class NodeStatuses:
             refused=int(_number(values, "refused") or 0),
             refusals=_text(values, "refusals"),
             resubscribed=_text(values, "resubscribed"),
+            dropped=_text(values, "dropped"),
         )
 
     def _sharing(self, name: str, values: Mapping[str, str]) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import array
 import itertools
 import threading
 import time
@@ -7,11 +8,13 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from socialbot.bridge import _callback_queue
 from socialbot.bridge._callback_queue import GRACE_S, MAX_WAITING, CallbackQueue, IdleState, InputQueue
 from socialbot.core.clock import SECOND, Clock, ManualClock, WallClock, nanoseconds
-from socialbot.core.messages import Utterance
+from socialbot.core.messages import CompressedImage, Message, RosMessage, Utterance
 from socialbot.graph.health import HealthMonitor
 from socialbot.graph.node import Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input
@@ -158,6 +161,41 @@ def test_a_slow_node_skips_no_commands(queue):
     queue.take_input().record_cost(9.0)
     queue.add(EVERY, *range(1, 50))
     assert queue.results(49) == list(range(1, 50))
+
+
+def test_a_node_far_behind_loses_the_oldest_commands(queue, monkeypatch, caplog):
+    monkeypatch.setattr(_callback_queue, "MAX_COMMANDS", 3)
+    queue.add(EVERY, *range(13))
+    (commands,) = queue.inputs
+    assert (commands.received, commands.dropped, commands.skipped) == (13, 10, 0)
+    assert queue.results(3) == [10, 11, 12]
+    assert [record.getMessage() for record in caplog.records] == [
+        f"input every: dropped {count} messages, since they arrive faster than the node handles them"
+        for count in (1, 10)
+    ]
+
+
+@pytest.mark.parametrize("kind", ["image", "ros array", "ros text"])
+def test_a_node_far_behind_keeps_a_limited_size_of_data(queue, monkeypatch, kind):
+    monkeypatch.setattr(_callback_queue, "MAX_DATA_BYTES", 300)
+    every = Input(Message, "/large")
+    every.name = "large"
+
+    def large(size: int) -> Any:
+        if kind == "image":
+            return CompressedImage(stamp=1, frame_id="", format="jpeg", data=np.zeros(size, np.uint8))
+        data: Any = "x" * size if kind == "ros text" else array.array("H", bytes(size))
+        return RosMessage(stamp=1, ros=SimpleNamespace(data=data))
+
+    for _ in range(5):
+        queue.put(every, large(100))
+    (images,) = queue.inputs
+    assert (len(images.waiting), images.dropped) == (3, 2)
+    queue.take_input()
+    queue.put(every, large(100))
+    assert (len(images.waiting), images.dropped) == (3, 2)
+    queue.put(every, large(1000))
+    assert (len(images.waiting), images.dropped) == (1, 5)
 
 
 def test_limits_the_waiting_messages_of_a_stream(queue):

@@ -10,13 +10,16 @@ from typing import Any
 
 import pytest
 
+from socialbot.bridge import _callback_queue
+from socialbot.bridge.diagnostics import DiagnosticsSubscriber
+from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Health, RosMessage, Utterance
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
-from tests.bridge.hosting import node_hosts
+from tests.bridge.hosting import has_receivers, node_hosts
 from tests.system.running import eventually
 
 pytestmark = pytest.mark.ros
@@ -122,6 +125,44 @@ class Talker(Node):
         self.call_after(0.1, self.start)
 
 
+class Source(Node):
+    """Publishes numbered utterances on request."""
+
+    said = Output(Utterance, "/said")
+
+
+class Busy(Listener):
+    """Handle the first message until it may go on."""
+
+    free = threading.Event()
+
+    @Listener.said
+    def on_said(self, message: Utterance) -> None:
+        self.free.wait(60.0)
+        self.heard += message.text
+
+
+def test_a_slow_node_delays_no_other_and_bounds_its_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own oldest messages are lost, and its diagnostics say so."""
+    monkeypatch.setattr(_callback_queue, "MAX_COMMANDS", 20)
+    monkeypatch.setattr(Busy, "free", threading.Event())
+    graph = Graph("slow", (NodeConfig("source", Source), NodeConfig("busy", Busy), NodeConfig("quick", Listener)))
+    reports: list[dict[str, str]] = []
+    texts = [f"{number}," for number in range(100)]
+    with spinning_node("observer") as ros, node_hosts(graph) as host:
+        DiagnosticsSubscriber(ros, lambda name, values: reports.append(values) if name == "busy" else None)
+        source, busy, quick = host("source"), host("busy"), host("quick")
+        assert eventually(lambda: has_receivers(source, "said", 2) and source.active_thread is not None)
+        for text in texts:
+            source.node.said.publish(Utterance(stamp=source.node.clock.now(), id=text, text=text))
+            assert eventually(lambda text=text: quick.node.heard.endswith(text))
+        assert quick.node.heard == "".join(texts)
+        assert busy.node.heard == ""
+        assert eventually(lambda: reports and reports[-1]["dropped"] == "79 said")
+        Busy.free.set()
+        assert eventually(lambda: busy.node.heard == "".join(texts[:1] + texts[80:]))
+
+
 def test_nodes_are_unaffected_by_changes_of_the_system_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Inputs do not time out, timers fire once and in time, and messages are accepted."""
     real, ahead = time.time_ns, [0]
@@ -144,12 +185,6 @@ def test_nodes_are_unaffected_by_changes_of_the_system_clock(tmp_path: Path, mon
         apart = [later - sooner for sooner, later in itertools.pairwise(patient.rung)]
         assert min(apart) > 0.05
         assert max(apart) < 2.0
-
-
-class Source(Node):
-    """Publishes numbered utterances on request."""
-
-    said = Output(Utterance, "/said")
 
 
 def test_composed_nodes_use_dds_only_for_subscribers_outside(

@@ -172,7 +172,11 @@ def test_control_characters_from_the_network_are_removed():
 
 
 def test_the_table_lists_nodes_and_faults_below(roll):
-    roll.note("camera", TOLD | {"refused": "3", "refusals": "3 forged", "restarts": "2", "last_error": "hung"}, 20.0)
+    roll.note(
+        "camera",
+        TOLD | {"refused": "3", "refusals": "3 forged", "restarts": "2", "last_error": "hung", "dropped": "79 said"},
+        20.0,
+    )
     roll.note_health(health("camera", "failed", "no device"), 20.0)
     text = shown(roll.statuses(20.0))
     lines = text.splitlines()
@@ -183,6 +187,7 @@ def test_the_table_lists_nodes_and_faults_below(roll):
     assert "camera: its process hung; restarted 2 times" in lines
     assert "camera: no device" in lines
     assert "camera: refused 3 forged" in lines
+    assert "camera: too slow for its inputs, and dropped messages: 79 said" in lines
     assert lines[-1] == "0 of 2 nodes are well"
 
 
