@@ -6,15 +6,16 @@ With keys, seals are opened, so that a bag holds verified payloads and no refuse
 from __future__ import annotations
 
 import functools
+import itertools
 import logging
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from socialbot.bags.writer import BagWriter
 from socialbot.bridge import environment
@@ -27,6 +28,8 @@ from socialbot.core.errors import InstallationError, MessageError
 log = logging.getLogger("socialbot.recorder")
 
 DISCOVERY_PERIOD_S = 0.2
+LOOKUPS = 50
+"""Largest number of topics that are looked up again in a period: each takes time for all endpoints of the domain."""
 FLUSH_PERIOD_S = 0.5  # maximum time of a message in memory, where it would be lost with a killed process
 _SPIN_S = 0.05
 
@@ -104,6 +107,16 @@ def _take_received(executor: Any) -> None:
             return
 
 
+T = TypeVar("T")
+
+
+def _next(turns: deque[T]) -> list[T]:
+    """Return the next `LOOKUPS` of ``turns``, and put them last."""
+    chosen = list(itertools.islice(turns, LOOKUPS))
+    turns.rotate(-len(chosen))
+    return chosen
+
+
 ANSWERS = ("/_service_event", "/_action/status", "/_action/feedback")
 """Ends of hidden topics with the answers of services and actions, from which a replay answers."""
 
@@ -120,7 +133,10 @@ class _TopicRecorder:
         self._topics = {topic if topic.startswith("/") else f"/{topic}" for topic in topics}
         self._clock = clock
         self._known: set[tuple[str, str]] = set()
-        self._subscriptions: list[AdaptiveSubscription] = []
+        """Topics with their types that have been looked up."""
+        self._waiting: deque[tuple[str, str]] = deque()
+        """Those without a publisher, and all subscriptions: next ones to look up first."""
+        self._subscriptions: deque[AdaptiveSubscription] = deque()
 
     def close(self) -> None:
         """Refuse the messages that still wait for a seal."""
@@ -135,25 +151,31 @@ class _TopicRecorder:
         return self._refused | invalid
 
     def subscribe_new(self) -> None:
-        """Subscribe to new topics, and adapt subscriptions to weaker publishers."""
-        for subscription in self._subscriptions:
+        """Subscribe to new topics, and adapt subscriptions to weaker publishers, `LOOKUPS` of them at a time."""
+        for subscription in _next(self._subscriptions):
             subscription.adapt()
+        for topic, type_name in _next(self._waiting):
+            if self._subscribe(topic, type_name):
+                self._waiting.remove((topic, type_name))
         for topic, type_names in self._node.get_topic_names_and_types():
             if topic in self._topics or (not self._topics and (not is_hidden(topic) or topic.endswith(ANSWERS))):
                 for type_name in type_names:
-                    self._subscribe(topic, type_name)
+                    if (topic, type_name) not in self._known:
+                        self._known.add((topic, type_name))
+                        if not self._subscribe(topic, type_name):
+                            self._waiting.append((topic, type_name))
 
-    def _subscribe(self, topic: str, type_name: str) -> None:
+    def _subscribe(self, topic: str, type_name: str) -> bool:
+        """Subscribe to a topic that has a publisher; return whether it has one."""
         publishers = [each for each in self._node.get_publishers_info_by_topic(topic) if each.topic_type == type_name]
-        if (topic, type_name) in self._known or not publishers:
-            return
-        self._known.add((topic, type_name))
+        if not publishers:
+            return False
         try:
             kind = message_class(type_name)
         except InstallationError as error:
             self._refused[topic] = error.what
             log.warning("%s is not recorded: %s", topic, error.what)
-            return
+            return True
         type_hash = str(publishers[0].topic_type_hash)
 
         def write(data: bytes) -> None:
@@ -166,6 +188,7 @@ class _TopicRecorder:
             each.adapt()
         self._subscriptions += (*seals, subscription)
         log.info("recording %s (%s)", topic, type_name)
+        return True
 
     def _count_invalid(self, topic: str, error: MessageError) -> None:
         reasons = self._invalid.setdefault(topic, Counter())
