@@ -245,6 +245,7 @@ def test_a_recording_holds_only_sealed_images(keys: None, tmp_path: Path) -> Non
         try:
             assert eventually(lambda: sender.publisher.get_subscription_count() == 2)
             assert eventually(lambda: sender.seals.get_subscription_count() == 2)
+            assert eventually(intruder.is_connected)
             intruder.messages.publish(encode(image(2), RclpyTypes()))
             assert eventually(lambda: len(intruder.heard) == 1)
             sender.publish(image(1))

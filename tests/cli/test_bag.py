@@ -145,7 +145,8 @@ def test_records_present_and_later_topics(domain: int, tmp_path: Path) -> None:
         latched.publish(info)
         pictures = publisher(node, "/camera/image_raw", image, best_effort=True)
         await_listener(pictures)
-        pictures.publish(image)
+        # A best-effort message is lost if the recorder does not know the publisher yet, so more than one is sent.
+        eventually(lambda: pictures.publish(image) or messages_on_disk(tmp_path / "bag", "/camera/image_raw"))
         sentences = publisher(node, "/speech/say", say)
         hidden = publisher(node, "/_hidden", say)
         await_listener(sentences)
@@ -153,7 +154,7 @@ def test_records_present_and_later_topics(domain: int, tmp_path: Path) -> None:
         hidden.publish(say)
         for _ in range(3):
             sentences.publish(say)
-        eventually(lambda: messages_on_disk(tmp_path / "bag") == 5)
+        eventually(lambda: messages_on_disk(tmp_path / "bag", "/speech/say") == 3)
         done.set()
 
     with robot() as node:
@@ -161,7 +162,9 @@ def test_records_present_and_later_topics(domain: int, tmp_path: Path) -> None:
         thread.start()
         made = record(tmp_path / "bag", duration_s=60.0, stopped=done.is_set)
         thread.join()
-    assert made.counts == {"/camera/camera_info": 1, "/camera/image_raw": 1, "/speech/say": 3}
+    images = made.counts["/camera/image_raw"]
+    assert images >= 1
+    assert made.counts == {"/camera/camera_info": 1, "/camera/image_raw": images, "/speech/say": 3}
     with open_bag(tmp_path / "bag") as bag:
         found = dict(bag.messages({topic.name: topic.name for topic in bag.topics}))
         assert not bag.skipped
@@ -252,11 +255,11 @@ def test_a_private_recording_leaves_no_recognisable_pictures(domain: int, tmp_pa
         assert not changed[:, x + 3 * w :].any()
 
 
-def messages_on_disk(path: Path) -> int:
-    """Number of messages in the flushed part of a bag."""
+def messages_on_disk(path: Path, name: str = "") -> int:
+    """Number of messages in the flushed part of a bag, on the topic ``name`` or all."""
     try:
         with open_bag(path) as bag:
-            return sum(topic.count for topic in bag.topics)
+            return sum(topic.count for topic in bag.topics if name in ("", topic.name))
     except BagError:
         return 0
 
