@@ -122,8 +122,12 @@ class GoalStates:
         """Report the innermost goal of an intention that executes steps again."""
         self._of_top(intention, "executing", reason)
 
+    def woken(self, intention: Intention) -> None:
+        """Report the innermost goal of an intention whose wait has ended: a suspended one is suspended once more."""
+        (self.suspended if intention.suspended else self.continued)(intention)
+
     def suspended(self, intention: Intention) -> None:
-        """Report the innermost goal of an intention after `.suspend`."""
+        """Report the innermost goal of an intention after `.suspend`, or after its wait."""
         self._of_top(intention, "suspended", Atom("suspend_ia"))
 
     def dropped(self, intention: Intention) -> None:

@@ -353,11 +353,9 @@ class IntentionStack:
         intention.pause = None
         if problem is not None:
             self._fail_step(intention, problem)
-            self.settle(intention)
-        elif not intention.suspended:
-            if self.goal_states is not None:
-                self.goal_states.continued(intention)
-            self.ready.append(intention)
+        elif self.goal_states is not None:
+            self.goal_states.woken(intention)
+        self.settle(intention)
 
     def pursue_timed(self, intention: Intention, timed: TimedRequest) -> None:
         """Pursue a goal with a time limit."""

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from decimal import Decimal
 from typing import Any
 
-from socialbot.bdi.agentspeak.lexer import KEYWORDS, WRITTEN
+from socialbot.bdi.agentspeak.lexer import KEYWORDS, WRITTEN, is_quoted
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
@@ -50,7 +50,9 @@ def said(term: Any) -> str:
 def plain(term: Any) -> str:
     """Format a term as a part of a string: names appear without quotes, too."""
     term = resolve(term)
-    return term.name if term.__class__ is Atom else said(term)
+    if term.__class__ is not Atom:
+        return said(term)
+    return term.name[1:-1] if is_quoted(term.name) else term.name
 
 
 def spelled(term: Any) -> str:

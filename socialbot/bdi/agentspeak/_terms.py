@@ -365,7 +365,7 @@ class TermReader:
         word = self.words[at]
         first = word[0]
         if first == "'" and len(word) > 1:
-            word = self.source.unquoted(at)
+            word = self.source.name(at)
         elif word in KEYWORDS or not (first.isalpha() or (first == "." and len(word) > 1)) or first.isupper():
             self.fail("a name" if at == self.at else "a name after '~'", at)
         if word in REFUSED:

@@ -86,6 +86,25 @@ def is_function(name: str, arity: int) -> bool:
     return name.startswith(LIBRARIES) or (arity == 1 and name in FUNCTIONS)
 
 
+_PLAIN = re.compile(r"(?:[^\W\dA-Z_]\w*::)?[^\W\dA-Z_.]\w*|\.?[^\W\dA-Z_]\w*(?:\.[^\W\d]\w*)*")
+
+
+def is_plain(name: str) -> bool:
+    """Check whether a name needs no quotes."""
+    known = _PLAIN.fullmatch(name) is not None and name not in KEYWORDS
+    return known and (name[0] == "." or (name[0].isalpha() and not name[0].isupper()))
+
+
+def keeps_quotes(name: str) -> bool:
+    """Check whether quotes around a name are a part of it: they are where it needs none, as in Jason."""
+    return is_plain(name) and name[0] != "." and not is_function(name, 1)
+
+
+def is_quoted(name: str) -> bool:
+    """Check whether quotes are a part of a name, such as ``'abc'``, which is not ``abc``."""
+    return name[:1] == name[-1:] == "'" and keeps_quotes(name[1:-1])
+
+
 UNQUALIFIED = frozenset({
     "atomic/0", "breakpoint/0", "all_unifs/0", "default/0", "this_ns/0", "source/1", "self/0", "percept/0", "tell/0",
     "untell/0", "achieve/0", "unachieve/0", "askOne/0", "askAll/0", "askHow/0", "tellHow/0", "untellHow/0",
@@ -180,6 +199,11 @@ class Source:
             if escape not in ESCAPES and not escape.isdecimal():
                 raise self.error(index, f"unknown escape '\\{escape}'", "write \\\\ for a backslash itself")
         return _ESCAPE.sub(lambda match: ESCAPES.get(match[1]) or chr(int(match[1], 8)), inside)
+
+    def name(self, index: int) -> str:
+        """Return the name that a token in single quotes stands for."""
+        name = self.unquoted(index)
+        return f"'{name}'" if keeps_quotes(name) else name
 
 
 def _blank(match: re.Match[str]) -> str:

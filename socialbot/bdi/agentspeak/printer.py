@@ -13,10 +13,9 @@ variable ``x`` becomes ``_x``, a class ``Person`` the quoted name ``'Person'``, 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 
-from socialbot.bdi.agentspeak.lexer import ESCAPES, KEYWORDS, TRIGGERS, WRITTEN, Level, is_function
+from socialbot.bdi.agentspeak.lexer import ESCAPES, TRIGGERS, WRITTEN, Level, is_function, is_plain, is_quoted
 from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.literals import Change, Event, Literal, literal
 from socialbot.bdi.plans import Inference, Plan
@@ -60,7 +59,6 @@ from socialbot.bdi.terms import (
     Variable,
 )
 
-_PLAIN = re.compile(r"(?:[^\W\dA-Z_]\w*::)?[^\W\dA-Z_.]\w*|\.?[^\W\dA-Z_]\w*(?:\.[^\W\d]\w*)*")
 _SIGNS = {change: sign + kind for (sign, kind), change in TRIGGERS.items()}
 _ESCAPED = str.maketrans({char: f"\\{letter}" for letter, char in ESCAPES.items() if letter not in "'\""})
 
@@ -103,7 +101,7 @@ def _label(plan: Plan) -> str:
     if plan.priority:
         notes.append(f"priority({plan.priority})")
     if plan.stage is not None:
-        plain = _is_plain(plan.stage) and not is_function(plan.stage, 0)
+        plain = is_plain(plan.stage) and not is_function(plan.stage, 0)
         notes.append(f"stage({plan.stage if plain else _term(plan.stage)})")
     notes += map(_term, plan.annotations)
     if plan.label is None and not notes:
@@ -316,16 +314,15 @@ def _string(text: str) -> str:
     return '"' + text.translate(_ESCAPED).replace('"', '\\"') + '"'
 
 
-def _is_plain(name: str) -> bool:
-    """Check whether a name needs no quotes."""
-    known = _PLAIN.fullmatch(name) is not None and name not in KEYWORDS
-    return known and (name[0] == "." or (name[0].isalpha() and not name[0].isupper()))
-
-
 def _name(name: str, arity: int = -1) -> str:
     """Print a name, in quotes where the bare name has another meaning, such as a function of this arity."""
-    if _is_plain(name) and not is_function(name, arity):
+    if is_plain(name) and not is_function(name, arity):
         return name
+    if is_quoted(name):
+        return name
+    namespace, separator, rest = name.partition("::")
+    if separator and (is_quoted(namespace) or is_quoted(rest)):
+        return f"{_name(namespace)}::{_name(rest)}"
     return "'" + name.translate(_ESCAPED).replace("'", "\\'") + "'"
 
 
@@ -372,5 +369,5 @@ def _operand(term: object) -> str:
 
 
 def _call(call: Call) -> str:
-    name = call.function if _is_plain(call.function) else _name(call.function)
+    name = call.function if is_plain(call.function) else _name(call.function)
     return f"{name}{_args(call.function, call.args)}"

@@ -368,13 +368,17 @@ def suspend(engine: Any, args: Args, trail: Trail) -> None:
         if states is not None:
             states.tell(request, "suspended", Atom("suspend_ia"))
     for intention in _with(engine, args, ".suspend"):
-        _suspend(engine, intention)
+        rests = args and (intention.suspended or intention.pause is not None)
+        _suspend(engine, intention, _goal_of(intention, literal_of(".suspend", args[0])) if rests else None)
 
 
-def _suspend(engine: Any, intention: Intention) -> None:
+def _suspend(engine: Any, intention: Intention, goal: Request | None = None) -> None:
+    """Suspend an intention; meta-events are those of a goal, or of the innermost one."""
     intention.suspended = True
     states = engine.intentions.goal_states
-    if states is not None:
+    if states is not None and goal is not None:
+        states.tell(goal, "suspended", Atom("suspend_ia"))
+    elif states is not None:
         states.suspended(intention)
     if intention in engine.interpreter.ready:
         engine.interpreter.ready.remove(intention)
@@ -417,7 +421,12 @@ def _whole(engine: Any, intention: Intention) -> Intention:
 
 
 def _pursuing(engine: Any, goal: Literal) -> list[Intention]:
-    return [intention for intention in engine.intentions if any(_fits(goal, request) for request in _goals(intention))]
+    return [intention for intention in engine.intentions if _goal_of(intention, goal) is not None]
+
+
+def _goal_of(intention: Intention, goal: Literal) -> Request | None:
+    """Return the outermost goal of an intention that matches, if there is one."""
+    return next((request for request in _goals(intention) if _fits(goal, request)), None)
 
 
 def _goals(intention: Intention | None) -> Iterator[Request]:
