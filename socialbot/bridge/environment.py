@@ -277,9 +277,10 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
     """Open an rclpy node in its own context, spun by a thread. Raises ParameterError for invalid ROS ``args``."""
     with ros_context(args) as context:
         from rclpy.executors import SingleThreadedExecutor
-        from rclpy.node import Node
 
-        node = Node(name, context=context, start_parameter_services=False)
+        from socialbot.bridge.qos_events import PollingNode
+
+        node = PollingNode(name, context=context, start_parameter_services=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         ended = threading.Event()
