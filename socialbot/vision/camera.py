@@ -13,6 +13,7 @@ import numpy as np
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
+from socialbot.vision.transforms import AXES
 
 Box = Sequence[float]
 """x, y, w, h in pixels."""
@@ -172,6 +173,19 @@ class CameraModel:
         up = -math.sin(self.pose.pitch_rad) - down * math.cos(self.pose.pitch_rad)
         return math.atan2(-right, forward), math.atan2(up, math.hypot(right, forward))
 
+    def turn_from(self, before: CameraModel) -> np.ndarray | None:
+        """Homography (3, 3) that moves far points of an image of the camera ``before`` to where this one shows them.
+
+        None if the direction of either is unknown.
+        """
+        if self.yaw_rad is None or before.yaw_rad is None:
+            return None
+        turn = _rotation(self.pose, self.yaw_rad).T @ _rotation(before.pose, before.yaw_rad)
+        return self._intrinsics() @ turn @ np.linalg.inv(before._intrinsics())
+
+    def _intrinsics(self) -> np.ndarray:
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
     def at(self, pose: CameraPose) -> CameraModel:
         """The same camera at another ``pose``."""
         return replace(self, pose=pose)
@@ -180,6 +194,15 @@ class CameraModel:
     def horizon(self) -> float:
         """Height of the horizon as a share of the image: 0 at the top, 1 at the bottom; may be outside."""
         return (self.cy - self.fy * math.tan(self.pose.pitch_rad)) / self.height
+
+
+def _rotation(pose: CameraPose, yaw_rad: float) -> np.ndarray:
+    """Rotation of directions in the optical frame (right, down, forward) to the base (forward, left, up)."""
+    cos, sin = (each((yaw_rad, pose.pitch_rad, pose.roll_rad)) for each in (np.cos, np.sin))
+    yaw = np.array([[cos[0], -sin[0], 0.0], [sin[0], cos[0], 0.0], [0.0, 0.0, 1.0]])
+    pitch = np.array([[cos[1], 0.0, sin[1]], [0.0, 1.0, 0.0], [-sin[1], 0.0, cos[1]]])
+    roll = np.array([[cos[2], -sin[2], 0.0], [sin[2], cos[2], 0.0], [0.0, 0.0, 1.0]])
+    return yaw @ pitch @ AXES[:3, :3].T @ roll
 
 
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from socialbot.vision.camera import CameraModel
 from socialbot.vision.detector import iou
 
 _EDGE_SHARE, _BOX_SHARE = 0.005, 0.02  # A box this near to an edge is cut off: shares of image and box size.
@@ -108,12 +109,15 @@ class BoxFilter:
         return np.array([middle, top, height, width]), seen
 
     def shift(self, turn: np.ndarray, place: np.ndarray | None = None) -> None:
-        """Move the state with the background, by a similarity transform (2, 3), or as far as it moves a ``place``."""
+        """Move the state with the background, by a homography (3, 3), or as far as it moves a ``place``."""
         if place is not None:
-            self.value[:2] += turn[:, :2] @ place + turn[:, 2] - place
+            self.value[:2] += moved(turn, place[None])[0] - place
             return
-        self.value[:2] = turn[:, :2] @ self.value[:2] + turn[:, 2]
-        self.value[2:] *= math.hypot(turn[0, 0], turn[1, 0])
+        middle, top, height, width = self.value
+        centre = top + height / 2
+        sides = [(middle, top), (middle, top + height), (middle - width / 2, centre), (middle + width / 2, centre)]
+        head, feet, left, right = moved(turn, np.array(sides))
+        self.value = np.array([*head, math.dist(head, feet), math.dist(left, right)])
 
     def is_at(self, box: np.ndarray, cut: Cut) -> bool:
         """Whether a person who stood at the last place may be the one in ``box``, which the image may cut off."""
@@ -148,26 +152,63 @@ class BoxFilter:
         return away <= _HEAD_JUMP * np.minimum(height, boxes[:, 3]) + 2 * self.spread()[1]
 
 
+def moved(turn: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """``points`` (n, 2) after a homography (3, 3)."""
+    moved = points @ turn[:, :2].T + turn[:, 2]
+    return moved[:, :2] / moved[:, 2:]
+
+
 _SMALL = 160  # The background is followed at this width.
 _CORNERS, _QUALITY, _APART, _WINDOW, _LEVELS = 40, 0.02, 6.0, (11, 11), 3
 _LEAST_CORNERS, _LEAST_SHARE = 8, 0.4  # The motion is known if so many corners, and this share of them, agree on it.
 _TOLERANCE, _STILL = 0.7, 0.15  # Pixels at that width.
 
 
+_AGREED, _AGREED_SHARE = 1.5, 0.25  # Difference of stated and seen motion: pixels at that width, share of the path.
+
+_NO_TURN = np.eye(3)
+
+
 class CameraMotion:
-    """Motion of the background from image to image, from corners outside of the people."""
+    """Motion of the background from image to image: the stated turn of the camera, or from corners outside of people.
+
+    A stated turn is exact up to the edges of the image, and known where there are no corners. Where the corners
+    contradict it, they count: the base of the robot turns as well, or the transforms are late.
+    """
 
     def __init__(self) -> None:
+        self._camera: CameraModel | None = None
         self._grey: np.ndarray | None = None
         self._corners: np.ndarray | None = None
 
-    def follow(self, image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray | None:
-        """Similarity transform from the last image to this one, shape (2, 3); None if it is still or unknown.
+    def follow(self, image_bgr: np.ndarray, boxes: np.ndarray, camera: CameraModel | None = None) -> np.ndarray | None:
+        """Homography from the last image to this one, shape (3, 3); None if it is still or unknown.
 
         Args:
             image_bgr: Shape (height, width, 3), uint8.
             boxes: People, (n, 4) as x, y, w, h in pixels; they are left out when this image is the last one.
+            camera: The camera as stated, with its direction if that is known.
         """
+        seen = self._seen(image_bgr, boxes)
+        before, self._camera = self._camera, camera
+        stated = None if camera is None or before is None else camera.turn_from(before)
+        if camera is not None and stated is not None and not self._is_contradicted(camera, stated, seen):
+            return stated
+        return None if seen is not None and (seen == _NO_TURN).all() else seen
+
+    @staticmethod
+    def _is_contradicted(camera: CameraModel, stated: np.ndarray, seen: np.ndarray | None) -> bool:
+        """Whether a ``stated`` turn is none, or another one is ``seen`` in the middle of the image."""
+        scale = _SMALL / camera.width
+        centre = np.array([[camera.width / 2, camera.height / 2]])
+        path = math.dist(moved(stated, centre)[0], centre[0])
+        if path * scale < _STILL or seen is None:
+            return path * scale < _STILL
+        apart = math.dist(moved(stated, centre)[0], moved(seen, centre)[0])
+        return apart * scale > _AGREED + _AGREED_SHARE * path * scale
+
+    def _seen(self, image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray | None:
+        """Similarity transform (3, 3) that moves the corners of the last image; None if it is unknown."""
         height, width = image_bgr.shape[:2]
         scale = _SMALL / width
         size = _SMALL, max(1, round(height * scale))
@@ -182,14 +223,16 @@ class CameraMotion:
         self._grey, self._corners = grey, cv2.goodFeaturesToTrack(grey, _CORNERS, _QUALITY, _APART, mask=free)
         if before is None or before.shape != grey.shape or corners is None or len(corners) < _LEAST_CORNERS:
             return None
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
             before, grey, corners, corners.copy(), winSize=_WINDOW, maxLevel=_LEVELS
         )
         good = found[:, 0] > 0
-        if good.sum() < _LEAST_CORNERS or np.median(np.abs(moved - corners)[good]) < _STILL:
+        if good.sum() < _LEAST_CORNERS:
             return None
-        turn, same = cv2.estimateAffinePartial2D(corners[good], moved[good], ransacReprojThreshold=_TOLERANCE)
+        if np.median(np.abs(there - corners)[good]) < _STILL:
+            return _NO_TURN
+        turn, same = cv2.estimateAffinePartial2D(corners[good], there[good], ransacReprojThreshold=_TOLERANCE)
         if turn is None or same.sum() < max(_LEAST_CORNERS, _LEAST_SHARE * len(corners)):
             return None
         turn[:, 2] /= scale
-        return turn
+        return np.vstack([turn, (0.0, 0.0, 1.0)])

@@ -215,10 +215,10 @@ class PersonPipeline:
         """Track the people ``found`` in an image, and measure their distance."""
         if self.tracker is None:
             return self.measured(found, camera, depth)
+        turn = self._camera_motion.follow(image_bgr, found.boxes, camera)
         camera = self._located(camera)
         looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
         size = image_bgr.shape[1], image_bgr.shape[0]
-        turn = self._camera_motion.follow(image_bgr, found.boxes)
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks, turn)
         if stamp_ns < self._stamp:
             self._known = {}

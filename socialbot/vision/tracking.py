@@ -200,7 +200,7 @@ class Tracker:
             scores: Shape (n,).
             size: Width and height of the image; without it no box counts as cut off.
             looks: Colours of each box (`appearance.looks_of`); without them nobody is recognised.
-            turn: Motion of the background since the last image (`motion.CameraMotion`).
+            turn: Homography (3, 3) of the background since the last image (`motion.CameraMotion`).
 
         Returns:
             The tracks, best score first.

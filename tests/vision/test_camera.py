@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
 from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad
+from socialbot.vision.motion import moved
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]
 
@@ -48,6 +50,30 @@ def test_signs_follow_rep_103():
 def test_horizon_is_where_the_elevation_is_zero(pitch):
     model = camera(pitch)
     assert model.direction(model.cx, model.horizon * model.height)[1] == pytest.approx(0.0, abs=1e-12)
+
+
+_POSES = st.tuples(st.floats(-0.4, 0.4), st.floats(-0.2, 0.4), st.floats(-0.3, 0.3))  # Yaw, pitch and roll.
+
+
+@settings(max_examples=100, deadline=None)
+@given(_POSES, _POSES, st.floats(0, 639), st.floats(0, 479))
+def test_turn_moves_a_far_point_to_where_the_turned_camera_shows_it(first, second, u, v):
+    before, after = (
+        replace(camera(), pose=CameraPose(height_m=1.62, pitch_rad=pitch, roll_rad=roll), yaw_rad=yaw)
+        for yaw, pitch, roll in (first, second)
+    )
+    turn = after.turn_from(before)
+    assert turn is not None
+    (there,) = moved(turn, np.array([[u, v]]))
+    bearing, elevation = before.direction(u, v)
+    expected = bearing + first[0] - second[0], elevation
+    assert after.direction(*there) == pytest.approx(expected, abs=1e-6)
+
+
+def test_turn_needs_both_directions():
+    known, unknown = replace(camera(), yaw_rad=0.1), camera()
+    assert known.turn_from(unknown) is None
+    assert unknown.turn_from(known) is None
 
 
 def info(k: tuple[float, ...], width: int = 640, height: int = 480) -> CameraInfo:

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.detector import clip
-from socialbot.vision.motion import BoxFilter, CameraMotion, Cut, cut_off
+from socialbot.vision.motion import BoxFilter, CameraMotion, Cut, cut_off, moved
 
 WIDTH, HEIGHT = 640, 480
 
@@ -159,7 +162,51 @@ def test_turn_of_the_camera_is_measured_beside_people(across, down):
     assert motion.follow(first, person) is None
     turn = motion.follow(second, nobody)
     assert turn is not None
-    assert turn[:, :2] @ (320, 240) + turn[:, 2] == pytest.approx([320 + across, 240 + down], abs=2.5)
+    assert moved(turn, np.array([[320, 240]]))[0] == pytest.approx([320 + across, 240 + down], abs=2.5)
+
+
+def _view(yaw_rad: float) -> CameraModel:
+    return CameraModel(500, 500, 320, 240, 640, 480, CameraPose(height_m=1.5, pitch_rad=0.0), yaw_rad)
+
+
+def _turned(first: np.ndarray, second: np.ndarray, yaw_rad: float) -> np.ndarray | None:
+    """Motion between two images, of a camera that turns by ``yaw_rad`` as stated."""
+    motion, nobody = CameraMotion(), np.empty((0, 4))
+    motion.follow(first, nobody, _view(0.0))
+    return motion.follow(second, nobody, _view(yaw_rad))
+
+
+def test_stated_turn_counts_where_nothing_is_seen():
+    dark = np.zeros((480, 640, 3), np.uint8)
+    turn = _turned(dark, dark, 0.1)
+    assert turn is not None
+    middle, edge = moved(turn, np.array([[320, 240], [590, 240]]))
+    assert middle == pytest.approx([320 + 500 * math.tan(0.1), 240])
+    assert edge == pytest.approx([320 + 500 * math.tan(0.1 + math.atan(270 / 500)), 240])
+    assert edge[0] - 590 > 1.3 * (middle[0] - 320), "directions near the edge are farther apart in the image"
+
+
+@pytest.mark.parametrize("seen", [0, -40])
+def test_turn_that_is_seen_counts_where_it_contradicts_the_stated_one(seen):
+    # The base of the robot turns against its head.
+    room = _room()
+    turn = _turned(room[:480, 100:740].copy(), room[:480, 100 - seen : 740 - seen].copy(), 0.1)
+    middle = np.array([[320.0, 240.0]])
+    assert (0 if turn is None else moved(turn, middle)[0, 0] - 320) == pytest.approx(seen, abs=2.5)
+
+
+def test_box_follows_the_turn_of_the_camera_at_the_edge():
+    before, after = _view(0.0), _view(0.3)
+    motion = BoxFilter(box(400, 100, 200, 80))
+    turn = after.turn_from(before)
+    assert turn is not None
+    motion.shift(turn)
+    x, _, width, height = motion.box
+    left, right = (before.direction(each, 200)[0] - 0.3 for each in (360, 440))
+    ends = [320 - 500 * math.tan(each) for each in (left, right)]
+    assert (x, x + width) == pytest.approx(ends, abs=3)
+    assert width > 1.2 * 80
+    assert height > 200
 
 
 def test_still_camera_does_not_turn():

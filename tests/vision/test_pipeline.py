@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import msgspec
 import numpy as np
@@ -145,6 +147,19 @@ def test_width_bounds_the_distance_at_the_side():
     found = [rig.find(at(1.5, 0.9, bearing)) for bearing in np.arange(0.6, 0.3, -0.05)]
     assert any(found)
     assert all(metres(people[0])[0] < 4.0 for people in found if people)
+
+
+def test_stated_turn_of_the_camera_keeps_neighbours_apart():
+    rig = Rig()
+
+    def ids(yaw: float) -> list[str]:
+        rig.detector.found = [at(4.0, bearing=bearing - yaw) for bearing in (0.1, -0.1)]
+        rig.stamp += SECOND // 5
+        camera = replace(CAMERA, yaw_rad=yaw)
+        people = rig.finder.find(BLANK, rig.stamp, camera)
+        return [person.track_id for person in sorted(people, key=lambda person: person.x)]
+
+    assert [ids(yaw) for yaw in (0.0, 0.0, 0.2, 0.0, -0.2, 0.0)] == [["t1", "t2"]] * 6
 
 
 def test_new_recording_resets_the_tracks():

@@ -429,7 +429,7 @@ def test_update_with_ten_people_takes_few_calls():
 def _turned(scene: Scene, offset: float, *found: tuple[float, ...]) -> list[str]:
     """Show boxes after the background has moved by ``offset`` pixels."""
     scene.time_s += 0.1
-    turn = np.array([[1.0, 0.0, offset], [0.0, 1.0, 0.0]])
+    turn = np.array([[1.0, 0.0, offset], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     boxes = np.array(found, np.float64).reshape(-1, 4)
     stamp = round(scene.time_s * 1e9)
     return ids(scene.tracker.update(stamp, boxes, np.full(len(boxes), 0.7), SIZE, turn=turn))
