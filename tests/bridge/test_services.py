@@ -20,7 +20,7 @@ from socialbot.graph.calls import CallResult, GoalHandle
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.services import ActionClient, ActionServer, Client, Service
 from tests.bridge.hosting import foreign_process, node_hosts, spinning_nodes
-from tests.system.running import eventually, next_line
+from tests.system.running import PATIENCE_S, eventually, next_line
 
 COUNT = "test_msgs/action/Fibonacci"
 
@@ -129,7 +129,8 @@ class TestServices:
 
     def test_call_waits_for_a_server_that_starts_later(self):
         with active(Caller) as hosted:
-            call = in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result))
+            patient = {"deadline_s": PATIENCE_S}
+            call = in_thread(hosted, lambda node: node.light.call({"data": True}, node.on_result, **patient))
             with foreign_servers():
                 assert only_result(hosted).ok
                 assert call.result.ok

@@ -15,6 +15,7 @@ from socialbot.bridge.graph_observer import observe_graph
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.recorder import Recording, record
 from socialbot.bridge.topics import observer_node, publish_once
+from socialbot.bridge.transport import MAX_WINDOW_S, WINDOW_VARIABLE
 from socialbot.cli.topic import topic
 from socialbot.core.messages import Message, TraceRecord, Utterance
 from tests.system.running import eventually
@@ -128,7 +129,8 @@ def test_echo_prints_payloads_and_reports_unsealed_messages():
     assert "refused, unsealed" in result.stderr
 
 
-def test_a_slow_observer_loses_no_messages() -> None:
+def test_a_slow_observer_loses_no_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(WINDOW_VARIABLE, str(MAX_WINDOW_S))
     from rclpy.duration import Duration
 
     from socialbot.bridge.environment import spinning_node
