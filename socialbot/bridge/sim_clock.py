@@ -147,6 +147,7 @@ class SimClock:
         self._balance = MessageBalance()
         self._changed = threading.Condition()
         self._refused = 0
+        self._published = -1
         self._round, self._repeat = 0, 1
         self._arrived: dict[str, int] = {}  # messages of each node before the round
         self._awaited_state = self._is_settled
@@ -200,7 +201,10 @@ class SimClock:
 
     def _step_nodes(self) -> None:
         self._await(self._is_known)
-        self._publish_time()
+        with self._changed:
+            is_reported = self.now == self._published and self._has_been_reported()
+        if not is_reported:
+            self._publish_time()
         self._await(self._is_settled)
         with self._changed:
             self._balance.close_step(self._subscribers)
@@ -238,7 +242,11 @@ class SimClock:
             finally:
                 self._awaited_state = self._is_settled
 
+    def _has_been_reported(self) -> bool:
+        return all(self._balance.reports[name].time >= self.now for name in self.awaited)
+
     def _publish_time(self) -> None:
+        self._published = self.now
         message = self._clock_type()
         message.clock.sec, message.clock.nanosec = divmod(self.now, SECOND)
         self._clock.publish_encoded(message)

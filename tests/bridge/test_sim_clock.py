@@ -219,6 +219,23 @@ def test_messages_from_outside_are_handled_while_time_stands_still() -> None:
         assert [text for _, text in nodes["echo"].heard[2:]] == ["1", "echo", "2", "echo", "3", "echo"]
 
 
+def test_a_time_that_all_nodes_have_reported_is_published_once() -> None:
+    from rosgraph_msgs.msg import Clock
+
+    with hosted(quick=Beat) as (ros, nodes), spinning_nodes("watch") as (watch,):
+        times: list[float] = []
+        watch.create_subscription(
+            Clock, "/clock", lambda one: times.append(one.clock.sec + one.clock.nanosec / 1e9), 100
+        )
+        clock = SimClock(ros, nodes, start=SECOND, step_s=0.5)
+        assert eventually(lambda: clock._clock.publisher.get_subscription_count() == 2)
+        for _ in range(3):
+            clock.advance(0.0)
+            clock.advance(0.5)
+        assert eventually(lambda: times and times[-1] == 2.5)
+        assert sorted(set(times)) == times[-4:] == [1.0, 1.5, 2.0, 2.5]
+
+
 def report(node: str, *, sent: int = 0, taken: int | None = None, instance: str = "first") -> StepReport:
     counts = {} if taken is None else {"/said": taken}
     return StepReport(node, instance, 0, {"/said": sent} if sent else {}, counts, 0, 0, 0, 0)
