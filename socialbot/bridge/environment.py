@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
+from weakref import WeakKeyDictionary
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import pip_command
@@ -280,7 +281,9 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
 
         from socialbot.bridge.qos_events import PollingNode
 
+        others = _threads()
         node = PollingNode(name, context=context, start_parameter_services=False)
+        _threads_of[node] = _threads() - others
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         ended = threading.Event()
@@ -291,16 +294,30 @@ def spinning_node(name: str, args: list[str] | None = None) -> Iterator[Node]:
         finally:
             ended.set()
             executor.shutdown()
-            thread.join(BLOCKED_S)
+            thread.join(BLOCKED_S if node in _threads_of else 0.0)
             if thread.is_alive():
                 _note_blocked(name)
-            else:
+            elif not _is_blocked:
                 node.destroy_node()
 
 
 BLOCKED_S = 10.0
 """Time (s) after which an executor that does not end is blocked by DDS."""
 _is_blocked = False
+_threads_of: WeakKeyDictionary[Node, frozenset[int]] = WeakKeyDictionary()
+"""Threads that were started with a node, mainly those of DDS."""
+
+
+def _threads() -> frozenset[int]:
+    return frozenset(int(path.name) for path in Path("/proc/self/task").glob("*"))
+
+
+def give_up(node: Node) -> None:
+    """Let the block of a `spinning_node` end without waiting for DDS, whose busy threads get only idle processors."""
+    for thread in _threads_of.pop(node):
+        with contextlib.suppress(OSError):  # it has ended
+            if Path(f"/proc/self/task/{thread}/stat").read_text("utf-8").rpartition(")")[2].split()[0] == "R":
+                os.sched_setscheduler(thread, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _note_blocked(node: str) -> None:

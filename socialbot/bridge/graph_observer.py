@@ -18,7 +18,7 @@ from socialbot.bridge.diagnostics import (
     subscription_connection,
     unconnected,
 )
-from socialbot.bridge.environment import free_domain, ros_domain, spinning_node, wait_for
+from socialbot.bridge.environment import BLOCKED_S, free_domain, ros_domain, spinning_node, wait_for
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.run_announcer import locked_runs
 from socialbot.bridge.transport import Subscription, open_transport
@@ -27,6 +27,7 @@ from socialbot.core.messages import Message
 from socialbot.graph.node import Graph, WireForm
 
 POLL_S = 0.02
+SPIN_PERIOD_S = 0.5
 DISCOVERY_S = 0.8
 STATUS_PERIOD_S = 2.5  # maximum time between two statuses of a live node
 
@@ -42,6 +43,28 @@ class LatestStatistics:
         """Store the statistics of one node; ignore other programs."""
         if name in self._names:
             self.latest[name] = values
+
+
+class SpinWatch:
+    """Watch over the thread that spins the rclpy node ``ros``, which one false RTPS packet can block without end."""
+
+    def __init__(self, ros: Any, clock: Callable[[], float] = time.monotonic) -> None:
+        from rclpy.clock import Clock
+        from rclpy.clock_type import ClockType
+
+        self._clock = clock
+        self._checked = clock()
+        self._silent_s = 0.0
+        self._timer = ros.create_timer(SPIN_PERIOD_S, self._spins, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def is_blocked(self) -> bool:
+        """Whether the thread has not answered for `BLOCKED_S`. Call it often: of a longer pause, a second counts."""
+        before, self._checked = self._checked, self._clock()
+        self._silent_s += min(self._checked - before, 1.0)
+        return self._silent_s >= BLOCKED_S
+
+    def _spins(self) -> None:
+        self._silent_s = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,13 +87,14 @@ def observe_graph(
     form: WireForm = "json",
     *,
     latched: Collection[str] = (),
+    name: str = "observer",
 ) -> Iterator[GraphObserver]:
     """Observe a graph inside the block; one thread calls ``observe`` and ``on_status``.
 
     The last message of ``latched`` topics is also received if older than the observer. Raises InstallationError when
     ROS, or the message package for this ``form``, is not installed.
     """
-    with spinning_node("observer") as ros:
+    with spinning_node(name) as ros:
         transport = open_transport(form=form)
         subscriptions = {}
         for topic, kind in topics.items():

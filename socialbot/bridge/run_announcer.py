@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-import secrets
 import socket
 import threading
 import time
@@ -36,11 +35,11 @@ class RunAnnouncer:
     """Announce that ``graph`` is up, and call ``on_down`` on a request to end it.
 
     Leaving the context announces the end of the run, and its error if there is one. ``on_down`` is called in the thread
-    that spins ``ros``.
+    that spins ``ros``. ``run`` is the id of the run.
     """
 
-    def __init__(self, ros: Any, graph: str, on_down: Callable[[], None]) -> None:
-        self.run = secrets.token_hex(8)
+    def __init__(self, ros: Any, graph: str, on_down: Callable[[], None], run: str) -> None:
+        self.run = run
         self._graph = graph
         self._on_down = on_down
         self._boot = boot_id()

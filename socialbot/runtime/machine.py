@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bridge import environment
 from socialbot.bridge.diagnostics import MACHINE_VARIABLE
-from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE
-from socialbot.bridge.graph_observer import expect_free_names, observe_graph
+from socialbot.bridge.environment import DRIVERS_VARIABLE, KEYS_VARIABLE, OPEN_TOPICS_VARIABLE, give_up
+from socialbot.bridge.graph_observer import SpinWatch, expect_free_names, observe_graph
 from socialbot.bridge.run_announcer import RunAnnouncer, run_lock
 from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
@@ -58,48 +59,86 @@ class LiveSource(RunSource):
 
     def execute(self, execution: Execution) -> None:
         """Raises what `Supervisor.attend` does."""
-        graph, record, ending = execution.graph, execution.record, execution.ending
-        clock, names = WallClock(), {config.name for config in graph.nodes}
-
-        def note(name: str, values: dict[str, str]) -> None:
-            if name in names:  # other programs may publish on /diagnostics, too
-                record.note_node(clock.now(), name, values)
-
-        watch = ClockWatch(clock)
+        watch = ClockWatch(WallClock())
         well: frozenset[str] | None = None
-        while not ending.asked:
-            begun = time.monotonic()
-            topics = observed_topics(graph, self.nodes)
-            with (
-                self.services(),
-                with_standard_types(graph, execution.observe, self.nodes) as observe,
-                observe_graph(topics, observe, note, graph.wire) as observer,
-            ):
-                announcer = RunAnnouncer(observer.ros, graph.name, ending.ask)
-                with run_lock(announcer.run):
-                    if well is None:  # a duplicate that appears later is only logged
-                        expect_free_names(observer.ros, graph, self.nodes)
-                    supervisor = Supervisor(
-                        graph,
-                        execution.logs,
-                        composed=execution.composed,
-                        policy=self.policy,
-                        nodes=self.nodes,
-                        variables=self.variables,
-                        well=well or (),
-                    )
-                    with announcer, supervisor:
-                        diagnostics = DeadNodeDiagnostics(observer.ros, supervisor)
-                        record_diagnostics = RecordDiagnostics(observer.ros, graph.name, record)
-                        while not (ending.asked or restarted(supervisor, begun, self.missed())):
-                            supervisor.attend(ATTEND_S)
-                            diagnostics.publish()
-                            record_diagnostics.publish()
-                            announcer.announce()
-                            watch.check()
-                        well = supervisor.well
-            if not ending.asked:
+        while not execution.ending.asked:
+            up = _NodesUp(self, execution, watch, well)
+            with self.services(), run_lock(up.run), closing(up):
+                while not up.attend():
+                    log.error("DDS does not answer this process, which observes the graph anew; see docs/security.md")
+            well = up.supervisor.well
+            if not execution.ending.asked:
                 log.warning("restart everything: a service came up after the start")
+
+
+class _NodesUp:
+    """Supervised nodes of a ``source``, with the observer that records them; ``well`` is None at the first start."""
+
+    def __init__(
+        self, source: LiveSource, execution: Execution, watch: ClockWatch, well: frozenset[str] | None
+    ) -> None:
+        self._source, self._execution, self._graph = source, execution, execution.graph
+        self._watch = watch
+        self.run = secrets.token_hex(8)
+        self._begun = time.monotonic()
+        self._is_first = well is None
+        self._names = {config.name for config in self._graph.nodes}
+        self._observers = 0
+        self.supervisor = Supervisor(
+            self._graph,
+            execution.logs,
+            composed=execution.composed,
+            policy=source.policy,
+            nodes=source.nodes,
+            variables=source.variables,
+            well=well or (),
+        )
+
+    def attend(self) -> bool:
+        """Observe the nodes, which are started unless they run, until all shall end.
+
+        Returns:
+            False if DDS blocks the observer. The nodes go on then, without an observer.
+        """
+        graph, source, ending = self._graph, self._source, self._execution.ending
+        self._observers += 1
+        name = f"observer_{self._observers}" if self._observers > 1 else "observer"
+        topics = observed_topics(graph, source.nodes)
+        with (
+            with_standard_types(graph, self._execution.observe, source.nodes) as observe,
+            observe_graph(topics, observe, self._note, graph.wire, name=name) as observer,
+            ExitStack() as ends,
+        ):
+            announcer = RunAnnouncer(observer.ros, graph.name, ending.ask, self.run)
+            if self._is_first and self._observers == 1:  # a duplicate that appears later is only logged
+                expect_free_names(observer.ros, graph, source.nodes)
+            ends.push(announcer)
+            if self._observers == 1:
+                ends.enter_context(self.supervisor)
+            else:
+                ends.push(self.supervisor)
+            spin = SpinWatch(observer.ros)
+            diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
+            record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
+            while not (ending.asked or restarted(self.supervisor, self._begun, source.missed())):
+                self.supervisor.attend(ATTEND_S)
+                if spin.is_blocked():
+                    give_up(observer.ros)
+                    ends.pop_all()
+                    return False
+                diagnostics.publish()
+                record_diagnostics.publish()
+                announcer.announce()
+                self._watch.check()
+        return True
+
+    def close(self) -> None:
+        """End the nodes, if that was not done before."""
+        self.supervisor.stop()
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        if name in self._names:  # other programs may publish on /diagnostics, too
+            self._execution.record.note_node(self._watch.clock.now(), name, values)
 
 
 def restarted(supervisor: Supervisor, begun: float, missed: tuple[float, float] | None) -> bool:

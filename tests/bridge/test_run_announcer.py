@@ -6,6 +6,7 @@ import subprocess
 import threading
 import time
 from pathlib import Path
+from secrets import token_hex
 
 import msgspec
 import pytest
@@ -27,7 +28,7 @@ def test_announces_a_run_and_ends_it_on_request():
     asked = threading.Event()
     with spinning_nodes("observer", "down") as (up, down):
         runs = RunStatuses(down)
-        announcer = RunAnnouncer(up, "waldo", asked.set)
+        announcer = RunAnnouncer(up, "waldo", asked.set, token_hex(8))
         assert eventually(lambda: announcer.announce() or announcer.run in runs.statuses)
         assert runs.statuses[announcer.run].state == "up"
         assert is_here(runs.statuses[announcer.run])
@@ -52,7 +53,7 @@ def test_ended_is_the_last_status(monkeypatch: pytest.MonkeyPatch):
     from socialbot.bridge.run_announcer import RunAnnouncer
 
     with spinning_nodes("observer", "down") as (up, _):
-        announcer = RunAnnouncer(up, "waldo", lambda: None)
+        announcer = RunAnnouncer(up, "waldo", lambda: None, token_hex(8))
         said: list[UpStatus] = []
         monkeypatch.setattr(announcer._sender, "publish", said.append)
         with announcer:
@@ -70,7 +71,7 @@ def test_accepts_only_sealed_requests(tmp_path: Path, monkeypatch: pytest.Monkey
     with spinning_nodes("observer", "down") as (up, down):
         stranger = RunStatuses(down)
         monkeypatch.setenv("SOCIALBOT_KEYS", str(tmp_path / "keys"))
-        announcer = RunAnnouncer(up, "waldo", asked.set)
+        announcer = RunAnnouncer(up, "waldo", asked.set, token_hex(8))
         friend = RunStatuses(down)
         with announcer:
             assert eventually(lambda: announcer.announce() or announcer.run in friend.statuses)
@@ -96,8 +97,11 @@ def test_logs_a_duplicate_run_once(caplog: pytest.LogCaptureFixture):
     from socialbot.bridge.run_announcer import RunAnnouncer
 
     with spinning_nodes("observer", "down") as (one, other):
-        first, second = RunAnnouncer(one, "waldo", lambda: None), RunAnnouncer(other, "waldo", lambda: None)
-        stranger = RunAnnouncer(other, "warehouse", lambda: None)
+        first, second = (
+            RunAnnouncer(one, "waldo", lambda: None, token_hex(8)),
+            RunAnnouncer(other, "waldo", lambda: None, token_hex(8)),
+        )
+        stranger = RunAnnouncer(other, "warehouse", lambda: None, token_hex(8))
         with first, second, stranger:
             assert eventually(
                 lambda: any((first.announce(), second.announce(), stranger.announce())) or len(caplog.records) >= 2
@@ -122,7 +126,7 @@ def test_down_waits_for_slow_runs_of_this_computer(monkeypatch: pytest.MonkeyPat
         assert time.monotonic() - begun < LISTEN_S
         monkeypatch.setattr("socialbot.cli.down.LISTEN_S", listen_s)
         begun = time.monotonic()
-        announcer = RunAnnouncer(up, "waldo", lambda: None)
+        announcer = RunAnnouncer(up, "waldo", lambda: None, token_hex(8))
         late = threading.Timer(listen_s + 0.5, announcer.announce)
         late.start()
         with run_lock(announcer.run):

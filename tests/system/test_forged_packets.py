@@ -138,7 +138,7 @@ nodes:
 @pytest.mark.ros
 @pytest.mark.slow
 def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
-    """One GAP over 2^32 messages keeps Fast DDS busy for hours."""
+    """One GAP over 2^32 messages keeps Fast DDS busy for hours. The launcher observes the graph anew."""
     new_key("robot", tmp_path / "keys")
     (tmp_path / "voice.yaml").write_text(GRAPH)
     own = {**open_to(WORKSTATION), KEYS_VARIABLE: str(tmp_path / "keys")}
@@ -151,6 +151,10 @@ def test_a_process_whose_dds_hangs_is_restarted(tmp_path: Path) -> None:
         attack(hosts.workstation, "endless_gap", tmp_path / "attack.log", 2.0, open_to(ROBOT), ("/speech/say",))
         assert eventually(lambda: "speech hung" in shown.read_text()), shown.read_text()
         assert eventually(lambda: "speech is back" in shown.read_text()), shown.read_text()
+        assert eventually(lambda: "observes the graph anew" in shown.read_text()), shown.read_text()
+        said = shown.read_text().count("says")
+        assert eventually(lambda: shown.read_text().count("says") > said + 2), shown.read_text()
+
         up.terminate()
         assert eventually(lambda: up.poll() is not None), shown.read_text()
         assert up.returncode == 0, shown.read_text()
