@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", 
 """Suffixes of images in a folder."""
 
 _REMEDY = "remove or replace this image"
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -31,6 +33,8 @@ def read_image(path: Path) -> np.ndarray:
 
 def decode_image(data: bytes, *, where: str) -> np.ndarray:
     """Decode the content of an image file as `read_image` does. Errors name ``where``."""
+    if data.startswith(_PNG) and not is_complete_png(data):
+        raise ImageError("the file is truncated", where=where, remedy=_REMEDY)
     try:
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
@@ -42,6 +46,15 @@ def decode_image(data: bytes, *, where: str) -> np.ndarray:
     if pixels.shape[0] * pixels.shape[1] > IMAGE_PIXELS:
         raise ImageError(too_many_pixels(), where=where, remedy=_REMEDY)
     return pixels
+
+
+def is_complete_png(data: bytes) -> bool:
+    """Whether a PNG has its end: otherwise OpenCV would allocate the length that the last part gives."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        at += 12 + length
+    return kind == b"IEND" and at <= len(data)
 
 
 def open_video(path: str | Path) -> cv2.VideoCapture:

@@ -14,6 +14,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from socialbot.bags.image_files import decode_image
 from socialbot.bags.reader import Bag, MessageLocation, open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
@@ -149,8 +150,11 @@ class BlurredPictures:
     def at(self, stamp: int) -> Picture | None:
         """Return the newest image up to ``stamp`` (ns), blurred; None if it cannot be decoded."""
         picture = self._images.at(stamp)
-        pixels = None if picture is None else cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if picture is None or pixels is None:
+        if picture is None:
+            return None
+        try:
+            pixels = decode_image(picture.jpeg, where="image")
+        except ImageError:
             return None
         return Picture(picture.stamp, encode_jpeg(self.blur(pixels, picture.stamp), QUALITY).tobytes())
 

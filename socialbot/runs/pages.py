@@ -18,7 +18,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from socialbot.core.errors import SocialbotError
+from socialbot.bags.image_files import decode_image
+from socialbot.core.errors import ImageError, SocialbotError
 
 T = TypeVar("T")
 
@@ -229,8 +230,9 @@ class Still:
 
 def thumbnail(image: bytes | np.ndarray, boxes: Sequence[LabelledBox] = (), caption: str = "") -> Still | None:
     """Return a small copy of an image, which may be encoded; None for a damaged image."""
-    pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR) if isinstance(image, bytes) else image
-    if pixels is None:
+    try:
+        pixels = decode_image(image, where="image") if isinstance(image, bytes) else image
+    except ImageError:
         return None
     height, width = pixels.shape[:2]
     if width > _THUMBNAIL_WIDTH:

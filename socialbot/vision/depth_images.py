@@ -9,6 +9,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from socialbot.bags.image_files import is_complete_png
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CompressedImage, Image, PointCloud
@@ -115,7 +116,7 @@ def _png(data: bytes, refused: _Refusal) -> np.ndarray:
     if width * height > IMAGE_PIXELS:
         raise refused(f"{width}x{height} pixels are too many", "use a lower resolution")
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if b"IEND" in data[-12:] else None
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if is_complete_png(data) else None
     except cv2.error:
         pixels = None
     if pixels is None:

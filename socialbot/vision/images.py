@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from socialbot.bags.image_files import is_complete_png
 from socialbot.core.errors import ImageError
 from socialbot.core.limits import IMAGE_PIXELS
 from socialbot.core.messages import CompressedImage, Image
@@ -118,7 +119,7 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
     if width * height > IMAGE_PIXELS:
         remedy = f"send images of {IMAGE_PIXELS / 1e6:.0f} million pixels at most"
         raise refused(f"{width}x{height} pixels are too many", remedy)
-    if width * height and not (_is_complete_png if file.startswith(_PNG) else _is_complete_jpeg)(file):
+    if width * height and not (is_complete_png if file.startswith(_PNG) else _is_complete_jpeg)(file):
         raise refused("the file is truncated", "check the camera's cable and bandwidth")
     pixels, why = None, ""
     try:
@@ -144,15 +145,6 @@ def _size(data: bytes) -> tuple[int, int]:
         (length,) = (0,) if kind in _WITHOUT_CONTENT else struct.unpack_from(">H", data, found.end())
         found = _MARKER.search(data, found.end() + length)
     return 0, 0
-
-
-def _is_complete_png(data: bytes) -> bool:
-    """Whether a PNG has its end: otherwise OpenCV would allocate the length that the last part gives."""
-    at, kind = len(_PNG), b""
-    while kind != b"IEND" and at + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        at += 12 + length
-    return kind == b"IEND" and at <= len(data)
 
 
 def _is_complete_jpeg(data: bytes) -> bool:

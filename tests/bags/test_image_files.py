@@ -78,6 +78,18 @@ def test_other_files_are_named(tmp_path: Path, content: bytes) -> None:
     assert caught.value.where == str(tmp_path / "image.png")
 
 
+def test_a_truncated_png_is_refused_before_its_lengths_are_allocated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenCV allocated 3 GB for the 84 bytes of a file that ends within its second part."""
+    (tmp_path / "whole.png").write_bytes(png(8, 6) + b"trailing bytes")
+    (tmp_path / "cut.png").write_bytes(png(8, 6)[:60])
+    assert read_image(tmp_path / "whole.png").shape == (6, 8, 3)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("OpenCV reads the file"))
+    with pytest.raises(ImageError, match="the file is truncated"):
+        read_image(tmp_path / "cut.png")
+
+
 def test_a_video_of_huge_frames_is_refused(tmp_path: Path) -> None:
     small, large = tmp_path / "small.avi", tmp_path / "large.avi"
     for path, size in ((small, (64, 48)), (large, (8192, 4200))):

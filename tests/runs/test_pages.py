@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import re
+import struct
 
+import cv2
+import numpy as np
 import pytest
 
 from socialbot.core.errors import SocialbotError
-from socialbot.runs.pages import PAGE, Page, Section, bundle, folded, series_charts, settings, table
+from socialbot.runs.bag_images import BlurredPictures
+from socialbot.runs.pages import PAGE, Page, Section, bundle, folded, series_charts, settings, table, thumbnail
+from socialbot.runs.run import Picture
 from tests.runs.pages import charts, headings, read, series
 
 HOSTILE = "</script><img onerror=x>\"'&"
@@ -61,6 +66,24 @@ def test_unwritable_file_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SocialbotError, match="cannot be written"):
         Page("A run").write(tmp_path / "file" / "page.html")
+
+
+def huge_jpeg() -> bytes:
+    """A JPEG that claims 3.6 gigapixels."""
+    data = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    at = data.index(b"\xff\xc0") + 5
+    return data[:at] + struct.pack(">HH", 60_000, 60_000) + data[at + 4 :]
+
+
+@pytest.mark.parametrize("image", [huge_jpeg(), b"", b"text"], ids=["huge", "empty", "text"])
+def test_an_image_that_cannot_be_decoded_has_no_thumbnail(image):
+    assert thumbnail(image) is None
+
+    class Source:
+        def at(self, stamp: int) -> Picture:
+            return Picture(stamp, image)
+
+    assert BlurredPictures(Source(), lambda stamp: np.zeros((0, 4))).at(7) is None
 
 
 def test_table_column_becomes_a_chart():

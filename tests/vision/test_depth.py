@@ -150,6 +150,7 @@ def test_rvl(values: list[int], width: int) -> None:
         ("16UC1; compressedDepth", bytes(12) + png(MILLIMETRES)[:40], "damaged"),
         ("16UC1; compressedDepth", bytes(12) + png(np.zeros((2, 2, 3), np.uint8)), "no depth image"),
         ("16UC1; jpeg compressed", b"\xff\xd8\xff", "JPEG destroys depth"),
+        ("16UC1; compressedDepth", bytes(12) + png(MILLIMETRES)[:60] + b"IEND" + bytes(4), "damaged"),
         ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 4, 4) + b"\xff" * 8, "damaged"),
         ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 1 << 30, 4), "cannot be"),
         ("32FC1; compressedDepth", bytes(12) + png(MILLIMETRES), "quantisation"),
