@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from socialbot.bridge.environment import DRIVERS_VARIABLE, HIGHEST_DOMAIN, TOPIC_NAME, ros_domain
+from socialbot.bridge.environment import DRIVERS_VARIABLE, HIGHEST_DOMAIN, TOPIC_NAME, domain_number, ros_domain
 from socialbot.core.errors import ParameterError
 
 _LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "", "ROS_DISCOVERY_SERVER": ""}
@@ -74,7 +74,7 @@ class DriverPublisher:
             self.context.try_shutdown()
 
 
-def driver_domain(environment: MutableMapping[str, str] = os.environ) -> DriverDomain | None:
+def driver_domain(environment: Mapping[str, str] = os.environ) -> DriverDomain | None:
     """The domain of `DRIVERS_VARIABLE`, such as ``43:/head_controller/joint_trajectory``; None if it is unset.
 
     Raises:
@@ -84,7 +84,8 @@ def driver_domain(environment: MutableMapping[str, str] = os.environ) -> DriverD
     if not text:
         return None
     number, *topics = text.split(":")
-    if not (number.isdecimal() and int(number) <= HIGHEST_DOMAIN and int(number) != ros_domain(environment)):
+    domain = domain_number(number)
+    if domain is None or domain == ros_domain(environment):
         raise ParameterError(
             f"{number!r} is not another ROS domain",
             where=DRIVERS_VARIABLE,
@@ -97,7 +98,7 @@ def driver_domain(environment: MutableMapping[str, str] = os.environ) -> DriverD
             where=DRIVERS_VARIABLE,
             remedy=f"write {number}:/head_controller/joint_trajectory",
         )
-    return DriverDomain(int(number), frozenset(topics))
+    return DriverDomain(domain, frozenset(topics))
 
 
 @contextmanager

@@ -145,16 +145,23 @@ def warn_if_open(environment: MutableMapping[str, str] = os.environ) -> None:
         log.warning("open to the network (%s) without keys: anybody there can command it; see docs/security.md", way)
 
 
-def ros_domain(environment: MutableMapping[str, str] = os.environ) -> int:
+def ros_domain(environment: Mapping[str, str] = os.environ) -> int:
     """Return the ROS domain. Raises GraphError unless ROS_DOMAIN_ID is a valid one."""
-    domain = environment.get("ROS_DOMAIN_ID") or "0"
-    if not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
+    text = environment.get("ROS_DOMAIN_ID") or "0"
+    domain = domain_number(text)
+    if domain is None:
         raise GraphError(
-            f"{domain!r} is not a ROS domain",
+            f"{text!r} is not a ROS domain",
             where="ROS_DOMAIN_ID",
             remedy=f"set it to a number from 0 to {HIGHEST_DOMAIN}",
         )
-    return int(domain)
+    return domain
+
+
+def domain_number(text: str) -> int | None:
+    """The ROS domain that a text names; None if it names none."""
+    number = int(text) if re.fullmatch("[0-9]{1,9}", text) else None
+    return None if number is None or number > HIGHEST_DOMAIN else number
 
 
 FREE_DOMAINS = range(60, 101)

@@ -134,14 +134,15 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
     reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
     middleware = variables.get("RMW_IMPLEMENTATION") or "rmw_fastrtps_cpp"
     text = f"domain {domain}, discovery {reach}, {middleware}"
-    if not domain.isdecimal() or int(domain) > 232:
+    number = environment.domain_number(domain)
+    if number is None:
         return Finding(name, "error", text, "set ROS_DOMAIN_ID to a number from 0 to 101, or unset it")
     if middleware != "rmw_fastrtps_cpp" and _wheels_installed():
         return Finding(name, "error", f"{text}, which is not among the wheels", "unset RMW_IMPLEMENTATION")
     if variables.get("ROS_SECURITY_ENABLE", "").lower() == "true" and _wheels_installed():
         remedy = "unset ROS_SECURITY_ENABLE, and keep others off by a firewall or VPN; or use a system ROS"
         return Finding(name, "error", f"{text}, with security, which the wheels are made without", remedy)
-    if int(domain) > LAST_SAFE_DOMAIN:
+    if number > LAST_SAFE_DOMAIN:
         return Finding(name, "warning", f"{text}: its ports may be taken", "set ROS_DOMAIN_ID to 101 or less")
     if variables.get("ROS_LOCALHOST_ONLY") == "1":
         remedy = "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE has replaced it"

@@ -58,7 +58,7 @@ def sim(
     from socialbot.robots.simulation.demo import simulation
 
     width, cross, height = size.partition("x")
-    if not (cross and width.isdigit() and height.isdigit()):
+    if not (cross and all(side.isdecimal() and len(side) < 6 for side in (width, height))):
         raise ParameterError(f"{size!r} is no size", where="--size", remedy="give width and height: --size 320x240")
     if record is not None and record.exists():
         raise BagError("exists already", where=str(record), remedy="give another path to --record, or remove it")

@@ -88,7 +88,7 @@ def default_folder() -> CacheFolder:
     """Return the cache of this user, as the environment names it. Raises ParameterError for an invalid size."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "socialbot"
     text = os.environ.get(MEGABYTES_VARIABLE) or str(DEFAULT_MEGABYTES)
-    if not text.isdecimal():
+    if not text.isdecimal() or len(text) > 12:
         remedy = f"give a number of megabytes, such as {DEFAULT_MEGABYTES}"
         raise ParameterError(f"not a size: {text!r}", where=MEGABYTES_VARIABLE, remedy=remedy)
     return CacheFolder(Path(os.environ.get(FOLDER_VARIABLE) or base), int(text) * 1_000_000)

@@ -230,6 +230,7 @@ def test_all_beliefs_of_a_pattern_are_found_with_and_without_a_lookup():
         ("(?=(a+)+b)", "a" * 40, "for ever"),
         ("a*a*b", "a" * 5000, "more than 2000 characters"),
         (".*.*.*x", "a" * 1000, "more than 500 characters"),
+        ("a{2," + "3" * 5000 + "}", "a", "not a regular expression"),
     ],
 )
 @pytest.mark.parametrize("action", [".replace(T, P, X, R)", ".delete(P, T, R)"])

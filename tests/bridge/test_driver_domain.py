@@ -80,6 +80,8 @@ def test_a_driver_receives_commands_of_the_guarded_node_only(tmp_path: Path, mon
         ("/a", "not another ROS domain"),
         ("233:/a", "not another ROS domain"),
         ("7:/a", "not another ROS domain"),
+        ("²:/a", "not another ROS domain"),
+        ("9" * 5000 + ":/a", "not another ROS domain"),
         ("43", "no topics"),
         ("43:head", "not a full topic name"),
     ],

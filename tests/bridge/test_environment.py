@@ -127,7 +127,7 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
     assert f"${{{DATAGRAM}}}" in texts
 
 
-@pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5"])
+@pytest.mark.parametrize("domain", ["-1", "233", "x", "1.5", "²", "9" * 5000])
 def test_refuses_invalid_domains(domain: str) -> None:
     with pytest.raises(GraphError, match="not a ROS domain"):
         environment.ros_domain({"ROS_DOMAIN_ID": domain})

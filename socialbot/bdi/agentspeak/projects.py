@@ -192,7 +192,7 @@ class _ProjectParser:
                 self.notes.append(f"{word} {kind} of {entry['name']} is Java and is ignored")
             elif self.take("#"):
                 count = self.words[self.at]
-                if not count.isdecimal() or int(count) < 1:
+                if not count.isdecimal() or len(count) > 9 or int(count) < 1:
                     self.fail("the number of agents, from 1")
                 entry["count"] = int(count)
                 self.at += 1

@@ -95,7 +95,7 @@ def replaced(name: str, pattern: str, template: str, text: str) -> str:
         if len(text) > limit:
             raise Failed("wrong_arguments", f"{name}: more than {limit} characters for the repeats of {pattern!r}")
         return compiled.sub(template, text)
-    except (re.error, RecursionError, OverflowError) as problem:
+    except (re.error, RecursionError, OverflowError, ValueError) as problem:  # ValueError: thousands of digits
         raise Failed("wrong_arguments", f"{name}: {pattern!r} is not a regular expression: {problem}") from problem
 
 

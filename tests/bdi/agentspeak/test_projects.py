@@ -90,6 +90,7 @@ MISTAKES = {
     "MAS m { agent: a; }": "1:9: expected a section: agents, environment",
     "MAS m {\n agents: a [x=1; }": "2:16: expected ']', found ';'",
     "MAS m { agents: a #0; }": "1:20: expected the number of agents, from 1, found '0'",
+    f"MAS m {{ agents: a #{'9' * 5000}; }}": "1:20: expected the number of agents, from 1, found '999",
     "MAS m { agents: none; }": "1:17: the program none.asl of none does not exist",
     'MAS m { agents: a [beliefs="b("]; }': "1:28: the option cannot be read",
     'MAS m { agents: a [goals="X"]; }': "1:26: expected literals separated by commas",
