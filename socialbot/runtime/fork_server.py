@@ -53,6 +53,7 @@ PRELOADED = (
     "rcl_interfaces.msg",
     "rcl_interfaces.srv",
     "rosgraph_msgs.msg",
+    "rosidl_generator_py",
     "rosidl_parser.definition",
     "sensor_msgs.msg",
     "socialbot.bridge._node_thread",
