@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import array
 import functools
-import math
 import struct
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -14,7 +13,8 @@ import msgspec
 import numpy as np
 
 from socialbot.bags.sound import AUDIO_TYPES, is_sound, sound_of
-from socialbot.bags.types import BYTE, JSON, Field, fields_of, type_name, typed_messages
+from socialbot.bags.typed import from_typed, header_stamp, json_text, make_header, to_typed
+from socialbot.bags.types import type_name, typed_messages
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
@@ -121,12 +121,6 @@ def carries(ros_name: str, message_type: type[Message]) -> bool:
     return ros_name in (ros_type(message_type), ros_type(message_type, "typed"))
 
 
-def header_stamp(ros_message: Any) -> int | None:
-    """Stamp (ns) in the header of ``ros_message``; None when its type has no header."""
-    header = getattr(ros_message, "header", None)
-    return None if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
-
-
 def raw_stamp(cdr: bytes) -> int:
     """Stamp (ns) of a serialised message that begins with a header."""
     seconds, rest = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, CDR_BEGIN)
@@ -163,7 +157,7 @@ def encode(message: Message, types: TypeFactory, form: WireForm = "json") -> Any
     """Encode ``message`` with ``types``. Raises MessageError when its ROS type cannot express it."""
     if isinstance(message, Structured):
         if ros_type(type(message), form) == STRING:
-            return types.make(STRING, data=_json(message, f"{type(message).__name__} "))
+            return types.make(STRING, data=json_text(message, f"{type(message).__name__} "))
         return to_typed(message, types)
     if isinstance(message, RosMessage):
         return _remade(message.ros, message.ros_type, types)
@@ -195,13 +189,6 @@ def _decode_sound(ros_message: Any, stamp: int) -> AudioData:
         return sound_of(ros_message, stamp)
     except (AttributeError, TypeError, ValueError) as error:
         raise MessageError(f"not a valid message with sound: {error}") from error
-
-
-def _json(value: Any, what: str = "") -> str:
-    try:
-        return msgspec.json.encode(value).decode()
-    except (UnicodeError, TypeError, OverflowError, RecursionError) as error:
-        raise MessageError(f"{what}cannot be written as JSON: {error}") from error
 
 
 def _decode_typed(message_type: type[Structured], ros_message: Any, stamp: int) -> Structured:
@@ -319,7 +306,7 @@ def _encode_transforms(message: Transforms, name: str, types: TypeFactory) -> An
         translation = types.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", each.translation, strict=True)))
         rotation = types.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", each.rotation, strict=True)))
         transform = types.make("geometry_msgs/msg/Transform", translation=translation, rotation=rotation)
-        header = _header(types, each.stamp, each.parent)
+        header = make_header(types, each.stamp, each.parent)
         return types.make(
             "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=each.child, transform=transform
         )
@@ -329,12 +316,6 @@ def _encode_transforms(message: Transforms, name: str, types: TypeFactory) -> An
 
 def _array(numbers: tuple[float, ...]) -> np.ndarray:
     return np.array(numbers, np.float64)
-
-
-def _header(types: TypeFactory, stamp: int, frame_id: str = "") -> Any:
-    seconds, rest = divmod(stamp, SECOND)
-    time = types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-    return types.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
 
 def _duration(types: TypeFactory, seconds: float) -> Any:
@@ -351,7 +332,7 @@ def _encode_fields(message: Image | CompressedImage | CameraInfo | PointCloud, n
         fields |= {"fields": [types.make("sensor_msgs/msg/PointField", **part) for part in parts], "is_dense": False}
     elif isinstance(message, CameraInfo):
         fields |= _camera_fields(message, types)
-    return types.make(name, header=_header(types, message.stamp, message.frame_id), **fields)
+    return types.make(name, header=make_header(types, message.stamp, message.frame_id), **fields)
 
 
 def _camera_fields(info: CameraInfo, types: TypeFactory) -> dict[str, Any]:
@@ -380,7 +361,7 @@ def _encode_trajectory(trajectory: JointTrajectory, name: str, types: TypeFactor
         effort=_array(()),
         time_from_start=_duration(types, trajectory.duration_s),
     )
-    header = _header(types, trajectory.stamp)
+    header = make_header(types, trajectory.stamp)
     return types.make(name, header=header, joint_names=list(trajectory.joint_names), points=[point])
 
 
@@ -397,7 +378,7 @@ def _encode_boxes(markers: BoxMarkers, name: str, types: TypeFactory) -> Any:
         points += [corners[index] for index in _CORNERS]
     return types.make(
         name,
-        header=_header(types, markers.stamp, markers.frame_id),
+        header=make_header(types, markers.stamp, markers.frame_id),
         ns="socialbot",
         id=0,
         type=_LINE_LIST,
@@ -425,115 +406,3 @@ _ENCODERS: Mapping[type[Message], Callable[[Any, str, TypeFactory], Any]] = {
     Transforms: _encode_transforms,
     BoxMarkers: _encode_boxes,
 }
-
-
-S = TypeVar("S", bound=Structured)
-
-MISSING = msgspec.NODEFAULT
-_NUMBERS = {"bool": np.bool_, "int64": np.int64, "float64": np.float64}
-
-
-def to_typed(message: Structured, types: TypeFactory) -> Any:
-    """Encode ``message`` as its own ROS type. Raises MessageError when that cannot express it."""
-    try:
-        if abs(message.stamp // SECOND) >= 2**31:
-            raise MessageError(f"the stamp {message.stamp} is out of range")
-        header = _header(types, message.stamp, _text_field(getattr(message, "frame_id", "")))
-        return types.make(type_name(type(message)), header=header, **_values(message, types))
-    except MessageError as error:
-        raise MessageError(error.what, where=type(message).__name__) from error
-
-
-def from_typed(message_type: type[S], ros_message: Any) -> S:
-    """Decode a ROS message of an own type. Raises MessageError when it has another type, or does not fit."""
-    try:
-        header = ros_message.header
-        given = {
-            "schema": message_type.__struct_config__.tag,
-            "stamp": header_stamp(ros_message),
-            "frame_id": header.frame_id,
-            **_given(message_type, ros_message),
-        }
-        return msgspec.convert(given, message_type)
-    except (AttributeError, TypeError, ValueError, msgspec.MsgspecError, RecursionError) as error:
-        raise MessageError(f"not a valid {type_name(message_type)}: {error}") from error
-
-
-def _values(struct: Any, types: TypeFactory) -> dict[str, Any]:
-    return {field.name: _value(field, getattr(struct, field.attribute), types) for field in fields_of(type(struct))}
-
-
-def _value(field: Field, value: Any, types: TypeFactory) -> Any:
-    if field.missing_is_nan:
-        return math.nan if value is None else float(value)
-    if not field.count:
-        return _one(field, value, types)
-    if field.kind == BYTE:
-        return np.frombuffer(value, np.uint8)
-    if field.count == "[<=1]":
-        value = () if value is None else (value,)
-    items = [_one(field, item, types) for item in value]
-    number = _NUMBERS.get(field.kind) if isinstance(field.kind, str) else None
-    return items if number is None else np.array(items, number)
-
-
-def _one(field: Field, value: Any, types: TypeFactory) -> Any:
-    match field.kind:
-        case type():
-            return types.make(type_name(field.kind), **_values(value, types))
-        case "string":
-            return _text_field(value)
-        case "json":
-            return _text_field(_json(value))
-        case "float64":
-            return float(value)
-        case "int64" if not -(2**63) <= value < 2**63:
-            raise MessageError(f"{field.name} does not fit into 64 bits (got {value})")
-        case _:
-            return value
-
-
-def _text_field(text: str) -> str:
-    try:
-        text.encode()
-    except UnicodeError as error:
-        raise MessageError(f"{text!r} cannot be written as UTF-8: {error}") from error
-    if "\0" in text:
-        raise MessageError(
-            f"{text!r} has a zero byte, which ends a ROS string", remedy="remove it, or write messages: json"
-        )
-    return text
-
-
-def _given(struct: type, ros_message: Any) -> dict[str, Any]:
-    """Return the fields of ``struct`` that differ from their defaults, by their names in messages."""
-    fields = ((field, _read(field, getattr(ros_message, field.name))) for field in fields_of(struct))
-    defaults = _defaults(struct)
-    return {field.name: value for field, value in fields if defaults.get(field.name, MISSING) != value}
-
-
-@functools.cache
-def _defaults(struct: type) -> dict[str, Any]:
-    return {
-        field.encode_name: field.default for field in msgspec.structs.fields(struct) if field.default is not MISSING
-    }
-
-
-def _read(field: Field, value: Any) -> Any:
-    if field.missing_is_nan:
-        return None if math.isnan(value) else float(value)
-    if not field.count:
-        return _read_one(field, value)
-    if field.kind == BYTE:
-        return bytes(value)
-    # Arrays of numbers come as array.array from rclpy, and of numpy from rosbags.
-    items = tuple(_read_one(field, item) for item in (value if isinstance(value, list) else value.tolist()))
-    if field.count == "[<=1]":
-        return items[0] if items else None
-    return items
-
-
-def _read_one(field: Field, value: Any) -> Any:
-    if isinstance(field.kind, type):
-        return msgspec.convert(_given(field.kind, value), field.kind)
-    return msgspec.json.decode(value) if field.kind == JSON else value
