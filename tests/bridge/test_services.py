@@ -13,10 +13,11 @@ import pytest
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from socialbot.bridge import _services
 from socialbot.bridge._service_clients import ActionChannel
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph import calls
-from socialbot.graph.calls import CallResult, GoalHandle
+from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.services import ActionClient, ActionServer, Client, Service
 from tests.bridge.hosting import foreign_process, node_hosts, spinning_nodes
@@ -348,6 +349,47 @@ class TestActions:
             assert eventually(lambda: call.accepted)
             in_thread(hosted, lambda node: call.cancel())
             assert only_result(hosted).outcome == "succeeded"
+
+    def test_the_second_answer_to_a_cancel_changes_nothing(self, monkeypatch):
+        """A node may cancel its goal and end, which asks the server twice."""
+        answers: list[PendingCall] = []
+        refused: list[PendingCall] = []
+        on_cancel_answer = ActionChannel._on_cancel_answer
+
+        def answered(self: ActionChannel, call: PendingCall, early: bool, future: Any) -> None:
+            on_cancel_answer(self, call, early, future)
+            answers.append(call)
+
+        monkeypatch.setattr(ActionChannel, "_on_cancel_answer", answered)
+        monkeypatch.setattr(PendingCall, "on_cancel_refused", lambda self: refused.append(self))
+        with foreign_servers("stubborn"), active(Counter) as hosted:
+            call = in_thread(hosted, lambda node: node.start_count(15))
+            assert eventually(lambda: call.accepted)
+            channel = hosted._services._channels["count"]
+            channel.cancel(call)
+            channel.cancel(call)
+            assert only_result(hosted).outcome == "succeeded"
+            assert eventually(lambda: answers == [call, call])
+            assert refused == [call]
+
+    @pytest.mark.parametrize("lost", [1, 2])
+    def test_a_node_that_stops_asks_again_if_its_cancel_is_lost(self, monkeypatch, lost):
+        ask, asked = ActionChannel._ask_to_cancel, []
+
+        def losing(self: ActionChannel, call: PendingCall) -> None:
+            asked.append(call)
+            if len(asked) > lost:
+                ask(self, call)
+            else:
+                self._unwanted.add(call)
+
+        monkeypatch.setattr(ActionChannel, "_ask_to_cancel", losing)
+        monkeypatch.setattr(_services, "CANCEL_SENT_S", PATIENCE_S)
+        with foreign_servers() as process:
+            with active(Counter) as hosted:
+                in_thread(hosted, lambda node: node.start_count(99))
+                assert eventually(lambda: bool(hosted.node.seen))
+            assert next_line(process) == "cancelled\n"
 
     def test_killed_server_loses_the_goal(self):
         with active(Counter) as hosted:
