@@ -28,6 +28,8 @@ QUESTIONS = Path(__file__).with_name("questions.yaml")
 REACHED = 0.9
 """Least share of the questions whose answers rest on the right record."""
 NEAR_S = 0.15
+ANSWERED = "(answered) "
+"""Begin of a miss that was not refused with "I don't know", but answered about another record."""
 SLOW_RUNS = {"corridor"}
 
 Listen = Callable[[str], str]
@@ -88,7 +90,8 @@ def asked(
     """Ask questions about a run.
 
     Returns:
-        The number of right answers, the wrong ones, the unsupported clauses, and the clauses by kind of claim.
+        The number of right answers, the misses, of which a question that was not refused begins with ``ANSWERED``, the
+        unsupported clauses, and the clauses by kind of claim.
     """
     right, wrong, unsupported, kinds = 0, [], [], Counter()
     for line in questions:
@@ -101,7 +104,8 @@ def asked(
             right += 1
         else:
             spoken = "" if heard == question else f" (heard: {heard!r})"
-            wrong.append(f"{question}{spoken}: wanted {target!r}, got {found.text!r}")
+            answered = ANSWERED if found.known else ""
+            wrong.append(f"{answered}{question}{spoken}: wanted {target!r}, got {found.text!r}")
     return right, wrong, unsupported, kinds
 
 
@@ -128,7 +132,7 @@ def questions(
     """Ask recorded runs questions, and check the records and clauses of the answers."""
     report = Report("Questions", quick)
     parts: Mapping[str, Mapping[str, list[str]]] = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
-    counts: dict[str, list[int]] = {part: [0, 0] for part in parts}
+    counts: dict[str, list[int]] = {part: [0, 0, 0] for part in parts}
     rows: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     kinds: Counter[str] = Counter()
@@ -147,14 +151,16 @@ def questions(
                 right, wrong, unsupported, found = asked(record, verifier, lines, listen)
                 counts[part][0] += right
                 counts[part][1] += len(lines)
+                counts[part][2] += sum(each.startswith(ANSWERED) for each in wrong)
                 rows[name] |= {f"{part}: right": right, f"{part}: asked": len(lines)}
                 faults += unsupported
                 kinds += found
                 for each in wrong:
                     typer.echo(f"{part}, {name}: {each}")
-    for part, (right, number) in counts.items():
+    for part, (right, number, answered) in counts.items():
         text = f"{part.replace('_', ' ')}: answers that miss the record, of {number} (share)"
         report.add(f"missed_{part}", text, round(1 - right / max(number, 1), 3), round(1 - REACHED, 3))
+        report.add(f"answered_{part}", f"{part.replace('_', ' ')}: misses that were not refused", answered)
     report.add("clauses", "clauses of answers", kinds.total())
     report.add("unsupported", "unsupported clauses", len(faults), 0)
     report.tables["runs"] = rows

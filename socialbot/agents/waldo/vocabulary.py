@@ -63,7 +63,7 @@ VOCABULARY = Vocabulary(
             words={
                 "en": ("offer help", "offer", "help", "assist", "assistance", "support", "aid", "helpful"),
                 "de": ("hilfe anbieten", "hilfe angeboten", "helfen", "geholfen", "unterstützung", "unterstützen"),
-                "fr": ("offrir aide", "proposer aide", "proposé", "aider", "aidé", "assistance", "aide"),
+                "fr": ("offrir aide", "offert aide", "proposer aide", "proposé", "aider", "aidé", "assistance", "aide"),
                 "es": ("ofrecer ayuda", "ofreciste", "ofrecido", "ayudar", "ayudaste", "ayuda", "asistencia"),
             },
             did={

@@ -16,7 +16,7 @@ VOCABULARY = Vocabulary(
         Deed(
             calls=("gripper_pickup",),
             words={
-                "en": ("pick up", "pick", "lift", "take", "grab", "fetch", "move"),
+                "en": ("pick up", "pick", "lift", "take", "grab", "fetch", "get hold of", "seize", "grasp", "move"),
                 "de": ("aufheben", "aufgehoben", "nehmen", "genommen", "greifen", "gegriffen"),
                 "fr": ("prendre", "pris", "soulever", "soulevé", "ramasser"),
                 "es": ("recoger", "recogió", "recogiste", "levantar", "levantó", "tomar", "tomó"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -204,14 +203,9 @@ class _Answering(Scope):
         things = set(self.question.things)
         done = self.subjects.done(self.topic) if things and self.topic is not None else ()
         for each in done:
-            if self.agent in ("", record_agent(self.history, each)) and things <= self._things_behind(each):
+            if self.agent in ("", record_agent(self.history, each)) and things <= self.things_behind(each):
                 return None
         return self._undone()
-
-    def _things_behind(self, deed: TraceRecord) -> set[str]:
-        """Return the things in a deed and in its causes."""
-        chain = (deed, *self.history.before(deed))
-        return {name for each in chain for name in (*re.findall(r"\w+", each.what), each.source)}
 
     def _undone(self) -> Told:
         topic = self.topic

@@ -1,6 +1,7 @@
-"""Parts of a question beside its main clause: whom a deed is contrasted with, and the event that tells its time.
+"""Parts of a question beside its main clause.
 
-"Why did you help t1, but not t2?" contrasts, "What did you do after t1 had left?" tells its time by an event.
+"I wonder why you left" depends on a clause that only asks, "Why did you help t1, but not t2?" contrasts, and "What did
+you do after t1 had left?" tells its time by an event.
 """
 
 from __future__ import annotations
@@ -29,8 +30,60 @@ class Parts:
     relation: Relation = "when"
 
 
+def without_matrix(words: Sequence[str], language: Language) -> list[str]:
+    """Return an indirect question without the clause that it depends on.
+
+    ``I wonder why you ...``, ``Is it true that you ...`` and ``..., can you tell me?`` only ask. Their negation and
+    their time are no part of the question.
+    """
+    words = _without_end(words, language)
+    asking = [one for name in INTERROGATIVES for one in language.phrases[name]]
+    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    for place, word in enumerate(words):
+        before = words[:place]
+        is_event = (word,) in language.phrases["event when"] and (words[0],) in language.phrases["past"]
+        is_asking = any(_is_at(phrase, words, place) for phrase in asking)
+        if place and is_asking and not is_event and thinking.intersection(before):
+            return list(words[place:])
+        for phrase in language.phrases["complement"]:
+            is_linked = len(phrase) > 1 or thinking.intersection(before)
+            if place and is_linked and _is_at(phrase, words, place):
+                return list(words[place + len(phrase) :])
+        if word not in thinking and word not in aside:
+            break
+    return list(words)
+
+
+def _without_end(words: Sequence[str], language: Language) -> Sequence[str]:
+    """Return words without another question at their end: ``..., do you know?``, ``... or did you not?``."""
+    asking = {one[0] for name in INTERROGATIVES for one in language.phrases[name]}
+    thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
+    for place in range(3, len(words)):
+        alternative = words[place + 1 : place + 2]
+        if (words[place],) in language.phrases["or"] and (
+            {*alternative} & language.auxiliaries or (tuple(alternative) in language.phrases["not"])
+        ):
+            return words[:place]  # "... or did you forget somebody?"
+    for place in range(max(3, len(words) - _MOST_WORDS), len(words) - 2):
+        end = words[place:]
+        is_aside = all(word in thinking or word in aside for word in end) and bool(thinking.intersection(end))
+        if end[0] in language.auxiliaries and is_aside and words[place - 1] not in asking:
+            return words[:place]
+    return words
+
+
+def _function_words(language: Language) -> set[str]:
+    names = ("you", "me", "them", "not", "auxiliary", "present", "past", "future", "filler")
+    return {one[0] for name in names for one in language.phrases[name] if len(one) == 1}
+
+
 def without_contrast(words: Sequence[str], language: Language) -> Parts | None:
     """Split off who or what is contrasted: ``and not t2``, ``rather than t2``, ``but t2 did not``; None without it."""
+    for phrase in language.phrases["why not"]:
+        for place in range(2, len(words) - len(phrase)):
+            if _is_at(phrase, words, place):
+                # "You helped t1, so why not t2?"
+                return Parts((phrase[0], *words[:place]), tuple(words[place + len(phrase) :]), is_denied=True)
     for place in range(2, len(words)):
         for phrase in language.phrases["rather"]:
             if _is_at(phrase, words, place):
@@ -39,7 +92,7 @@ def without_contrast(words: Sequence[str], language: Language) -> Parts | None:
             rest = words[place + len(phrase) :]
             if not _is_at(phrase, words, place) or len(rest) > _MOST_WORDS:
                 continue
-            denied = [word for word in rest if (word,) not in language.phrases["not"]]
+            denied = _without(rest, language.phrases["not"])
             if len(denied) < len(rest):
                 return Parts(tuple(words[:place]), tuple(denied), is_denied=True)
     return None
@@ -70,6 +123,13 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 if begin is not None:
                     return Parts(tuple(rest[begin:]), event=tuple(rest[:begin]), relation=relation)
     return None
+
+
+def _without(words: Sequence[str], phrases: Sequence[Sequence[str]]) -> list[str]:
+    """Return words without those of phrases."""
+    taken = {place + n for phrase in phrases for place in range(len(words)) if _is_at(phrase, words, place)
+             for n in range(len(phrase))}  # fmt: skip
+    return [word for place, word in enumerate(words) if place not in taken]
 
 
 def _asks(pair: Sequence[str], language: Language) -> bool:

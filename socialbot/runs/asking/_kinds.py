@@ -19,6 +19,8 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return None, 0.0
     if not has_topic and has("say") and _is_said_by_a_person(reading):
         return None, 0.0
+    if _is_done_to_robot(reading) or (not has_topic and _is_described(reading)):
+        return None, 0.0
     if has("why") and not has_topic and has("here") and has("people", "named") and not has("you", "not"):
         return None, 0.0  # why people come and go is not known
     if has("why"):
@@ -40,7 +42,7 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         if has("people"):
             if has_time and not has_topic:
                 return "see", sure
-            return ("count" if has("past") or (has("here") and not has("see")) else "see"), sure
+            return ("see" if has("see", "present") and not has("past", "here") else "count"), sure
         return ("count", sure) if has_topic else (None, 0.0)
     if has("who"):
         if has_topic:
@@ -56,10 +58,12 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return "did", 0.95
     if has("see"):
         return "see", 0.95
-    if has("here") and has("people", "nobody", "me", "named"):
+    if has("here") and has("people", "nobody", "me", "named") and not _robot_acts(reading):
         return ("who" if has("past") else "see"), 0.9
     if has("people", "nobody") and has("present", "past"):
         return ("who" if has("past") else "see"), 0.8
+    if has("longest", "shortest") and has("here", "people"):
+        return "who", 0.9
     if has("plan", "next") and len(reading.words) <= 4:
         return "next", 0.8
     return None, 0.0
@@ -75,7 +79,7 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
         return "next", sure
     if has("do", "happen", "plan"):
         return "doing", sure
-    if has("people", "here", "named") and not has_topic:
+    if has("people", "here", "named") and not has_topic and not _robot_acts(reading):
         return "see", sure * 0.9
     return ("did" if has_topic and has("you", "past") else None), sure * 0.7
 
@@ -88,3 +92,32 @@ def _is_said_by_a_person(reading: Reading) -> bool:
     speakers = [places[0] for name in ("named", "people", "nobody") for _, places in reading.found.get(name, ())]
     robot = [places[0] for _, places in reading.found.get("you", ())]
     return any(place < verb for place in speakers) and not any(place < verb for place in robot)
+
+
+def _robot_acts(reading: Reading) -> bool:
+    """Return whether the robot does something unknown to somebody: ``What did you give t2?``."""
+    robot = [places[0] for _, places in reading.found.get("you", ())]
+    people = [places[0] for name in ("named", "people") for _, places in reading.found.get(name, ())]
+    return any(one < place for one in robot for place in people)
+
+
+def _is_done_to_robot(reading: Reading) -> bool:
+    """Return whether a person does something unknown to the robot: ``Did t1 thank you?``."""
+    if reading.language.code != "en":
+        return False
+    people = [places[0] for name in ("named", "people") for _, places in reading.found.get(name, ())]
+    robot = [places[0] for _, places in reading.found.get("you", ())]
+    is_object = bool(robot) and reading.words[robot[0] - 1] not in ("by", "from", *reading.language.auxiliaries)
+    return is_object and any(one < place < robot[0] for one in people for place in reading.free())
+
+
+def _is_described(reading: Reading) -> bool:
+    """Return whether it asks what somebody is or looks like: ``Was t1 a woman?``, ``What does t1 look like?``."""
+    found, words = reading.found, reading.words
+    if reading.has("named") and any(
+        words[places[0]] == "look" and len(places) > 1 for _, places in found.get("see", ())
+    ):
+        return True
+    people = sorted(places[0] for name in ("named", "people", "nobody") for _, places in found.get(name, ()))
+    articles = ("a", "an", "ein", "eine", "un", "une", "una")
+    return any(words[place - 1] in articles and one < place for one in people for place in people if place)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event
+from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
 from socialbot.runs.asking._kinds import Kind, kind_of
 from socialbot.runs.asking._named_deeds import named_deeds
 from socialbot.runs.asking._references import (
@@ -19,10 +19,11 @@ from socialbot.runs.asking._references import (
     take_span,
     take_time,
 )
+from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, tells, words_of_deeds
 from socialbot.runs.asking._words import stem, tokens
-from socialbot.runs.asking.languages import ENGLISH, LANGUAGES, Language
+from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 
 SURE = 0.68
 """Confidence below which a question counts as not understood."""
@@ -121,12 +122,19 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
     if not 0 < len(words) <= MOST_WORDS:
         return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
-    read = [_read(_joined(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
+    read = [_read(_prepared(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
     exact = {question.language: _exact(words, LANGUAGES[question.language]) for question in read}
     # A question in one language may contain names and phrases of another.
     own = [question for question in read if exact[question.language] >= max(exact.values()) - 1]
     best = max(own, key=lambda question: (question.confidence, exact[question.language]))
     return best if best.confidence >= SURE else max(read, key=lambda question: exact[question.language])
+
+
+def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
+    """Return the words of the question itself, spelled as the language and the deeds have them."""
+    known = language.known_words | words_of_deeds(subjects, language.code)
+    spelled = [corrected(word, known, subjects.names) for word in words]
+    return without_matrix(_joined(spelled, subjects, language), language)
 
 
 def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
@@ -216,27 +224,33 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -
     ordinal = take_ordinal(reading, referred) if span_s is None else None
     topics, fit, is_opposite = named_deeds(reading, subjects)
     topic = next(iter(topics), None)
-    if topic is not None and reading.has("say") and reading.has("what") and (thing := _addressee(reading, topic)):
+    if topic is not None and reading.has("say") and (thing := _addressee(reading, topic)):
         things, topics, topic, fit = {**things, thing: "to"}, (), None, 1.0
     if topic is not None:
         deed = set(reading.found["topic"][0][1])
         reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
     guess_interrogative(reading, topic is not None)
     agent = _acting(reading, agents, topic is not None)
-    things |= {name: words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)}
+    things |= {
+        name: reading.words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)
+    }
     kind, sure = kind_of(reading, topic is not None, at_s is not None, span_s is not None)
     if topic is not None and (_is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
         kind = None
     if kind in ("why", "why_not") and is_opposite:
         kind = "why_not" if kind == "why" else "why"
     says: tuple[str, ...] = ()
+    spoken_to = {word for name, before in things.items() if before == "to" for word in tokens(name)}
     if kind in ("why", "when", "did", "count") and reading.has("say"):
-        says = _words_said(reading, referred, subjects, topic)
+        says = _words_said(reading, referred, subjects, topic, spoken_to)
         if says:
             topics, topic, fit = (), None, 1.0
             person = None if person is not None and person.me else person  # "can I help you"
         elif topic is None and kind in ("when", "did"):
             kind = "said"
+    elif kind is None and topic is None and reading.has("say") and not reading.has(*INTERROGATIVES):
+        says = _words_said(reading, referred, subjects, topic, spoken_to)
+        kind, sure = ("did", 0.95) if says and subjects.is_quoted(says) else (None, 0.0)  # "Was "come in" said?"
     if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
         at_s = person.at_s
     unknown = tuple(reading.words[place] for place in reading.free())
@@ -306,7 +320,9 @@ def _addressee(reading: Reading, topic: Topic) -> str:
     return names.get(word, "") if len(places) == 1 and before in {*_ADDRESSING, "tell"} else ""
 
 
-def _words_said(reading: Reading, referred: Set[int], subjects: Subjects, topic: Topic | None) -> tuple[str, ...]:
+def _words_said(
+    reading: Reading, referred: Set[int], subjects: Subjects, topic: Topic | None, spoken_to: Set[str]
+) -> tuple[str, ...]:
     """Take the words of an utterance, behind the verb: up to a person or a time; none if they only ask for words."""
     last = max(place for _, places in reading.found["say"] for place in places)
     end = next((place for place in range(last + 1, len(reading.words)) if place in referred), len(reading.words))
@@ -316,7 +332,12 @@ def _words_said(reading: Reading, referred: Set[int], subjects: Subjects, topic:
     while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in _ADDRESSING:
         end -= 1
     begin = last + 1
-    if begin == len(reading.words) and reading.has("you"):  # the verb is the last word, as in German
+    while begin < end and (reading.words[begin] in spoken_to or (begin > last + 1 and reading.words[begin] == "to")):
+        begin += 1  # "tell Ann to ..."
+    if begin == len(reading.words) and not reading.has("you"):  # "Was "come in" said?"
+        verbs = [place for place in range(last) if reading.words[place] in reading.language.auxiliaries]
+        begin, end = (verbs[-1] + 1 if verbs else last), last
+    elif begin == len(reading.words):  # the verb is the last word, as in German
         begin, end = max(place for _, places in reading.found["you"] for place in places) + 1, last
     said = tuple(reading.words[begin:end])
     is_quoted = subjects.is_quoted(said)
@@ -337,6 +358,9 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
     verbs = [at for key in keys for _, places in reading.found.get(key, ()) for at in places[:1]]
     if reading.has("you") and has_topic and verbs and place > min(verbs):
         return ""
+    before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
+    if before in reading.language.auxiliaries:
+        return name  # "How many moves did the gripper make?"
     return name if not verbs or place < min(verbs) or reading.language.code == "de" or not has_topic else ""
 
 

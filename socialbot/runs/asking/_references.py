@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from socialbot.runs.asking._topics import Subjects
 from socialbot.runs.asking._words import (
     digits,
-    half_at,
+    fraction_at,
     likeness,
     number_at,
     ordinal_at,
@@ -71,7 +71,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
     """Take a time from the words: its value (s), whether it counts back, and the person whom it describes."""
     phrases, units, words = reading.language.phrases, reading.language.units, reading.words
     for n in range(len(words)):
-        found = number_at(words, n) or ordinal_at(words, n, units) or half_at(words, n, units)
+        found = number_at(words, n) or ordinal_at(words, n, units) or fraction_at(words, n, units)
         if found is None:
             continue
         value, used = found
@@ -114,6 +114,8 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
             alike, places = likeness(one, words, 0)
             if alike > 0.95 and len(one) > 1:
                 reading.taken |= set(places)
+                if name == "start" and _names_person(reading, places[0]):
+                    return None, False, PersonReference(ordinal=1)
                 return value, False, None
     return None, False, None
 

@@ -141,13 +141,19 @@ class Scope:
         phrase = self.subjects.wording.phrases.get(call_of(record).partition("(")[0], "")
         shown = [arguments[n] for n in map(int, _SHOWN.findall(phrase)) if n < len(arguments)] if phrase else arguments
         if things and not set(things) <= {*shown, *arguments[:1], record.source}:
-            return False
+            is_told = self.subjects.words_said(record) and {*things.values()} <= {"to"}
+            return bool(is_told) and set(things) <= self.things_behind(record)  # words to Bob need not name him
         places = {word: int(n) for word, n in _PLACE.findall(phrase)}
         for thing, before in things.items():
             place = places.get(before)
             if place is not None and arguments[place : place + 1] != (thing,):
                 return False
         return not self.agent or record_agent(self.history, record) == self.agent
+
+    def things_behind(self, deed: TraceRecord) -> set[str]:
+        """Return the things in a deed and in its causes."""
+        chain = (deed, *self.history.before(deed))
+        return {name for each in chain for name in (*re.findall(r"\w+", each.what), each.source)}
 
     def _persons(self) -> list[str]:
         """Return the people whom the question names; none if it names nobody."""

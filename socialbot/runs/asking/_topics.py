@@ -121,6 +121,9 @@ class Subjects:
         named = {word for name in self._conditions() for word in name_tokens(name) if len(word) > 2}
         self.known_words = (heads | named) - {one[0] for topic in self.topics for one in topic.loose}
         """Words of things and beliefs: they are no deeds, but no unknown words either."""
+        spoken = (*self.things, *self.agents, *self.persons, *map(wording.name, self.agents))
+        self.names = frozenset(word for name in spoken for word in tokens(name)) | self.known_words
+        """Words of the names of things, agents and persons."""
 
     # Deeds
 

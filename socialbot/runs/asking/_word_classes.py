@@ -41,9 +41,12 @@ _STEM = 0.96
 _SOUNDS, _FORM = 0.79, 0.9
 """Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
 _EXACT = 0.999
-_PARTS = ("but", "rather", "event after", "event before", "event when", "comes", "leaves", "waits", "auxiliary")
+_PARTS = (
+    "matrix", "complement", "or", "why not", "but", "rather", "event after", "event before", "event when", "comes",
+    "leaves", "waits", "auxiliary",
+)  # fmt: skip
 """Classes of words that only divide a question into clauses."""
-_WRITTEN_ALIKE = 0.84
+_WRITTEN_ALIKE = 0.88
 _SOUNDS_LIKE, _GUESSED = 0.6, 0.8
 
 
@@ -97,6 +100,22 @@ def classify(reading: Reading, domain: Set[str]) -> None:
     for name, places in ((name, places) for name, found in reading.found.items() for _, places in found):
         if name != "named" and not name.startswith("person "):
             reading.taken |= set(places)
+    _drop_relatives(reading)
+
+
+def _drop_relatives(reading: Reading) -> None:
+    """Drop interrogatives that are relative pronouns: ``Did you help the man who was here?``."""
+    people = {places[-1] for name in ("people", "named") for _, places in reading.found.get(name, ())}
+    asking = {places[0] for name in INTERROGATIVES for _, places in reading.found.get(name, ())}
+    auxiliaries = {place for place, word in enumerate(reading.words) if word in reading.language.auxiliaries}
+    for name in ("who", "what"):
+        kept = [
+            each
+            for each in reading.found.get(name, ())
+            if not (len(each[1]) == 1 and each[1][0] - 1 in people and min(asking | auxiliaries) < each[1][0] - 1)
+        ]
+        if name in reading.found:
+            reading.found[name] = kept
 
 
 def tells(words: Sequence[str], language: Language, name: str) -> bool:

@@ -20,10 +20,16 @@ _LETTERS = str.maketrans(
 _TOKEN = re.compile(r"\d+th\b|(?:(?<!\S)-)?\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[a-z]+)?|[^\W\d_]+")
 _CONTRACTIONS = (
     ("can't", "can not"), ("cannot", "can not"), ("won't", "will not"), ("n't", " not"), ("'ve", " have"),
-    ("'ll", " will"),
+    ("'ll", " will"), ("'d", " would"),
     ("what's", "what is"), ("who's", "who is"), ("that's", "that is"), ("'re", " are"), ("i'm", "i am"),
     ("gonna", "going to"), ("wanna", "want to"),
 )  # fmt: skip
+_UNMARKED = re.compile(
+    r"\b(is|are|was|were|do|does|did|has|have|had|could|would|should)nt\b|\b(what|who|that|how|where)s\b"
+)
+"""Contraction without an apostrophe: ``didnt``, ``whats``."""
+_TIME_SIGN = re.compile(r"\bt ?= ?(?=\d)")
+"""``t=11`` as the name of a time."""
 _ELIDED = re.compile(r"\b([cdjlmnst]|qu)'(?=\w)")
 """French elision: ``m'as`` is two words, ``m`` and ``as``."""
 
@@ -45,7 +51,8 @@ def tokens(text: str) -> list[str]:
 
     An ordinal in digits ends in ``th`` in each language.
     """
-    plain = folded(text).replace("_", " ")
+    plain = _TIME_SIGN.sub("second ", folded(text).replace("_", " "))
+    plain = _UNMARKED.sub(lambda found: f"{found[1]} not" if found[1] else f"{found[2]} is", plain)
     for short, long in _CONTRACTIONS:
         plain = plain.replace(short, long)
     plain = _UNDOTTED.sub(".", _ELIDED.sub(r"\1 ", plain))
@@ -60,10 +67,12 @@ def name_tokens(name: str) -> list[str]:
     return [part.casefold() for part in _NAME.findall(name)]
 
 
-_ENDINGS = ("ings", "ing", "edly", "ed", "es", "s", "er", "en", "est", "et", "e")
-_WEAK_ENDINGS = {"er", "est", "et"}
+_ENDINGS = ("ings", "ing", "ations", "ation", "ions", "ion", "edly", "ed", "es", "s", "er", "en", "est", "et", "e")
+_WEAK_ENDINGS = {"er", "est", "et", "ion", "ions", "ation", "ations"}
 """Endings that are parts of short words: offer, rest, greet."""
 _SHORTEST_STEM = 3
+_SAME_BEGIN = 0.84
+"""Least similarity in writing of words that begin with different sounds: ``fall`` is not ``call``."""
 _LEAST_WRITTEN = 0.5
 """Least similarity in writing of words that sound alike."""
 _IRREGULAR = {
@@ -125,6 +134,8 @@ def similarity(one: str, other: str) -> float:
     pairs = ((one, other), (stem(one), stem(other)))
     written = sum(SequenceMatcher(None, *pair, autojunk=False).ratio() for pair in pairs) / 2
     sounds_alike = len(sound(one)) > 1 and sound(one) == sound(other)
+    if sound(one)[:1] != sound(other)[:1] and written < _SAME_BEGIN:
+        return min(written, ALIKE - 0.01)
     heard = HEARD if sounds_alike and written > _LEAST_WRITTEN else 0.0
     return min(0.95, max(written, heard))
 
@@ -239,16 +250,21 @@ def ordinal_in_digits(word: str) -> int | None:
     return int(word[:-2]) or None if re.fullmatch(r"\d+th", word) else None
 
 
-_HALVES = {"half", "halbe", "halben", "demi", "medio", "media"}
+_FRACTIONS = {
+    "half": 0.5, "halbe": 0.5, "halben": 0.5, "demi": 0.5, "medio": 0.5, "media": 0.5, "quarter": 0.25,
+    "viertel": 0.25, "quart": 0.25, "cuarto": 0.25,
+}  # fmt: skip
+_OF_A = (["of", "a"], ["einer"], ["de"], ["de", "una"], ["d", "une"], ["a"], ["an"])
 
 
-def half_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:
-    """Return one half before a unit of time, ``half a minute``, and how many words it takes."""
-    if words[place] not in _HALVES:
+def fraction_at(words: Sequence[str], place: int, units: Container[str]) -> tuple[float, int] | None:
+    """Return a fraction before a unit of time, ``half a minute``, and how many words it takes."""
+    if words[place] not in _FRACTIONS:
         return None
-    used = 2 if words[place + 1 : place + 2] in (["a"], ["an"]) else 1
+    between = (len(one) for one in _OF_A if list(words[place + 1 : place + 1 + len(one)]) == one)
+    used = 1 + max(between, default=0)
     following = words[place + used] if place + used < len(words) else ""
-    return (0.5, used) if following in units else None
+    return (_FRACTIONS[words[place]], used) if following in units else None
 
 
 def _with_point(number: float, words: Sequence[str], place: int, used: int) -> tuple[float, int]:

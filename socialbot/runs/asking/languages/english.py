@@ -36,7 +36,8 @@ ENGLISH = Language(
             "how can,how was,how is,how will,how big,what is your name,how"
         ),
         "not": (
-            "nothing,nobody,no one,not,never,no,without,refuse,refused,fail to,failed to,forget to,forgot to,omit,"
+            "nothing,nobody,no one,not,never,no,without,refuse to,refused to,fail to,failed to,forget to,forgot to,"
+            "omit,"
             "avoid,neither,stop you from,stopped you from,keep you from,kept you from,prevented you from,instead of,"
             "leave out,left out,none,no single"
         ),
@@ -49,7 +50,7 @@ ENGLISH = Language(
             "do,doing,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
             "how did you react,how did you respond,how did you behave,your reaction"
         ),
-        "happen": "happen,going on,occur,went on",
+        "happen": "happen,going on,occur,went on,what came,what comes,what followed",
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
             "plan to,planning,intend,intention,intentions,going to,will you,want,goal,goals,aim,desire,plans,"
@@ -92,20 +93,35 @@ ENGLISH = Language(
         ),
         "where": "where,whereabouts,to which place,which place,what place,in which place",
         "how_far": "how far,how far away,how close,how near,what distance,which distance",
-        "auxiliary": "did,do,does,was,were,have,has,had,is,are",
+        "auxiliary": "did,do,does,was,were,have,has,had,is,are,can,could,would,will",
         "all": "everyone,everybody,all,each,every,both",
         "shortest": "shortest,least time,briefest",
         "longest": "longest,the most time,most time",
         "but": "but,and,while,whereas,yet",
         "rather": "rather than,instead of,as opposed to,in place of",
-        "event after": "after,as soon as,once,since",
+        "event after": "after,as soon as,once,since,following,subsequent to,upon",
         "event before": "before,until,prior to",
-        "event when": "when,while,the moment,at the moment,as",
+        "event when": "when,while,the moment,at the moment,as,in response to,in reaction to",
         "comes": "come,came,arrive,enter,appear,approach,show,turn,walk,return",
         "leaves": "leave,left,go,went,gone,disappear,vanish,depart,departed,away,off",
         "waits": "wait,hesitate,delay",
+        "matrix": (
+            "wonder,wondering,wondered,curious,know,tell,telling,told,remember,recall,ask,asking,interested,hear,learn,"
+            "understand,sure,idea,mind,kind,say,explain,like,want,nice,grateful,appreciate,interest,interests,clear,"
+            "unclear,figure,find,happy,love,good,great,glad,wish,share,forgot,forgotten,explaining,saying,puzzled,"
+            "puzzles,confused,certain,possible,hope,see,able,inform,guess,clarify,question,show,give"
+        ),
+        "or": "or",
+        "why not": "why not",
+        "complement": (
+            "whether,if,true that,case that,correct that,right that,sure that,certain that,fact that,think that"
+        ),
         "filler": (
-            "behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,my,his,her,"
+            "um,uh,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
+            "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
+            "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,performed,"
+            "provide,provided,behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,"
+            "my,his,her,"
             "their,its,very,quite,altogether,get,got,receive,received,give,gave,given,given to,away,back,off,out,"
             "over,into,onto,inside,toward,towards,please,hey,hi,okay,ok,well,so,tell me,can you tell me,"
             "could you tell me,i would like to know,i want to know,do you know,let me know,would you say,"
@@ -113,7 +129,7 @@ ENGLISH = Language(
             "really,then,actually,in,at,be,being,like,earth,hell,up,your,want to,decide to,decided to,choose to,"
             "chose to,have to,had to,need to,started to,start,begin,began,some,all,exactly,precisely,there,here,if,"
             "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
-            "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,way,just,than,"
+            "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,just,than,"
             "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
             "finally,stand,standing,stood,straight away,spend,spent,visit"
         ),

@@ -6,7 +6,8 @@ FRENCH = Language(
     "fr",
     {
         "why": (
-            "pourquoi,pour quelle raison,quelle raison,raison,comment se fait il,qu est ce qui t a pousse,explique,"
+            "pourquoi,comment ca se fait,comment se fait,d ou vient,pour quelle raison,quelle raison,raison,"
+            "comment se fait il,qu est ce qui t a pousse,explique,"
             "a cause de quoi,dans quel but,comment as tu decide,comment savais tu,comment as tu su,sur quelle base,"
             "qu est ce qui t a fait,pour quel motif,motif"
         ),
@@ -70,7 +71,16 @@ FRENCH = Language(
         "comes": "venu,venue,venus,arrive,arrivee,arrives,entre,entree,apparu,apparue,vient,arrivait,arriva",
         "leaves": "parti,partie,partis,part,partait,sorti,sortie,disparu,disparue,quitte",
         "waits": "attendu,attendre,hesite,attends",
+        "matrix": (
+            "savoir,sais,savez,dire,dis,dites,rappelles,souviens,souvient,demande,demander,curieux,curieuse,interesse,"
+            "comprends,sur,sure,idee,expliquer,aimerais,voudrais,veux,peux,pourrais,pouvez,pourriez,voulez,explique,"
+            "entendre,apprendre,plairait,gentil,vrai"
+        ),
+        "or": "ou",
+        "why not": "pourquoi pas",
+        "complement": "si,vrai que,exact que,sur que",
         "filler": (
+            "euh,ben,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"

@@ -78,7 +78,16 @@ GERMAN = Language(
         "comes": "kam,kamen,kommt,gekommen,ankam,erschien,erschienen,auftauchte,hereinkam,eintrat",
         "leaves": "ging,gingen,geht,gegangen,wegging,verschwand,verschwunden,verliess,verlassen,weg,fort",
         "waits": "warten,gewartet,gezogert",
+        "matrix": (
+            "wissen,weiss,weisst,sagen,sag,sage,sagst,erinnerst,erinnern,frage,fragen,interessiert,interessieren,"
+            "horen,erfahren,verstehe,verstehen,sicher,ahnung,erklaren,mochte,wurde,gern,gerne,verraten,verratst,nennen,"
+            "neugierig,wundere,klar,schon,nett,freundlich,erzahlen,stimmt,wundert"
+        ),
+        "or": "oder",
+        "why not": "warum nicht,wieso nicht",
+        "complement": "ob,stimmt es dass,wahr dass,richtig dass,sicher dass",
         "filler": (
+            "ah,ahm,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,stattgefunden,"
             "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
             "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
             "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"

@@ -66,7 +66,16 @@ SPANISH = Language(
         "comes": "llego,llegaron,vino,vinieron,entro,entraron,aparecio,llegar",
         "leaves": "fue,fueron,marcho,marcharon,salio,salieron,desaparecio,irse,ido",
         "waits": "esperaste,esperar,tardaste",
+        "matrix": (
+            "saber,sabes,sabe,decir,decirme,dime,digas,diga,recuerdas,recordar,acuerdas,pregunto,preguntar,gustaria,"
+            "quisiera,quiero,quieres,interesa,entiendo,entender,seguro,idea,explicar,explicarme,puedes,podrias,puede,"
+            "podria,curiosidad,amable,encantaria,verdad,cierto,contar,contarme"
+        ),
+        "or": "o,u",
+        "why not": "por que no",
+        "complement": "si,verdad que,cierto que,seguro que",
         "filler": (
+            "eh,pues,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
             "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
             "realmente,simplemente,juntos,necesitaba,fue,ultimo que"

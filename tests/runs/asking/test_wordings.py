@@ -1,0 +1,133 @@
+"""Wordings of questions: indirect ones, typing errors, statements, passives, and what must be refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.runs.asking import answer
+from socialbot.runs.asking._clauses import without_matrix
+from socialbot.runs.asking._spelling import corrected
+from socialbot.runs.asking._words import similarity, tokens
+from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
+from socialbot.runs.run import RunView
+from tests.runs.asking.waldo_run import two_visitors
+
+GREETED = "At 2.2 s I greeted person t1 because"
+NOT_HELPED = "I did not offer person t2 help because person t2 had only been here for 4.7 s"
+
+
+@pytest.fixture(scope="module")
+def waldo() -> RunView:
+    return two_visitors()
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "I wonder why you greeted t1.",
+        "Not sure why you greeted t1, can you tell me?",
+        "Um, so, why did you, you know, greet t1?",
+        "I don't understand why you greeted t1.",
+        "Why was it that you greeted t1?",
+        "why did yuo greet teh frist visitor",
+        "Reason for greeting t1?",
+        "What triggered the greeting at t=2.2?",
+        "Why did you greet the person who was here at the beginning?",
+    ],
+)
+def test_the_reason_of_a_deed_is_asked_for(waldo, question):
+    assert answer(waldo, question).text.startswith(GREETED)
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did you help t2 or did you forget it?",
+        "Is it true that you helped t2?",
+        "I was wondering if you had offered help to t2.",
+        "You helped t1, so why not t2?",
+        "Why was only t1 offered help, and t2 left out?",
+        "didnt you hlep t2",
+    ],
+)
+def test_what_was_left_undone_is_asked_for(waldo, question):
+    assert NOT_HELPED in answer(waldo, question).text
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("how mnay visitors came", "2 people were here."),
+        ("Total number of visitors?", "2 people were here."),
+        ("Longest visit?", "Person t1 was here from 2 to 13.9 s."),
+        ("Was anyone there a quarter of a minute in?", "At 15 s I saw nobody."),
+        ("Show me what was detected at 22 s.", "At 22 s I saw person t2 4 m away."),
+        ("Könntest du mir sagen, wann t2 da war?", "Person t2 war von 20 bis 24.9 s hier."),
+    ],
+)
+def test_states_and_counts_are_asked_for(waldo, question, text):
+    assert answer(waldo, question).text == text
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did t1 thank you for the offer?",
+        "What did you give t2?",
+        "Did you give t1 a present?",
+        "Was t1 a woman?",
+        "What does t1 look like?",
+        "Which way did the first visitor leave?",
+        "Who is the president?",
+        "Was anybody refused?",
+    ],
+)
+def test_other_questions_are_refused(waldo, question):
+    found = answer(waldo, question)
+    assert (found.known, found.clauses) == (False, ())
+    assert found.examples
+
+
+@pytest.mark.parametrize(
+    ("text", "asked"),
+    [
+        ("I do not know why you left", "why you left"),
+        ("Might I ask when t2 came?", "when t 2 came"),
+        ("Is it right that you saw t1?", "you saw t 1"),
+        ("Who was here, do you know?", "who was here"),
+        ("Do you know whether t1 came?", "t 1 came"),
+        ("Did you see anyone when t1 came?", "did you see anyone when t 1 came"),
+        ("What do you know?", "what do you know"),
+        ("Why did you wait?", "why did you wait"),
+    ],
+)
+def test_a_clause_that_only_asks_is_left_out(text, asked):
+    assert " ".join(without_matrix(tokens(text), ENGLISH)) == asked
+
+
+def test_each_language_has_words_of_asking():
+    indirect = {"de": "Ich möchte wissen, wer da war", "fr": "Je voudrais savoir qui était là"}
+    indirect |= {"es": "Quiero saber quién estuvo aquí", "en": "I want to know who was here"}
+    asked = {code: without_matrix(tokens(text), LANGUAGES[code])[0] for code, text in indirect.items()}
+    assert asked == {"de": "wer", "fr": "qui", "es": "quien", "en": "who"}
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("teh", "the"), ("yuo", "you"), ("wher", "where"), ("visiter", "visitor"), ("greeet", "greet"),
+        ("thank", "thank"), ("pick", "pick"), ("door", "door"), ("xyz", "xyz"), ("th", "th"), ("greets", "greets"),
+    ],
+)  # fmt: skip
+def test_mistyped_words_are_corrected(word, meant):
+    known = {"the", "you", "where", "visitor", "greet", "than", "kick", "room", "greeted"}
+    assert corrected(word, known, frozenset({"door"})) == meant
+
+
+def test_two_words_that_are_equally_near_are_no_correction():
+    assert corrected("bexes", {"boxes", "buxes"}, frozenset()) == "bexes"
+
+
+def test_words_with_other_first_sounds_are_not_alike():
+    assert similarity("fall", "call") < 0.72
+    assert similarity("creet", "greet") > 0.72
