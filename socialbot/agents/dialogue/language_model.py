@@ -17,13 +17,17 @@ from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 from socialbot.core.errors import ParameterError, SocialbotError
 from socialbot.core.messages import TraceRecord
+from socialbot.runs.folder import open_run
 
 URL, KEY, MODEL = "SOCIALBOT_LLM_URL", "SOCIALBOT_LLM_KEY", "SOCIALBOT_LLM_MODEL"
+RUN = "SOCIALBOT_LLM_RUN"
+"""Folder of a recorded run whose answers are given again."""
 TIMEOUT_S = 10.0
 MAX_PROMPT = 16_000
 """Largest prompt in characters."""
@@ -55,14 +59,26 @@ class LanguageModel(Protocol):
         ...
 
 
-def model_from_environment(environment: Mapping[str, str] | None = None) -> HttpModel | None:
-    """Return the model that the environment names; None without `URL`.
+def model_from_environment(environment: Mapping[str, str] | None = None) -> HttpModel | RecordedModel | None:
+    """Return the model that the environment names: an endpoint (`URL`), or the answers of a recorded run (`RUN`).
+
+    Returns:
+        The model; None if neither is named.
 
     Raises:
-        ParameterError: The URL or the key is not usable.
+        ParameterError: The URL or the key is not usable, both are named, or the run has no answers.
     """
     given = os.environ if environment is None else environment
-    url = given.get(URL, "")
+    url, run = given.get(URL, ""), given.get(RUN, "")
+    if url and run:
+        raise ParameterError(f"{URL} and {RUN} are both set", where=RUN, remedy="unset one of them")
+    if run:
+        model = RecordedModel(open_run(Path(run)).history)
+        if model.is_empty:
+            raise ParameterError(
+                f"the run {run} has no answers of a model", where=RUN, remedy="name a run with records of proposals"
+            )
+        return model
     return HttpModel(url, given.get(MODEL, ""), given.get(KEY, "")) if url else None
 
 
@@ -263,6 +279,11 @@ class RecordedModel:
                 detail = record.detail
                 prompt = Prompt(str(detail.get("instructions", "")), str(detail.get("prompt", "")))
                 self._answers[prompt].append((str(detail.get("answer", "")), str(detail.get("error", ""))))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the run has no answers."""
+        return not self._answers
 
     def complete(self, prompt: Prompt) -> str:
         known = self._answers.get(prompt)

@@ -119,7 +119,9 @@ def without_event(words: Sequence[str], language: Language) -> Parts | None:
                 if place >= 2:
                     return Parts(tuple(words[:place]), event=tuple(rest), relation=relation)
                 # The event in front: "When t2 left, what did you do?"
-                begin = next((n for n in range(2, len(rest) - 1) if place == 0 and rest[n] in asking), None)
+                begins = [n for n in range(2, len(rest) - 1) if place == 0 and rest[n] in asking]
+                asks = (n for n in begins if rest[n] not in language.auxiliaries or _asks(rest[n : n + 2], language))
+                begin = next(asks, next(iter(begins), None))
                 if begin is not None:
                     return Parts(tuple(rest[begin:]), event=tuple(rest[:begin]), relation=relation)
     return None

@@ -76,7 +76,11 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
     if has("say") and not has_topic and not has("future"):
         return "said", sure
     if has("next", "plan", "future") and not has("past"):
-        return "next", sure
+        return ("next", sure) if has("you") or not has("people", "named") else (None, 0.0)  # people's plans: unknown
+    phrases, place = reading.language.phrases, reading.place("what")
+    asks_people = tuple(reading.words[place + 1 : place + 2]) in phrases["people"]
+    if (reading.words[place],) in phrases["which"] and (has_topic or (asks_people and has("here"))):
+        return "who", sure
     if has("do", "happen", "plan"):
         return "doing", sure
     if has("people", "here", "named") and not has_topic and not _robot_acts(reading):

@@ -11,6 +11,9 @@ def visitors(scope: Scope) -> Told | None:
     """Return who was here: at the time in question, or else all visits."""
     if not has_frames(scope):
         return None
+    event = scope.question.event
+    if event is not None and event.relation != "when" and event.what.person is not None and not event.what.topics:
+        return _neighbour(scope, after=event.relation == "after")
     is_at_event = scope.event_s is not None and scope.question.kind == "who"
     if scope.question.at_s is not None or is_at_event:
         return seen(scope)
@@ -22,6 +25,18 @@ def visitors(scope: Scope) -> Told | None:
     if len(clauses) > MOST_NAMED or scope.question.kind == "count":
         shown.insert(0, _people_counted(scope))
     return scope.joined(shown), shown
+
+
+def _neighbour(scope: Scope, *, after: bool) -> Told | None:
+    """Return the visit that began next after the event of the question, or last before it."""
+    assert scope.event_s is not None
+    stays = [each for each in scope.facts.visits if each.first.stamp <= scope.now]
+    begun = [(scope.history.seconds(each.first.stamp), each) for each in stays]
+    found = [each for at_s, each in begun if (at_s > scope.event_s if after else at_s < scope.event_s)]
+    if not found:
+        return None
+    clause = stay(scope, found[0] if after else found[-1])
+    return clause.text, [clause]
 
 
 def seen(scope: Scope) -> Told | None:

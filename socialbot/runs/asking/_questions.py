@@ -39,6 +39,7 @@ _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
 """What an unknown word costs: near the deed, behind a preposition, and far away."""
 _ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
 _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
+_INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
 _NEAR = 3
 """Most words between a deed and an unknown word near it."""
 
@@ -189,6 +190,9 @@ def _event(parts: Parts, main: Question, subjects: Subjects, language: Language)
     is_visit = (what.person is not None or what.about_all) and (leaves or comes)
     if not is_visit and main.topics and not what.topics and what.person is not None:
         return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
+    is_order = main.kind == "who" and parts.relation != "when" and what.person is not None
+    if not is_visit and is_order and not main.topics and not what.topics:
+        return Event(parts.relation, what, leaves=False)  # "Who came after t1?"
     if not is_visit and (not what.topics or what.confidence < SURE):
         return None
     if is_visit and what.topics:
@@ -295,7 +299,11 @@ def _is_about_left_out(reading: Reading) -> bool:
     """Return whether a negation is about people in front of it: ``was there anybody you did not greet``."""
     people = [places[0] for _, places in reading.found.get("people", ())]
     denied = [places[0] for _, places in reading.found.get("not", ())]
-    return any(one < place for one in people for place in denied)
+    # "Did you forget to greet anyone?"
+    omitted = [places[0] for _, places in reading.found.get("not", ()) if len(places) > 1]
+    return any(one < place for one in people for place in denied) or any(
+        place < one and reading.words[one] in _INDEFINITE for one in people for place in omitted
+    )
 
 
 def _is_for_robot(reading: Reading) -> bool:

@@ -131,3 +131,27 @@ def test_two_words_that_are_equally_near_are_no_correction():
 def test_words_with_other_first_sounds_are_not_alike():
     assert similarity("fall", "call") < 0.72
     assert similarity("creet", "greet") > 0.72
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("Which of the two visitors got help?", "At 10.2 s I offered person t1 help."),
+        ("Who came right after t1?", "Person t2 was here from 20 to 24.9 s."),
+        ("Which visitor came before t2?", "Person t1 was here from 2 to 13.9 s."),
+        ("How many folks did you see today?", "2 people were here."),
+        ("When the first visitor had gone, what did you do next?", "At 15.9 s I stayed idle."),
+        ("Does the log show anybody at 22 s?", "At 22 s I saw person t2 4 m away."),
+        ("How come t1 got greeted two times?", "At 2.2 s I greeted person t1 because person t1 paid attention to me"),
+    ],
+)
+def test_people_are_named_in_other_words(waldo, question, text):
+    assert answer(waldo, question).text.startswith(text.rstrip("."))
+
+
+def test_people_left_out_are_asked_for_by_a_verb(waldo):
+    assert NOT_HELPED in answer(waldo, "Did you forget to help anyone?").text
+
+
+def test_plans_of_people_are_unknown(waldo):
+    assert not answer(waldo, "What will the visitors do next?").known

@@ -11,7 +11,7 @@ ENGLISH = Language(
             "what for,what made you,what makes you,made you,what caused,cause,what led,led you to,what prompted,"
             "prompted you,motivated,explain,on what grounds,what brought you to,justify,account for,"
             "how did you decide,how do you decide,how did you know,how do you know,how could you know,"
-            "how could you tell,on what basis,on which basis,based on what,made you think,made you believe,"
+            "how could you tell,on what basis,on which basis,based on,based on what,made you think,made you believe,"
             "what convinced,convinced you,what triggered,triggered,how so,grounds,basis,moved you to,"
             "what were you thinking,going through your mind,what was the idea,what was the point,"
             "what was the purpose"
@@ -44,7 +44,7 @@ ENGLISH = Language(
         "see": (
             "see,saw,seen,look like,notice,observe,in view,in sight,in front of,visible,perceive,sense,detect,"
             "spot anybody,"
-            "watching,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
+            "watching,show,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
         ),
         "do": (
             "do,doing,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
@@ -64,7 +64,8 @@ ENGLISH = Language(
         ),
         "people": (
             "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
-            "anybody,anyone,somebody,someone,everybody,one,faces"
+            "anybody,anyone,somebody,someone,everybody,one,faces,folk,folks,individual,individuals,children,kid,kids,boy,girl,ladies,"
+            "gentleman,customer,customers,passer by,passers by,pedestrian,pedestrians,stranger,strangers"
         ),
         "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
         "me": "me,i,my,myself,us,we,mine",
@@ -112,12 +113,13 @@ ENGLISH = Language(
             "puzzles,confused,certain,possible,hope,see,able,inform,guess,clarify,question,show,give"
         ),
         "or": "or",
+        "which": "which",
         "why not": "why not",
         "complement": (
             "whether,if,true that,case that,correct that,right that,sure that,certain that,fact that,think that"
         ),
         "filler": (
-            "um,uh,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
+            "um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,print,return,decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
             "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
             "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,performed,"
             "provide,provided,behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,"

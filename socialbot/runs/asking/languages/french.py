@@ -77,10 +77,11 @@ FRENCH = Language(
             "entendre,apprendre,plairait,gentil,vrai"
         ),
         "or": "ou",
+        "which": "quel,quelle,quels,quelles",
         "why not": "pourquoi pas",
         "complement": "si,vrai que,exact que,sur que",
         "filler": (
-            "euh,ben,bah,alors,donc,hein,eh bien,au fait,est ce que,"
+            "euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"

@@ -72,10 +72,11 @@ SPANISH = Language(
             "podria,curiosidad,amable,encantaria,verdad,cierto,contar,contarme"
         ),
         "or": "o,u",
+        "which": "cual,cuales",
         "why not": "por que no",
         "complement": "si,verdad que,cierto que,seguro que",
         "filler": (
-            "eh,pues,bueno,este,oiga,"
+            "eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
             "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
             "realmente,simplemente,juntos,necesitaba,fue,ultimo que"
