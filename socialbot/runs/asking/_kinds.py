@@ -15,6 +15,8 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
     has = reading.has
     sure = min((max(alike for alike, _ in reading.found[name]) for name in INTERROGATIVES if has(name)), default=1.0)
     past = has("past") or has_time or has_span
+    if has("longest", "shortest") and not has_topic and has("who", "what", "here", "people"):
+        return "who", sure  # "Whose visit was the longest?"
     if has("unanswerable") and not has("why", "how_often", "how_many", "how_long", "how_far", "what", "when", "where"):
         return None, 0.0
     if not has_topic and has("say") and _is_said_by_a_person(reading):
@@ -32,8 +34,6 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
     if has("where"):
         # The sentence of a deed has its place.
         return ("when", sure) if has_topic else (None, 0.0)
-    if has("longest", "shortest") and has("who", "what") and not has_topic:
-        return "who", sure
     if has("how_often"):
         return "count", sure
     if has("when"):
@@ -58,13 +58,15 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return "did", 0.95
     if has("see"):
         return "see", 0.95
+    if has("future") and not has("past", "you"):
+        return None, 0.0  # "Will t1 come back?"
     if has("here") and has("people", "nobody", "me", "named") and not _robot_acts(reading):
         return ("who" if has("past") else "see"), 0.9
     if has("people", "nobody") and has("present", "past"):
         return ("who" if has("past") else "see"), 0.8
-    if has("longest", "shortest") and has("here", "people"):
-        return "who", 0.9
-    if has("plan", "next") and len(reading.words) <= 4:
+    if has("people", "nobody") and has_time:
+        return "see", 0.9  # "Any visitors at 12 s?"
+    if has("plan", "next") and (len(reading.words) <= 4 or (has("plan") and has("you"))):
         return "next", 0.8
     return None, 0.0
 

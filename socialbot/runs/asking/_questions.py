@@ -27,7 +27,9 @@ from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, 
 
 SURE = 0.68
 """Confidence below which a question counts as not understood."""
-_AGENT_OF_PASSIVE = {"by", "from"}
+_AGENT_OF_PASSIVE = {"by", "from", "von", "par", "por"}
+_AWAY = {"away", "off", "weg", "fort"}
+"""Particles of verbs of leaving."""
 _ADDRESSING = {"to", "zu", "a", "an", "for"}
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
@@ -35,6 +37,8 @@ MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
 _LONG = 5
 """Least length of a word that is heard as two."""
+_LONG_PHRASE, _ASKING = 3, 3
+"""Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
 """What an unknown word costs: near the deed, behind a preposition, and far away."""
 _ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
@@ -134,7 +138,10 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
 def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them."""
     known = language.known_words | words_of_deeds(subjects, language.code)
-    spelled = [corrected(word, known, subjects.names) for word in words]
+    alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
+    asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
+    asking -= language.auxiliaries
+    spelled = [corrected(word, known, subjects.names, asking) for word in words]
     return without_matrix(_joined(spelled, subjects, language), language)
 
 
@@ -187,6 +194,7 @@ def _event(parts: Parts, main: Question, subjects: Subjects, language: Language)
         return Event(parts.relation, replace(what, topics=main.topics, things=things, agent=agent), leaves=False)
     if what.says:
         return Event(parts.relation, what, leaves=False)
+    leaves = leaves and (not comes or bool(_AWAY.intersection(parts.event)))  # "walked off"
     is_visit = (what.person is not None or what.about_all) and (leaves or comes)
     if not is_visit and main.topics and not what.topics and what.person is not None:
         return Event(parts.relation, replace(what, topics=main.topics), leaves=False)  # "before t1"
@@ -197,7 +205,7 @@ def _event(parts: Parts, main: Question, subjects: Subjects, language: Language)
         return None
     if is_visit and what.topics:
         what = replace(what, topics=())
-    return Event(parts.relation, what, leaves and not comes)
+    return Event(parts.relation, what, leaves)
 
 
 def _with_event(question: Question, event: Event, words: Sequence[str], language: Language) -> Question:
@@ -369,6 +377,8 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
     before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
     if before in reading.language.auxiliaries:
         return name  # "How many moves did the gripper make?"
+    if has_topic and before in _AGENT_OF_PASSIVE:
+        return name  # "Was it opened by the gripper?"
     return name if not verbs or place < min(verbs) or reading.language.code == "de" or not has_topic else ""
 
 

@@ -13,13 +13,14 @@ _SHORTEST = 4
 _LEAST = 3
 
 
-def corrected(word: str, known: Set[str], names: Set[str]) -> str:
+def corrected(word: str, known: Set[str], names: Set[str], asking: Set[str] = frozenset()) -> str:
     """Return a mistyped word as it is written, or the word itself if it is known or resembles no word alone.
 
     Args:
         word: A word that a person typed.
         known: Words of the language and of the deeds.
         names: Words of names, which are never changed.
+        asking: Words of questions, which are expected most: short ones may have a wrong letter, too.
     """
     if len(word) < _LEAST or not word.isalpha() or word in known or word in names:
         return word
@@ -27,13 +28,14 @@ def corrected(word: str, known: Set[str], names: Set[str]) -> str:
     if swapped:
         return min(swapped)
     alike = [each for each in known if each[0] == word[0] and abs(len(each) - len(word)) <= 1 and _is_near(word, each)]
-    for difference, shortest in ((1, _SHORTEST), (-1, _SHORT), (0, _SHORT)):  # missing, too many, wrong
-        if difference <= 0 and any(stem(word) == stem(each) for each in known):
+    for difference, shortest in ((1, _SHORTEST), (0, _SHORT), (-1, _SHORT)):  # missing, wrong, too many
+        if difference < 0 and any(stem(word) == stem(each) for each in known):
             return word
         near = [each for each in alike if len(each) - len(word) == difference]
         if near and len(word) >= shortest:
             return min(near) if len({stem(each) for each in near}) == 1 else word
-    return word
+    asked = {each for each in asking if each[0] == word[0] and len(each) >= len(word) and _is_near(word, each)}
+    return asked.pop() if len(asked) == 1 else word
 
 
 def _swapped(word: str) -> set[str]:

@@ -42,8 +42,8 @@ _SOUNDS, _FORM = 0.79, 0.9
 """Least similarity of a misheard auxiliary verb, and that of another form of a verb, which has another tense."""
 _EXACT = 0.999
 _PARTS = (
-    "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when", "comes",
-    "leaves", "waits", "auxiliary",
+    "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
+    "comes", "leaves", "waits", "auxiliary",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _WRITTEN_ALIKE = 0.88

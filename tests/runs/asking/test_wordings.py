@@ -155,3 +155,27 @@ def test_people_left_out_are_asked_for_by_a_verb(waldo):
 
 def test_plans_of_people_are_unknown(waldo):
     assert not answer(waldo, "What will the visitors do next?").known
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("Any visitors at 22 s?", "At 22 s I saw person t2 4 m away."),
+        ("wat did you see at 22 s", "At 22 s I saw person t2 4 m away."),
+        ("how meny visiters came", "2 people were here."),
+        ("Whose visit was the shortest?", "Person t2 was here from 20 to 24.9 s."),
+        ("What was your first act after t1 had walked off?", "At 15.9 s I stayed idle."),
+        ("Combien de personnes as-tu vues ?", "2 personnes étaient là."),
+    ],
+)
+def test_short_and_mistyped_questions(waldo, question, text):
+    assert answer(waldo, question).text == text
+
+
+@pytest.mark.parametrize("question", ["Do you have any plans?", "Is there something you want to do now?"])
+def test_plans_are_asked_for(waldo, question):
+    assert answer(waldo, question).intent == "next"
+
+
+def test_what_people_will_do_is_unknown(waldo):
+    assert not answer(waldo, "Will t1 come back?").known

@@ -53,7 +53,8 @@ ENGLISH = Language(
         "happen": "happen,going on,occur,went on,what came,what comes,what followed",
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
-            "plan to,planning,intend,intention,intentions,going to,will you,want,goal,goals,aim,desire,plans,"
+            "plan to,planning,want to do,you want,have any plans,intend,intention,intentions,going to,will you,want,"
+            "goal,goals,aim,desire,plans,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "say": "say,speak,tell,utter,words,talk,sentence,sentences,phrase,remark,statement",
@@ -64,7 +65,8 @@ ENGLISH = Language(
         ),
         "people": (
             "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
-            "anybody,anyone,somebody,someone,everybody,one,faces,folk,folks,individual,individuals,children,kid,kids,boy,girl,ladies,"
+            "anybody,anyone,somebody,someone,everybody,one,faces,folk,folks,individual,individuals,children,kid,kids,"
+            "boy,girl,ladies,"
             "gentleman,customer,customers,passer by,passers by,pedestrian,pedestrians,stranger,strangers"
         ),
         "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
@@ -109,7 +111,8 @@ ENGLISH = Language(
         "matrix": (
             "wonder,wondering,wondered,curious,know,tell,telling,told,remember,recall,ask,asking,interested,hear,learn,"
             "understand,sure,idea,mind,kind,say,explain,like,want,nice,grateful,appreciate,interest,interests,clear,"
-            "unclear,figure,find,happy,love,good,great,glad,wish,share,forgot,forgotten,explaining,saying,puzzled,"
+            "unclear,figure,find,happy,love,good,great,glad,wish,share,state,describe,specify,forgot,forgotten,"
+            "explaining,saying,puzzled,"
             "puzzles,confused,certain,possible,hope,see,able,inform,guess,clarify,question,show,give"
         ),
         "or": "or",
@@ -119,7 +122,9 @@ ENGLISH = Language(
             "whether,if,true that,case that,correct that,right that,sure that,certain that,fact that,think that"
         ),
         "filler": (
-            "um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,print,return,decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,let me see,"
+            "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,print,"
+            "return,decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,"
+            "let me see,"
             "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
             "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,performed,"
             "provide,provided,behind,right,correct,used,use,keep,kept,stay,stayed,remain,remained,picture,image,scene,"

@@ -22,7 +22,8 @@ FRENCH = Language(
         "unanswerable": "ou,quel age,quelle couleur,a qui,comment,combien coute",
         "not": "pas,jamais,aucun,aucune,oublie,omis,refuse,sans",
         "see": (
-            "vois,voyez,voir,vu,voyais,apercois,remarque,apercu,devant toi,devant vous,visible,observes,observe,camera"
+            "vois,voyez,voir,vu,vue,vues,vus,voyais,apercois,remarque,apercu,devant toi,devant vous,visible,observes,"
+            "observe,camera"
         ),
         "do": "fais,faites,faire,fait,faisais,occupe,fabriques,reagi",
         "happen": "passe,arrive,passait,produit",

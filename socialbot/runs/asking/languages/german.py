@@ -88,7 +88,8 @@ GERMAN = Language(
         "why not": "warum nicht,wieso nicht",
         "complement": "ob,stimmt es dass,wahr dass,richtig dass,sicher dass",
         "filler": (
-            "ah,ahm,gab,gibt,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,stattgefunden,"
+            "ah,ahm,gab,gibt,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
+            "stattgefunden,"
             "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
             "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
             "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"
