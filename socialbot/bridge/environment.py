@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeVar
 from weakref import WeakKeyDictionary
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
-from socialbot.core.installation import pip_command
+from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.process import skip_cleanup
 
 if TYPE_CHECKING:
@@ -224,13 +224,33 @@ def _claimed(domain: int, claim: contextlib.ExitStack) -> bool:
 
 
 def require_ros() -> None:
-    """Raise InstallationError if ROS 2 is missing for this Python, and GraphError for an invalid domain."""
+    """Raise InstallationError if ROS 2 is missing or lacks the security asked for; GraphError for an invalid domain."""
     ros_domain()
+    if lacks_security():
+        raise InstallationError(
+            "the wheels of ROS 2 are made without the security of DDS (SROS 2)",
+            where=f"{SECURITY_VARIABLE}=true",
+            remedy=SECURITY_REMEDY,
+        )
     if importlib.util.find_spec("rclpy") is None:
         raise InstallationError(
             "ROS 2 is not installed for this Python",
             remedy=f"{ros_remedy()}; or use --runner inline, which needs no ROS",
         )
+
+
+SECURITY_VARIABLE = "ROS_SECURITY_ENABLE"
+SECURITY_REMEDY = "unset it, make keys (socialbot key new), and keep readers off by a VPN; or use a system ROS"
+
+
+def wheels_installed() -> bool:
+    """Whether ROS 2 comes from wheels of PyPI."""
+    return installed_version("ros-rclpy") is not None
+
+
+def lacks_security(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether the security of DDS is asked for and not there; the wheels would ignore it with Permissive."""
+    return environment.get(SECURITY_VARIABLE, "").lower() == "true" and wheels_installed()
 
 
 def ros_remedy() -> str:

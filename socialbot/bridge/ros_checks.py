@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree
@@ -28,7 +27,7 @@ from socialbot.bridge.driver_domain import driver_domain
 from socialbot.bridge.environment import KEYS_VARIABLE, WHEELS, has_keys, spinning_node, stale_locks, wait_for
 from socialbot.bridge.transport import message_class, open_topics, open_transport
 from socialbot.core.errors import InstallationError, NodeError, SocialbotError
-from socialbot.core.installation import pip_command
+from socialbot.core.installation import installed_version, pip_command
 from socialbot.core.messages import RosMessage
 from socialbot.graph.node import Graph
 
@@ -95,7 +94,7 @@ def ros(variables: Mapping[str, str] = os.environ) -> Finding:
 def library_path(variables: Mapping[str, str] = os.environ, prefix: Path = Path(sys.prefix)) -> Finding | None:
     """Check that the wheels load their own libraries, and none of another installation."""
     name = "library path"
-    if not _wheels_installed():
+    if not environment.wheels_installed():
         return None
     entries = [Path(entry) for entry in variables.get("LD_LIBRARY_PATH", "").split(os.pathsep) if entry]
     if GUARD not in variables:
@@ -115,7 +114,7 @@ def other_ros(variables: Mapping[str, str] = os.environ) -> Finding | None:
     """Check that no second ROS installation is sourced beside the wheels."""
     name = "other ROS"
     remedy = "use a shell that does not source /opt/ros/*/setup.bash (see ~/.bashrc), or a venv without the wheels"
-    if not _wheels_installed():
+    if not environment.wheels_installed():
         return None
     spec = importlib.util.find_spec("rclpy")
     if spec is not None and spec.origin is not None and not Path(spec.origin).is_relative_to(sys.prefix):
@@ -137,11 +136,11 @@ def settings(variables: Mapping[str, str] = os.environ) -> Finding:
     number = environment.domain_number(domain)
     if number is None:
         return Finding(name, "error", text, "set ROS_DOMAIN_ID to a number from 0 to 101, or unset it")
-    if middleware != "rmw_fastrtps_cpp" and _wheels_installed():
+    if middleware != "rmw_fastrtps_cpp" and environment.wheels_installed():
         return Finding(name, "error", f"{text}, which is not among the wheels", "unset RMW_IMPLEMENTATION")
-    if variables.get("ROS_SECURITY_ENABLE", "").lower() == "true" and _wheels_installed():
-        remedy = "unset ROS_SECURITY_ENABLE, and keep others off by a firewall or VPN; or use a system ROS"
-        return Finding(name, "error", f"{text}, with security, which the wheels are made without", remedy)
+    if environment.lacks_security(variables):
+        lack = f"{text}, with security, which the wheels are made without"
+        return Finding(name, "error", lack, environment.SECURITY_REMEDY)
     if number > LAST_SAFE_DOMAIN:
         return Finding(name, "warning", f"{text}: its ports may be taken", "set ROS_DOMAIN_ID to 101 or less")
     if variables.get("ROS_LOCALHOST_ONLY") == "1":
@@ -285,18 +284,6 @@ CHECKS: tuple[Check, ...] = (
     ros, library_path, other_ros, settings, viewers, strangers, profile, shared_memory, stale_memory, receive_buffer,
     round_trip,
 )  # fmt: skip
-
-
-def installed_version(distribution: str) -> str | None:
-    """Return the version of an installed package; None without one."""
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _wheels_installed() -> bool:
-    return installed_version("ros-rclpy") is not None
 
 
 def _pins() -> list[str]:

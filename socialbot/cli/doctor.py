@@ -20,10 +20,10 @@ from rich.console import Console
 from rich.text import Text
 
 from socialbot.bridge import ros_checks
-from socialbot.bridge.ros_checks import Check, Finding, installed_version
+from socialbot.bridge.ros_checks import Check, Finding
 from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
-from socialbot.core.installation import extra_command, pip_command
+from socialbot.core.installation import extra_command, installed_version, pip_command
 from socialbot.graph.files import load_graph
 
 OLDEST, NEWEST = (3, 10), (3, 14)

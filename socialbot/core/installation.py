@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
@@ -13,6 +13,14 @@ from typing import Any
 PACKAGE = "socialbot"
 INTERFACES = {"socialbot_msgs": "interfaces", "robot_interfaces": "robot-interfaces"}
 """Targets of `make` that install packages of ROS types."""
+
+
+def installed_version(package: str) -> str | None:
+    """Return the version of an installed package; None without one."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def extra_command(*extras: str) -> str:

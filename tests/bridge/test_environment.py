@@ -28,7 +28,7 @@ from socialbot.bridge.environment import (
     stale_locks,
 )
 from socialbot.bridge.ros_checks import segment_size
-from socialbot.core.errors import GraphError, NodeError
+from socialbot.core.errors import GraphError, InstallationError, NodeError
 
 PROFILE, DATAGRAM = environment.PROFILE_VARIABLE, environment.DATAGRAM_VARIABLE
 
@@ -131,6 +131,18 @@ def test_both_profiles_have_the_same_shared_memory() -> None:
 def test_refuses_invalid_domains(domain: str) -> None:
     with pytest.raises(GraphError, match="not a ROS domain"):
         environment.ros_domain({"ROS_DOMAIN_ID": domain})
+
+
+@pytest.mark.ros
+def test_refuses_the_security_that_the_wheels_lack(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With ROS_SECURITY_STRATEGY=Permissive, they would start without it."""
+    environment.require_ros()
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setattr(environment, "installed_version", lambda name: None)
+    environment.require_ros()
+    monkeypatch.setattr(environment, "installed_version", lambda name: "1.0")
+    with pytest.raises(InstallationError, match=r"SROS 2"):
+        environment.require_ros()
 
 
 OURS = ["--graph", "waldo", "head"]

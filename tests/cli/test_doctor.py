@@ -32,7 +32,7 @@ FINDINGS = (
 
 @pytest.fixture
 def wheels(monkeypatch) -> None:
-    monkeypatch.setattr(ros_checks, "_wheels_installed", lambda: True)
+    monkeypatch.setattr(environment, "wheels_installed", lambda: True)
 
 
 class TestCommand:
