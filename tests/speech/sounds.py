@@ -101,3 +101,18 @@ class Ear:
         items += [(round(time * SECOND), *each) for time, each in (others or {}).items()]
         for time, topic, message in sorted(items, key=lambda item: (item[0], item[1] == "/audio")):
             self.runner.feed(topic, message, time=time)
+
+
+def room(seed: int, *, gain: float, reverberation_s: float, delay_s: float = 0.08) -> np.ndarray:
+    """Impulse response from the loudspeaker to the microphone: a delay, the direct sound, and a decaying echo."""
+    count = round(reverberation_s * RATE_HZ)
+    echo = np.random.default_rng(seed).normal(0, 1, count) * np.exp(-6.9 * np.arange(count) / count)
+    echo *= 0.6 / np.linalg.norm(echo)
+    return gain * np.concatenate([np.zeros(round(delay_s * RATE_HZ)), [1.0], echo])
+
+
+class VoiceOnly(Hearing):
+    """Hearing with the real detector of speech, and without recognition."""
+
+    def find_recognizer(self) -> LengthRecognizer:
+        return LengthRecognizer()

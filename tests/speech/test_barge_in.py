@@ -12,30 +12,14 @@ from socialbot.core.messages import AudioData, HeardSpeech, Message, SpeechStatu
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech.audio import RATE_HZ, Converter, chunks_of, level_db, samples_of
-from socialbot.speech.hearing import Hearing
 from socialbot.speech.hearing_echo import EchoCanceller, OwnVoice
 from socialbot.speech.speaker import Speaker
-from tests.speech.sounds import LengthRecognizer, spoken
+from tests.speech.sounds import VoiceOnly, room, spoken
 
 CHUNK = 800
 TEXT = "Hello, nice to see you. Can I help you with anything today? I know all rooms in this house."
 MOST_S = 0.3
 """Longest time from the first sound of a person to the silence of the robot."""
-
-
-def room(seed: int, *, gain: float, reverberation_s: float, delay_s: float = 0.08) -> np.ndarray:
-    """Impulse response from the loudspeaker to the microphone: a delay, the direct sound, and a decaying echo."""
-    count = round(reverberation_s * RATE_HZ)
-    echo = np.random.default_rng(seed).normal(0, 1, count) * np.exp(-6.9 * np.arange(count) / count)
-    echo *= 0.6 / np.linalg.norm(echo)
-    return gain * np.concatenate([np.zeros(round(delay_s * RATE_HZ)), [1.0], echo])
-
-
-class VoiceOnly(Hearing):
-    """Hearing with the real detector of speech, and without recognition."""
-
-    def find_recognizer(self) -> LengthRecognizer:
-        return LengthRecognizer()
 
 
 class Room:
