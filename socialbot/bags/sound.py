@@ -23,7 +23,14 @@ RATE_HZ = 16000
 
 CHUNK_S = 0.05
 _SHIFTS = {"int32_data": -16, "int16_data": 0, "int8_data": 8}
-_MP3 = (b"ID3", b"\xff\xfb", b"\xff\xf3")
+_MP3_KBPS = (
+    (32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320),
+    (8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160),
+)
+"""Bit rates of layer III by their number from 1 on: of MPEG 1, and of MPEG 2 and 2.5."""
+_MP3_HZ = (44100, 48000, 32000)
+_MP3_HALVINGS = {3: 0, 2: 1, 0: 2}
+"""How often the sample rate is halved, by the number of the version: MPEG 1, 2 and 2.5."""
 
 
 def is_sound(ros_message: Any) -> bool:
@@ -33,7 +40,7 @@ def is_sound(ros_message: Any) -> bool:
 
 
 def sound_of(ros_message: Any, stamp: int) -> AudioData:
-    """Convert a message of `AUDIO_TYPES`; one without a header ends at ``stamp`` (ns).
+    """Convert a message of `AUDIO_TYPES`; one without the time of a header ends at ``stamp`` (ns).
 
     Raises:
         MessageError: Its sound is compressed, or its fields do not fit together.
@@ -46,15 +53,32 @@ def sound_of(ros_message: Any, stamp: int) -> AudioData:
         samples = _samples(audio.audio_data)
     else:
         samples = bytes(audio.data)
-        if samples.startswith(_MP3):
+        if _is_mp3(samples):
             raise MessageError("the sound is compressed as mp3", remedy="record it with format:=wave")
     if rate < 1 or channels < 1 or len(samples) % (2 * channels):
         raise MessageError(f"{len(samples)} bytes of sound do not fit {channels} channels with {rate} Hz")
-    if header is None:
+    begin = 0 if header is None else header.stamp.sec * SECOND + header.stamp.nanosec
+    if not begin:
         begin = stamp - len(samples) // (2 * channels) * SECOND // rate
-    else:
-        begin = header.stamp.sec * SECOND + header.stamp.nanosec or stamp
     return AudioData(stamp=begin, samples=samples, sample_rate=rate, channels=channels)
+
+
+def _is_mp3(data: bytes) -> bool:
+    """Whether ``data`` begin with a tag, or with a valid frame of layer III that ends them or is followed by another.
+
+    Two bytes are not enough: loud samples have the bytes of the begin of a frame, too.
+    """
+    if data.startswith(b"ID3"):
+        return True
+    if len(data) < 4 or data[0] != 0xFF or data[1] & 0xE6 != 0xE2:
+        return False
+    version, bitrate, rate = data[1] >> 3 & 3, data[2] >> 4, data[2] >> 2 & 3
+    if version not in _MP3_HALVINGS or bitrate in (0, 15) or rate == 3:
+        return False
+    halvings = _MP3_HALVINGS[version]
+    kbps = _MP3_KBPS[min(1, halvings)][bitrate - 1]
+    length = (72 if halvings else 144) * kbps * 1000 // (_MP3_HZ[rate] >> halvings) + (data[2] >> 1 & 1)
+    return len(data) >= length and data[length : length + 2] in (b"", data[:2])
 
 
 def _samples(data: Any) -> bytes:

@@ -173,3 +173,25 @@ def test_video_with_damaged_sound_is_refused_or_read(tmp_path: Path) -> None:
     with pytest.raises(BagError):
         import_bag(film, tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
+
+
+def test_sound_with_an_unset_header_ends_when_it_was_received():
+    unset = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
+    message = SimpleNamespace(header=unset, audio=SimpleNamespace(data=bytes(32_000)))
+    assert sound_of(message, 3 * SECOND).stamp == 2 * SECOND
+
+
+@pytest.mark.parametrize("begin", [b"\xff\xfb\xff\xfb", b"\xff\xfb\x90\x00", b"\xff\xf3\x40\x00", b"\xff\xeb\x90\x00"])
+def test_loud_samples_are_no_mp3(begin):
+    samples = begin + np.full(1598, -1000, "<i2").tobytes()
+    assert sound_of(SimpleNamespace(data=samples), SECOND).samples == samples
+
+
+@pytest.mark.parametrize(
+    ("head", "length"),
+    [(b"\xff\xfb\x90\x00", 417), (b"\xff\xfb\x92\x00", 418), (b"\xff\xf3\x80\x00", 208), (b"\xff\xe3\x80\x00", 417)],
+)
+@pytest.mark.parametrize("frames", [1, 2])
+def test_frames_of_mp3_are_refused(head, length, frames):
+    with pytest.raises(MessageError, match="compressed as mp3"):
+        sound_of(SimpleNamespace(data=(head + bytes(length - 4)) * frames), SECOND)
