@@ -280,8 +280,8 @@ class IntentionStack:
                 plan, result = interpreter.select_plan(trigger, args, notes, cause, bool(kind & OPEN))
             if result is None:
                 if goal is not None:
-                    self.fail_goal(intention, goal, no_plan(interpreter, goal, intention))
-                elif interpreter.trace.sink is not None:
+                    return self.fail_goal(intention, goal, no_plan(interpreter, goal, intention))
+                if interpreter.trace.sink is not None:
                     unhandled(interpreter, trigger, args, notes, cause)
                 return None
             if states is not None and goal is not None:
@@ -393,21 +393,21 @@ class IntentionStack:
         self.close(intention, frame)
         self.fail_goal(intention, goal, found)
 
-    def fail_goal(self, intention: Intention, goal: Request | None, problem: Failure) -> None:
-        """Replace a failed goal by its failure plan, or fail the goals below it until one recovers."""
+    def fail_goal(self, intention: Intention, goal: Request | None, problem: Failure) -> Any:
+        """Replace a failed goal by its failure plan, or fail the goals below it until one recovers; return its body."""
         states = self.goal_states
         failing = None if states is None else states.failed(intention, goal, problem, self.failure_plans)
         began = problem.reason not in ("no_relevant", "no_applicable")  # the goal had a plan
-        left = problem if goal is None else self._recover(intention, goal, problem, began=began)
+        left: Any = problem if goal is None else self._recover(intention, goal, problem, began=began)
         frames, where = intention.frames, problem.where
-        while left is not None and frames:
+        while left.__class__ is Failure and frames:
             problem = left
             frame = frames.pop()
             where = where or origin_of(frame[2])
             self.close(intention, frame)
             if frame[1] is not None and frame[2] is not KEPT:
                 left = self._recover(intention, frame[1], problem, began=True)
-        if left is not None:
+        if left.__class__ is Failure:
             what = left.message if left.step in left.message else f"{left.step}: {left.message}"
             place, trace = left.where or where, self._interpreter.trace
             log().warning("%s: %s%s", trace.name, what, f" ({place})" if place else "")
@@ -415,9 +415,10 @@ class IntentionStack:
             if states is not None and failing is not None:
                 states.lost(failing)
             self.end(intention, left)
+        return left
 
-    def _recover(self, intention: Intention, goal: Request, problem: Failure, *, began: bool) -> Failure | None:
-        """Push the failure plan of a goal; return the remaining failure if no plan applies or it fails.
+    def _recover(self, intention: Intention, goal: Request, problem: Failure, *, began: bool) -> Any:
+        """Push the failure plan of a goal and return its body, or the remaining failure if no plan applies or it fails.
 
         A goal that ``began`` remains below its failure plan for plans that look for it.
         """
@@ -456,7 +457,7 @@ class IntentionStack:
                 kind, *others = goal
                 frames.append((None, (kind | EVENT, *others), KEPT))  # type: ignore[arg-type]
             self._push(intention, result, None, plan, goal)
-        return None
+        return result
 
     def failure_plans(self, goal: Request) -> Trigger:
         trigger = goal[1]

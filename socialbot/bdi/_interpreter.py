@@ -233,7 +233,7 @@ class Interpreter:
     def take_in(self) -> None:
         """Process all posted items; the beliefs between two function calls begin at the same time."""
         inbox, trace, queue = self.inbox, self.trace, self.events.append
-        sink = trace.sink
+        sink, waiting = trace.sink, len(self.events)
         now: int | None = None
         while inbox:
             item = inbox.popleft()
@@ -259,6 +259,9 @@ class Interpreter:
                     if trigger is not None:
                         queue((trigger, args, notes, cause))
                     continue
+            elif hasattr(item, "waits") and item.waits(len(self.events) - waiting):
+                inbox.appendleft(item)
+                return
             else:
                 now = None
             self._take(item)

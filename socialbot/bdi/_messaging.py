@@ -223,7 +223,24 @@ class Messaging:
 
 def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
     """Post a message to an agent; agents share no variables."""
-    receiver.call(functools.partial(receiver.messaging.receive, sender, act, detached(content), cause, reply))
+    receiver.call(_Message(receiver.messaging.receive, sender, act, detached(content), cause, reply))
+
+
+class _Message(functools.partial[None]):
+    """Posted message."""
+
+    turns: int | None = None
+    """Turns that it waits for."""
+
+    def waits(self, events: int) -> bool:
+        """Whether ``events`` of messages before it go first.
+
+        In Jason an agent reads one message in a turn, and sends one: two turns let a plan for an event begin.
+        """
+        if self.turns is None:
+            self.turns = 0 if self.args[1] == "tell" else 2 * events + 1
+        self.turns -= 1
+        return self.turns > 0
 
 
 # Effects of performatives on the receiver

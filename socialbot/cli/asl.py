@@ -127,7 +127,7 @@ def run(
             """Make an agent of `.create_agent`."""
             if file is None:
                 return made(name, None)
-            place = paths.find(file, str(files[0]))
+            place = paths.find(file, files[0])
             if place not in loaded:
                 program = _checked(read_program(place, paths), place)
                 loaded[place] = program, library_of(program)

@@ -7,7 +7,7 @@ take turns. Annotations are sources only. Nothing here is quick, or knows of sta
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
 from socialbot.bdi import Inference, Plan, Reactor, SingletonBelief
@@ -138,6 +138,7 @@ class Reference:
         self.sent: list[tuple[str, Args]] = []
         self.beliefs: list[tuple[str, Args]] = []
         self.sources: dict[tuple[str, Args], Args] = {}
+        self.posted: list[tuple[str, Callable[[], None], int | None]] = []
         self.events: list[Happened] = []
         self.heard = {plan.event.key for plan in plans}
         self.waiting: list[Intention] = []
@@ -149,16 +150,19 @@ class Reference:
     # What is posted
 
     def believe(self, literal: Literal) -> None:
-        self.announce(self.hold(literal, literal.args))
+        self.posted.append(("believe", lambda: self.announce(self.hold(literal, literal.args)), None))
 
     def forget(self, literal: Literal) -> None:
-        self.forget_all(literal, literal.args)
+        self.posted.append(("forget", lambda: self.forget_all(literal, literal.args), None))
 
     def achieve(self, goal: Literal) -> None:
-        self.events.append((f"+!{goal.key}", goal.args, SELF))
+        self.posted.append(("achieve", lambda: self.events.append((f"+!{goal.key}", goal.args, SELF)), None))
 
     def told(self, sender: str, performative: str, literal: Literal) -> None:
         """A message from another agent."""
+        self.posted.append((f"told {performative}", lambda: self.read(sender, performative, literal), None))
+
+    def read(self, sender: str, performative: str, literal: Literal) -> None:
         said_by = (Atom(sender),)
         if performative == "tell":
             self.announce(self.hold(literal, literal.args, said_by))
@@ -167,10 +171,23 @@ class Reference:
         else:
             self.adopt(self.pursue(f"!{literal.key}", literal.args, said_by))
 
+    def take_in(self) -> None:
+        """Everything up to a message, other than a belief; it waits two turns for each event of what was before it."""
+        before = len(self.events)
+        while self.posted:
+            what, happens, turns = self.posted[0]
+            if what.startswith("told") and what != "told tell":
+                left = 2 * (len(self.events) - before) if turns is None else turns - 1
+                if left > 0:
+                    self.posted[0] = (what, happens, left)
+                    return
+            self.posted.pop(0)
+            happens()
+
     # Turns
 
     def busy(self) -> bool:
-        return bool(self.ready or (self.events and self.atomic is None))
+        return bool(self.posted or self.ready or (self.events and self.atomic is None))
 
     def believed(self) -> dict[str, list[tuple[Args, tuple[str, ...]]]]:
         """The beliefs with their sources."""
@@ -180,6 +197,7 @@ class Reference:
         return found
 
     def turn(self) -> None:
+        self.take_in()
         while self.asleep and self.asleep[0][0] <= self.now:
             self.wake(self.asleep.pop(0)[1])
         if self.events and self.atomic is None:

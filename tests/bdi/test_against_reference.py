@@ -175,6 +175,19 @@ def test_the_reference_handles_failures_as_a_person_would_tell_it():
     assert both.done == both.reference.done == [("a", 0), ("b", 0)]
 
 
+def test_the_first_steps_of_a_failure_plan_are_a_turn_as_in_the_reference():
+    program = [
+        go(0) >> [do("go")],
+        sub(0, 0) / p(0) >> [do("sub")],
+        +p(0) >> [do("+p")],
+        -sub(0, 0) >> [do("f"), apart(go(0)), Update("+", p(0))],
+    ]
+    both = Both(program)
+    both.post("achieve", sub(0, 0))
+    assert both.settle()
+    assert both.done == [("f",), ("go",), ("+p",)]
+
+
 def test_a_goal_binds_variables_as_in_the_reference():
     program = [go(X) >> [sub(X, Y), do(Y), Update("+", p(Y)), do("end")], sub(X, Y) / q(X, Y) >> [], +p(X) >> [do("p")]]
     both = Both(program)

@@ -414,3 +414,20 @@ def test_the_sender_goes_on_when_a_receiver_has_no_plan_for_a_message(caplog):
     text = "!go. +!go <- .send([b, c], cfp, 1); .send(c, askIf, x, A); .print(A)."
     assert Mas(a=text, b=RECEIVER, c="").until(1).lines == ["false"]
     assert caplog.text.count("no plan for the message cfp from a: 1") == 2
+
+
+@pytest.mark.parametrize(
+    ("asks", "answer"),
+    [
+        (".send(you, tell, a(2)); .send(you, askOne, b(_), R)", "b(14)"),
+        (".send(you, tell, a(2)); .send(you, tell, a(3)); .send(you, askAll, b(_), L); .length(L, R)", "2"),
+        (".send(you, tell, a(2)); .send(you, untell, a(2)); .wait(1); .send(you, askOne, b(_), R)", "b(14)"),
+        (".send(you, tell, a(2)); .send(you, achieve, g); .wait(1); .send(you, askOne, last(_), R)", "last(g)"),
+        (".send(you, achieve, g); .send(you, tell, a(2)); .wait(1); .send(you, askOne, last(_), R)", "last(a)"),
+    ],
+    ids=["a question", "a question after two", "a removal", "a goal", "a belief"],
+)  # fmt: skip
+def test_a_message_is_read_after_the_events_of_those_before_it(asks, answer):
+    you = "+a(V) : a(V) <- +b(V * 7); -+last(a). +!g <- -+last(g)."
+    (said,) = Mas(me=f"!go. +!go <- {asks}; .print(R).", you=you).until(2).lines
+    assert said.removesuffix("[source(you)]") == answer

@@ -56,8 +56,14 @@ class IncludePaths:
     folders: tuple[Path, ...] = ()
     roots: Mapping[str, Path] = field(default_factory=dict)
 
-    def find(self, name: str, including: str) -> Path:
-        """Find an included file. Raises RuleError if it does not exist, or its root is not configured."""
+    def find(self, name: str, *including: Path) -> Path:
+        """Find an included file; ``including`` are the files that include each other, the innermost last.
+
+        A place that is one of them is passed over if there is another.
+
+        Raises:
+            RuleError: The file does not exist, or its root is not configured.
+        """
         name = name.replace("\\", "/")
         if name.startswith("$"):
             root, _, rest = name[1:].partition("/")
@@ -69,14 +75,15 @@ class IncludePaths:
             file = self.roots[root] / rest
             tried: Iterable[Path] = (file,)
         else:
-            tried = dict.fromkeys(folder / name for folder in (Path(including).parent, *self.folders))
-        found = next((file for file in tried if file.is_file()), None)
-        if found is None:
+            tried = dict.fromkeys(folder / name for folder in (including[-1].parent, *self.folders))
+        files = [file for file in tried if file.is_file()]
+        if not files:
             places = ", ".join(map(str, tried))
             raise RuleError(
                 f"the included file {name} does not exist", remedy=f"create it, or give its folder (tried: {places})"
             )
-        return found
+        known = {file.resolve() for file in including}
+        return next((file for file in files if file.resolve() not in known), files[0])
 
 
 def parse(text: str, file: str = "<text>", paths: IncludePaths | None = None) -> Program:
@@ -299,7 +306,7 @@ class ProgramParser(Parser):
                 "an include in a text without a place", at, "load the program as a file, or give the paths of includes"
             )
         try:
-            file = self.paths.find(name, self.source.file)
+            file = self.paths.find(name, *self.including, Path(self.source.file))
             text = read_text(file)
         except RuleError as problem:
             raise self.source.error(at, problem.what, problem.remedy) from None

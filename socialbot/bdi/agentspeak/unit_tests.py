@@ -175,7 +175,7 @@ class _Run:
         """Make an agent of `.create_agent`."""
         if file is None:
             return self._agent(name, None)
-        program = load(self.file.paths.find(file, str(self.file.file)), self.file.paths)
+        program = load(self.file.paths.find(file, self.file.file), self.file.paths)
         engine = self._agent(name, program)
         self._begin(engine, program)
         return engine

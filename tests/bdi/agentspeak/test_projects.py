@@ -115,3 +115,15 @@ def test_includes_are_searched_in_the_source_paths(project, tmp_path):
     found = read_project(project('MAS m { agents: a; aslSourcePath: "lib"; }'))
     program = program_of(found.agents[0], IncludePaths(found.folders))
     assert list(map(str, program.beliefs)) == ["included"]
+
+
+def test_an_include_is_another_file_than_the_including_one(project, tmp_path):
+    (tmp_path / "mas" / "src" / "agt").mkdir(parents=True)
+    (tmp_path / "agt").mkdir()
+    (tmp_path / "mas" / "src" / "agt" / "a.asl").write_text('{ include("../agt/a.asl") }')
+    (tmp_path / "agt" / "a.asl").write_text("included.")
+    file = tmp_path / "mas" / "m.mas2j"
+    file.write_text('MAS m { agents: a; aslSourcePath: "src/agt"; }')
+    found = read_project(file)
+    program = program_of(found.agents[0], IncludePaths(found.folders))
+    assert list(map(str, program.beliefs)) == ["included"]
