@@ -45,10 +45,10 @@ class AcceptedTimes:
         return self._before.get(sender, 0)
 
     def note(self, sender: str, time: int) -> None:
-        """Note that a message from ``time`` (ns) is about to be accepted. Logs once if it cannot be written."""
-        if time <= self._reserved.get(sender, 0) or self._failed:
+        """Note that a message from ``time`` (ns) is about to be accepted. Logs once while that cannot be written."""
+        if time <= self._reserved.get(sender, 0):
             return
-        reserved = time + round(RESERVED_S * SECOND)
+        reserved = self._reserved[sender] = time + round(RESERVED_S * SECOND)
         try:
             file = self._file(sender)
             fcntl.flock(file, fcntl.LOCK_EX)
@@ -58,15 +58,16 @@ class AcceptedTimes:
             finally:
                 fcntl.flock(file, fcntl.LOCK_UN)
         except OSError as error:
+            if not self._failed:
+                log.warning(
+                    "cannot note accepted messages in %s (%s): a sender whose clock is ahead could be replayed after a "
+                    "restart; see docs/security.md",
+                    self.folder,
+                    error.strerror,
+                )
             self._failed = True
-            log.warning(
-                "cannot note accepted messages in %s (%s): a sender whose clock is ahead could be replayed after a "
-                "restart; see docs/security.md",
-                self.folder,
-                error.strerror,
-            )
-            return
-        self._reserved[sender] = reserved
+        else:
+            self._failed = False
 
     def _kept(self) -> list[Path]:
         try:

@@ -267,6 +267,19 @@ def test_a_folder_that_cannot_be_written_is_reported_once(tmp_path, caplog):
     assert caplog.text.count("cannot note accepted messages") == 1
 
 
+def test_times_are_noted_again_once_the_folder_can_be_written(tmp_path, caplog):
+    """A full disk, or one that is mounted late."""
+    (tmp_path / "file").touch()
+    times = AcceptedTimes(tmp_path / "file")
+    times.note("a", SECOND)
+    (tmp_path / "file").unlink()
+    times.note("a", 2 * SECOND)
+    assert AcceptedTimes(tmp_path / "file").before("a") == 2_050_000_000
+    (tmp_path / "file" / "b").mkdir()
+    times.note("b", SECOND)
+    assert caplog.text.count("cannot note accepted messages") == 2
+
+
 def test_a_late_receiver_accepts_messages_within_the_window(clocks):
     said = clocks.wall
     clocks.go_on(1.5)
