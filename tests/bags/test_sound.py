@@ -181,9 +181,20 @@ def test_sound_with_an_unset_header_ends_when_it_was_received():
     assert sound_of(message, 3 * SECOND).stamp == 2 * SECOND
 
 
-@pytest.mark.parametrize("begin", [b"\xff\xfb\xff\xfb", b"\xff\xfb\x90\x00", b"\xff\xf3\x40\x00", b"\xff\xeb\x90\x00"])
-def test_loud_samples_are_no_mp3(begin):
-    samples = begin + np.full(1598, -1000, "<i2").tobytes()
+@pytest.mark.parametrize(
+    "begin",
+    [
+        b"\xff\xfb\xff\xfb",
+        b"\xff\xfb\x90\x00",
+        b"\xff\xf3\x40\x00",
+        b"\xff\xeb\x90\x00",
+        b"\xff\xfb\x9c\x00",
+        b"\xff\xfb\xf0\x00",
+    ],
+)
+@pytest.mark.parametrize("count", [1598, 20])
+def test_loud_samples_are_no_mp3(begin, count):
+    samples = begin + np.full(count, -1000, "<i2").tobytes()
     assert sound_of(SimpleNamespace(data=samples), SECOND).samples == samples
 
 
