@@ -127,7 +127,8 @@ def test_methods_are_actions():
 
 @pytest.mark.parametrize("name", ["start", "add_percept", "society", "_percepts", "rooms"])
 def test_other_attributes_are_no_actions(name):
-    mas = Mas(ann=f"!go. +!go <- '{name}'(1). -!go[error_msg(M)] <- .print(M).")
+    written = f"'{name}'" if name[0] == "_" else name
+    mas = Mas(ann=f"!go. +!go <- {written}(1). -!go[error_msg(M)] <- .print(M).")
     House().attach(mas.society)
     mas.until(1)
     assert mas.lines[-1] == f"there is no action {name}/1"
