@@ -31,6 +31,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 # A word of a topic name: between slashes, underscores and digits.
 _INFRARED_NAME = re.compile(r"(?:^|[/_\d])(?:infra|infrared|ir|thermal|lwir|fir|nir)(?:[/_\d]|$)", re.IGNORECASE)
 _DEPTH_NAME = re.compile(r"(?:^|[/_\d])(?:depth|disparity|sw_registered|hw_registered)(?:[/_\d]|$)", re.IGNORECASE)
+_RECTIFIED_NAME = re.compile(r"(?:^|_)rect(?:ified)?(?:_|$)", re.IGNORECASE)
 _RECTIFIED = ("image_rect_color", "image_rect", "rgb_rect", "image_color", "image_raw", "image")
 
 
@@ -85,6 +86,13 @@ def camera_of(topic: str) -> str:
     """Namespace of the camera: ``/camera`` for ``/camera/image_raw`` and ``/camera/image_raw/compressed``."""
     base, _, transport = topic.rpartition("/")
     return (base if transport in _TRANSPORTS else topic).rpartition("/")[0]
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether the images on ``topic`` are rectified, by its name: image_rect, image_rect_color and the like."""
+    base, _, transport = topic.rpartition("/")
+    name = (base if transport in _TRANSPORTS else topic).rpartition("/")[2]
+    return _RECTIFIED_NAME.search(name) is not None
 
 
 def best(kinds: Mapping[str, ImageKind]) -> list[str]:

@@ -239,7 +239,14 @@ def _floats(numbers: Any) -> tuple[float, ...]:
 _FIELDS: dict[type[Message], Mapping[str, Callable[[Any], Any] | None]] = {
     Image: {"height": None, "width": None, "encoding": None, "is_bigendian": bool, "step": None, "data": _bytes},
     CompressedImage: {"format": None, "data": _bytes},
-    CameraInfo: {"width": None, "height": None, "distortion_model": None, "k": _floats, "d": _floats},
+    CameraInfo: {
+        "width": None,
+        "height": None,
+        "distortion_model": None,
+        "k": _floats,
+        "d": _floats,
+        "roi": lambda part: (part.x_offset, part.y_offset, part.width, part.height),
+    },
     PointCloud: {
         "height": None,
         "width": None,
@@ -340,7 +347,10 @@ def _camera_fields(info: CameraInfo, types: TypeFactory) -> dict[str, Any]:
         raise MessageError(f"k of a CameraInfo must have 9 numbers (got {len(info.k)})")
     k = _array(info.k)
     p = np.hstack([k.reshape(3, 3), np.zeros((3, 1))]).reshape(-1)
-    region = types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    x, y, width, height = info.roi
+    region = types.make(
+        "sensor_msgs/msg/RegionOfInterest", x_offset=x, y_offset=y, height=height, width=width, do_rectify=False
+    )
     return {
         "d": _array(info.d),
         "k": k,

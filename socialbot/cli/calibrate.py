@@ -66,7 +66,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         GraphError: Nobody publishes ``topic``.
         ParameterError: It has no images.
     """
-    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind
+    from socialbot.bags.cameras import ImageKind, best_depth, camera_of, image_kind, is_rectified
     from socialbot.bags.codec import ROS_TYPES, decodable_types
     from socialbot.bridge.topics import await_publisher, merged_messages, observer_node, settled_topics
     from socialbot.core.errors import ImageError, ParameterError
@@ -80,6 +80,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         Message,
         Transforms,
     )
+    from socialbot.vision.camera import without_lens
     from socialbot.vision.depth_sensors import DepthSensors
     from socialbot.vision.images import bgr_from_compressed, bgr_from_image
 
@@ -109,7 +110,7 @@ def _topic_views(topic: str, seconds: float) -> Generator[_View]:
         for arrived in merged_messages(ros, topics, newest=[topic], ended=lambda: monotonic() - begun > seconds):
             name, message = arrived or ("", None)
             if isinstance(message, CameraInfo) and not isinstance(message, DepthInfo):
-                info = message
+                info = without_lens(message) if is_rectified(topic) else message
             elif name == topic and isinstance(message, (Image, CompressedImage)):
                 try:
                     image = bgr_from_image(message) if isinstance(message, Image) else bgr_from_compressed(message)

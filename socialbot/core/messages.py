@@ -73,7 +73,10 @@ class CompressedImage(Message, frozen=True, kw_only=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """Camera intrinsics (sensor_msgs/CameraInfo): ``k`` row by row, ``d`` the distortion."""
+    """Camera intrinsics (sensor_msgs/CameraInfo): ``k`` row by row, ``d`` the distortion.
+
+    ``roi`` is the part of the image that the camera sends: x, y, width and height; all 0 for the whole.
+    """
 
     frame_id: str
     width: int
@@ -81,6 +84,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     k: tuple[float, ...]
     d: tuple[float, ...] = ()
     distortion_model: str = "plumb_bob"
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 class DepthImage(Image, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from socialbot.agents.waldo.head import Head
+from socialbot.bags.cameras import is_rectified
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import HeadCommand, PersonDetections, Utterance
 from socialbot.core.yaml import YamlSection
@@ -88,6 +89,8 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
             config = _changed(config, remap={"image_raw": camera.image, "image_compressed": camera.compressed})
         elif issubclass(config.type, PersonDetector):
             values = {"hfov_rad": camera.hfov_rad} if camera.device else {}
+            if is_rectified(camera.image or camera.compressed):
+                values["rectified"] = True
             if camera.height_m:
                 values["mount_height_m"] = camera.height_m
             if camera.pitch_rad < _UNKNOWN_PITCH_RAD:

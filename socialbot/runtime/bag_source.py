@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from socialbot.bags.cameras import is_rectified
 from socialbot.bags.playback import InlineStage, PlaybackResult, WorldScript, feeding, play, takes_images
 from socialbot.bags.reader import Bag, open_bag
 from socialbot.bags.recorded_services import recorded_services
@@ -115,6 +116,8 @@ class BagSource(RunSource):
         graph = with_speech_files(graph.with_stand_ins(self._recorded), folder, **playback)
         graph.expect_answers(self._recorded)
         self._feeds = feeding(self.bag, graph, self.image_topic)
+        if takes_images(graph) and is_rectified(self.bag.choose_image_topic(self.image_topic).name):
+            graph = _with_rectified_images(graph)
         return graph
 
     def observe(self, topic: str, message: Message) -> None:
@@ -256,6 +259,12 @@ def _with_camera_pose(graph: Graph, bag: Path) -> Graph:
         return graph
     known = {"mount_height_m": pose.height_m, "pitch_rad": pose.pitch_rad}
     return graph.with_parameters({each.name: {**known, **each.parameters} for each in nodes})
+
+
+def _with_rectified_images(graph: Graph) -> Graph:
+    """Tell detectors that the images are rectified, unless they state it."""
+    nodes = [each for each in graph.nodes if "rectified" in each.type.parameters()]
+    return graph.with_parameters({each.name: {"rectified": True, **each.parameters} for each in nodes})
 
 
 def graph_of(bag: Path) -> Graph:

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import cv2
 import msgspec
 import numpy as np
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
+from socialbot.vision.lens import Lens
 from socialbot.vision.transforms import AXES
 
 Box = Sequence[float]
@@ -34,6 +34,7 @@ _SOURCES: Mapping[PoseSource, str] = {
 _USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
 _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
 
+_SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
 UNKNOWN_HEIGHT, UNKNOWN_PITCH = 0.0, 2.0
 """Values of the parameters ``mount_height_m`` and ``pitch_rad`` of a camera whose pose is not known."""
@@ -92,11 +93,11 @@ ASSUMED = CameraPose(
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera at a ``pose`` above the floor.
+    """A camera at a ``pose`` above the floor.
 
     ``fx``, ``fy``, ``cx``, ``cy`` in pixels of an image of ``width`` x ``height``. ``yaw_rad`` is the direction of the
-    camera in the base of the robot, positive to the left, if it is known. Raises ParameterError when a focal length, a
-    size or the height of the pose is not above zero.
+    camera in the base of the robot, positive to the left, if it is known. ``lens`` is None for a pinhole and for
+    rectified images. Raises ParameterError when a focal length, a size or the height of the pose is not above zero.
     """
 
     fx: float
@@ -107,6 +108,7 @@ class CameraModel:
     height: int
     pose: CameraPose = ASSUMED
     yaw_rad: float | None = None
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         sizes = {"fx": self.fx, "fy": self.fy, "width": self.width, "height": self.height}
@@ -116,7 +118,11 @@ class CameraModel:
 
     @classmethod
     def from_info(cls, info: CameraInfo, pose: CameraPose = ASSUMED) -> CameraModel:
-        """The camera of ``info``. Raises MessageError when it is not calibrated (focal length or size 0)."""
+        """The camera of ``info``: its region of interest, if it has one.
+
+        Raises:
+            MessageError: It is not calibrated (focal length or size 0), or its distortion does not fit its model.
+        """
         where = f"camera_info of {info.frame_id or 'a camera without a frame'}"
         if len(info.k) != 9:
             raise MessageError(f"k has {len(info.k)} numbers, not 9", where=where)
@@ -127,7 +133,10 @@ class CameraModel:
                 where=where,
                 remedy="calibrate the camera, or let it publish no camera_info and set hfov_rad",
             )
-        return cls(fx, fy, cx, cy, info.width, info.height, pose)
+        left, top, width, height = info.roi
+        if not (width and height):
+            left, top, width, height = 0, 0, info.width, info.height
+        return cls(fx, fy, cx - left, cy - top, width, height, pose, lens=Lens.of(info))
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, hfov_rad: float, pose: CameraPose = ASSUMED) -> CameraModel:
@@ -150,22 +159,53 @@ class CameraModel:
         hfov_rad: float,
         pose: CameraPose,
     ) -> CameraModel:
-        """The camera of images of ``width`` x ``height`` pixels; without ``info``, its field of view is ``hfov_rad``.
+        """The camera of images of ``width`` x ``height`` pixels.
 
-        Raises MessageError for an uncalibrated camera.
+        Without ``info``, or if it is not calibrated, the field of view is ``hfov_rad``. Raises MessageError for
+        invalid intrinsics.
         """
-        known = cls.from_field_of_view(width, height, hfov_rad, pose) if info is None else cls.from_info(info, pose)
-        return known.scaled(width, height)
+        if info is None or not is_calibrated(info):
+            return cls.from_field_of_view(width, height, hfov_rad, pose)
+        return cls.from_info(info, pose).scaled(width, height)
 
     def scaled(self, width: int, height: int) -> CameraModel:
-        """The same camera with images scaled to ``width`` x ``height`` pixels."""
+        """The same camera with images of ``width`` x ``height`` pixels.
+
+        Images of another shape are those of a camera mode that cuts off both sides, or top and bottom.
+        """
         across, down = width / self.width, height / self.height
-        axes = {"fx": self.fx * across, "cx": self.cx * across, "fy": self.fy * down, "cy": self.cy * down}
+        if self.is_cut_by(width, height):
+            across = down = max(across, down)
+        left, top = (across * self.width - width) / 2, (down * self.height - height) / 2
+        axes = {"fx": self.fx * across, "cx": self.cx * across - left, "fy": self.fy * down, "cy": self.cy * down - top}
         return replace(self, **axes, width=width, height=height)
+
+    def is_cut_by(self, width: int, height: int) -> bool:
+        """Whether images of ``width`` x ``height`` pixels have another shape."""
+        return abs(math.log(width / self.width * self.height / height)) > _SAME_SHAPE
+
+    def point(self, u: float, v: float) -> tuple[float, float]:
+        """The point x, y of the pixel ``u``, ``v`` on the plane 1 m before the camera: to the right and down, m."""
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        if self.lens is not None:
+            right, down = self.lens.straightened(np.array(x), np.array(y))
+            return float(right), float(down)
+        return x, y
+
+    def points(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for many pixels."""
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        return (x, y) if self.lens is None else self.lens.straightened(x, y)
+
+    def pixels(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pixels of points on the plane 1 m before the camera; NaN where the lens has none."""
+        if self.lens is not None:
+            x, y = self.lens.bent(x, y)
+        return self.cx + self.fx * x, self.cy + self.fy * y
 
     def direction(self, u: float, v: float) -> tuple[float, float]:
         """Bearing (rad, left positive) and elevation (rad, up positive) of the pixel at ``u``, ``v``."""
-        right, down = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        right, down = self.point(u, v)
         if self.pose.roll_rad:
             cos, sin = math.cos(self.pose.roll_rad), math.sin(self.pose.roll_rad)
             right, down = cos * right - sin * down, sin * right + cos * down
@@ -193,7 +233,15 @@ class CameraModel:
     @property
     def horizon(self) -> float:
         """Height of the horizon as a share of the image: 0 at the top, 1 at the bottom; may be outside."""
-        return (self.cy - self.fy * math.tan(self.pose.pitch_rad)) / self.height
+        _, v = self.pixels(np.zeros(()), np.array(-math.tan(self.pose.pitch_rad)))
+        return float(v) / self.height if math.isfinite(v) else math.copysign(1e6, -self.pose.pitch_rad)
+
+    @property
+    def hfov_rad(self) -> float:
+        """Horizontal field of view."""
+        edges = (self.point(u, self.cy)[0] for u in (0.0, self.width))
+        left, right = map(math.atan, edges)
+        return right - left
 
 
 def _rotation(pose: CameraPose, yaw_rad: float) -> np.ndarray:
@@ -205,29 +253,23 @@ def _rotation(pose: CameraPose, yaw_rad: float) -> np.ndarray:
     return yaw @ pitch @ AXES[:3, :3].T @ roll
 
 
-_FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")
-
-
 def lens_error_rad(info: CameraInfo) -> float:
     """Largest error of a direction at the middles of the image's edges if the lens of ``info`` is taken as a pinhole.
 
     It is 0 for unknown distortion models.
     """
-    fx, _, cx, _, fy, cy = info.k[:6]
-    edges = ((-cx / fx, 0.0), ((info.width - cx) / fx, 0.0), (0.0, -cy / fy), (0.0, (info.height - cy) / fy))
-    if info.distortion_model in _FISHEYE:
-        angles = np.linspace(0.0, math.pi / 2, 1000)
-        powers = angles[:, None] ** np.arange(3, 3 + 2 * len(info.d), 2)
-        radii = np.maximum.accumulate(angles + powers @ np.array(info.d, np.float64))
-        return max(
-            abs(float(np.interp(math.hypot(*edge), radii, angles)) - math.atan(math.hypot(*edge))) for edge in edges
-        )
-    if info.distortion_model not in ("plumb_bob", "rational_polynomial") or len(info.d) not in (4, 5, 8, 12, 14):
-        return 0.0
-    straight = cv2.undistortPoints(np.array([edges], np.float64), np.eye(3), np.array(info.d, np.float64)).reshape(
-        -1, 2
-    )
-    return max(
-        abs(math.atan(math.hypot(*there)) - math.atan(math.hypot(*edge)))
-        for there, edge in zip(straight.tolist(), edges, strict=True)
-    )
+    bent = CameraModel.from_info(info)
+    straight = replace(bent, lens=None)
+    edges = ((0.0, bent.cy), (bent.width, bent.cy), (bent.cx, 0.0), (bent.cx, bent.height))
+    angles = ([math.atan(math.hypot(*camera.point(*edge))) for edge in edges] for camera in (bent, straight))
+    return max(abs(one - other) for one, other in zip(*angles, strict=True))
+
+
+def is_calibrated(info: CameraInfo) -> bool:
+    """Whether ``info`` has intrinsics: in ROS, a driver without a calibration leaves ``k`` zeroed."""
+    return len(info.k) != 9 or any(info.k)
+
+
+def without_lens(info: CameraInfo) -> CameraInfo:
+    """The ``info`` of rectified images: without distortion."""
+    return msgspec.structs.replace(info, d=(), distortion_model="plumb_bob")

@@ -160,8 +160,9 @@ class PoseEstimator:
             Whether the pose has changed.
         """
         x, y, w, h = box
-        column, top = (x + w / 2 - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
-        bottom, edge = (y + h - camera.cy) / camera.fy, (_EDGE_PX + _EDGE_SHARE * h) / camera.fy
+        column, top = camera.point(x + w / 2, y)
+        _, bottom = camera.point(x + w / 2, y + h)
+        edge = (_EDGE_PX + _EDGE_SHARE * h) / camera.fy
         sights = self._people.get(person)
         if sights is not None and sights.boxes and not self._differs(sights, column, top, bottom, seconds):
             return False

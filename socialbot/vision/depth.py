@@ -106,8 +106,8 @@ class RegisteredDepth:
         z = z[rows, columns]
         u = (left + columns * step_x + 0.5) / across
         v = (top + rows * step_y + 0.5) / down
-        x, y = (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z
-        return Samples(u, v, _horizontal(camera, x, y, z), across * down / (step_x * step_y))
+        x, y = camera.points(u, v)
+        return Samples(u, v, _horizontal(camera, x * z, y * z, z), across * down / (step_x * step_y))
 
     def cloud(self, camera: CameraModel) -> np.ndarray:
         height, width = self.pixels.shape
@@ -116,7 +116,8 @@ class RegisteredDepth:
         rows, columns = np.nonzero(np.isfinite(z))
         z = z[rows, columns]
         u, v = (columns * step + 0.5) * camera.width / width, (rows * step + 0.5) * camera.height / height
-        return np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], axis=1)
+        x, y = camera.points(u, v)
+        return np.stack([x * z, y * z, z], axis=1)
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class ProjectedPoints:
     def samples(self, camera: CameraModel, box: Box, step: float) -> Samples:
         x, y, z = self.points.T
         with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = camera.cx + camera.fx * x / z, camera.cy + camera.fy * y / z
+            u, v = camera.pixels(x / z, y / z)
         inside = (z > NEAREST_M) & (u >= box[0]) & (u < box[0] + box[2]) & (v >= box[1]) & (v < box[1] + box[3])
         x, y, z = x[inside], y[inside], z[inside]
         return Samples(u[inside], v[inside], _horizontal(camera, x, y, z), 0.0)

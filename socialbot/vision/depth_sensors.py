@@ -199,9 +199,8 @@ def _points(pixels: np.ndarray, intrinsics: CameraModel) -> np.ndarray:
     z = depth_in_metres(pixels[::step, ::step])
     rows, columns = np.nonzero(np.isfinite(z))
     z = z[rows, columns]
-    x = (columns * step + 0.5 - intrinsics.cx) / intrinsics.fx * z
-    y = (rows * step + 0.5 - intrinsics.cy) / intrinsics.fy * z
-    return np.stack([x, y, z], axis=1)
+    x, y = intrinsics.points(columns * step + 0.5, rows * step + 0.5)
+    return np.stack([x * z, y * z, z], axis=1)
 
 
 def _transformed(points: np.ndarray, matrix: Matrix) -> np.ndarray:

@@ -52,14 +52,20 @@ _NEAREST_M = 0.1
 # Postures: height of the head and width relative to standing.
 _SEATED, _SEATED_STD, _SEATED_WIDTH, _SEATED_WIDTHS = 0.77, 0.07, 1.20, 0.35
 _CHILD, _CHILD_STD = 0.70, 0.15
+_HEADLESS, _SHOULDER, _SHOULDER_STD = 0.3, 0.75, 0.2  # Share of people of whom a side shows no head; height then (m).
+_SURPRISE = 0.01  # Weight of what does not fit the prediction, which may be wrong.
 _KNOWN_STD = 0.07  # The height of a person with a smaller error was learnt: no child.
 _FREE_RAD = 0.3  # Error of the pitch where the floor says nothing.
 _LEVELS, _LEVEL_STD = (0.35, 0.65, 0.95), 0.15  # Heights of occluding objects, m.
-_SHARES = {"standing": 0.80, "seated": 0.12, "child": 0.04, "hidden": 0.08, "lap": 0.03}
+_SHARES = {"standing": 0.83, "seated": 0.13, "child": 0.04}
+_LAP = 0.27  # Share of seated people among those whose feet are hidden.
+HIDDEN_SHARE = 0.1
+"""Probability that the feet of any person are hidden."""
 _CLEAR, _WHOLE = 0.7, 0.9  # Probabilities from which a posture is stated, and from which a whole person stands.
 FACE_HEIGHT_M, FACE_AHEAD_M = 0.17, 0.12
 """Height of the box of a face, and distance from the face back to the body."""
 _FACE_SPREAD = 0.15  # Relative error of that height.
+_NO_FACE = 0.002  # Likelihood, relative to that of the right height, of a face that is not this person's.
 
 _LOGS = np.linspace(math.log(0.15), math.log(80.0), 224)
 _STEP = float(_LOGS[1] - _LOGS[0])
@@ -119,6 +125,17 @@ class _Hypothesis(NamedTuple):
     toes: Estimate = _TOES  # From the body to the lower end of a box that ends at the feet.
 
 
+class Expected(NamedTuple):
+    """Distance (m) that the same person is expected to have by the next image, and its relative error.
+
+    ``alike`` is whether the cues are those of the last image, so that they have the same error.
+    """
+
+    value: float
+    share: float
+    alike: bool
+
+
 class Measurement(NamedTuple):
     """Distance of a person (m), the posture if it is clear, and whether the box clearly shows a whole standing one."""
 
@@ -133,15 +150,18 @@ def measure(
     stature: Stature,
     cut: Cut | None = None,
     *,
-    feet_hidden: bool = False,
+    hidden: float = HIDDEN_SHARE,
     face: float = 0.0,
+    expected: Expected | None = None,
 ) -> Measurement | None:
     """Estimate the horizontal distance from the camera to the person in ``box`` (x, y, w, h), and their posture.
 
     Args:
         stature: Height and width of the person, standing.
         cut: Sides that the image cuts off.
-        feet_hidden: Whether the feet are occluded.
+        hidden: Probability that the box ends above the feet, which something hides.
+        expected: Distance predicted from earlier images. It says which posture, and which lower end of the box, is
+            likely, but is no part of the measured distance.
         face: Height of the face from the eyebrows to the chin, pixels; 0 if it is not known.
 
     Returns:
@@ -151,14 +171,18 @@ def measure(
     if view is None:
         return None
     cut = cut or Cut()
-    hypotheses = _hypotheses(stature, seen=not cut.bottom, hidden=feet_hidden and not cut.bottom)
+    hypotheses = _hypotheses(stature, 0.0 if cut.bottom else hidden, aside=cut.left or cut.right)
     likelihood = np.array([_likelihood(camera, view, each, cut) for each in hypotheses])
     if face > 0:
         away = np.log(np.maximum(_DISTANCES - FACE_AHEAD_M, _NEAREST_M))
-        likelihood -= 0.5 * ((away - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD) ** 2
+        aside = (away - math.log(FACE_HEIGHT_M * camera.fy / face)) / _FACE_SPREAD
+        likelihood += np.log(np.exp(-0.5 * aside**2) + _NO_FACE)
     # Between people who are equally likely at each distance, and at each logarithm of it.
     likelihood += np.log([each.share for each in hypotheses])[:, None] + 0.5 * _LOGS
     shares = np.exp(likelihood - likelihood.max())
+    if expected is not None:
+        floor = np.array([each.bottom == 0 for each in hypotheses])
+        shares *= (_SURPRISE + _agreement(shares, expected, floor))[:, None]
     shares /= shares.sum()
     by_distance = shares.sum(axis=0)
     log = float(by_distance @ _LOGS)
@@ -176,25 +200,47 @@ def measure(
     return Measurement(_metres(_Cue(log, std)), posture, bool(whole > _WHOLE))
 
 
-def _hypotheses(stature: Stature, *, seen: bool, hidden: bool) -> list[_Hypothesis]:
-    """What the box may show. Its lower end is the feet (``seen``), an occluding object (``hidden``) or cut off."""
+def _agreement(shares: np.ndarray, expected: Expected, floor: np.ndarray) -> np.ndarray:
+    """How well each hypothesis, with its ``shares`` by distance, fits the prediction: 0 to 1.
+
+    Those whose lower end is on the ``floor`` have the error of the earlier images, if the cues are the same.
+    """
+    sums = np.maximum(shares.sum(axis=1), 1e-300)
+    aside = (_LOGS - math.log(expected.value)) / max(expected.share, _STEP)
+    fits = shares @ np.exp(-0.5 * aside**2) / sums
+    if expected.alike:
+        fits = np.where(floor, np.exp(-0.5 * (shares @ aside / sums) ** 2), fits)
+    return fits
+
+
+def _hypotheses(stature: Stature, hidden: float, *, aside: bool) -> list[_Hypothesis]:
+    """What the box may show.
+
+    Its lower end is the feet or cut off, or with the probability ``hidden`` an object. If a side is cut off
+    (``aside``), the head may be outside the image, and the box may show a shoulder, an arm or a leg.
+    """
     height, width = stature
     unknown = height.std > _KNOWN_STD
     seated = Estimate(_SEATED * height.value, math.hypot(height.std * _SEATED, _SEATED_STD))
     lap = Estimate(_SEATED_WIDTH * width.value, _SEATED_WIDTHS * _SEATED_WIDTH * width.value)
+    shown = {name: (1 - hidden) * share for name, share in _SHARES.items()}
     found = [
-        _Hypothesis("standing", height, 0.0, width, _SHARES["standing"] if not hidden else 1e-3),
-        _Hypothesis("seated", seated, 0.0, lap, _SHARES["seated"] if not hidden else 0.01, toes=_KNEES),
+        _Hypothesis("standing", height, 0.0, width, shown["standing"]),
+        _Hypothesis("seated", seated, 0.0, lap, shown["seated"], toes=_KNEES),
     ]
     if unknown:
         child = Estimate(_CHILD * height.value, _CHILD_STD)
-        found.append(
-            _Hypothesis("standing", child, 0.0, _scaled(width, _CHILD), _SHARES["child"] if not hidden else 1e-3)
-        )
+        found.append(_Hypothesis("standing", child, 0.0, _scaled(width, _CHILD), shown["child"]))
     found.append(_Hypothesis("standing", height, 0.0, width, 0.003, free=True))
-    if seen:
-        found += [_Hypothesis("standing", height, level, width, _SHARES["hidden"] / len(_LEVELS)) for level in _LEVELS]
-        found += [_Hypothesis("seated", seated, level, width, _SHARES["lap"] / len(_LEVELS)) for level in _LEVELS]
+    for level in _LEVELS if hidden > 0 else ():
+        each = hidden / len(_LEVELS)
+        found.append(_Hypothesis("standing", height, level, width, (1 - _LAP) * each))
+        found.append(_Hypothesis("seated", seated, level, width, _LAP * each))
+    if aside:
+        found = [each._replace(share=(1 - _HEADLESS) * each.share) for each in found]
+        part = Estimate(_SHOULDER * height.value, math.hypot(_SHOULDER * height.std, _SHOULDER_STD))
+        for level, share in ((0.0, 0.5), *((level, 0.5 / len(_LEVELS)) for level in _LEVELS)):
+            found.append(_Hypothesis("standing", part, level, width, _HEADLESS * share))
     return found
 
 
@@ -372,6 +418,14 @@ class Range:
     def estimate(self) -> Estimate:
         """The current distance."""
         return Estimate(float(self._state[0]), math.sqrt(self._variances[0, 0]))
+
+    def expected(self, kind: object = None) -> Expected:
+        """The distance that an image with the cues ``kind`` is expected to show."""
+        if kind != self._kind:
+            return Expected(float(self._state[0]), math.sqrt(self._variances[0, 0]) / float(self._state[0]), False)
+        value = float(self._state[0] * math.exp(self._state[2]))
+        slope = np.array([1 / self._state[0], 0.0, 1.0])
+        return Expected(value, math.sqrt(float(slope @ self._variances @ slope) + _JITTER**2), True)
 
     def pass_(self, seconds: float) -> None:
         """Advance by ``seconds``."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -29,12 +28,22 @@ from socialbot.core.messages import (
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
-from socialbot.vision.camera import ASSUMED, UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, lens_error_rad
+from socialbot.vision.camera import (
+    ASSUMED,
+    UNKNOWN_HEIGHT,
+    UNKNOWN_PITCH,
+    CameraModel,
+    CameraPose,
+    is_calibrated,
+    lens_error_rad,
+    without_lens,
+)
 from socialbot.vision.camera_pose import load_pose, save_pose
 from socialbot.vision.depth_sensors import TOLERANCE_S, DepthSensors
 from socialbot.vision.detector import Detector
 from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, DetectorSpec
 from socialbot.vision.distance import PERSON_HEIGHT_M
+from socialbot.vision.lens import LENS_MODELS, is_known
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
 from socialbot.vision.tracking import REMEMBER_S
@@ -148,6 +157,9 @@ class PersonDetector(Node):
     depth_tolerance_s = Parameter(
         TOLERANCE_S, "largest difference of the stamps of an image and its depth or points, s", minimum=0.0, maximum=2.0
     )
+    rectified = Parameter(
+        False, "whether the images are rectified: the distortion in camera_info is ignored", fixed=True
+    )
     depth_pose = Parameter(
         "",
         "x y z roll pitch yaw of the depth camera or lidar in the camera's forward, left and up axes, m and rad; "
@@ -233,12 +245,26 @@ class PersonDetector(Node):
 
     @camera_info
     def on_camera_info(self, info: CameraInfo) -> None:
-        CameraModel.from_info(info)
+        if not is_calibrated(info):
+            self._warn_once(
+                f"camera_info of {info.frame_id or 'the camera'} is not calibrated (k is 0): distances assume a field "
+                f"of view of {self.hfov_rad:.2f} rad; calibrate the camera, or set hfov_rad"
+            )
+            self._info = self._camera = None
+            return
+        if self.rectified:
+            info = without_lens(info)
         error = lens_error_rad(info)
-        if error > _LENS_ERROR_RAD:
+        if not is_known(info):
+            self._warn_once(
+                f"the distortion model {info.distortion_model!r} is not known, so the lens is taken as straight: "
+                f"rectify the images, for example with image_proc, or use one of {', '.join(LENS_MODELS)}"
+            )
+        elif error > _LENS_ERROR_RAD:
             self._warn_once(
                 f"the lens ({info.distortion_model}) bends directions at the edge of the image by {error:.2f} rad: "
-                "directions and distances there are wrong; rectify the images, for example with image_proc"
+                "directions and distances are corrected, but people look bent there, and may be missed; "
+                "rectified images are better, for example by image_proc with rectified: true"
             )
         self._info = info
         self._camera = None
@@ -268,7 +294,7 @@ class PersonDetector(Node):
                 height=image.height,
                 persons=persons,
                 camera_yaw_rad=yaw_rad,
-                camera_hfov_rad=None if yaw_rad is None else 2 * math.atan(camera.width / 2 / camera.fx),
+                camera_hfov_rad=None if yaw_rad is None else camera.hfov_rad,
             )
         )
         boxes = tuple((person.x, person.y, person.w, person.h) for person in persons)
@@ -285,14 +311,20 @@ class PersonDetector(Node):
         if self._camera is None or (self._camera.width, self._camera.height) != (width, height):
             if info is None:
                 self._warn_once(f"no camera_info yet: distances assume a field of view of {self.hfov_rad:.2f} rad")
-            elif (info.width, info.height) != (width, height):
-                self._warn_once(
-                    f"camera_info is for {info.width}x{info.height} pixels but images have {width}x{height}: "
-                    "its intrinsics are scaled"
-                )
+            else:
+                self._check_size(CameraModel.from_info(info), width, height)
             pose = CameraPose.stated(self.mount_height_m, self.pitch_rad, self._filed_pose)
             self._camera = CameraModel.of_images(info, width, height, hfov_rad=self.hfov_rad, pose=pose)
         return self._camera
+
+    def _check_size(self, known: CameraModel, width: int, height: int) -> None:
+        """Warn if images of ``width`` x ``height`` pixels are not those of the ``known`` intrinsics."""
+        if (known.width, known.height) != (width, height):
+            cut = known.is_cut_by(width, height)
+            self._warn_once(
+                f"camera_info is for {known.width}x{known.height} pixels but images have {width}x{height}: "
+                f"its intrinsics are scaled{', as if the sides of another shape were cut off' if cut else ''}"
+            )
 
     def _placed(self, camera: CameraModel, image: Image) -> CameraModel:
         """The camera at the pose of the transforms, if neither parameters nor a file state one."""

@@ -23,6 +23,7 @@ from socialbot.vision.depth import Ranged, RangeImage, Source, measure_people
 from socialbot.vision.detector import Detections, Detector, shared_area
 from socialbot.vision.detectors import DetectorSpec
 from socialbot.vision.distance import (
+    HIDDEN_SHARE,
     PERSON_HEIGHT_M,
     Estimate,
     Figure,
@@ -44,6 +45,9 @@ BRIDGE_S = 0.3
 # A person occludes another one who shares this part of their width and whose box ends higher by this share.
 _HIDING, _NEARER = 0.5, 0.1
 _WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
+# Shares of people whose feet are hidden, among those with a wide box, and those behind another person. Detectors mostly
+# guess the feet of the latter.
+_HIDDEN_LEGS, _HIDDEN_BEHIND = 0.7, 0.2
 # The pose of the camera is trusted if whole people have the usual height by it: so many, of such a median error.
 _LEAST_WHOLE, _MOST_WHOLE, _POSE_ERROR = 8, 60, 0.12
 _LEAST_AGAINST = 3  # So many whole people can contradict a stated pose, which is trusted until then.
@@ -65,7 +69,7 @@ class TrackState:
     ``whole`` is whether the last box showed a whole standing person, ``face`` the stamp (ns) and the height (px) of the
     last face.
     ``least`` is the relative error of distances from images that more images do not reduce: that of the height of the
-    person and of the camera's pose.
+    person and of the camera's pose. ``hidden`` is the probability that the feet are hidden.
     """
 
     figure: Figure
@@ -78,6 +82,7 @@ class TrackState:
     whole: bool = False
     least: float = math.inf
     face: tuple[int, float] = (-(2**62), 0.0)
+    hidden: float = HIDDEN_SHARE
 
     def face_height(self, stamp_ns: int) -> float:
         """Height in pixels of the face found in this image or shortly before; 0 if there is none."""
@@ -235,7 +240,7 @@ class PersonPipeline:
         if self.hide_still:
             people = {name for name, each in attention.items() if each.is_person(stamp_ns)}
             tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful, people)
-        tracks = _with_hidden_feet(tracks)
+        tracks = self._with_hidden_feet(tracks)
         return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns, depth), depth)
 
     def measured(
@@ -256,6 +261,21 @@ class PersonPipeline:
             camera = self._learn_pose(good, camera, 0)
         return self._persons(tracks, 0, camera, depth)
 
+    def _with_hidden_feet(self, tracks: Sequence[Track]) -> tuple[Track, ...]:
+        """Mark tracks whose feet may be hidden, and keep the probability of it.
+
+        They are occluded from below, or too wide to be whole: a low object, such as a trolley, hides their feet.
+        """
+        boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+        marked: list[Track] = []
+        for track in tracks:
+            _, _, w, h = track.box
+            wide = not (track.cut.top or track.cut.bottom) and w > _WIDEST * h
+            behind = not track.cut.bottom and _behind(track.box, boxes)
+            self._known[track.id].hidden = _HIDDEN_LEGS if wide else _HIDDEN_BEHIND if behind else HIDDEN_SHARE
+            marked.append(replace(track, feet_hidden=True) if wide or behind else track)
+        return tuple(marked)
+
     def _persons(
         self, tracks: Sequence[Track], stamp_ns: int, camera: CameraModel, depth: Sequence[RangeImage]
     ) -> tuple[PersonDetection, ...]:
@@ -273,9 +293,10 @@ class PersonPipeline:
         known = self._known.get(track.id)
         if known is not None and known.range is not None and stamp_ns - known.ranged < _RANGED_NS:
             return known.range.estimate
-        stature = self._anybody() if known is None else known.figure.stature
-        box = tuple(track.box.tolist())
-        seen = measure(camera, box, stature, track.cut, feet_hidden=track.feet_hidden)
+        stature, hidden = self._anybody(), HIDDEN_SHARE
+        if known is not None:
+            stature, hidden = known.figure.stature, known.hidden
+        seen = measure(camera, tuple(track.box.tolist()), stature, track.cut, hidden=hidden)
         return seen and seen.distance
 
     def _person(self, track: Track, stamp_ns: int, camera: CameraModel, ranged: Ranged | None) -> PersonDetection:
@@ -344,12 +365,15 @@ class PersonPipeline:
             known.ranged, known.source = stamp_ns, ranged.source
         elif not track.unseen_s and stamp_ns - known.ranged >= _RANGED_NS:
             face = known.face_height(stamp_ns)
-            seen = measure(camera, box, known.figure.stature, track.cut, feet_hidden=track.feet_hidden, face=face)
+            kind = (track.cut, face > 0)
+            expected = known.range and known.range.expected(kind)
+            seen = measure(
+                camera, box, known.figure.stature, track.cut, hidden=known.hidden, face=face, expected=expected
+            )
             now = seen and seen.distance
             known.posture, known.whole = (seen.posture, seen.whole) if seen else ("unknown", False)
             if now is not None:
                 known.least = min(known.least, _LASTING * now.std / now.value)
-            kind = (track.cut, track.feet_hidden, face > 0)
             # A box cut off at the bottom and a side measures little; the prediction is better.
             sides = track.cut.left or track.cut.right
             vague = sides and (track.cut.bottom or track.feet_hidden)
@@ -372,21 +396,6 @@ class PersonPipeline:
 def _is_known(pose: CameraPose) -> bool:
     """Whether a pose is exact; any other is refined with people."""
     return pose.source == "given" or not (pose.height_std_m or pose.pitch_std_rad)
-
-
-def _with_hidden_feet(tracks: Sequence[Track]) -> tuple[Track, ...]:
-    """Mark tracks that are occluded from below, or too wide to be whole, as having hidden feet.
-
-    A low object, such as a trolley, hides the feet of a box that is too wide.
-    """
-    boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
-    return tuple(
-        replace(track, feet_hidden=True)
-        if not track.cut.bottom
-        and ((not track.cut.top and track.box[2] > _WIDEST * track.box[3]) or _behind(track.box, boxes))
-        else track
-        for track in tracks
-    )
 
 
 def _touched(box: np.ndarray, others: np.ndarray) -> bool:

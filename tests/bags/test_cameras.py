@@ -8,7 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
+from socialbot.bags.cameras import (
+    ImageKind,
+    best,
+    best_depth,
+    best_points,
+    camera_of,
+    depth_first,
+    image_kind,
+    is_rectified,
+)
 from socialbot.bags.playback import feeding
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.core.clock import SECOND
@@ -226,3 +235,18 @@ def test_messages_with_distances_are_told_apart(tmp_path: Path) -> None:
     ]  # fmt: skip
     with open_bag(make_with_rosbags(tmp_path / "bag", contents)) as bag:
         assert bag.depth_sensors_for(RAW) == {packed_topic: CompressedDepth, "/velodyne": PointCloud}
+
+
+@pytest.mark.parametrize(
+    ("topic", "rectified"),
+    [
+        ("/camera/image_rect", True),
+        ("/camera/image_rect_color/compressed", True),
+        ("/left/rgb_rect", True),
+        ("/camera/image_raw", False),
+        ("/camera/rectangle/image", False),
+        ("/camera_rect/image_raw/compressed", False),
+    ],
+)
+def test_names_of_rectified_images(topic: str, rectified: bool) -> None:
+    assert is_rectified(topic) is rectified

@@ -301,7 +301,9 @@ def test_boxes_are_drawn_as_closed_lines() -> None:
 
 
 def test_camera_info_has_the_projection_of_a_single_camera() -> None:
-    info = CameraInfo(stamp=1, frame_id="c", width=640, height=480, k=(500.0, 0, 320, 0, 510, 240, 0, 0, 1))
+    info = CameraInfo(
+        stamp=1, frame_id="c", width=640, height=480, k=(500.0, 0, 320, 0, 510, 240, 0, 0, 1), roi=(8, 6, 320, 200)
+    )
     ros = codec.encode(info, TYPES)
     assert ros.p.tolist() == [500, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0]
     assert ros.r.tolist() == [1, 0, 0, 0, 1, 0, 0, 0, 1]

@@ -4,10 +4,13 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from socialbot.bags.reader import open_bag
+from socialbot.bags.reader import BagWriter, open_bag
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError
+from socialbot.core.messages import Image
 from socialbot.graph.files import load_graph
 from socialbot.runs.report import recorded
 from socialbot.runtime.bag_source import BagSource, find_truth, graph_of, replay
@@ -78,3 +81,13 @@ def test_replay_never_writes_the_camera_file(tmp_path):
         replayed = BagSource(bag).prepare(graph, "inline", tmp_path)
     detector = next(each for each in replayed.nodes if each.name == "person_detector")
     assert (detector.parameters["keep_pose"], detector.parameters["camera_file"]) == (False, "camera.json")
+
+
+@pytest.mark.parametrize(("topic", "rectified"), [("/camera/image_rect", True), ("/camera/image_raw", False)])
+def test_rectified_topics_have_no_distortion_in_a_replay(tmp_path, topic, rectified):
+    with BagWriter(tmp_path / "bag") as out:
+        out.write(topic, Image.from_bgr(np.zeros((4, 6, 3), np.uint8), stamp=SECOND, frame_id="eye"), SECOND)
+    with open_bag(tmp_path / "bag") as bag:
+        replayed = BagSource(bag).prepare(load_graph("waldo"), "inline", tmp_path)
+    detector = next(each for each in replayed.nodes if each.name == "person_detector")
+    assert detector.parameters.get("rectified", False) is rectified

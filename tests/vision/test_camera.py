@@ -3,6 +3,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
-from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad
+from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad, without_lens
 from socialbot.vision.motion import moved
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]
@@ -128,9 +130,35 @@ def test_camera_below_the_floor_is_refused():
 
 def test_scaling_keeps_directions():
     model = camera(0.1)
-    half = model.scaled(320, 120)
-    assert half.direction(100, 50) == pytest.approx(model.direction(200, 200))
-    assert (half.width, half.height) == (320, 120)
+    half = model.scaled(320, 240)
+    assert half.direction(100, 100) == pytest.approx(model.direction(200, 200))
+    assert (half.width, half.height) == (320, 240)
+
+
+@pytest.mark.parametrize(("width", "height", "left", "top"), [(640, 360, 0, 60), (320, 180, 0, 60), (480, 480, 80, 0)])
+def test_images_of_another_shape_are_cut_off_at_both_sides(width, height, left, top):
+    model = camera(0.1)
+    other = model.scaled(width, height)
+    scale = (640 - 2 * left) / width
+    assert other.direction(100, 50) == pytest.approx(model.direction(left + 100 * scale, top + 50 * scale))
+    assert other.fx / other.fy == pytest.approx(model.fx / model.fy)
+
+
+@pytest.mark.parametrize("binning", [1, 2])
+def test_a_region_of_interest_moves_the_axis(binning):
+    whole = info((500, 0, 310, 0, 510, 250, 0, 0, 1))
+    part = msgspec.structs.replace(whole, roi=(200, 100, 320, 240))
+    pose = CameraPose(height_m=1.0, pitch_rad=0.1)
+    model = CameraModel.of_images(part, 320 // binning, 240 // binning, hfov_rad=1.0, pose=pose)
+    expected = CameraModel.from_info(whole, pose).direction(200 + 80, 100 + 60)
+    assert model.direction(80 / binning, 60 / binning) == pytest.approx(expected)
+
+
+def test_an_uncalibrated_camera_has_the_given_field_of_view():
+    pose = CameraPose(height_m=1.0, pitch_rad=0.1)
+    model = CameraModel.of_images(info((0.0,) * 9), 640, 480, hfov_rad=1.2, pose=pose)
+    assert model == CameraModel.from_field_of_view(640, 480, 1.2, pose)
+    assert model.hfov_rad == pytest.approx(1.2)
 
 
 def calibrated(model: str, *d: float, focal: float = 300.0) -> CameraInfo:
@@ -151,6 +179,56 @@ def calibrated(model: str, *d: float, focal: float = 300.0) -> CameraInfo:
 )
 def test_error_of_a_lens_taken_as_a_pinhole(info: CameraInfo, error: float):
     assert lens_error_rad(info) == pytest.approx(error, abs=2e-3)
+
+
+LENSES = [
+    calibrated("plumb_bob", -0.29, 0.085, 0.0008, -0.0005, 0.0, focal=385.0),
+    calibrated("plumb_bob", -0.4, 0.17, 0.0, 0.0, -0.03, focal=385.0),
+    calibrated("rational_polynomial", 0.5, -0.3, 0.001, 0.002, 0.1, 0.8, -0.2, 0.05, focal=400.0),
+    calibrated("rational_polynomial", *(0.5, -0.3, 0.001, 0.002, 0.1, 0.8, -0.2, 0.05, 0.01, 0.0, -0.01, 0.0)),
+    calibrated("equidistant", 0.02, -0.01, 0.003, -0.001),
+    calibrated("fisheye"),
+]
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: f"{lens.distortion_model} {len(lens.d)}")
+def test_directions_are_those_of_the_lens(lens: CameraInfo):
+    model = CameraModel.from_info(lens, CameraPose(height_m=1.0, pitch_rad=0.0))
+    bearings, elevations = np.meshgrid(np.linspace(-0.7, 0.7, 5), np.linspace(-0.4, 0.4, 3))
+    rays = np.stack([-np.tan(bearings), -np.tan(elevations) / np.cos(bearings), np.ones_like(bearings)], axis=-1)
+    points, k, d = rays.reshape(-1, 1, 3), np.array(lens.k).reshape(3, 3), np.array(lens.d or (0.0,) * 4)
+    project = cv2.projectPoints if lens.distortion_model in ("plumb_bob", "rational_polynomial") else _fisheye
+    pixels = project(points, np.zeros(3), np.zeros(3), k, d)[0].reshape(-1, 2)
+    for (u, v), bearing, elevation in zip(pixels, bearings.reshape(-1), elevations.reshape(-1), strict=True):
+        assert model.direction(u, v) == pytest.approx((bearing, elevation), abs=1e-4)
+    x, y = model.points(pixels[:, 0], pixels[:, 1])
+    np.testing.assert_allclose(np.stack(model.pixels(x, y), axis=1), pixels, atol=1e-2)
+
+
+def _fisheye(points: np.ndarray, turn: np.ndarray, move: np.ndarray, k: np.ndarray, d: np.ndarray):
+    return cv2.fisheye.projectPoints(points, turn, move, k, d)
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: f"{lens.distortion_model} {len(lens.d)}")
+def test_any_pixel_has_a_direction_and_points_behind_have_no_pixel(lens: CameraInfo):
+    model = CameraModel.from_info(lens, CameraPose(height_m=1.0, pitch_rad=0.1))
+    for u, v in ((0, 0), (640, 480), (-500, 900), (320, 240)):
+        assert all(map(math.isfinite, model.direction(u, v)))
+    x, _ = model.pixels(np.array([math.inf, math.nan, 0.0]), np.array([0.0, 0.0, 0.0]))
+    assert np.isfinite(x).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [calibrated("plumb_bob", 0.1, 0.1), calibrated("equidistant", 0.1, 0.1), calibrated("plumb_bob", *[math.nan] * 5)],
+)
+def test_distortion_that_does_not_fit_its_model_is_refused_by_name(bad: CameraInfo):
+    with pytest.raises(MessageError, match=rf"{bad.distortion_model}.*eye|eye.*{bad.distortion_model}"):
+        CameraModel.from_info(bad)
+
+
+def test_rectified_images_have_no_lens():
+    assert CameraModel.from_info(without_lens(LENSES[0])).lens is None
 
 
 @given(st.floats(-0.08, 0.1))

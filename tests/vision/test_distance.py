@@ -12,8 +12,10 @@ from socialbot.vision.camera import CameraModel, CameraPose
 from socialbot.vision.distance import (
     FACE_AHEAD_M,
     FACE_HEIGHT_M,
+    HIDDEN_SHARE,
     PERSON_HEIGHT_M,
     Estimate,
+    Expected,
     Figure,
     Range,
     Stature,
@@ -46,11 +48,11 @@ def box_of(model: CameraModel, distance: float, bearing: float, *, tall=1.70, wi
 
 
 def measured(
-    model: CameraModel, box, stature: Stature = PEOPLE, feet_hidden: bool = False, face: float = 0.0
+    model: CameraModel, box, stature: Stature = PEOPLE, hidden: float = HIDDEN_SHARE, face: float = 0.0
 ) -> Estimate:
     """The distance of ``box``, cut off where it touches the picture's edge."""
     cut = cut_off(np.array(box), model.width, model.height)
-    found = measure(model, box, stature, cut, feet_hidden=feet_hidden, face=face)
+    found = measure(model, box, stature, cut, hidden=hidden, face=face)
     assert found is not None
     return found.distance
 
@@ -127,7 +129,39 @@ def test_feet_behind_something_leave_width_and_bounds():
     x, y, w, h = box_of(model, 4.0, 0.0)
     half = (x, y, w, h / 2)
     assert measured(model, half).value > 5.0
-    assert measured(model, half, feet_hidden=True).value == pytest.approx(4.0, rel=0.2)
+    assert measured(model, half, hidden=0.99).value == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_whole_person_who_may_be_hidden_is_at_the_distance_of_the_feet():
+    model = camera(0.052)
+    box = box_of(model, 4.0, 0.0)
+    assert measured(model, box, hidden=0.2).value == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_box_that_shrinks_from_below_is_no_jump_away():
+    model = camera(0.052)
+    x, y, w, h = box_of(model, 8.0, 0.0)
+    short = (x, y, w, 0.75 * h)
+    alone = measured(model, short)
+    followed = measure(model, short, PEOPLE, expected=Expected(8.0, 0.04, True))
+    assert followed is not None
+    assert alone.value > 9.5
+    assert abs(followed.distance.value - 8.0) < min(2 * followed.distance.std, 1.0)
+
+
+def test_the_visible_side_of_a_person_at_the_edge_may_have_no_head():
+    model = camera(0.052)
+    _, y, w, h = box_of(model, 4.0, 0.0)
+    side = (0.0, y + 0.15 * h, 0.35 * w, 0.8 * h)
+    found = measured(model, side)
+    assert abs(found.value - 4.0) < 2 * found.std
+
+
+def test_a_face_that_is_far_too_small_is_not_this_person_s():
+    model = camera(0.052)
+    box = box_of(model, 2.0, 0.0)
+    usual = measured(model, box)
+    assert measured(model, box, face=0.17 * model.fy / 7.0).value == pytest.approx(usual.value, rel=0.1)
 
 
 def test_visible_width_bounds_the_distance():
@@ -174,7 +208,7 @@ cuts = st.builds(Cut, st.booleans(), st.booleans(), st.booleans(), st.booleans()
 def test_any_box_in_the_image_has_a_distance_and_a_head(x, y, w, h, pitch, cut, hidden):
     box = (x, y, min(w, 640 - x), min(h, 480 - y))
     model = camera(pitch)
-    seen = measure(model, box, PEOPLE, cut, feet_hidden=hidden)
+    seen = measure(model, box, PEOPLE, cut, hidden=0.7 if hidden else HIDDEN_SHARE)
     assert seen is not None
     found = seen.distance
     assert 0 < found.value < math.inf

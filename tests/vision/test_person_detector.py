@@ -26,7 +26,7 @@ from socialbot.core.messages import (
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.vision import person_detector
-from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose
+from socialbot.vision.camera import UNKNOWN_HEIGHT, UNKNOWN_PITCH, CameraModel, CameraPose, without_lens
 from socialbot.vision.camera_pose import save_pose
 from socialbot.vision.detector import Detections
 from socialbot.vision.detectors import DETECTORS, DetectorSettings, DetectorSpec
@@ -198,12 +198,36 @@ def test_pictures_of_another_size_than_camera_info_scale_it_with_one_warning(stu
     with caplog.at_level(logging.WARNING):
         person = rig.show(BLANK, 1).persons[0]
         rig.show(BLANK, 2)
-    camera = CameraModel(450, 600, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052))
+    camera = CameraModel(600, 600, 320, 240, 640, 480, CameraPose(height_m=1.62, pitch_rad=0.052))
     assert person.distance_m == pytest.approx(distance_of(camera, BOXES[0]))
     assert sum("1280x720" in record.message and "640x480" in record.message for record in caplog.records) == 1
 
 
-def test_uncalibrated_camera_info_is_refused_and_changes_nothing(stub):
+@pytest.mark.parametrize("rectified", [False, True])
+def test_distortion_is_used_unless_the_images_are_rectified(stub, rectified):
+    rig = Rig(tracker="none", rectified=rectified)
+    k = (525.0, 0.0, 320.0, 0.0, 525.0, 240.0, 0.0, 0.0, 1.0)
+    info = CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=k, d=(-0.3, 0.1, 0.0, 0.0, 0.0))
+    rig.runner.feed(INFO, info, time=0)
+    camera = CameraModel.from_info(without_lens(info) if rectified else info)
+    x, y, w, _ = BOXES[0]
+    bearing, _ = camera.direction(x + w / 2, y)
+    assert rig.show(BLANK, 1).persons[0].bearing_rad == pytest.approx(bearing)
+
+
+def test_uncalibrated_camera_info_is_told_and_changes_nothing(stub, caplog):
+    rig = Rig(tracker="none")
+    before = rig.show(BLANK, 1).persons
+    k = (0.0,) * 9
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            rig.runner.feed(INFO, CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=k), time=0)
+    assert rig.faults.failures == 0
+    assert sum("eye is not calibrated" in record.message for record in caplog.records) == 1
+    assert rig.show(BLANK, 2).persons == before
+
+
+def test_impossible_camera_info_is_refused_and_changes_nothing(stub):
     rig = Rig(tracker="none")
     before = rig.show(BLANK, 1).persons
     rig.info(focal=0.0)
@@ -344,6 +368,14 @@ def test_a_fisheye_lens_is_told_of(caplog):
         rig.runner.feed(INFO, info, time=0)
     assert [record.getMessage() for record in caplog.records if "the lens (equidistant)" in record.getMessage()] != []
     assert sum("the lens" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_an_unknown_distortion_model_is_named(caplog):
+    rig = Rig(detector="hog")
+    k = (300.0, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0)
+    info = CameraInfo(stamp=0, frame_id="eye", width=640, height=480, k=k, d=(0.1,) * 5, distortion_model="odd")
+    rig.runner.feed(INFO, info, time=0)
+    assert sum("model 'odd' is not known" in record.message for record in caplog.records) == 1
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 
+from socialbot.bags.cameras import is_rectified
 from socialbot.bags.codec import STRING
 from socialbot.bags.image_files import decode_image, open_video
 from socialbot.bags.reader import Bag, open_bag
@@ -18,7 +19,7 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError, ImageError, TruthError
 from socialbot.core.messages import CameraInfo, CompressedImage, Image
 from socialbot.core.paths import read_bytes
-from socialbot.vision.camera import CameraModel, CameraPose
+from socialbot.vision.camera import CameraModel, CameraPose, without_lens
 from socialbot.vision.depth import measure_people
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.detector import clip
@@ -85,12 +86,13 @@ class BagImages:
             depth = bag.depth_sensors_for(self.image_topic, self.depth)
             depth |= bag.transforms
             sensors = DepthSensors() if depth else None
+            rectified = is_rectified(self.image_topic)
             topics = [self.image_topic, *([info_topic.name] if info_topic else []), *depth]
             for topic, message in bag.messages(dict(zip(topics, topics, strict=True)), depth):
                 if sensors is not None and topic in depth:
                     sensors.take(message)
                 elif isinstance(message, CameraInfo):
-                    info = message
+                    info = without_lens(message) if rectified else message
                 elif isinstance(message, (Image, CompressedImage)):
                     yield EncodedImage(message.stamp, message, info, sensors=sensors)
 
