@@ -117,6 +117,16 @@ def path_of(frames: Sequence[Frame], person: str) -> Path | None:
     return Path(seconds, speed, ahead, last_m * abs(sideways) / speed if speed else 0.0)
 
 
+def strides_of(frames: Sequence[Frame], person: str) -> tuple[float, float]:
+    """Return the velocity (m/s, in the robot's base) of ``person`` in ``frames``; 0 of one who does not stride."""
+    path = path_of(frames, person)
+    if path is None or path.speed_mps < _STRIDES_MPS:
+        return 0.0, 0.0
+    places = [place for frame in frames if (look := frame.near.get(person)) and (place := place_of(look))]
+    (x0, y0), (x1, y1) = places[0], places[-1]
+    return (x1 - x0) / path.seconds, (y1 - y0) / path.seconds
+
+
 def slower(path: Path | None, longer: Path | None) -> Path | None:
     """Return the slower of two paths. Errors of distances can make a standing person seem to walk for a moment."""
     if path is None or longer is None:
@@ -126,14 +136,16 @@ def slower(path: Path | None, longer: Path | None) -> Path | None:
 
 def is_undecided(person: PersonDetection, path: Path | None, *, faces: bool) -> bool:
     """Whether more frames will tell if a person attends to the robot, by a path or, with ``faces``, by a face."""
-    if person.facing_rad is not None or not is_placed(person):
+    if person.facing_rad is not None or place_of(person) is None:
         return False
     return path is None or (faces and (path.speed_mps < _WALKS_MPS or path.seconds < _SURE_S))
 
 
-def is_placed(person: PersonDetection) -> bool:
-    """Whether it is known where a person is."""
-    return person.distance_m is not None and person.bearing_rad is not None
+def place_of(person: PersonDetection) -> tuple[float, float] | None:
+    """Return where a person is (m, in the robot's base); None if it is not known."""
+    if person.distance_m is None or person.bearing_rad is None:
+        return None
+    return person.distance_m * math.cos(person.bearing_rad), person.distance_m * math.sin(person.bearing_rad)
 
 
 def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> tuple[bool, str]:
@@ -264,20 +276,10 @@ def _pairs(standing: Mapping[str, _Standing]) -> dict[str, tuple[str, float]]:
 
 
 def _standing(frames: Sequence[Frame], person: str) -> _Standing | None:
-    looks = [
-        look
-        for frame in frames
-        if (look := frame.near.get(person)) and look.distance_m is not None and look.bearing_rad is not None
-    ]
-    if len(looks) < 0.6 * len(frames):
+    found = [(look, place) for frame in frames if (look := frame.near.get(person)) and (place := place_of(look))]
+    if len(found) < 0.6 * len(frames):
         return None
-    places = [
-        (
-            (look.distance_m or 0.0) * math.cos(look.bearing_rad or 0.0),
-            (look.distance_m or 0.0) * math.sin(look.bearing_rad or 0.0),
-        )
-        for look in looks
-    ]
+    looks, places = [look for look, _ in found], [place for _, place in found]
     half = len(places) // 2
     (x0, y0), (x1, y1) = (_mean(part) for part in (places[:half], places[half:]))
     # Between the means of both halves lies half of the time.

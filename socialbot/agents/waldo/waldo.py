@@ -18,10 +18,11 @@ from socialbot.agents.waldo.encounters import (
     Frame,
     attention,
     in_base,
-    is_placed,
     is_undecided,
     path_of,
+    place_of,
     slower,
+    strides_of,
     view_of,
 )
 
@@ -199,7 +200,8 @@ class PersonSensor(Sensor):
         self._conversations = Conversations()
         self._seen_at: dict[str, int] = {}  # time (ns) of the last frame that shows each of them
         self._bearings: dict[str, float | None] = {}  # where each of them was last, from the robot's base,
-        self._places: dict[str, tuple[float, float]] = {}  # and in m
+        self._places: dict[str, tuple[float, float]] = {}  # and in m,
+        self._strides: dict[str, tuple[float, float]] = {}  # and how they walked when they were lost from sight (m/s)
         self._gone: dict[str, int] = {}  # time (ns) at which each of them left
         self._lost: tuple[str, ...] = ()  # those present at the last loss of detections
         self._alone: bool | None = None  # None at first, and after a loss of detections
@@ -267,6 +269,7 @@ class PersonSensor(Sensor):
             self._conversations,
             self._bearings,
             self._places,
+            self._strides,
             self._seen_at,
         ):
             memory.clear()
@@ -321,16 +324,16 @@ class PersonSensor(Sensor):
                     yield from ((+returned(person, one)).because(same.format(one)) for one in lost)
 
     def _same_place(self, person: str, now: int) -> str | None:
-        """Return the person who vanished a moment ago where ``person`` has appeared, if there is one."""
+        """Return who vanished a moment ago where ``person`` has appeared, or on the way there, if there is one."""
         here = self._places.get(person)
-        latest = self._frames[-1].near
         if here is None:
             return None
-        near = [
-            (math.dist(here, place), other)
-            for other, place in self._places.items()
-            if other not in latest and 0 < now - self._seen_at[other] < nanoseconds(_RENAMED_S)
-        ]
+        near = []
+        for other, (x, y) in self._places.items():
+            if other not in self._frames[-1].near and 0 < now - self._seen_at[other] < nanoseconds(_RENAMED_S):
+                seconds = (now - self._seen_at[other]) / SECOND
+                vx, vy = self._strides.get(other, (0.0, 0.0))
+                near.append((math.dist(here, (x + vx * seconds, y + vy * seconds)), other))
         distance, other = min(near, default=(math.inf, None))
         return other if distance < _RENAMED_M else None
 
@@ -345,7 +348,7 @@ class PersonSensor(Sensor):
             looks = [look for frame in frames if (look := frame.near.get(person))]
             if not looks:
                 continue
-            engaged, placed = person in self._engaged, is_placed(looks[-1])
+            engaged, placed = person in self._engaged, place_of(looks[-1]) is not None
             path = slower(path_of(frames, person), path_of(self._recent(_DECIDE_S), person))
             is_new = now - max(self._changed.get(person, 0), self._in_view.get(person, 0)) < nanoseconds(_DECIDE_S)
             hidden = placed and not engaged and person not in frames[-1].near
@@ -388,12 +391,9 @@ class PersonSensor(Sensor):
         by_id = {p.track_id or SOMEBODY: p for p in near}
         self._frames.append(Frame(percept.stamp, by_id, len(near), view_of(percept)))
         self._bearings |= {p.track_id or SOMEBODY: p.bearing_rad for p in near}
-        self._places |= {
-            p.track_id: (p.distance_m * math.cos(p.bearing_rad), p.distance_m * math.sin(p.bearing_rad))
-            for p in near
-            if p.track_id and p.distance_m is not None and p.bearing_rad is not None
-        }
+        self._places |= {p.track_id: place for p in near if p.track_id and (place := place_of(p))}
         before = self._frames[-2].near if len(self._frames) > 1 else {}
+        self._strides |= {p: strides_of(self._recent(_DECIDE_S), p) for p in before if p not in by_id}
         for person in self._frames[-1].near:
             if person not in before and percept.stamp - self._seen_at.get(person, -math.inf) > nanoseconds(_GAP_S):
                 self._in_view[person] = percept.stamp
@@ -407,6 +407,7 @@ class PersonSensor(Sensor):
             del self._seen_at[person], self._bearings[person]
             self._in_view.pop(person, None)
             self._places.pop(person, None)
+            self._strides.pop(person, None)
 
     def _recent(self, seconds: float) -> list[Frame]:
         begin = self._frames[-1].stamp - nanoseconds(seconds)

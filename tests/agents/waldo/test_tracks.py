@@ -305,8 +305,37 @@ def test_a_hidden_person_begins_to_engage_only_in_view():
     assert corridor.said == [GREETING]
 
 
+@pytest.mark.parametrize(
+    ("begin_m", "speed_mps", "hidden_s", "appears_m", "is_same"),
+    [
+        (4.0, 0.0, 3.0, 4.0, True),
+        (4.0, 0.0, 3.0, 5.2, False),
+        (5.8, -1.0, 1.5, 2.8, True),
+        (5.8, -1.0, 1.5, 4.4, False),
+        (3.0, 1.2, 3.0, 5.2, False),
+        (4.0, 0.3, 3.0, 4.5, True),
+    ],
+    ids=["stood", "stood elsewhere", "on the way", "not on the way", "walked out at the same door", "shifted"],
+)
+def test_a_new_track_goes_on_where_the_person_would_be(begin_m, speed_mps, hidden_s, appears_m, is_same):
+    sensor = PersonSensor(WaldoConfig())
+    for tenth in range(16):
+        sensed(sensor, tenth, at("t1", begin_m + speed_mps * tenth / 10, 0.1))
+    begin = 16 + round(10 * hidden_s)
+    for tenth in range(16, begin):
+        sensed(sensor, tenth)
+    changes = [
+        change
+        for tenth in range(begin, begin + 10)
+        for change in sensed(sensor, tenth, at("t2", appears_m + min(speed_mps, 0.0) * (tenth - begin) / 10, 0.1))
+    ]
+    assert '+present("t2")' in changes
+    assert ('+returned("t2", "t1")' in changes) == is_same
+
+
 def test_sensor_memory_is_bounded():
     sensor = PersonSensor(WaldoConfig())
     for tenth in range(3000):
         sensed(sensor, tenth, f"t{tenth // 10}")
     assert len(sensor._changed) < 20
+    assert len(sensor._strides) < 20
