@@ -199,8 +199,11 @@ class TermReader:
         """Convert a term to one side of a comparison; a condition in parentheses is a term."""
         if is_condition(value) and self.words[start] != "(":
             self.fail("a term to compare", start)
-        if is_plain_structure(value) and "." in value.functor and self.words[start][0] != "'":
+        is_quoted = self.words[start][0] == "'"
+        if is_plain_structure(value) and "." in value.functor and not is_quoted:
             return Call(value.functor, *value.args)
+        if isinstance(value, Literal) and value.args and "." in value.functor and is_quoted:
+            value.functor = value.functor.strip("'")  # the quotes tell it from a call, and are no part of the name
         return value
 
     # Terms

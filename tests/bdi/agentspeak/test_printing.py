@@ -34,3 +34,10 @@ def test_a_printed_item_parses_to_an_equal_item(kind, data):
     items, read = KINDS[kind]
     item = data.draw(items)
     assert shape(read(agentspeak(item))) == shape(item)
+
+
+@pytest.mark.parametrize("text", ["+a : 'f.g'(0) > 1", "+a : math.pi > 'f.g'(0)", "+a : [] > 'f.g'(0)[0]"])
+def test_quotes_tell_a_structure_with_a_dot_from_a_call(text):
+    plan = parse_plan(text)
+    assert shape(parse_plan(agentspeak(plan))) == shape(plan)
+    assert "'f.g'(0)" in agentspeak(plan)
