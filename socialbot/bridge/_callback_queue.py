@@ -120,7 +120,7 @@ class InputQueue:
 
 
 def _data_bytes(message: Message) -> int:
-    """Size of the field ``data`` of a message, which holds what is large; 0 without one."""
+    """Return the size of the field ``data`` of a message, such as the pixels of an image; 0 without such a field."""
     data = getattr(message, "data", None)
     if isinstance(data, str):
         return len(data)

@@ -17,15 +17,6 @@ from tests.system.running import eventually
 pytestmark = pytest.mark.ros
 
 
-class Time:
-    """A clock that is set."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
 def handlers() -> Any:
     with ros_context() as context:
@@ -36,26 +27,26 @@ def handlers() -> Any:
 
 
 def test_event_handlers_wait_for_the_next_poll(handlers):
-    time = Time()
-    group = PollingGroup(time)
+    now = 100.0
+    group = PollingGroup(lambda: now)
     assert handlers
     assert all(group.can_execute(each) for each in handlers)
-    time.now += 0.9 * POLL_S
+    now += 0.9 * POLL_S
     assert all(group.can_execute(each) for each in handlers)
-    time.now += 0.2 * POLL_S
+    now += 0.2 * POLL_S
     assert not any(group.can_execute(each) for each in handlers)
-    time.now = 100.0 + POLL_PERIOD_S
+    now = 100.0 + POLL_PERIOD_S
     assert all(group.can_execute(each) for each in handlers)
-    time.now += 1.1 * POLL_S
+    now += 1.1 * POLL_S
     assert not any(group.can_execute(each) for each in handlers)
 
 
 def test_other_entities_never_wait():
-    time = Time()
-    group = PollingGroup(time)
+    now = 100.0
+    group = PollingGroup(lambda: now)
     for _ in range(3):
         assert group.can_execute(object())
-        time.now += POLL_S
+        now += POLL_S
 
 
 def test_both_sides_of_an_incompatible_connection_learn_of_it():

@@ -14,7 +14,7 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 
 _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
-_STANDS_M = 3.2  # where faces are detected, a person who stands farther away must also face the robot to engage
+_STANDS_M = 3.2  # where faces are detected, people who stand farther away engage only if they face the robot
 _REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
 PATH_S, _SURE_S = 0.3, 0.55  # least time to measure a path, and to be sure of it where a face may tell more
 _VIEW_EDGE_RAD = 0.12  # people this near to the edge of the view may be cut off
