@@ -34,6 +34,7 @@ _SOURCES: Mapping[PoseSource, str] = {
 _USUAL_HEIGHT_M, _USUAL_PITCH_RAD = 1.25, 0.05
 _HEIGHT_SPREAD, _PITCH_SPREAD = 0.45, 0.15  # Standard deviations of log height and pitch (rad) of unknown cameras.
 
+_BENT_RAD = 0.05  # Largest change of the field of view by a lens that is nearly straight.
 _SAME_SHAPE = 0.02  # Logarithm of the ratio of two shapes of images that are the same, but for rounded sizes.
 
 UNKNOWN_HEIGHT, UNKNOWN_PITCH = 0.0, 2.0
@@ -216,12 +217,15 @@ class CameraModel:
     def turn_from(self, before: CameraModel) -> np.ndarray | None:
         """Homography (3, 3) that moves far points of an image of the camera ``before`` to where this one shows them.
 
-        None if the direction of either is unknown.
+        None if the direction of either is unknown, or the lens bends the image too much for a homography.
         """
-        if self.yaw_rad is None or before.yaw_rad is None:
+        if self.yaw_rad is None or before.yaw_rad is None or self._is_bent() or before._is_bent():
             return None
         turn = _rotation(self.pose, self.yaw_rad).T @ _rotation(before.pose, before.yaw_rad)
         return self._intrinsics() @ turn @ np.linalg.inv(before._intrinsics())
+
+    def _is_bent(self) -> bool:
+        return self.lens is not None and abs(self.hfov_rad - replace(self, lens=None).hfov_rad) > _BENT_RAD
 
     def _intrinsics(self) -> np.ndarray:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])

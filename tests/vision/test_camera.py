@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from socialbot.core.errors import MessageError, ParameterError
 from socialbot.core.messages import CameraInfo
 from socialbot.vision.camera import CameraModel, CameraPose, lens_error_rad, without_lens
+from socialbot.vision.lens import Lens
 from socialbot.vision.motion import moved
 
 PITCHES = [0.0, 0.052, 0.2, 0.4]
@@ -76,6 +77,30 @@ def test_turn_needs_both_directions():
     known, unknown = replace(camera(), yaw_rad=0.1), camera()
     assert known.turn_from(unknown) is None
     assert unknown.turn_from(known) is None
+
+
+@pytest.mark.parametrize(
+    ("lens", "is_known"),
+    [
+        (None, True),
+        (Lens(False, (-0.02, 0.0, 0.0, 0.0, 0.0)), True),
+        (Lens(False, (-0.3, 0.1, 0.0, 0.0, 0.0)), False),
+        (Lens(True, (0.0, 0.0, 0.0, 0.0)), False),
+    ],
+    ids=["pinhole", "slightly bent", "strongly bent", "fisheye"],
+)
+def test_turn_moves_the_edges_rightly_or_is_unknown(lens, is_known):
+    before = CameraModel(
+        300.0, 300.0, 320.0, 240.0, 640, 480, CameraPose(height_m=1.2, pitch_rad=0.0), yaw_rad=0.1, lens=lens
+    )
+    after = replace(before, yaw_rad=0.0)
+    turn = after.turn_from(before)
+    assert (turn is not None) == is_known
+    if turn is not None:
+        for edge in ((5.0, 20.0), (600.0, 240.0), (320.0, 460.0)):
+            (there,) = moved(turn, np.array([edge]))
+            bearing, elevation = before.direction(*edge)
+            assert after.direction(*there) == pytest.approx((bearing + 0.1, elevation), abs=0.02)
 
 
 def info(k: tuple[float, ...], width: int = 640, height: int = 480) -> CameraInfo:
