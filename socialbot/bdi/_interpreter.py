@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
-from socialbot.bdi._messaging import Messaging
+from socialbot.bdi._messaging import Messaging, WaitingMessage
 from socialbot.bdi._relations import Annotations, Args, Relation
 from socialbot.bdi.belief_base import BeliefBase, is_source
 from socialbot.bdi.intentions import (
@@ -259,7 +259,7 @@ class Interpreter:
                     if trigger is not None:
                         queue((trigger, args, notes, cause))
                     continue
-            elif hasattr(item, "waits") and item.waits(len(self.events) - waiting):
+            elif item.__class__ is WaitingMessage and item.waits(len(self.events) - waiting):
                 inbox.appendleft(item)
                 return
             else:

@@ -223,11 +223,12 @@ class Messaging:
 
 def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
     """Post a message to an agent; agents share no variables."""
-    receiver.call(_Message(receiver.messaging.receive, sender, act, detached(content), cause, reply))
+    message = functools.partial if act == "tell" else WaitingMessage
+    receiver.call(message(receiver.messaging.receive, sender, act, detached(content), cause, reply))
 
 
-class _Message(functools.partial[None]):
-    """Posted message."""
+class WaitingMessage(functools.partial[None]):
+    """Posted message other than a belief, which waits until the agent has handled the messages before it."""
 
     turns: int | None = None
     """Turns that it waits for."""
@@ -238,7 +239,7 @@ class _Message(functools.partial[None]):
         In Jason an agent reads one message in a turn, and sends one: two turns let a plan for an event begin.
         """
         if self.turns is None:
-            self.turns = 0 if self.args[1] == "tell" else 2 * events + 1
+            self.turns = 2 * events + 1
         self.turns -= 1
         return self.turns > 0
 
