@@ -17,9 +17,10 @@ from socialbot.core.errors import MessageError
 from socialbot.core.messages import CameraInfo
 
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")
-_RADIAL = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14)}
-LENS_MODELS = (*_RADIAL, *_FISHEYE)
+LENS_MODELS = ("plumb_bob", "rational_polynomial", *_FISHEYE)
 """The distortion models that are known."""
+_COUNTS, _FISHEYE_COUNTS = (4, 5, 8, 12, 14), (0, 4)
+"""Possible numbers of coefficients. Drivers publish a plumb_bob with eight, too: its number tells its meaning."""
 
 _WIDEST_RAD = 1.5  # Directions farther aside have no place on the plane.
 _ANGLES = np.linspace(0.0, _WIDEST_RAD, 1000)
@@ -55,14 +56,16 @@ class Lens:
         fisheye = info.distortion_model in _FISHEYE
         if not is_known(info) or not (fisheye or any(info.d)):
             return None
-        counts = (0, 4) if fisheye else _RADIAL[info.distortion_model]
-        if len(info.d) not in counts or not all(map(math.isfinite, info.d)):
+        counts = _FISHEYE_COUNTS if fisheye else _COUNTS
+        count = max((each for each in counts if each <= len(info.d)), default=-1)
+        # Some drivers publish further coefficients, which are 0.
+        if count < 0 or any(info.d[count:]) or not all(map(math.isfinite, info.d)):
             raise MessageError(
                 f"d = {list(info.d)} is no distortion of the model {info.distortion_model}",
                 where=f"camera_info of {info.frame_id or 'a camera without a frame'}",
-                remedy=f"calibrate the camera: the model has {' or '.join(map(str, counts[-2:]))} finite coefficients",
+                remedy=f"calibrate the camera: the model has {' or '.join(map(str, counts))} finite coefficients",
             )
-        return cls(fisheye, info.d or (0.0,) * 4)
+        return cls(fisheye, tuple(info.d[:count]) or (0.0,) * 4)
 
     @cached_property
     def _radii(self) -> np.ndarray:

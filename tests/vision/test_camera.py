@@ -213,6 +213,10 @@ LENSES = [
     calibrated("rational_polynomial", *(0.5, -0.3, 0.001, 0.002, 0.1, 0.8, -0.2, 0.05, 0.01, 0.0, -0.01, 0.0)),
     calibrated("equidistant", 0.02, -0.01, 0.003, -0.001),
     calibrated("fisheye"),
+    # As drivers publish them: of the Gemini 336L by Orbbec, of the T265 by RealSense, and of a ZenPhone by Tango.
+    calibrated("plumb_bob", -0.030605, 0.035201, -0.000138, -0.000146, -0.01204, 0.0, 0.0, 0.0),
+    calibrated("equidistant", -0.0043482, 0.0371257, -0.0355394, 0.005773, 0.0),
+    calibrated("rational_polynomial", 0.0937095, -0.1640722, 0.0, 0.0, 0.1224193),
 ]
 
 
@@ -222,6 +226,8 @@ def test_directions_are_those_of_the_lens(lens: CameraInfo):
     bearings, elevations = np.meshgrid(np.linspace(-0.7, 0.7, 5), np.linspace(-0.4, 0.4, 3))
     rays = np.stack([-np.tan(bearings), -np.tan(elevations) / np.cos(bearings), np.ones_like(bearings)], axis=-1)
     points, k, d = rays.reshape(-1, 1, 3), np.array(lens.k).reshape(3, 3), np.array(lens.d or (0.0,) * 4)
+    if lens.distortion_model in ("equidistant", "fisheye"):
+        d = d[:4]
     project = cv2.projectPoints if lens.distortion_model in ("plumb_bob", "rational_polynomial") else _fisheye
     pixels = project(points, np.zeros(3), np.zeros(3), k, d)[0].reshape(-1, 2)
     for (u, v), bearing, elevation in zip(pixels, bearings.reshape(-1), elevations.reshape(-1), strict=True):
@@ -245,7 +251,14 @@ def test_any_pixel_has_a_direction_and_points_behind_have_no_pixel(lens: CameraI
 
 @pytest.mark.parametrize(
     "bad",
-    [calibrated("plumb_bob", 0.1, 0.1), calibrated("equidistant", 0.1, 0.1), calibrated("plumb_bob", *[math.nan] * 5)],
+    [
+        calibrated("plumb_bob", 0.1, 0.1),
+        calibrated("plumb_bob", *[0.1] * 6),
+        calibrated("equidistant", 0.1, 0.1),
+        calibrated("equidistant", *[0.1] * 5),
+        calibrated("plumb_bob", *[math.nan] * 5),
+        calibrated("equidistant", 0.1, 0.1, 0.1, 0.1, math.nan),
+    ],
 )
 def test_distortion_that_does_not_fit_its_model_is_refused_by_name(bad: CameraInfo):
     with pytest.raises(MessageError, match=rf"{bad.distortion_model}.*eye|eye.*{bad.distortion_model}"):
