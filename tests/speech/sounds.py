@@ -20,7 +20,7 @@ from socialbot.speech.synthesis import Synthesizer
 
 @functools.cache
 def spoken(text: str, voice: str = "en-us") -> np.ndarray:
-    """Speech of espeak-ng as the recogniser takes it; the test is skipped where PyAV, which converts its rate, is missing."""
+    """Speech of espeak-ng as the recogniser takes it. Skips the test where PyAV is missing, which converts the rate."""
     pytest.importorskip("av")
     sound = Synthesizer(voice).say(text)
     return Converter(sound.sample_rate, 1).push(sound.samples[:, None])
