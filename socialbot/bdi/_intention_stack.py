@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 _number = attrgetter("number")
 
 MAX_CHAIN = 64
-"""Maximum length of a chain of plans with a single goal that is followed in one step."""
+"""Maximum length of a chain of plans with a single goal that is followed in one step, if no other work waits."""
 
 
 class IntentionStack:
@@ -296,6 +296,9 @@ class IntentionStack:
                 return self._take_on(intention, goal, plan, result)
             self.replace_goal(intention, goal, plan)
             request = result
+            others = interpreter.events or interpreter.inbox or interpreter.peers or self.ready
+            if others and not intention.atomic:
+                break
         intention.frames.append((asking_for(request), None, None))
         self.turn_may_end = True
         return None

@@ -41,7 +41,10 @@ if TYPE_CHECKING:
 
 
 STEPS, STEPS_WITH_TIMERS = 32, 8
-"""Maximum number of steps in a turn of the only runnable intention, without and with timers to check in between."""
+"""Maximum number of steps in a turn of the only runnable intention, without and with timers to check in between.
+
+In a society the turn ends after a step if another agent has work to do.
+"""
 
 
 class entered(Reactor):  # noqa: N801 - written like a belief
@@ -57,13 +60,14 @@ class Interpreter:
         cause: Trace record of the current internal action.
         action: Trace record of the last action.
         heap: Timers, for the code of plans.
+        peers: Queue of the agents of the society that have work to do.
         signalled: Whether the wake-up of the engine was called since the last turn.
     """
 
     __slots__ = (
         "_parts", "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
-        "messaging", "now", "others", "pool", "random", "ready", "relations", "signalled", "stage", "timers", "trace",
-        "triggers",
+        "messaging", "now", "others", "peers", "pool", "random", "ready", "relations", "signalled", "stage", "timers",
+        "trace", "triggers",
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
@@ -73,6 +77,7 @@ class Interpreter:
         self.inbox: deque[Any] = deque()
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
         self.others: Collection[Any] = ()
+        self.peers: deque[Engine] = deque()
         self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
         self.relations = self.beliefs.relations
         self.intentions = IntentionStack(self)
@@ -284,7 +289,7 @@ class Interpreter:
             return
         inbox, events, ready, heap, intentions, awaited, due, trace, _ = self._parts
         intentions.running = intention
-        frames = intention.frames
+        frames, peers = intention.frames, self.peers
         self.others = events
         body, goal, plan = frame = frames[-1]
         try:
@@ -351,7 +356,7 @@ class Interpreter:
                             body, goal, plan = frame
                             frames.append(frame)
                             result = NEXT
-                            if (ready or events or inbox) and not intention.atomic:
+                            if (ready or events or inbox or peers) and not intention.atomic:
                                 ready.append(intention)
                                 return
                             continue
@@ -397,7 +402,11 @@ class Interpreter:
                     return
                 if intention.suspended or intention.pause is not None:
                     return
-                if turn_may_end and (ready or events or inbox or (due and intention.stepwise)) and not intention.atomic:
+                if (
+                    turn_may_end
+                    and (ready or events or inbox or peers or (due and intention.stepwise))
+                    and not intention.atomic
+                ):
                     ready.append(intention)
                     return
                 body, goal, plan = frame = frames[-1]

@@ -241,8 +241,9 @@ class Engine:
         self.interpreter.post(function)
 
     def stop(self) -> None:
-        """End `run`."""
+        """End `run`, after the current step of the agent."""
         self._stopping = True
+        self.interpreter.peers.append(self)  # ends the turn of a looping agent
         self.interpreter.signal()
 
     # For the engine's thread

@@ -79,6 +79,7 @@ class Society:
         self.agents[agent.name] = agent
         agent.messaging.society = self
         agent.wake = functools.partial(self._woken, agent)
+        agent.interpreter.peers = self._ready
         agent.interpreter.signalled = True
         self._ready.append(agent)
         if self.environment is not None:
@@ -90,6 +91,7 @@ class Society:
         agent = self.agents.pop(name, None)
         if agent is not None:
             agent.messaging.society = agent.wake = None
+            agent.interpreter.peers = deque()
             self._asleep.discard(agent)
             for names in (*self.services.values(), *self.subscribers.values()):
                 names.pop(name, None)
@@ -167,7 +169,7 @@ class Society:
     def run_until_idle(self, budget: int = 1_000_000, turns: int = 4) -> bool:
         """Run ready agents for ``turns`` turns each, at most ``budget`` visits; return whether work remains."""
         ready, timers, asleep = self._ready, self._timers, self._asleep
-        while budget > 0:
+        while budget > 0 and not (self.stopping and self._wakeup is not None):
             if timers and timers[0][0] <= self.clock.now():
                 self._queue_due()
             if not ready:
@@ -205,8 +207,8 @@ class Society:
         """Time (ns) of the next timer of an agent; None without timers."""
         return self._timers[0][0] if self._timers else None
 
-    def run(self, *, linger: bool = True, seconds: float | None = None) -> None:
-        """Run until `stop`, at most ``seconds``, and sleep while no work is pending.
+    def run(self, *, linger: bool = True, seconds: float | None = None) -> bool:
+        """Run until `stop`, at most ``seconds``, and sleep while no work is pending; return whether `stop` ended it.
 
         The clock must advance by itself. With ``linger=False`` it returns once no work and no timers remain.
         """
@@ -217,23 +219,25 @@ class Society:
             while not self.stopping:
                 busy = self.run_until_idle(VISITS)
                 if end is not None and self.clock.now() >= end:
-                    return
+                    return self.stopping
                 if busy or self.stopping:
                     continue
                 due = self.next_wakeup()
                 if due is not None:
                     check_running(self.clock, "the society")
                 if due is None and not linger and not any(agent.interpreter.inbox for agent in self.agents.values()):
-                    return
+                    return False
                 times = [time for time in (end, due) if time is not None]
                 wakeup.wait((min(times) - self.clock.now()) / SECOND if times else None)
+            return True
         finally:
             self._wakeup = None
             self.stopping = False
 
     def stop(self) -> None:
-        """End `run`, from any thread."""
+        """End `run`, from any thread, after the current steps of the agents."""
         self.stopping = True
+        self._ready.extend(list(self.agents.values())[:1])  # ends the turn of a looping agent
         self._ring()
 
     def _woken(self, agent: Engine) -> None:

@@ -146,11 +146,12 @@ def run(
                 signal.signal(number, lambda *_: society.stop())
             if steps is not None:
                 _run_steps(society, steps, until)
+                stopped = True
             else:
-                society.run(linger=world is not None and world.lingers, seconds=until)
+                stopped = society.run(linger=world is not None and world.lingers, seconds=until)
     if world is not None:
         world.stop()
-    if steps is None and until is None and not society.stopping:
+    if until is None and not stopped:
         for engine in society.agents.values():
             for intention in list(engine.intentions)[:3]:
                 errors.print(f"{engine.name} still waits: {intention}", style="dim", soft_wrap=True, markup=False)

@@ -62,6 +62,15 @@ def test_stop_ends_a_sleeping_and_a_busy_engine(waits):
         assert live.arrived.wait(60)
 
 
+def test_stop_ends_the_loop_of_an_agent_after_its_current_step():
+    said: list[str] = []
+    engine = Engine("loop", WallClock())
+    engine.out = said.append
+    engine.add_text("!l(0). +!l(20) <- .stopMAS; !l(21). +!l(X) : X < 10000 <- .print(X); !l(X + 1).")
+    engine.run()
+    assert len(said) < 50
+
+
 def test_item_posted_just_before_sleep_wakes_the_engine():
     lab = Lab()
     engine = Engine("tired", WallClock(), robot=lab)

@@ -61,6 +61,35 @@ def test_an_agent_that_never_rests_leaves_others_their_turn():
     assert mas.lines == ["100"]
 
 
+LOOPS = {
+    "last goal": "!l(0). +!l(X) : not stop <- .print(X); .send(b, tell, y(X)); !l(X + 1). +!l(X).",
+    "last goal with a failure plan": (
+        "!l(0). +!l(X) : not stop <- .print(X); .send(b, tell, y(X)); !l(X + 1). -!l(X) <- .print(failed)."
+    ),
+    "new intention": "!l(0). +!l(X) : not stop <- .print(X); .send(b, tell, y(X)); !!l(X + 1). +!l(X).",
+    "plans of one goal": (
+        "!l(0). +!l(X) <- !m(X). +!m(X) : not stop <- .print(X); .send(b, tell, y(X)); !l(X + 1). +!m(X)."
+    ),
+    "broadcast": "!l(0). +!l(X) : not stop <- .print(X); .broadcast(tell, y(X)); !l(X + 1). +!l(X).",
+    "achieve": "!l(0). +!l(X) : not stop <- .print(X); .send(b, achieve, y(X)); !l(X + 1). +!l(X).",
+    "while": "!l. +!l <- +n(0); while (n(X) & not stop) { .print(X); .send(b, tell, y(X)); -+n(X + 1) }.",
+}
+
+
+@pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS.keys())
+def test_an_agent_in_a_loop_is_not_ahead_of_the_agent_that_it_writes_to(loop: str):
+    mas = Mas(a=loop, b="+y(0) <- .send(a, tell, stop). +!y(0) <- .send(a, tell, stop). +!y(X).")
+    assert len(mas.until(1).lines) <= 10
+
+
+def test_agents_in_loops_are_equally_fast():
+    count = "!c(0). +!c(X) <- -+n(X); !c(X + 1)."
+    mas = Mas(a=count, b=count)
+    mas.society.run_until_idle(100)
+    a, b = (next(agent.query(literal("n", (X,))))["X"] for agent in (mas.a, mas.b))
+    assert abs(a - b) <= 10 < a
+
+
 def test_names_are_taken_once():
     society = Society(ManualClock())
     society.add("a")
@@ -223,6 +252,21 @@ def test_an_agent_ends_the_running_of_all(step):
     running.thread.join(60)
     assert not running.thread.is_alive()
     assert running.noted == ["x"]
+
+
+def test_loops_end_with_the_society():
+    running = Running()
+    running.add("a", text="!l(0). +!l(X) : X < 10000 <- .print(X); .send(b, tell, y(X)); !l(X + 1).")
+    running.add("b", text="+y(20) <- .stopMAS.")
+    assert running.society.run()
+    assert len(running.noted) <= 40
+
+
+def test_the_loop_of_a_single_agent_ends_with_the_society():
+    running = Running()
+    running.add("a", text="!l(0). +!l(20) <- .stopMAS; !l(21). +!l(X) : X < 10000 <- .print(X); !l(X + 1).")
+    assert running.society.run()
+    assert len(running.noted) <= 24
 
 
 def test_now_is_the_time_of_the_society():

@@ -84,6 +84,8 @@ def test_reports_waiting_intentions_at_the_end(written):
     ended = socialbot("run", *written(ann="!b. +!b <- .wait({+never})."))
     assert "ann still waits" in ended.stderr
     assert ended.returncode == 0
+    stopped = socialbot("run", *written(ann="!b. !c. +!b <- .wait({+never}). +!c <- .wait(10); .stopMAS."))
+    assert "still waits" not in stopped.stderr
 
 
 def test_limits_of_steps_and_seconds(written):
