@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from evaluation.faults_plan import Plan
 from evaluation.faults_scene import ACTIONS, ARRIVED, DETECTIONS, HEAD, SAY, TAKEN, Scene, scene
 from evaluation.faults_watch import DIAGNOSTICS, Heard
+from evaluation.hosts import N
 from evaluation.report import Report, percentile
 
 MS = 1e6
@@ -84,7 +85,7 @@ class Stretch:
     detector_p99_ms: float
 
 
-def measure(scene: Scene, seconds: float) -> Stretch:
+def measure(scene: Scene[N], seconds: float) -> Stretch:
     """Measure for ``seconds``."""
     cpu_s, clock_s, begin = scene.cpu_s("robot"), time.monotonic(), time.time_ns()
     time.sleep(seconds)
@@ -109,7 +110,7 @@ def measure(scene: Scene, seconds: float) -> Stretch:
     )
 
 
-def own_latencies_ms(scene: Scene) -> list[float]:
+def own_latencies_ms(scene: Scene[N]) -> list[float]:
     """Return the times (ms) from Waldo's decision to the command, for speech and head motion."""
     return [(one.at - one.stamp) / MS for one in scene.heard("robot", SAY, HEAD)]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from evaluation.faults_plan import Plan
 from evaluation.faults_scene import ACTIONS, ARRIVED, GREETING, HEAD, MOTION, TRACE, Scene, scene
 from evaluation.faults_watch import Heard
+from evaluation.hosts import TwoHosts
 from evaluation.report import Report
 from socialbot.core.clock import SECOND
 
@@ -51,7 +52,7 @@ def is_centred(motion: Heard) -> bool:
     return all(abs(position) < CENTRED_RAD for position in motion.said["positions"])
 
 
-def judged(scene: Scene, begin: int, end: int) -> Outage:
+def judged(scene: Scene[TwoHosts], begin: int, end: int) -> Outage:
     """Return the current observations of the outage from ``begin`` to ``end``."""
     silences = [
         one.stamp
@@ -74,7 +75,7 @@ def judged(scene: Scene, begin: int, end: int) -> Outage:
     )
 
 
-def suffer(scene: Scene, seconds: float) -> Outage:
+def suffer(scene: Scene[TwoHosts], seconds: float) -> Outage:
     """Cut the link for ``seconds``, and wait until the head follows people again, up to a limit."""
     begin = time.time_ns()
     scene.hosts.cut()

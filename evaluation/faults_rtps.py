@@ -14,9 +14,9 @@ import psutil
 
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.faults_processes import await_
+from evaluation.hosts import ROBOT, WORKSTATION, Host, NoHostsError, two_hosts
 from evaluation.report import Report, Value
 from evaluation.rtps_attack import ATTACKS
-from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, two_hosts
 from socialbot.bridge.environment import wait_for
 from socialbot.bridge.keys import new_key
 

@@ -13,15 +13,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Generic
 
 import cv2
 
 from evaluation.faults_plan import Skipped
 from evaluation.faults_watch import Heard, heard
-from evaluation.two_hosts import ROBOT, WORKSTATION, Host, NoHostsError, TwoHosts, two_hosts
+from evaluation.hosts import Host, N, NoHostsError, TwoHosts, two_hosts
 from socialbot.bags.reader import open_bag
 from socialbot.bridge.keys import new_key
 from socialbot.core.errors import NodeError
@@ -42,7 +43,8 @@ SAY, SPEECH, HEAD, MOTION = "/speech/say", "/speech/status", "/head/command", "/
 HEALTH = "/health"
 WATCHED = {
     "robot": (TAKEN, ACTIONS, SAY, SPEECH, HEAD, MOTION, HEALTH),
-    "workstation": (ARRIVED, DETECTIONS, TRACE),
+    "workstation": (ARRIVED, DETECTIONS, TRACE, HEALTH),
+    "second": (SAY, SPEECH, HEALTH),
 }
 
 GRAPH = """
@@ -61,12 +63,11 @@ nodes:
 """
 DEPLOYMENT = """
 graph: graph.yaml
-machines:
-  robot: {{address: {robot}}}
-  workstation: {{address: {workstation}}}
+machines: {machines}
+discovery: {discovery}
 nodes:
   camera: robot
-  speech: robot
+  speech: {speaker}
   head: robot
   image_converter: workstation
   person_detector: workstation
@@ -87,11 +88,12 @@ TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Both machines with the messages received on each."""
+class Scene(Generic[N]):
+    """The machines with the messages received on each."""
 
-    hosts: TwoHosts
+    hosts: N
     folder: Path
+    speaker: str = "robot"
     watchers: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     halves: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
@@ -122,7 +124,8 @@ class Scene:
     def watched(self) -> Iterator[None]:
         """Record messages on both machines during the block."""
         with ExitStack() as undo:
-            for machine, topics in WATCHED.items():
+            for machine in self.hosts.machines:
+                topics = WATCHED[machine]
                 command = (sys.executable, "-m", "evaluation.faults_watch", self.folder / "waldo.yaml", machine)
                 self.watchers[machine] = undo.enter_context(
                     self._started(machine, f"{machine}-watch.log", *command, self.file(machine), *topics)
@@ -130,7 +133,7 @@ class Scene:
             yield
 
     def host(self, machine: str) -> Host:
-        return self.hosts.robot if machine == "robot" else self.hosts.workstation
+        return self.hosts.machines[machine]
 
     def file(self, machine: str) -> Path:
         return self.folder / f"{machine}.jsonl"
@@ -141,7 +144,7 @@ class Scene:
 
     def spoken(self, begin: int = 0) -> list[Heard]:
         """Return the utterances started since ``begin`` (ns)."""
-        return [one for one in self.heard("robot", SPEECH) if one.said["state"] == "started" and one.at >= begin]
+        return [one for one in self.heard(self.speaker, SPEECH) if one.said["state"] == "started" and one.at >= begin]
 
     def await_greeting(self) -> None:
         """Wait until the robot has greeted and every frame is answered."""
@@ -169,25 +172,48 @@ class Scene:
 
 
 @contextmanager
-def scene(folder: Path) -> Iterator[Scene]:
-    """Yield both machines, observed and without nodes, with records in ``folder``.
+def scene(folder: Path) -> Iterator[Scene[TwoHosts]]:
+    """Yield robot and workstation, observed and without nodes, with records in ``folder``.
 
     Raises:
         Skipped: The machines cannot be created.
     """
-    for name in ("robot", "workstation"):
-        new_key(name, folder / "keys")
-    make_film(folder / "film.avi")
-    (folder / "graph.yaml").write_text(GRAPH)
-    page = DEPLOYMENT.format(robot=ROBOT, workstation=WORKSTATION, film=folder / "film.avi", greeting=GREETING)
-    (folder / "waldo.yaml").write_text(page)
+    with scene_over(two_hosts(), folder) as made:
+        yield made
+
+
+@contextmanager
+def scene_over(
+    network: AbstractContextManager[N], folder: Path, *, speaker: str = "robot", discovery: str = "peers"
+) -> Iterator[Scene[N]]:
+    """Yield the machines of another network.
+
+    Args:
+        network: The hosts.
+        folder: Where the records are written.
+        speaker: The machine that speaks.
+        discovery: How the machines find each other, as in a deployment file.
+
+    Raises:
+        Skipped: The machines cannot be created.
+    """
     try:
-        with two_hosts() as hosts:
-            made = Scene(hosts, folder)
+        with network as hosts:
+            for name in hosts.machines:
+                new_key(name, folder / "keys")
+            make_film(folder / "film.avi")
+            (folder / "graph.yaml").write_text(GRAPH)
+            machines = ", ".join(f"{name}: {{address: {host.address}}}" for name, host in hosts.machines.items())
+            film, greeting = folder / "film.avi", GREETING
+            page = DEPLOYMENT.format(
+                machines=f"{{{machines}}}", discovery=discovery, speaker=speaker, film=film, greeting=greeting
+            )
+            (folder / "waldo.yaml").write_text(page)
+            made = Scene(hosts, folder, speaker)
             with made.watched():
                 yield made
     except NoHostsError as reason:
-        raise Skipped(f"no two machines: {reason}") from reason
+        raise Skipped(f"no machines: {reason}") from reason
 
 
 def make_film(path: Path) -> None:

@@ -72,6 +72,18 @@ class Camera(Node):
         self.context.call_at(self._due, self._take)
 
 
+class ImageTimes(Node):
+    """Records the stamp and the arrival (ns) of each image."""
+
+    image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
+    record = Parameter("", "output file, a line for each image")
+
+    @image
+    def on_image(self, image: Image) -> None:
+        with Path(self.record).open("a", encoding="utf-8") as file:
+            file.write(f"{image.stamp} {self.clock.now()}\n")
+
+
 class IdleDetector(Node):
     """Detector that keeps the processor busy for ``busy_s`` per image and finds no persons."""
 

@@ -69,18 +69,6 @@ class SlowDetector(Detector):
         time.sleep(self.look_s)
 
 
-class Watch(Node):
-    """Records the stamp and the arrival (ns) of each image."""
-
-    image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
-    record = Parameter("", "output file, a line for each image")
-
-    @image
-    def on_image(self, image: Image) -> None:
-        with Path(self.record).open("a", encoding="utf-8") as file:
-            file.write(f"{image.stamp} {self.clock.now()}\n")
-
-
 def detector_graph(detector: str, folder: Path) -> Path:
     """Write the file of a graph with the class ``detector`` of this module."""
     graph = folder / "graph.yaml"

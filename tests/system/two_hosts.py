@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluation import two_hosts as hosts
-from evaluation.two_hosts import ROBOT, WORKSTATION, Host, TwoHosts
+from evaluation import hosts
+from evaluation.hosts import ROBOT, WORKSTATION, Host, TwoHosts
 from socialbot.bridge.environment import PROFILE_VARIABLE
 
 __all__ = ["CLOSED", "ROBOT", "WORKSTATION", "Host", "TwoHosts", "open_to", "script", "two_hosts"]
