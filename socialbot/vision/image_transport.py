@@ -16,12 +16,13 @@ from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 
-PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer.
-LOST_S = 1.0  # Without an answer for this long the link counts as down.
-FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16  # Images in flight: at first, and at most; each answer allows one more.
+PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer than this and its way and a repair.
+LOST_S = 1.0  # Without an answer for this long, and a way and a repair, the link counts as down.
+FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16  # Images in flight for longer than the way: at first, and at most.
+WAY_S = 20.0  # The way is the shortest time to an answer in this long, and in as long before.
 MEASURE_S = 1.0  # Period of one measurement.
 SETTLING_S = 0.2  # Pause after a change before the next measurement.
-LATE_S = 0.15  # A link is full when its median delay is larger,
+LATE_S = 0.15  # A link is full when its median delay is larger, beyond a way and a repair,
 REFUSED_SHARE = 0.1  # or when it refuses more than this share of the images.
 CARRIED_SHARE = 0.8  # A full link gets this share of what it carried.
 TRIED_SHARE = 1.2  # Factor of a trial increase.
@@ -46,10 +47,34 @@ class InFlightImage(NamedTuple):
     alone: bool
 
 
+class ShortestWay:
+    """The time (ns) from an image to its answer on a link without a queue: the shortest one of late."""
+
+    def __init__(self) -> None:
+        self._begin, self._before, self._shortest = 0, math.inf, math.inf
+
+    @property
+    def time(self) -> float:
+        """The way; 0 until an answer came."""
+        return min(self._before, self._shortest) if self.is_known else 0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether an answer came."""
+        return not math.isinf(min(self._before, self._shortest))
+
+    def answered(self, after: int, now: int) -> None:
+        """Take the time (ns) to an answer that comes ``now``."""
+        if now - self._begin > WAY_S * SECOND:
+            self._begin, self._before, self._shortest = now, self._shortest, math.inf
+        self._shortest = min(self._shortest, after)
+
+
 class SendWindow:
     """Images in flight."""
 
     def __init__(self) -> None:
+        self.way = ShortestWay()
         self._flights: deque[InFlightImage] = deque()
         self._limit = FIRST_FLIGHTS
         self._answered = -math.inf
@@ -64,15 +89,21 @@ class SendWindow:
         """Whether another image may be sent. Detects a dead link and then drops all images in flight."""
         if not self._flights:
             return not self.silent
-        if now - max(self.oldest, self._answered) > LOST_S * SECOND:
+        if now - max(self.oldest, self._answered) > LOST_S * SECOND + self._repaired:
             self._flights.clear()
             self.silent = True
             return False
-        return len(self._flights) < self._limit and now - self.oldest <= PATIENCE_S * SECOND
+        overdue = sum(now - flight.sent >= self.way.time for flight in self._flights)
+        return overdue < self._limit and now - self.oldest <= PATIENCE_S * SECOND + self._repaired
 
     def stalls(self, now: int) -> bool:
         """Whether answers are overdue."""
-        return now - max(self.oldest, self._answered) > PATIENCE_S * SECOND
+        return now - max(self.oldest, self._answered) > PATIENCE_S * SECOND + self._repaired
+
+    @property
+    def _repaired(self) -> float:
+        """The time (ns) to the answer if a packet is lost: the receiver asks for it, which takes another way."""
+        return 2 * self.way.time
 
     def send(self, stamp: int, size: int, now: int) -> None:
         self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
@@ -89,6 +120,7 @@ class SendWindow:
         if not count:
             return []
         arrived = [self._flights.popleft() for _ in range(count)]
+        self.way.answered(now - arrived[-1].sent, now)
         self._limit = min(self._limit + 1, MOST_FLIGHTS)
         return arrived
 
@@ -106,11 +138,11 @@ class LinkStatistics:
     waits_s: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
 
-    def arrive(self, flight: InFlightImage, now: int) -> None:
-        """Add a delivered image. An image that was alone on the link did not queue."""
+    def arrive(self, flight: InFlightImage, now: int, way: float = 0.0) -> None:
+        """Add a delivered image, after the time (ns) of its way. An image that was alone on the link did not queue."""
         delay_s = max(1, now - flight.sent) / SECOND
         self.arrived_bytes += flight.size
-        self.waits_s.append(0.0 if flight.alone else delay_s)
+        self.waits_s.append(0.0 if flight.alone else delay_s - 2 * way / SECOND)
         if flight.alone:
             self.speeds.append(flight.size / delay_s)
 
@@ -223,7 +255,7 @@ class ImageLink:
         self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
         allowed = self._credit > 0.99
         is_open = self._window.is_open(now)
-        if self.silent or self._window.oldest <= self._changed:
+        if self.silent or not self._window.way.is_known or self._window.oldest <= self._changed:
             self._measure = _begun_soon(now)
         if now >= self._measure.begin:
             self._measure.images += 1
@@ -246,7 +278,7 @@ class ImageLink:
         """Record an answer: the receiver has the image of ``stamp``."""
         for flight in self._window.answer(stamp, now):
             if now >= self._measure.begin:
-                self._measure.arrive(flight, now)
+                self._measure.arrive(flight, now, self._window.way.time)
 
     def _judge(self, now: int) -> None:
         measure, self._measure = self._measure, LinkStatistics(now)

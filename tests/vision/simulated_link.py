@@ -15,8 +15,8 @@ from socialbot.core.clock import SECOND
 from socialbot.vision.image_transport import ALIVE_S, ImageLink, relative_size
 
 PACKET = 1400
-REPAIR_S = 0.03
-"""How long it takes to ask for a lost packet and to send it again."""
+ASK_S = 0.022
+"""How long it takes until a lost packet is asked for; the question and the packet travel besides."""
 
 CAMERA_HZ = 30.0
 PICTURE = 24_000
@@ -31,6 +31,7 @@ class Phase:
     mbit_s: float
     loss: float = 0.0
     delay_s: float = 0.004
+    jitter_s: float = 0.0
 
 
 @dataclass
@@ -50,7 +51,7 @@ class Trial:
         self._order = itertools.count()
         self._random = random.Random(4)
         self._free = self._latest = 0.0
-        self._last_stamp, self._said = 0, -1.0
+        self._last_stamp, self._said = -1, -1.0
         self.link = ImageLink(best=80, least=30, most_hz=math.inf, now=0)
         self._at(0.0, self._take)
         self._at(0.0, self._live)
@@ -96,15 +97,19 @@ class Trial:
     def _answer(self) -> None:
         self._said = self._now
         stamp, (up, phase) = self._last_stamp, self._next()
-        self._at(up + phase.delay_s, lambda: self.link.answered(stamp, round(self._now * SECOND)))
+        self._at(up + self._way_s(phase), lambda: self.link.answered(stamp, round(self._now * SECOND)))
 
     def _carry(self, size: int, then: Callable[[], None]) -> None:
         """Deliver all packets in order: lost packets are resent, and later ones wait."""
         up, phase = self._next()
         repairs = max(self._repairs(phase.loss) for _ in range(-(-size // PACKET)))
         self._free = max(up, self._free) + 8e-6 * size / phase.mbit_s
-        self._latest = max(self._latest, self._free + repairs * REPAIR_S + phase.delay_s)
+        way_s = max(self._way_s(phase) for _ in range(-(-size // PACKET)))
+        self._latest = max(self._latest, self._free + repairs * (ASK_S + 2 * phase.delay_s) + way_s)
         self._at(self._latest, then)
+
+    def _way_s(self, phase: Phase) -> float:
+        return phase.delay_s + self._random.uniform(-phase.jitter_s, phase.jitter_s)
 
     def _repairs(self, loss: float) -> int:
         return next(count for count in itertools.count() if self._random.random() >= loss)
