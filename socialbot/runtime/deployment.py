@@ -190,7 +190,8 @@ class Deployment:
                 )
             if not is_address(address):
                 remedy = "give an IPv4 address, or a host name"
-                raise GraphError(f"{address!r} is not a valid address", where=where, remedy=remedy)
+                what = "an IPv6 address, which ROS 2 does not resolve" if ":" in address else "not a valid address"
+                raise GraphError(f"{address!r} is {what}", where=where, remedy=remedy)
             if list(self.machines.values()).count(address) > 1:
                 raise GraphError(f"two machines have the address {address}", where=where, remedy="correct one of them")
         if not 0 <= self.domain <= HIGHEST_DOMAIN:

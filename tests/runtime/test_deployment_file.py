@@ -80,7 +80,7 @@ def test_a_graph_may_be_beside_the_file(tmp_path: Path):
         ("  robot: {address: 10.77.0.1}", "  robot: {}", 5, ["'address' must be a text"]),
         ("  robot: {address: 10.77.0.1}", "  robot: 10.77.0.1", 5, ["expected names with values"]),
         ("10.77.0.1", "10.77.0.256", 5, ["'10.77.0.256' is not a valid address", "IPv4"]),
-        ("10.77.0.1", "'::1'", 5, ["'::1' is not a valid address"]),
+        ("10.77.0.1", "'::1'", 5, ["'::1' is an IPv6 address", "IPv4"]),
         ("10.77.0.1", "10.77.0.2", 5, ["two machines have the address 10.77.0.2"]),
         ("  robot: {address", "  ro-bot: {address", 5, ["'ro-bot' is not a valid machine name"]),
         ("  camera: robot", "  camera: robo", 8, ["no machine 'robo'", "did you mean 'robot'?"]),
