@@ -161,10 +161,11 @@ class Run:
         self.done_at = 0
         """Time of the last action or movement (ns)."""
         self._positions: list[object] = []
-        self.runner = InlineRunner(story.graph(folder / "memory.json"))
+        graph = story.graph(folder / "memory.json")
+        self.runner = InlineRunner(graph)
         taps = {
+            **{topic: self._hear for topic, kind in graph.topics().items() if kind is AclMessage},
             STATE: self._see,
-            MESSAGES: self._hear,
             MISSIONS: self._count,
             COMMANDS: self._told,
             RESULTS: self._done,
@@ -231,7 +232,7 @@ class Run:
 
     def _hear(self, topic: str, message: Message) -> None:
         assert isinstance(message, AclMessage)
-        self.messages[topic] += 1
+        self.messages[MESSAGES] += 1
         self.plans += isinstance(message.content, Plan)
         self.problems += isinstance(message.content, Problem)
 

@@ -144,6 +144,7 @@ class NodeHost:
         self._clock: Clock = ForwardClock(lambda: ros_clock.now().nanoseconds) if self._simulated else WallClock()
         self._error: SocialbotError | None = None
         self._senders: dict[str, Sender] = {}
+        """Senders by output; with one topic per receiver, by topic."""
         self._health_senders: list[Sender] = []
         self._connections: list[Connection] = []
         self._listeners: list[Listener] = []
@@ -240,9 +241,7 @@ class NodeHost:
         for topic in health_topics(self._graph, self.name):
             self._health_senders.append(self._transport.advertise(self._ros, topic, Health))
         for topic, port in self._config.publications:
-            sender = self._transport.advertise(self._ros, topic, port.message_type, port.delivery)
-            self._senders[port.name] = sender
-            self._connections += sender_connections(self._graph, topic, sender)
+            self._connections += sender_connections(self._graph, topic, self._advertise(topic, port))
         for topic, port in self._config.subscriptions:
             # /tf_static is latched by every driver; other sensors may be volatile.
             outside = topic in self._graph.inputs or (port.optional and port.message_type is not Transforms)
@@ -270,6 +269,11 @@ class NodeHost:
             if qos.reliability is ReliabilityPolicy.RELIABLE:
                 self._reliable[port] = name
         self._services.open()
+
+    def _advertise(self, topic: str, port: Output[Any]) -> Sender:
+        key = topic if port.addressed_by else port.name
+        sender = self._senders[key] = self._transport.advertise(self._ros, topic, port.message_type, port.delivery)
+        return sender
 
     def activate(self) -> None:
         """Start the node with the latched messages and those received while inactive."""
@@ -337,13 +341,18 @@ class NodeHost:
             self._unwatch = None
 
     def _publish(self, port: Output[Any], message: Message) -> None:
-        sender = self._senders[port.name]
+        sender = self._senders[port.name] if not port.addressed_by else self._sender_to(port, message)
         topic = sender.publisher.topic_name
         number = self._sent[topic] + 1
         on_dds = port.delivery is Delivery.LATCHED or sender.drivers is not None
         if on_dds or not self._intra_process.deliver(sender.publisher, message, number):
             sender.publish(message)
         self._sent[topic] = number
+
+    def _sender_to(self, port: Output[Any], message: Message) -> Sender:
+        """The sender on the topic of the receiver of ``message``, which may be outside the graph."""
+        topic = self._config.topic(port, port.receiver(message))
+        return self._senders.get(topic) or self._advertise(topic, port)
 
     def put(self, port: Input[Any], message: Message, number: int) -> None:
         """Pass a message to the active node: at once, or in the next round of a simulation clock."""

@@ -55,7 +55,8 @@ class _Context:
         self._next_check: int | None = None
         self._runner = runner
         self.health_monitor = HealthMonitor(config, runner.clock, self._publish_health)
-        self._topics = {port.name: topic for topic, port in config.publications}
+        self._config = config
+        self._topics = {port.name: config.topic(port) for port in config.type.outputs().values()}
         self._channels: dict[str, Channel] = {}
         self._clients = {port.name: topic for topic, port in config.clients}
         self._health_topics = (HEALTH_TOPIC, own_health_topic(config.name))
@@ -67,7 +68,9 @@ class _Context:
 
     def publish(self, port: Output[Any], message: Message) -> None:
         if self.alive:
-            self._runner.take(self._topics[port.name], message, port.delivery)
+            by_receiver = port.addressed_by
+            topic = self._config.topic(port, port.receiver(message)) if by_receiver else self._topics[port.name]
+            self._runner.take(topic, message, port.delivery)
 
     def call_at(self, time: int, callback: Callable[[], None]) -> Timer:
         return self._runner.call_at(time, self._guarded(callback), last=self._last)

@@ -22,7 +22,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
@@ -32,7 +32,7 @@ from socialbot.core.errors import GraphError, ParameterError, suggestion
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
-from socialbot.graph.ports import Input, Output, Parameter
+from socialbot.graph.ports import NODE_NAME, Input, Output, Parameter
 from socialbot.graph.services import ClientPort, ServerPort, check_services, recorded_topic
 from socialbot.graph.wizard import WizardKey
 
@@ -47,7 +47,6 @@ R = TypeVar("R")
 WireForm = Literal["json", "typed"]
 """Encoding of structured messages over ROS: JSON in std_msgs/String, or socialbot_msgs."""
 
-NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 """The prefix ``~/`` is the namespace of the node: ``~/state`` of the node ``arm`` is ``/arm/state``."""
 
@@ -281,6 +280,8 @@ class NodeConfig:
     remap: Mapping[str, str] = field(default_factory=dict)
     where: str = field(default="", compare=False)
     """File and line, for errors."""
+    receivers: Mapping[str, tuple[str, ...]] = field(default_factory=dict, compare=False)
+    """Known receivers of each output with one topic per receiver; a graph sets them."""
 
     def place(self, graph: str) -> str:
         """The location for errors: file and line if known, else ``graph``, then the name of the node."""
@@ -300,9 +301,11 @@ class NodeConfig:
                 raise GraphError(f"no input or output {port!r}", where=place, remedy=suggestion(port, ports))
         check_parameters(self.type, self.parameters, where=place)
 
-    def topic(self, port: Input[Any] | Output[Any] | ServerPort | ClientPort) -> str:
-        """The full topic of ``port``."""
+    def topic(self, port: Input[Any] | Output[Any] | ServerPort | ClientPort, receiver: str = "") -> str:
+        """The full topic of ``port``; with one topic per receiver, that of ``receiver``."""
         topic = self.remap.get(port.name, port.topic)
+        if receiver and isinstance(port, Output):
+            topic = topic.replace(f"{{{port.addressed_by}}}", receiver)
         return f"/{self.name}{topic[1:]}" if topic.startswith("~") else topic
 
     @property
@@ -312,8 +315,12 @@ class NodeConfig:
 
     @property
     def publications(self) -> list[tuple[str, Output[Any]]]:
-        """Topic and port of each output."""
-        return [(self.topic(port), port) for port in self.type.outputs().values()]
+        """Topic and port of each output; with one topic per receiver, those of the known receivers."""
+        return [
+            (self.topic(port, receiver), port)
+            for port in self.type.outputs().values()
+            for receiver in (self.receivers.get(port.name, ()) if port.addressed_by else ("",))
+        ]
 
     @property
     def servers(self) -> list[tuple[str, ServerPort]]:
@@ -354,7 +361,21 @@ class Graph:
     placement = RenamedAttribute("node")
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", tuple(self._with_receivers()))
         self.check()
+
+    def _with_receivers(self) -> Iterator[NodeConfig]:
+        """The nodes; those with outputs of one topic per receiver know the receivers in this graph."""
+        listening: dict[str, set[str]] = {}
+        for config in self.nodes:
+            ports = [port for port in config.type.outputs().values() if port.addressed_by]
+            if ports and not listening:
+                listening = {each.name: {topic for topic, _ in each.subscriptions} for each in self.nodes}
+            known = dict(config.receivers)
+            for port in ports:
+                found = (name for name, topics in listening.items() if config.topic(port, name) in topics)
+                known[port.name] = tuple(dict.fromkeys((*known.get(port.name, ()), *found)))
+            yield replace(config, receivers=known) if known != config.receivers else config
 
     def check(self) -> None:
         """Check the graph. Raises GraphError or ParameterError."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Message)
 V = TypeVar("V", bool, int, float, str)
 H = TypeVar("H", bound=Callable[..., None])
+
+NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Delivery(enum.Enum):
@@ -92,11 +95,18 @@ class Input(Generic[M]):
 
 
 class Output(Generic[M]):
-    """Typed output; accessed on a node, it is a `Publisher`. ``message_type`` is that of `Input`."""
+    """Typed output; accessed on a node, it is a `Publisher`. ``message_type`` is that of `Input`.
+
+    A topic such as ``/{receiver}/letters`` stands for one topic per receiver: a message travels on the topic that
+    contains the value of its attribute ``receiver``, a name of a node. Only that node needs to subscribe to it, with an
+    input on ``~/letters``.
+    """
 
     def __init__(self, message_type: type[M] | type | str, topic: str, delivery: Delivery = Delivery.EVERY) -> None:
         self.message_type: type[M] = _message_type(message_type)
         self.topic = topic
+        self.addressed_by = topic.partition("{")[2].partition("}")[0]
+        """Attribute of messages with their receiver, if the topic contains one."""
         self.delivery = delivery
         self.name = ""
 
@@ -113,6 +123,13 @@ class Output(Generic[M]):
         # Cached in the attributes of the node, which take precedence over this descriptor.
         publisher = vars(node)[self.name] = Publisher(node, self)
         return publisher
+
+    def receiver(self, message: M) -> str:
+        """The receiver of a message on one topic per receiver. Raises MessageError if it is no name of a node."""
+        receiver = getattr(message, self.addressed_by)
+        if not isinstance(receiver, str) or not NODE_NAME.fullmatch(receiver):
+            raise MessageError(f"{self.addressed_by} {receiver!r} is no name of a node", where=self.topic)
+        return receiver
 
 
 class Publisher(Generic[M]):

@@ -16,7 +16,7 @@ from socialbot.bridge.environment import spinning_node
 from socialbot.bridge.keys import new_key
 from socialbot.bridge.security import Freshness, Stream
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Health, RosMessage, Utterance
+from socialbot.core.messages import Health, RosMessage, Structured, Utterance
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Delivery, Input, Output
 from tests.bridge.hosting import has_receivers, node_hosts
@@ -45,6 +45,36 @@ class Listener(Node):
         self.heard += message.text
 
 
+class Letter(Structured, frozen=True, kw_only=True):
+    """A message with a receiver."""
+
+    receiver: str
+
+
+class Postman(Node):
+    """Publish each letter on the topic of its receiver."""
+
+    sent = Input(Letter, "/sent", optional=True)
+    letters = Output(Letter, "/{receiver}/letters")
+
+    @sent
+    def on_sent(self, message: Letter) -> None:
+        self.letters.publish(message)
+
+
+class Home(Node):
+    """Record the received letters."""
+
+    letters = Input(Letter, "~/letters", optional=True)
+
+    def start(self) -> None:
+        self.got: list[str] = []
+
+    @letters
+    def on_letter(self, message: Letter) -> None:
+        self.got.append(message.receiver)
+
+
 GRAPH = Graph("greeting", (NodeConfig("greeter", Greeter), NodeConfig("listener", Listener)))
 
 
@@ -70,6 +100,29 @@ def test_an_optional_input_may_have_a_type_that_is_not_installed() -> None:
         host("greeter")
         listener = host("listener").node
         assert eventually(lambda: listener.heard == "hello")
+
+
+def test_message_on_the_topic_of_its_receiver_is_sent_to_nobody_else() -> None:
+    nodes = (NodeConfig("postman", Postman), NodeConfig("ann", Home), NodeConfig("bob", Home))
+    outside = Graph("elsewhere", (NodeConfig("cat", Home),))
+    with node_hosts(Graph("post", nodes)) as host, node_hosts(outside) as host_outside:
+        postman, homes = host("postman"), {name: host(name).node for name in ("ann", "bob")}
+        homes["cat"] = host_outside("cat").node
+        assert eventually(lambda: postman.active_thread is not None)
+        for name in ("ann", "bob"):
+            postman.node.on_sent(Letter(stamp=1, receiver=name))
+        assert eventually(lambda: homes["ann"].got and homes["bob"].got)
+
+        def send_to_cat() -> bool:
+            # The topic of a receiver outside the graph is made with the first message, which it may miss.
+            postman.node.on_sent(Letter(stamp=1, receiver="cat"))
+            return bool(homes["cat"].got)
+
+        assert eventually(send_to_cat)
+        for name, home in homes.items():
+            assert set(home.got) == {name}
+            readers = postman.ros_node.get_subscriptions_info_by_topic(f"/{name}/letters")
+            assert [each.node_name for each in readers] == [name]
 
 
 def test_a_node_starts_without_missing_subscribers_after_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from socialbot.core.messages import Structured
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
-from socialbot.graph.ports import EVERYBODY, Input
+from socialbot.graph.ports import EVERYBODY, Input, Output
 
 
 class Letter(Structured, frozen=True, kw_only=True):
@@ -66,6 +68,60 @@ def test_port_drops_messages_for_others_under_every_runner():
     ann = runner.nodes["ann"]
     ann.inputs()["letters"].deliver(ann, Letter(stamp=1, receiver="bob"))
     assert ann.got == []  # type: ignore[attr-defined]
+
+
+class Postman(Node):
+    """Publishes each letter on the topic of its receiver."""
+
+    sent = Input(Letter, "/sent")
+    letters = Output(Letter, "/{receiver}/letters")
+
+    @sent
+    def on_sent(self, message: Letter) -> None:
+        self.letters.publish(message)
+
+
+class Home(Mailbox):
+    letters = Input(Letter, "~/letters")
+
+
+POST = Graph(
+    "post",
+    (NodeConfig("postman", Postman), NodeConfig("ann", Home), NodeConfig("bob", Home)),
+    inputs=frozenset({"/sent"}),
+)
+
+
+def test_output_with_one_topic_per_receiver_publishes_on_those_of_the_graph():
+    assert [topic for topic, _ in POST.node("postman").publications] == ["/ann/letters", "/bob/letters"]
+    assert set(POST.topics()) == {"/sent", "/ann/letters", "/bob/letters"}
+
+
+def test_receivers_are_known_after_nodes_are_replaced():
+    homes = (NodeConfig("bob", Home), NodeConfig("cat", Home))
+    graph = dataclasses.replace(POST, nodes=(POST.node("postman"), *homes))
+    assert {"/bob/letters", "/cat/letters"} <= {topic for topic, _ in graph.node("postman").publications}
+
+
+@pytest.mark.parametrize(("receiver", "readers"), [("ann", {"ann"}), ("nobody", set()), (EVERYBODY, set())])
+def test_message_on_the_topic_of_its_receiver_reaches_nobody_else(receiver: str, readers: set[str]):
+    runner = InlineRunner(POST)
+    seen: list[str] = []
+    runner.tap(f"/{receiver}/letters", lambda topic, _: seen.append(topic))
+    runner.start()
+    runner.feed("/sent", Letter(stamp=1, receiver=receiver))
+    assert {name for name in ("ann", "bob") if runner.nodes[name].got} == readers  # type: ignore[attr-defined]
+    assert seen == [f"/{receiver}/letters"]
+
+
+@pytest.mark.parametrize("receiver", ["", "a/b", "../ann", "1", "ann\n"])
+def test_receiver_that_is_no_name_is_refused(receiver: str):
+    runner = InlineRunner(POST)
+    runner.start()
+    runner.feed("/sent", Letter(stamp=1, receiver=receiver))
+    assert runner.faults["postman"].first == (
+        f"MessageError: /{{receiver}}/letters: receiver {receiver!r} is no name of a node"
+    )
 
 
 def test_input_that_replaces_one_of_a_base_class_keeps_its_handler():

@@ -20,6 +20,7 @@ from socialbot.agents.teams.actions import as_literal, names_of
 from socialbot.agents.teams.messages import (
     COORDINATOR,
     EVERYBODY,
+    PRIVATE_MESSAGES,
     AclMessage,
     ActionResult,
     Missions,
@@ -48,11 +49,12 @@ class ScriptedCoordinator(Node):
     heard = Input(AclMessage, MESSAGES)
     state = Input(WardState, STATE, Delivery.LATCHED)
     said = Output(AclMessage, MESSAGES)
+    directed = Output(AclMessage, PRIVATE_MESSAGES)
     missions = Output(Missions, MISSIONS, Delivery.LATCHED)
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
-        self._sender = acl.AclSender(name, self.clock, self.said.publish)
+        self._sender = acl.AclSender(name, self.clock, self._send)
         self.planning_s: list[float] = []
         """Durations of plannings, s."""
         self._domain = Disinfection()
@@ -63,6 +65,9 @@ class ScriptedCoordinator(Node):
 
     def start(self) -> None:
         self._sender.send(EVERYBODY, "query", acl.Register())
+
+    def _send(self, message: AclMessage) -> None:
+        (self.directed if message.receiver in self._members else self.said).publish(message)
 
     @heard
     def on_heard(self, message: AclMessage) -> None:
@@ -181,6 +186,7 @@ class ScriptedAgent(HospitalMember):
         return acl.Register(self.kind, actions_of(self.kind))
 
     @HospitalMember.heard
+    @HospitalMember.private
     def on_heard(self, message: AclMessage) -> None:
         if message.sender == self.name or message.receiver not in (self.name, EVERYBODY):
             return

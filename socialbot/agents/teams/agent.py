@@ -26,6 +26,7 @@ from socialbot.agents.teams.messages import (
     COORDINATOR,
     EVERYBODY,
     MESSAGES,
+    OWN_MESSAGES,
     RESULTS,
     AclMessage,
     ActionCancel,
@@ -54,6 +55,7 @@ class TeamMember(Node):
     """Member of a team: it registers with the coordinator, and commands actions to the world."""
 
     heard = Input(AclMessage, MESSAGES, addressed_by="receiver")
+    private = Input(AclMessage, OWN_MESSAGES, optional=True)
     results = Input(ActionResult, RESULTS, addressed_by="robot")
     said = Output(AclMessage, MESSAGES)
     commands = Output(ActionCommand, COMMANDS)
@@ -152,6 +154,7 @@ class TeamAgent(TeamMember, AgentNode):
     # Messages
 
     @TeamMember.heard
+    @TeamMember.private
     def on_heard(self, message: AclMessage) -> None:
         """Process a message, and refuse an invalid one."""
         if message.receiver not in (self.name, EVERYBODY) or message.sender == self.name:

@@ -12,7 +12,15 @@ import msgspec
 from socialbot.agents.teams import messages as acl
 from socialbot.agents.teams._mission_manager import MissionManager, Send
 from socialbot.agents.teams.domain import TeamDomain
-from socialbot.agents.teams.messages import COORDINATOR, EVERYBODY, MESSAGES, MISSIONS, AclMessage, Missions
+from socialbot.agents.teams.messages import (
+    COORDINATOR,
+    EVERYBODY,
+    MESSAGES,
+    MISSIONS,
+    PRIVATE_MESSAGES,
+    AclMessage,
+    Missions,
+)
 from socialbot.agents.teams.missions import (
     FOREVER,
     CoordinatorMemory,
@@ -24,7 +32,7 @@ from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
 from socialbot.graph.node import Context, Node
-from socialbot.graph.ports import Delivery, Input, Output, Parameter
+from socialbot.graph.ports import NODE_NAME, Delivery, Input, Output, Parameter
 
 log = logging.getLogger("socialbot.coordinator")
 
@@ -83,6 +91,9 @@ class Coordinator:
             self.manager.await_team()
 
     def _register(self, message: AclMessage, content: acl.Register) -> None:
+        if not NODE_NAME.fullmatch(message.sender):
+            self._refuse(message, f"{message.sender!r} is no name of a node")
+            return
         name, known = message.sender, self.memory.members.get(message.sender)
         member = known or RegisteredAgent(name, content.kind, frozenset())
         member.kind, member.capabilities = content.kind, frozenset(content.capabilities)
@@ -208,6 +219,8 @@ class Coordinator:
 class TeamCoordinator(Node):
     """Directs the agents of a team. With a ``memory_file`` it continues after a restart.
 
+    What it sends to a member travels on the topic of that member; other members do not get it.
+
     A subclass returns its domain from `team_domain`, and adds an input for the state of the world that calls `observe`.
     """
 
@@ -215,6 +228,7 @@ class TeamCoordinator(Node):
 
     heard = Input(AclMessage, MESSAGES)
     said = Output(AclMessage, MESSAGES)
+    directed = Output(AclMessage, PRIVATE_MESSAGES)
     missions = Output(Missions, MISSIONS, Delivery.LATCHED)
 
     policy = Parameter(
@@ -234,10 +248,13 @@ class TeamCoordinator(Node):
         self._memory_file = (
             paths.in_workspace(self.memory_file, where=f"{name}.memory_file") if self.memory_file else None
         )
-        sender = acl.AclSender(COORDINATOR, self.clock, self.said.publish)
+        sender = acl.AclSender(COORDINATOR, self.clock, self._send)
         self.coordinator = Coordinator(self.team_domain(), sender.send, self._options(), self._recall())
         self.planning_s = self.coordinator.manager.planning_s
         self._saved = b""
+
+    def _send(self, message: AclMessage) -> None:
+        (self.directed if message.receiver in self.coordinator.memory.members else self.said).publish(message)
 
     def team_domain(self) -> TeamDomain[Any]:
         """The missions of its world; called at the start, and after a change of a parameter."""

@@ -12,6 +12,9 @@ from socialbot.core.clock import Clock
 from socialbot.core.messages import Structured
 
 MESSAGES = "/team/messages"
+PRIVATE_MESSAGES = "/{receiver}/team_messages"
+"""Topic of what the coordinator sends to one member; `OWN_MESSAGES` is the same for the member."""
+OWN_MESSAGES = "~/team_messages"
 MISSIONS = "/team/missions"
 COMMANDS = "/team/commands"
 CANCELS = "/team/cancels"

@@ -7,12 +7,13 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from socialbot.agents.hospital.demo import hospital
 from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, WardState
-from socialbot.agents.teams.messages import AclMessage, Missions, Problem
+from socialbot.agents.teams.messages import COORDINATOR, EVERYBODY, AclMessage, Missions, Problem
 from socialbot.bridge.graph_observer import LatestStatistics, expect_free_names, observe_graph
 from socialbot.graph.node import Graph
 from socialbot.runtime.launch import Launch
@@ -38,21 +39,32 @@ class Heard(Observer):
 
 @contextmanager
 def over_dds(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch]]:
+    with observed(graph, folder) as (heard, launch, _):
+        yield heard, launch
+
+
+@contextmanager
+def observed(graph: Graph, folder: Path) -> Iterator[tuple[Heard, Launch, Any]]:
     heard, fates = Heard(), LatestStatistics(graph)
     topics = {MESSAGES: AclMessage, MISSIONS: Missions, STATE: WardState}
     with observe_graph(topics, heard.observe, fates.note) as onlooker:
         expect_free_names(onlooker.ros, graph)
         with Launch(graph, folder) as launch:
-            yield heard, launch
+            yield heard, launch, onlooker.ros
 
 
 @pytest.mark.parametrize(
     ("rate", "listing"), [pytest.param(0.0, LISTING_3, marks=pytest.mark.slow), (100.0, LISTING_4)]
 )
 def test_mission_completes_over_dds(rate: float, listing: list, tmp_path: Path):
-    with over_dds(HOSPITAL.with_parameters({"world": {"rate": rate}}), tmp_path) as (heard, launch):
+    with observed(HOSPITAL.with_parameters({"world": {"rate": rate}}), tmp_path) as (heard, launch, ros):
         assert eventually(heard.done, timeout_s=60.0), heard.views
         launch.check()
+        for name in heard.views[1].team:
+            private = ros.get_subscriptions_info_by_topic(f"/{name}/team_messages")
+            assert [each.node_name for each in private] == [name]
+    # The shared topic carries nothing for one member.
+    assert {message.receiver for message in heard.said if message.sender == COORDINATOR} == {EVERYBODY}
     assert heard.history() == listing
     assert len(heard.contents(Problem)) == heard.views[1].recoveries == (rate == 100.0)
 

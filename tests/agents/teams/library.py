@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from socialbot.agents.teams import MissionView
-from socialbot.agents.teams.messages import MESSAGES, MISSIONS, AclMessage, Missions
+from socialbot.agents.teams.messages import MISSIONS, AclMessage, Missions
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
@@ -16,11 +16,13 @@ class LibraryRun:
     """A run of the library; ``late`` are agents that are not there at the start."""
 
     def __init__(self, planner: str = "htn", faults: str = "", late: tuple[str, ...] = ()) -> None:
-        self.runner = InlineRunner(EXAMPLE.library(planner, faults))
-        self.said: list[AclMessage] = []
+        graph = EXAMPLE.library(planner, faults)
+        self.runner = InlineRunner(graph)
+        self.heard: list[tuple[str, AclMessage]] = []
         self.views: dict[str, MissionView] = {}
         self.problems: set[str] = set()
-        self.runner.tap(MESSAGES, self._hear)
+        for topic in (topic for topic, kind in graph.topics().items() if kind is AclMessage):
+            self.runner.tap(topic, self._hear)
         self.runner.tap(MISSIONS, self._view)
         for name in late:
             self.runner.kill(name)
@@ -28,12 +30,16 @@ class LibraryRun:
 
     def _hear(self, topic: str, message: Message) -> None:
         assert isinstance(message, AclMessage)
-        self.said.append(message)
+        self.heard.append((topic, message))
 
     def _view(self, topic: str, message: Message) -> None:
         assert isinstance(message, Missions)
         self.views.update((view.target, view) for view in message.missions)
         self.problems.update(view.problem for view in message.missions if view.problem)
+
+    @property
+    def said(self) -> list[AclMessage]:
+        return [message for _, message in self.heard]
 
     def until(self, second: float) -> LibraryRun:
         self.runner.advance(nanoseconds(second))

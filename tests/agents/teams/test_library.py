@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from socialbot.agents.teams import Mission
-from socialbot.agents.teams.messages import Plan
+from socialbot.agents.teams import Mission, TeamAgent
+from socialbot.agents.teams.messages import COORDINATOR, EVERYBODY, MESSAGES, AclMessage, Plan
 from tests.agents.teams.library import EXAMPLE, LibraryRun
 from tests.example_modules import EXAMPLES
 
@@ -72,6 +72,24 @@ def test_each_agent_gets_the_plans_of_its_own_actions_only(planner: str):
         assert isinstance(message.content, Plan)
         actions = {re.search(r"a_\w+", text.partition(":")[0])[0] for text in message.content.plans}  # type: ignore[index]
         assert actions <= set(able)
+
+
+def test_messages_of_the_coordinator_reach_their_receiver_only(monkeypatch: pytest.MonkeyPatch):
+    got: dict[str, list[AclMessage]] = {}
+    take = TeamAgent.on_heard
+
+    def on_heard(agent: TeamAgent, message: AclMessage) -> None:
+        got.setdefault(agent.name, []).append(message)
+        take(agent, message)
+
+    monkeypatch.setattr(TeamAgent, "on_heard", on_heard)
+    run = LibraryRun().until(100.0)
+    for name in (*EXAMPLE.RUNNERS, *EXAMPLE.PORTERS):
+        mail = [message for message in got[name] if message.receiver != EVERYBODY]
+        assert any(isinstance(message.content, Plan) for message in mail), name
+        assert {message.receiver for message in mail} == {name}
+    shared = [message for topic, message in run.heard if topic == MESSAGES]
+    assert {message.receiver for message in shared if message.sender == COORDINATOR} == {EVERYBODY}
 
 
 def test_planner_may_differ_by_kind_of_mission():
