@@ -9,7 +9,7 @@ from socialbot.bdi.compiler._beliefs import Lookup, loop, needs_unification, sto
 from socialbot.bdi.compiler._dynamic import COLLECTORS, embeds
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, settled, value
-from socialbot.bdi.literals import Literal, ground, literal
+from socialbot.bdi.literals import Event, Literal, ground, literal
 from socialbot.bdi.stdlib import called
 from socialbot.bdi.steps import Step
 from socialbot.bdi.terms import (
@@ -299,12 +299,17 @@ def agree_as_plans(f: Function, left: object, right: object, fail: str, step: St
 
 
 def order_test(f: Function, condition: Comparison, fail: str, step: Step | None = None) -> None:
-    """Emit a comparison that may be one of different types."""
-    left, right, symbol = value(f, condition.left), value(f, condition.right), condition.symbol
+    """Emit a comparison that may be one of different types, or of variables without values."""
+    left, right, symbol = operand(f, condition.left), operand(f, condition.right), condition.symbol
     f.line("try:")
     f.line(f"    if not ({left} {symbol} {right}): {fail}", step)
     f.line("except TypeError:")
     f.line(f"    if not ordered({left}, {symbol!r}, {right}): {fail}", step)
+
+
+def operand(f: Function, term: object) -> str:
+    """Return the expression of a term; its variables need no values."""
+    return value(f, term) if settled(f, term) else f"resolve({build(f, term)})"
 
 
 def test_of(f: Function, condition: Comparison) -> str:
@@ -312,8 +317,10 @@ def test_of(f: Function, condition: Comparison) -> str:
     left, right, symbol = condition.left, condition.right, condition.symbol
     if symbol in ("==", "!=") and f.unit.lenient and not (settled(f, left) and settled(f, right)):
         return f"{'not ' if symbol == '!=' else ''}same({build(f, left)}, {build(f, right)})"
-    if symbol in ("==", "!=") and f.unit.lenient and isinstance(left, Variable) and isinstance(right, Variable):
-        one, two = value(f, left), value(f, right)  # maybe plans
+    plans = any(embeds(each) or isinstance(each, Event) for each in (left, right))
+    plans = plans or (isinstance(left, Variable) and isinstance(right, Variable))
+    if symbol in ("==", "!=") and f.unit.lenient and plans:
+        one, two = value(f, left), value(f, right)
         equal = f"({one} == {two} or same({one}, {two}))"
         return equal if symbol == "==" else f"not {equal}"
     return f"{value(f, left)} {symbol} {value(f, right)}"

@@ -198,11 +198,11 @@ def constrain(f: Function, step: Constrain) -> None:
             assign_cell(f, left, value(f, right), fail, step)
             return
     elif isinstance(condition, Comparison) and condition.symbol != "=..":
-        if condition.symbol not in ("==", "!="):
-            know(f, (condition.left, condition.right), step)
         if f.unit.lenient and condition.symbol in ORDERS:
             order_test(f, condition, fail, step)
         else:
+            if condition.symbol not in ("==", "!="):
+                know(f, (condition.left, condition.right), step)
             f.line(f"if not ({test_of(f, condition)}): {fail}", step)
         return
     found, fresh = first(f, condition, step)

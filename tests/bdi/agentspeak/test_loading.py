@@ -128,7 +128,7 @@ def test_warns_of_a_variable_without_a_value(text):
     assert warning.where == f"me.asl:{place}"
 
 
-@pytest.mark.parametrize("step", ["+b(Y + 1)", "X = Y + 1", "Y > 1", "?b(Y + 1)"])
+@pytest.mark.parametrize("step", ["+b(Y + 1)", "X = Y + 1", "Y + 1 > 1", "?b(Y + 1)"])
 def test_a_step_with_a_variable_without_a_value_fails(step):
     engine, lines = Engine("me", ManualClock()), []
     engine.out = lines.append
