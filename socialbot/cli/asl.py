@@ -20,7 +20,6 @@ from rich.text import Text
 from socialbot.cli._options import many
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ParameterError, RuleError
-from socialbot.core.paths import read_text
 from socialbot.core.process import ENDING_SIGNALS, Ending
 
 if TYPE_CHECKING:
@@ -165,13 +164,14 @@ def check(
     from socialbot.bdi.agentspeak import AgentSpeakError, parse
     from socialbot.bdi.agentspeak.loading import check as problems_in
     from socialbot.bdi.agentspeak.loading import needs_of, warnings_of
+    from socialbot.bdi.agentspeak.programs import read_text
 
     _import_actions(actions)
     console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
     paths = _include_paths(include, root)
     failed, warned = False, set[str]()
     for file in files:
-        text = read_text(file, RuleError)
+        text = read_text(file)
         problems = problems_in(text, str(file), paths)
         for problem in problems:
             errors.print(Text.assemble(("error: ", "bold red"), str(problem)), soft_wrap=True)

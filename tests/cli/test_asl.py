@@ -129,18 +129,25 @@ def test_writes_the_trace(written, tmp_path):
         (["run", "good.asl", "bad.asl", "--agents", "a"], "1 names for 2 files"),
         (["run", "bad.asl"], "bad.asl:2:8: there is no internal action .prnt"),
         (["run", "bad.asl"], "and 1 more: socialbot asl check bad.asl"),
-        (["run", "latin.asl"], "is not UTF-8 text"),
+        (["run", "latin.asl"], "latin.asl:2: cannot be read: it is not UTF-8 text"),
+        (["check", "latin.asl"], "iconv -f latin1 -t utf-8 latin.asl"),
         (["run", "good.asl", "--trace", "no/such/folder.jsonl"], "no/such/folder.jsonl: cannot be written"),
     ],
 )
 def test_errors_have_exit_code_4(written, tmp_path, monkeypatch, args, message):
     written(good="b(1).", bad="b(1).\n+!g <- .prnt(1).\n+!h <- .prnt(2).")
-    (tmp_path / "latin.asl").write_bytes(b'b("\xe4").')
+    (tmp_path / "latin.asl").write_bytes(b'a.\nb("\xe4").')
     monkeypatch.chdir(tmp_path)
     ended = socialbot(*args)
     assert message in ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.returncode == 4
+
+
+def test_a_byte_order_mark_is_no_part_of_a_program(tmp_path):
+    (tmp_path / "marked.asl").write_bytes(b"\xef\xbb\xbf!g. +!g <- .print(on).")
+    assert socialbot("check", tmp_path / "marked.asl").stdout == "ok: 1 plan, 0 beliefs, 1 goal\n"
+    assert socialbot("run", tmp_path / "marked.asl").stdout == "[marked] on\n"
 
 
 def test_check_counts_parts(written):

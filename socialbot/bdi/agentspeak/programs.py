@@ -106,14 +106,21 @@ def read_program(file: Path, paths: IncludePaths | None = None) -> Program:
 
 
 def read_text(file: Path) -> str:
-    """Read a text file. Raises RuleError if it cannot be read."""
+    """Read a text file in UTF-8. Raises RuleError if it cannot be read."""
     try:
         if file.stat().st_size > MAX_BYTES:
             raise OSError(errno.EFBIG, f"larger than {MAX_BYTES >> 20} MiB")
         return file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as problem:
-        what = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
-        raise RuleError(f"cannot be read: {what}", where=str(file), remedy="check its path and encoding") from problem
+    except OSError as problem:
+        what = f"cannot be read: {problem.strerror}"
+        raise RuleError(what, where=str(file), remedy="check its path") from problem
+    except UnicodeDecodeError as problem:
+        line = problem.object.count(b"\n", 0, problem.start) + 1
+        raise RuleError(
+            "cannot be read: it is not UTF-8 text",
+            where=f"{file}:{line}",
+            remedy=f"convert it from its encoding: iconv -f latin1 -t utf-8 {file.name} -o utf8_{file.name}",
+        ) from problem
 
 
 class ProgramParser(Parser):
