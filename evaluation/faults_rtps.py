@@ -24,8 +24,8 @@ ROOT = Path(__file__).parents[1]
 TOPIC, RATE_HZ = "/speech/say", 50
 BOUND_S = 2.0
 """Longest gap (s) after the end of an attack."""
-UNSUPERVISED = tuple(name for name in ATTACKS if name != "endless_gap")
-"""Attacks after which a process goes on without a supervisor that restarts it."""
+UNSUPERVISED = tuple(name for name in ATTACKS if name not in ("endless_gap", "acknacks"))
+"""Attacks after which a process goes on without a supervisor; ``acknacks`` does harm on a bad link only."""
 FORGED, FORGED_BOUND_S = ("heartbeats", "gaps"), 15.0
 """Attacks in the name of a publisher, after which a subscription has to be replaced."""
 CALM_S = 20.0

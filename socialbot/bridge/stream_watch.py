@@ -1,8 +1,9 @@
 """Subscriptions that are replaced when the sealed messages of a live publisher do not arrive.
 
 DDS accepts packets from any sender. False HEARTBEATs and GAPs in the name of a publisher stop its messages to the
-subscriptions that exist at that time, for good. A new subscription receives messages again. So idle publishers with
-keys send sealed beacons, and a subscription that does not receive those of all its publishers is replaced.
+subscriptions that exist at that time, for good; false ACKNACKs in the name of a subscription stop the repair of lost
+ones. A new subscription receives messages again. So idle publishers with keys send sealed beacons, and a subscription
+that does not receive those of all its publishers, or loses messages for a time, is replaced.
 """
 
 from __future__ import annotations
@@ -49,27 +50,35 @@ class StreamWatch:
 
     Attributes:
         expects_all: Whether each message must arrive; else only silence is a fault.
+        keeps_all: Whether the queue is long enough for all; else only beacons show that messages did not arrive.
         has_foreign: Whether publishers without keys are no fault: only publishers that were heard before are expected.
         clock: Steady clock (s).
         overlaps: Whether a subscription and its successor both deliver at the moment.
     """
 
     expects_all: bool = True
+    keeps_all: bool = True
     has_foreign: bool = False
     clock: Callable[[], float] = time.monotonic
     overlaps: bool = field(default=False, init=False)
     _heard: dict[StreamKey, tuple[float, int]] = field(default_factory=dict, init=False)
     _lost: int = field(default=0, init=False)
+    _losses: tuple[float, float] | None = field(default=None, init=False)
+    """Time of the first and the last loss between two messages, of those that followed soon."""
     _known: int = field(default=0, init=False)
     """Number of publishers with keys, as far as they were heard."""
     _publishers: int = field(default=0, init=False)
 
     def note(self, stream: StreamKey, number: int, *, is_beacon: bool) -> None:
         """Record a valid sealed message, the ``number``th of its ``stream``, or a beacon after it."""
+        now = self.clock()
         _, last = self._heard.pop(stream, (0.0, number))
         if is_beacon:
             self._lost += max(0, number - last)
-        self._heard[stream] = self.clock(), number
+        elif number > last + 1 and self.keeps_all:
+            soon = self._losses is not None and now - self._losses[1] <= MAX_PAUSE_S
+            self._losses = (self._losses[0] if self._losses is not None and soon else now), now
+        self._heard[stream] = now, number
         if len(self._heard) > MAX_STREAMS:
             del self._heard[next(iter(self._heard))]
 
@@ -80,12 +89,14 @@ class StreamWatch:
         self._publishers = publishers
         if self.expects_all and self._lost:
             return f"{self._lost} messages did not arrive"
+        if self.expects_all and self._losses and (lost_s := self._losses[1] - self._losses[0]) > SILENT_S:
+            return f"messages are lost for {lost_s:.0f} s"
         silent = (min(self._known, publishers) if self.has_foreign else publishers) - heard
         return f"{silent} of {publishers} publishers are silent" if silent > 0 else ""
 
     def begin_again(self) -> None:
         self._heard.clear()
-        self._lost = 0
+        self._lost, self._losses = 0, None
         self.overlaps = True
 
     def end_overlap(self) -> None:

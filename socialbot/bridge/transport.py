@@ -278,6 +278,7 @@ class Transport:
             from rclpy.qos import ReliabilityPolicy
 
             receiver.opener.watch.expects_all = qos.reliability == ReliabilityPolicy.RELIABLE
+            receiver.opener.watch.keeps_all = qos.depth >= QUEUE_DEPTH[Delivery.EVERY]
         return Listener(
             self.watched(ros, lambda: ros.create_subscription(ros_class, name, receive, qos), receiver.opener)
         )

@@ -108,6 +108,35 @@ class TestStreamWatch:
         watch.note(ROBOT, 3, is_beacon=True)
         assert watch.fault(1) == ""
 
+    def test_messages_lost_for_a_time_are_a_fault(self, watch, time):
+        for number in range(0, 100, 2):
+            watch.note(ROBOT, number, is_beacon=False)
+            assert (watch.fault(1) != "") == (number * 0.5 > 1 + SILENT_S), number
+            time.passes(1.0)
+        assert watch.fault(1) == "messages are lost for 48 s"
+        watch.begin_again()
+        watch.note(ROBOT, 200, is_beacon=False)
+        assert watch.fault(1) == ""
+
+    def test_messages_lost_at_once_are_no_fault(self, watch, time):
+        """Such as those of an outage that did not fit into the queue of the publisher."""
+        for number in (1, 2, 103, 104):
+            watch.note(ROBOT, number, is_beacon=False)
+            time.passes(0.1)
+        for number in range(105, 150):
+            watch.note(ROBOT, number, is_beacon=False)
+            assert watch.fault(1) == ""
+            time.passes(1.0)
+        watch.note(ROBOT, 200, is_beacon=False)
+        assert watch.fault(1) == ""
+
+    def test_messages_that_a_short_queue_drops_are_no_fault(self, watch, time):
+        watch.keeps_all = False
+        for number in range(0, 100, 2):
+            watch.note(ROBOT, number, is_beacon=False)
+            time.passes(1.0)
+        assert watch.fault(1) == ""
+
     def test_publishers_without_keys_are_no_fault_where_there_are_some(self, watch, time):
         watch.has_foreign = True
         assert watch.fault(3) == ""

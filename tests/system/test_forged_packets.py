@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from evaluation.switch import Quality
 from socialbot.bridge.environment import KEYS_VARIABLE
 from socialbot.bridge.keys import new_key
 from tests.system.running import eventually
-from tests.system.two_hosts import ROBOT, WORKSTATION, Host, open_to, script, two_hosts
+from tests.system.two_hosts import ROBOT, SECOND_ROBOT, WORKSTATION, Host, open_to, script, switched_hosts, two_hosts
 
 TOPICS = ("/busy", "/idle", "/joints", "/joints/_seal", "/latched")
 TALK = """
@@ -112,6 +113,43 @@ def test_messages_arrive_again_after_false_packets_end(name: str, tmp_path: Path
         lines = [line for line in heard.read_text().splitlines() if line.startswith(("/busy ", "/idle ", "/latched "))]
         assert len(lines) == len(set(lines)), "a message arrived twice"
         assert "replayed" not in heard.read_text()
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_lost_messages_are_sent_again_after_false_answers_end(tmp_path: Path) -> None:
+    """A stranger answers in the name of the subscription, on a network that loses a tenth of the packets."""
+    new_key("robot", tmp_path / "keys")
+    heard = tmp_path / "hearer.log"
+    own = {**open_to(f"{ROBOT};{WORKSTATION}"), KEYS_VARIABLE: str(tmp_path / "keys")}
+
+    def numbers() -> list[int]:
+        lines = heard.read_text().split("\n")[:-1]
+        return [int(line.split()[1]) for line in lines if line.startswith("/busy ")]
+
+    def missing(begin: int) -> int:
+        found = set(numbers())
+        return sum(number not in found for number in range(begin, max(found)))
+
+    with switched_hosts(ROBOT, WORKSTATION, SECOND_ROBOT) as hosts, ExitStack() as scripts:
+        scripts.enter_context(script(hosts.robot, TALK, tmp_path / "talker.log", own, str(tmp_path)))
+        scripts.enter_context(script(hosts.workstation, HEAR, heard, own))
+        assert eventually(lambda: len(numbers()) > 20), heard.read_text()
+        hosts.set(Quality(loss=0.1))
+        begin = numbers()[-1]
+        assert eventually(lambda: numbers()[-1] > begin + 100), heard.read_text()
+        assert not missing(begin)
+
+        attack(hosts.hosts[2], "acknacks", tmp_path / "attack.log", 3.0, open_to(f"{ROBOT};{WORKSTATION}"), ("/busy",))
+        assert eventually(lambda: missing(begin) > 5), "the attack does what it should"
+        assert eventually(lambda: "are subscribed again" in heard.read_text()), heard.read_text()
+        again = numbers()[-1]
+
+        def arrive_one_by_one() -> bool:
+            last = numbers()[-200:]
+            return last[0] > again and last == list(range(last[0], last[0] + 200))
+
+        assert eventually(arrive_one_by_one), heard.read_text()
 
 
 SAY = """

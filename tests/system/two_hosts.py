@@ -1,4 +1,4 @@
-"""Two hosts for a test, which is skipped where they cannot be made."""
+"""Hosts for a test, which is skipped where they cannot be made."""
 
 from __future__ import annotations
 
@@ -11,10 +11,21 @@ from pathlib import Path
 import pytest
 
 from evaluation import hosts
-from evaluation.hosts import ROBOT, WORKSTATION, Host, TwoHosts
+from evaluation.hosts import ROBOT, SECOND_ROBOT, WORKSTATION, Host, SwitchedHosts, TwoHosts
 from socialbot.bridge.environment import PROFILE_VARIABLE
 
-__all__ = ["CLOSED", "ROBOT", "WORKSTATION", "Host", "TwoHosts", "open_to", "script", "two_hosts"]
+__all__ = [
+    "CLOSED",
+    "ROBOT",
+    "SECOND_ROBOT",
+    "WORKSTATION",
+    "Host",
+    "TwoHosts",
+    "open_to",
+    "script",
+    "switched_hosts",
+    "two_hosts",
+]
 
 CLOSED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 """Variables of a graph on one machine."""
@@ -32,6 +43,16 @@ def two_hosts() -> Iterator[TwoHosts]:
         pytest.skip(f"no two hosts: {reason}")
     with hosts.two_hosts() as both:
         yield both
+
+
+@contextmanager
+def switched_hosts(*addresses: str) -> Iterator[SwitchedHosts]:
+    """Context manager of hosts at a switch. Skips the test, with the reason, where they cannot be made."""
+    try:
+        with hosts.switched_hosts(*addresses) as made:
+            yield made
+    except hosts.NoHostsError as reason:
+        pytest.skip(f"no hosts: {reason}")
 
 
 @contextmanager
