@@ -9,6 +9,12 @@ import numpy as np
 
 from socialbot.vision.detector import shared_area
 
+LIKE, UNLIKE, OTHER = 0.1, 0.25, 0.33
+"""Distances of looks: one person usually stays below the first, other people above the second.
+
+From the third, a box shows somebody else.
+"""
+
 _PARTS = ((0.17, 0.5), (0.5, 0.86))  # Rows of upper body and legs as shares of the height of a whole person.
 _MIDDLE = (0.2, 0.8)  # Columns of a box that mostly show the person.
 _SPREAD = 0.3  # The middle counts most: standard deviation of the weights, as a share of these columns.
@@ -58,6 +64,11 @@ def looks_of(image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray:
 def noise_of(boxes: np.ndarray) -> np.ndarray:
     """Distance between looks of one person that few pixels cause, for ``boxes`` (n, 4) as x, y, w, h: shape (n,)."""
     return _NOISE_PX / np.maximum(boxes[:, 2] * boxes[:, 3], 1.0)
+
+
+def clarity_of(boxes: np.ndarray) -> np.ndarray:
+    """How much the colours in ``boxes`` (n, 4) can tell, from 0 for a few pixels to 1: shape (n,)."""
+    return np.maximum(0.0, 1 - noise_of(boxes) / (UNLIKE - LIKE))
 
 
 def _columns(box: np.ndarray, width: int) -> tuple[int, int]:

@@ -166,7 +166,7 @@ class Attention:
         """Angle between the direction that the person faces and the direction to the camera, 0 to pi."""
         if self.found is not None and stamp - self.found <= _KEPT_S * SECOND:
             return abs(self.turn_rad)
-        velocity = self._velocity()
+        velocity = self.velocity()
         if velocity is not None and math.hypot(*velocity) >= _WALKING_MPS:
             _, x, y = self._places[-1]
             toward = -(velocity[0] * x + velocity[1] * y) / (math.hypot(*velocity) * max(math.hypot(x, y), 1e-6))
@@ -176,13 +176,13 @@ class Attention:
 
     def approach_mps(self) -> float | None:
         """Speed towards the camera."""
-        velocity = self._velocity()
+        velocity = self.velocity()
         if velocity is None:
             return None
         _, x, y = self._places[-1]
         return -(velocity[0] * x + velocity[1] * y) / max(math.hypot(x, y), 1e-6)
 
-    def _velocity(self) -> tuple[float, float] | None:
+    def velocity(self) -> tuple[float, float] | None:
         """Mean velocity relative to the camera, m/s: forward and to the left."""
         if len(self._places) < _LEAST_POINTS or self._places[-1][0] - self._places[0][0] < _LEAST_WALK_S * SECOND:
             return None

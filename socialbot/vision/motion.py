@@ -174,9 +174,13 @@ class CameraMotion:
 
     A stated turn is exact up to the edges of the image, and known where there are no corners. Where the corners
     contradict it, they count: the base of the robot turns as well, or the transforms are late.
+
+    Attributes:
+        contradicted: Whether the last two images showed another turn than the stated one.
     """
 
     def __init__(self) -> None:
+        self.contradicted = False
         self._camera: CameraModel | None = None
         self._grey: np.ndarray | None = None
         self._corners: np.ndarray | None = None
@@ -192,20 +196,16 @@ class CameraMotion:
         seen = self._seen(image_bgr, boxes)
         before, self._camera = self._camera, camera
         stated = None if camera is None or before is None else camera.turn_from(before)
-        if camera is not None and stated is not None and not self._is_contradicted(camera, stated, seen):
-            return stated
+        self.contradicted = False
+        if camera is not None and stated is not None:
+            scale, middle = _SMALL / camera.width, np.array([[camera.width / 2, camera.height / 2]])
+            there = moved(stated, middle)[0]
+            path = math.dist(there, middle[0]) * scale
+            apart = 0.0 if seen is None else math.dist(there, moved(seen, middle)[0]) * scale
+            self.contradicted = apart > _AGREED + _AGREED_SHARE * path
+            if path >= _STILL and not self.contradicted:
+                return stated
         return None if seen is not None and (seen == _NO_TURN).all() else seen
-
-    @staticmethod
-    def _is_contradicted(camera: CameraModel, stated: np.ndarray, seen: np.ndarray | None) -> bool:
-        """Whether a ``stated`` turn is none, or another one is ``seen`` in the middle of the image."""
-        scale = _SMALL / camera.width
-        centre = np.array([[camera.width / 2, camera.height / 2]])
-        path = math.dist(moved(stated, centre)[0], centre[0])
-        if path * scale < _STILL or seen is None:
-            return path * scale < _STILL
-        apart = math.dist(moved(stated, centre)[0], moved(seen, centre)[0])
-        return apart * scale > _AGREED + _AGREED_SHARE * path * scale
 
     def _seen(self, image_bgr: np.ndarray, boxes: np.ndarray) -> np.ndarray | None:
         """Similarity transform (3, 3) that moves the corners of the last image; None if it is unknown."""

@@ -46,7 +46,7 @@ from socialbot.vision.distance import PERSON_HEIGHT_M
 from socialbot.vision.lens import LENS_MODELS, is_known
 from socialbot.vision.network import LAYOUTS
 from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
-from socialbot.vision.tracking import REMEMBER_S
+from socialbot.vision.reidentification import REMEMBER_S
 
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
 _USUAL = DetectorSettings()

@@ -37,8 +37,10 @@ from socialbot.vision.distance import (
     whole_height,
 )
 from socialbot.vision.faces import Attention, FaceFinder
-from socialbot.vision.motion import CameraMotion, cut_off
-from socialbot.vision.tracking import REMEMBER_S, Track, Tracker
+from socialbot.vision.motion import CameraMotion, Cut, cut_off
+from socialbot.vision.reidentification import REMEMBER_S, Locate
+from socialbot.vision.tracking import Track, Tracker
+from socialbot.vision.whereabouts import FloorPoint, LastSeen
 
 TRACKERS = ("kalman", "none")
 BRIDGE_S = 0.3
@@ -224,7 +226,9 @@ class PersonPipeline:
         camera = self._located(camera)
         looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
         size = image_bgr.shape[1], image_bgr.shape[0]
-        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks, turn)
+        if self._camera_motion.contradicted:
+            self.tracker.forget_places()
+        tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks, turn, self._locate(camera))
         if stamp_ns < self._stamp:
             self._known = {}
             self._errors.clear()
@@ -242,6 +246,20 @@ class PersonPipeline:
             tracks = self._static_objects.people(image_bgr, stamp_ns, tracks, self.tracker.doubtful, people)
         tracks = self._with_hidden_feet(tracks)
         return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns, depth), depth)
+
+    def _locate(self, camera: CameraModel) -> Locate | None:
+        """Locate boxes of people on the floor, if the direction of the camera is known."""
+        yaw_rad = camera.yaw_rad
+        if yaw_rad is None:
+            return None
+
+        def locate(box: np.ndarray, cut: Cut) -> FloorPoint | None:
+            x, y, w, h = box.tolist()
+            seen = measure(camera, (x, y, w, h), self._anybody(), cut)
+            bearing, _ = camera.direction(x + w / 2, y)
+            return seen and FloorPoint.at(seen.distance, bearing + yaw_rad)
+
+        return locate
 
     def measured(
         self, found: Detections, camera: CameraModel, depth: Sequence[RangeImage] = ()
@@ -313,7 +331,11 @@ class PersonPipeline:
             h = min(max(h, whole_height(camera, box, distance.value)), camera.height - y)
         attention = self._known[track.id].attention if track.id else Attention()
         if track.id and distance is not None and not track.unseen_s:
-            attention.walk(stamp_ns, distance.value, bearing + (camera.yaw_rad or 0.0))
+            direction = bearing + (camera.yaw_rad or 0.0)
+            attention.walk(stamp_ns, distance.value, direction)
+            if camera.yaw_rad is not None and self.tracker is not None:
+                point = FloorPoint.at(distance, direction)
+                self.tracker.place(track.id, LastSeen(stamp_ns, point, attention.velocity() or (0.0, 0.0)))
         return PersonDetection(
             x=x,
             y=y,

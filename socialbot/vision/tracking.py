@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from socialbot.core.clock import SECOND
-from socialbot.vision.appearance import Appearance, noise_of
+from socialbot.vision.appearance import LIKE, OTHER, UNLIKE, Appearance, clarity_of, noise_of
 from socialbot.vision.detector import clip, contained, iou, same_head, shared_area
 from socialbot.vision.motion import BoxFilter, Cut, cut_off
+from socialbot.vision.reidentification import REMEMBER_S, Locate, LostPeople, TrackedPerson
+from socialbot.vision.whereabouts import LastSeen
 
 
 def assign(costs: np.ndarray, limit: float) -> list[tuple[int, int]]:
@@ -51,22 +53,11 @@ _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
 _HIDDEN_S = 1.5  # for at most this long.
 
-REMEMBER_S = 90.0
-"""How long a lost person can be recognised, s."""
-_MOST_REMEMBERED = 32
 _LOOK_COSTS = 0.5  # A box of clearly another look costs a track as much as this IoU.
 _LEAST_MORE = 0.2  # and it must fit better by this.
-_LIKE, _UNLIKE = 0.1, 0.25  # Distances of looks that one person usually stays below, and other people above.
-_OTHER = 0.33  # From this distance, a box shows somebody else.
 _UNKNOWN = 0.2  # A box whose colours are not known counts as this much unlike,
 _LEAST_FIT_UNKNOWN = 0.4  # and must fit this well.
 _FOREIGN = 0.4  # A track that looks so different shows somebody else.
-_RETURNED = 0.12  # A lost person is recognised below this distance,
-_CLEARER = 0.7  # if other known people are farther by this factor.
-_PROVEN = 0.18  # The looks of a recognised person stay below this distance,
-_PROOFS = 5  # as the median of so many,
-_PROVING_S = 3.0  # for this long.
-_DECIDING_S = 0.6  # A near new track that may show a lost person waits this long for its id.
 _DECIDING_LOOKS = 5  # The id of a new track may change until it has so many looks.
 _LEAST_LOOKS = 3  # So many looks tell that a track shows somebody else now,
 _SURE_FIT = 0.6  # From this IoU, a track that nobody has touched for a while may change its look: light changes.
@@ -89,52 +80,6 @@ class Track:
     cut: Cut
     feet_hidden: bool = False
     key: int = 0
-
-
-@dataclass(eq=False)
-class _Person:
-    """State of a track; without ``id`` it is not confirmed yet."""
-
-    motion: BoxFilter
-    box: np.ndarray
-    score: float
-    cut: Cut
-    key: int
-    id: str = ""
-    hits: int = 1
-    sure_hits: int = 0
-    misses: int = 0
-    unseen_s: float = 0.0
-    usual_score: float = 0.0
-    best: float = 0.0
-    hidden_s: float = 0.0
-    begun: int = 0
-    last: int = 0
-    mixed: int = -(2**62)
-    appearance: Appearance = field(default_factory=Appearance)
-    others: list[np.ndarray] = field(default_factory=list)
-    met: set[str] = field(default_factory=set)
-    due: bool = False
-    new: bool = False
-    turned: bool = False
-    claim: _Claim | None = None
-
-    @property
-    def feet_hidden(self) -> bool:
-        return self.hidden_s > 0
-
-
-@dataclass(eq=False)
-class _Claim:
-    """Recognition of a lost ``person`` that further ``looks`` must prove.
-
-    They are ``whole`` if they show upper body and legs; ``since`` is the stamp of the first one (ns).
-    """
-
-    person: _Person
-    since: int
-    whole: bool = False
-    looks: list[np.ndarray] = field(default_factory=list)
 
 
 class Tracker:
@@ -178,10 +123,11 @@ class Tracker:
         self.bridge_s = bridge_s
         self.keep_s = keep_s
         self.remember_s = remember_s
-        self._persons: list[_Person] = []
+        self._persons: list[TrackedPerson] = []
         self._stamp: int | None = None
         self._count = self._begun = 0
-        self._lost: list[_Person] = []
+        self._lost = LostPeople()
+        self._locate: Locate | None = None
         self.doubtful: tuple[Track, ...] = ()
 
     def update(
@@ -192,6 +138,7 @@ class Tracker:
         size: tuple[int, int] | None = None,
         looks: np.ndarray | None = None,
         turn: np.ndarray | None = None,
+        locate: Locate | None = None,
     ) -> tuple[Track, ...]:
         """Update with the detections of the image taken at ``stamp_ns``; an earlier stamp starts a new recording.
 
@@ -201,19 +148,20 @@ class Tracker:
             size: Width and height of the image; without it no box counts as cut off.
             looks: Colours of each box (`appearance.looks_of`); without them nobody is recognised.
             turn: Homography (3, 3) of the background since the last image (`motion.CameraMotion`).
+            locate: Places of boxes on the floor, if the direction of the camera is known.
 
         Returns:
             The tracks, best score first.
         """
         after_gap, seconds = self._pass_to(stamp_ns)
+        self._locate = locate
         for person in self._persons:
             person.motion.predict(seconds)
             if turn is not None:
                 person.motion.shift(turn)
+            person.turned = person.misses > 0 and (person.turned or turn is not None)
         if turn is not None and size:
-            for person in self._lost:
-                person.motion.shift(turn, np.array(size) / 2)
-                person.turned = True
+            self._lost.turn(turn, np.array(size) / 2)
         boxes, scores = np.asarray(boxes, np.float64).reshape(-1, 4), np.asarray(scores, np.float64)
         order = np.lexsort((*boxes.T[::-1], -scores))
         boxes, scores = boxes[order], scores[order]
@@ -251,31 +199,38 @@ class Tracker:
         self._meet([person for person in self._persons if person.id and not person.misses])
         return self._published(size)
 
+    def place(self, track: str, seen: LastSeen) -> None:
+        """Note where the person of a published track is."""
+        for person in self._persons:
+            if person.id == track:
+                person.seen = seen
+
+    def forget_places(self) -> None:
+        """Forget where people were seen, since the base of the robot has moved."""
+        for person in (*self._persons, *self._lost.people):
+            person.seen = None
+
     def _pass_to(self, stamp_ns: int) -> tuple[bool, float]:
         """Whether the image is the first or follows a gap, and the seconds since the last one."""
         before, self._stamp = self._stamp, stamp_ns
         if before is None or stamp_ns < before:
-            self._persons, self._lost = [], []
+            self._persons, self._lost = [], LostPeople()
             return True, 0.0
         seconds = (stamp_ns - before) / SECOND
         self._drop([person for person in self._persons if person.unseen_s + seconds > max(self.keep_s, _GAP_S)])
-        oldest = stamp_ns - round(self.remember_s * SECOND)
-        self._lost = [person for person in self._lost if person.last >= oldest]
+        self._lost.forget_before(stamp_ns - round(self.remember_s * SECOND))
         return seconds >= _GAP_S, seconds
 
-    def _drop(self, persons: Sequence[_Person]) -> None:
+    def _drop(self, persons: Sequence[TrackedPerson]) -> None:
         """Delete tracks, and remember their people."""
         if persons:
             self._persons = [each for each in self._persons if each not in persons]
             self._remember(each for each in persons if each.id)
 
-    def _remember(self, persons: Iterable[_Person]) -> None:
-        persons = list(persons)
-        for each in persons:
-            _settle(each)
-        self._lost = [*self._lost, *persons][-_MOST_REMEMBERED:]
-        known = {each.id for each in (*self._persons, *self._lost)}
-        for each in (*self._persons, *self._lost):
+    def _remember(self, persons: Iterable[TrackedPerson]) -> None:
+        self._lost.add(persons)
+        known = {each.id for each in (*self._persons, *self._lost.people)}
+        for each in (*self._persons, *self._lost.people):
             each.met &= known
 
     def _match(self, expected: np.ndarray, boxes: np.ndarray, scores: np.ndarray, looks: np.ndarray) -> dict[int, int]:
@@ -304,7 +259,7 @@ class Tracker:
             return {}
         costs = np.ones((len(numbers), len(indices)))
         # Colours of few pixels tell little, and so do those that few pixels would show.
-        noise, clarity = noise_of(boxes[indices]), _clarity(boxes[indices])
+        noise, clarity = noise_of(boxes[indices]), clarity_of(boxes[indices])
         hidden = least + clarity * max(_LEAST_FIT_UNKNOWN - least, 0.0)
         for row, number in enumerate(numbers):
             person = self._persons[number]
@@ -315,17 +270,17 @@ class Tracker:
             unknown = _UNKNOWN if known else 0.0
             unlike = np.where(
                 np.isfinite(far),
-                np.minimum(np.maximum((far - noise - _LIKE) / (_UNLIKE - _LIKE), 0), 1),
+                np.minimum(np.maximum((far - noise - LIKE) / (UNLIKE - LIKE), 0), 1),
                 unknown * clarity,
             )
             mixed = (self._stamp or 0) - person.mixed <= _MIXED_S * SECOND
-            other = (far - noise >= _OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
+            other = (far - noise >= OTHER) & np.isfinite(far) & known & (mixed | (fit < _SURE_FIT))
             needed = np.where(np.isfinite(far) | (not known), least + _LEAST_MORE * unlike, hidden)
             good = person.motion.is_head(boxes[indices]) & (fit >= needed)
             costs[row] = np.where(good & ~other, 1 - fit + absence + _LOOK_COSTS * unlike, np.inf)
         return {numbers[row]: int(indices[column]) for row, column in assign(costs, 1.0 + _LOOK_COSTS)}
 
-    def _see(self, person: _Person, box: np.ndarray, score: float, cut: Cut, seconds: float) -> None:
+    def _see(self, person: TrackedPerson, box: np.ndarray, score: float, cut: Cut, seconds: float) -> None:
         _, top, height, _ = person.motion.value
         short = box[3] < _SUDDEN * height and abs(box[1] - top) < _HEADS_ALIKE * height
         hidden = short and not (cut.top or cut.bottom) and person.hits >= _TRUSTED_HITS
@@ -342,22 +297,22 @@ class Tracker:
         if not person.id and person.hits >= self.confirm and person.best >= self.sure:
             person.due = True
 
-    def _is_double(self, person: _Person) -> bool:
+    def _is_double(self, person: TrackedPerson) -> bool:
         """Whether a track without an id may be a second box around a person."""
         if person.id or person.sure_hits >= _DOUBLE_HITS:
             return False
         others = [each for each in self._persons if each.id and not each.misses]
         shared = iou(person.box, np.array([each.box for each in others]).reshape(-1, 4)) > _DOUBLE
         looks = [each.appearance.distance_to(person.appearance) for each in others]
-        return any(near and not _UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
+        return any(near and not UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
 
-    def _meet(self, present: Sequence[_Person]) -> None:
+    def _meet(self, present: Sequence[TrackedPerson]) -> None:
         """Note who is in view at once, and so not the same person."""
         names = {person.id for person in present}
         for person in present:
             person.met |= names - {person.id}
 
-    def _look(self, person: _Person, look: np.ndarray, *, touched: bool) -> None:
+    def _look(self, person: TrackedPerson, look: np.ndarray, *, touched: bool) -> None:
         """Learn the ``look`` of a track, or notice that it shows somebody else since it was lost or touched."""
         now = self._stamp or 0
         if touched:
@@ -376,34 +331,23 @@ class Tracker:
             person.appearance.see(look)
             self._prove(person, look)
 
-    def _prove(self, person: _Person, look: np.ndarray) -> None:
-        """Compare a recognised person with their memory, until it is proven or refuted.
-
-        A person who enters may show little of themselves, and look like somebody else at first.
-        """
-        claim, now = person.claim, self._stamp or 0
-        if claim is None:
-            return
-        whole = not np.isnan(look).any()
-        if whole and not claim.whole:
-            claim.whole, claim.since, claim.looks = True, now, []
-        if whole is claim.whole and not np.isnan(look[:, 0]).all():
-            claim.looks = [*claim.looks, look][-_PROOFS:]
-        if len(claim.looks) < _PROOFS:
-            return
-        if float(np.median(claim.person.appearance.distances(np.array(claim.looks)))) > _PROVEN:
-            self._lost.append(claim.person)
+    def _prove(self, person: TrackedPerson, look: np.ndarray) -> None:
+        """Compare a recognised person with their memory, until it is proven or refuted."""
+        claim = person.claim
+        proven = None if claim is None else claim.prove(look, self._stamp or 0)
+        if proven:
+            person.accept()
+        elif claim is not None and proven is False:
+            self._lost.add([claim.person])
             person.appearance = Appearance(claim.looks)
             self._forget_id(person)
             person.met.add(claim.person.id)
-        elif (now - claim.since) / SECOND > _PROVING_S:
-            _settle(person)
 
-    def _forget_id(self, person: _Person) -> None:
+    def _forget_id(self, person: TrackedPerson) -> None:
         """Let a track show somebody else from now on, whose id is due."""
         person.begun, person.met, person.id, person.due, person.claim = self._stamp or 0, set(), "", True, None
 
-    def _replace(self, person: _Person) -> None:
+    def _replace(self, person: TrackedPerson) -> None:
         """Let a track be another person than before."""
         self._remember([replace(person, last=person.mixed)])
         self._forget_id(person)
@@ -419,7 +363,7 @@ class Tracker:
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
         self._begun += 1
-        person = _Person(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
+        person = TrackedPerson(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
         person.sure_hits = int(score >= self.sure)
         person.begun = person.last = self._stamp or 0
         person.appearance.see(look)
@@ -427,20 +371,20 @@ class Tracker:
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
             self._confirm(person)
 
-    def _confirm(self, person: _Person) -> None:
+    def _confirm(self, person: TrackedPerson) -> None:
         """Give a track the id of the lost person whom it shows, or else, if it has none, a new one.
 
         The id of a new track is decided with its first looks.
         """
-        before = self._recognised(person)
-        if before is not None:
+        claim = self._lost.recognise(person, self._persons, self._stamp or 0, self._locate)
+        if claim is not None:
+            before = claim.person
             self._persons = [each for each in self._persons if each is not before]
-            self._lost = [each for each in self._lost if each is not before]
-            person.id, person.new = before.id, False
-            person.claim = _Claim(before, self._stamp or 0)
+            self._lost.remove(before)
+            person.id, person.new, person.claim = before.id, False, claim
             if before.turned and before.motion.is_at(person.box, person.cut):
-                _settle(person)
-        elif not person.id and self._may_return(person):
+                person.accept()
+        elif not person.id and self._lost.may_return(person):
             person.due = True
             return
         elif not person.id:
@@ -449,35 +393,7 @@ class Tracker:
         person.new = person.new and len(person.appearance) < _DECIDING_LOOKS
         person.due = False
 
-    def _recognised(self, person: _Person) -> _Person | None:
-        """The lost person whom a track shows."""
-        known = [*self._lost, *(each for each in self._persons if each.id and each is not person)]
-        far = {each.id: _distance(each, person) for each in known}
-        lost = [each for each in known if each.last < person.begun and each.id not in person.met]
-        # Who stood still is where the camera left them.
-        here = [each for each in lost if each.turned and each.motion.is_at(person.box, person.cut)]
-        here = [each for each in here if not _UNLIKE <= far[each.id] < math.inf]
-        if here:
-            return min(here, key=lambda each: (far[each.id], -each.last))
-        best = min(lost, key=lambda each: (far[each.id], -each.last), default=None)
-        if best is None or far[best.id] > _RETURNED:
-            return None
-        alike = [each for each in known if each is not best and far[best.id] > _CLEARER * far[each.id]]
-        return None if any(each.id in best.met for each in alike) else best
-
-    def _may_return(self, person: _Person) -> bool:
-        """Whether the next looks of a new track may show that it is a lost person."""
-        partly_seen = person.cut.left or person.cut.right or person.mixed >= person.begun
-        patience = _DECIDING_S * float(_clarity(person.box[None])[0])
-        known = [each for each in self._lost if len(each.appearance)]
-        if not (known and partly_seen) or (person.last - person.begun) / SECOND >= patience:
-            return False
-        if not len(person.appearance):
-            return True
-        lost = [each for each in known if each.id not in person.met]
-        return any(each.appearance.distance_to(person.appearance) < _UNLIKE for each in lost)
-
-    def _kept(self, person: _Person, size: tuple[int, int] | None) -> bool:
+    def _kept(self, person: TrackedPerson, size: tuple[int, int] | None) -> bool:
         if not person.misses:
             return True
         if not person.id:
@@ -506,7 +422,7 @@ class Tracker:
                     tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
         return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
 
-    def _trusted(self, person: _Person, size: tuple[int, int] | None) -> bool:
+    def _trusted(self, person: TrackedPerson, size: tuple[int, int] | None) -> bool:
         motion = person.motion
         if (
             not 0 < person.unseen_s <= self.bridge_s
@@ -521,35 +437,16 @@ class Tracker:
         return not ((cut.left and motion.speed[0] < -outward) or (cut.right and motion.speed[0] > outward))
 
 
-def _settle(person: _Person) -> None:
-    """Take a recognition for proven: merge the remembered appearance of the person with that of the track."""
-    if person.claim is not None:
-        before, person.claim = person.claim.person, None
-        before.appearance.learn(person.appearance)
-        person.appearance, person.met = before.appearance, person.met | before.met
-
-
-def _distance(person: _Person, other: _Person) -> float:
-    """Distance between the appearances of two people; the first may have a remembered one, too."""
-    far = person.appearance.distance_to(other.appearance)
-    return far if person.claim is None else min(far, person.claim.person.appearance.distance_to(other.appearance))
-
-
-def _clarity(boxes: np.ndarray) -> np.ndarray:
-    """How much the colours in ``boxes`` (n, 4) can tell, from 0 for a few pixels to 1: shape (n,)."""
-    return np.maximum(0.0, 1 - noise_of(boxes) / (_UNLIKE - _LIKE))
-
-
-def _track(person: _Person) -> Track:
+def _track(person: TrackedPerson) -> Track:
     return Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden, person.key)
 
 
-def _one_a_head(persons: list[_Person]) -> list[_Person]:
+def _one_a_head(persons: list[TrackedPerson]) -> list[TrackedPerson]:
     """Keep, of tracks with the same head, the one detected most often."""
     boxes = np.array([person.box for person in persons]).reshape(-1, 4)
     if contained(boxes, boxes).sum() == len(persons):
         return persons
-    kept: list[_Person] = []
+    kept: list[TrackedPerson] = []
     for person in sorted(persons, key=lambda person: -person.hits):
         if not same_head(person.box, np.array([each.box for each in kept]).reshape(-1, 4), _WITHIN).any():
             kept.append(person)

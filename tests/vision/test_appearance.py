@@ -172,8 +172,8 @@ def test_memory_is_bounded():
         shirt, trousers = random.integers(20, 235, (2, 3)).tolist()
         room.stay((at(float(random.uniform(50, 500))), (tuple(shirt), tuple(trousers))), seconds=0.4)
         room.show(after_s=2.5)
-    assert len(room.tracker._lost) <= 32
-    assert all(len(person.met) <= 33 and len(person.appearance._exemplars) <= 6 for person in room.tracker._lost)
+    assert len(room.tracker._lost.people) <= 32
+    assert all(len(person.met) <= 33 and len(person.appearance._exemplars) <= 6 for person in room.tracker._lost.people)
 
 
 def test_mostly_covered_cut_off_dark_and_small_people_show_no_colours():

@@ -169,17 +169,18 @@ def _view(yaw_rad: float) -> CameraModel:
     return CameraModel(500, 500, 320, 240, 640, 480, CameraPose(height_m=1.5, pitch_rad=0.0), yaw_rad)
 
 
-def _turned(first: np.ndarray, second: np.ndarray, yaw_rad: float) -> np.ndarray | None:
-    """Motion between two images, of a camera that turns by ``yaw_rad`` as stated."""
+def _turned(first: np.ndarray, second: np.ndarray, yaw_rad: float) -> tuple[np.ndarray | None, bool]:
+    """Motion between two images of a camera that turns by ``yaw_rad`` as stated, and whether they contradict that."""
     motion, nobody = CameraMotion(), np.empty((0, 4))
     motion.follow(first, nobody, _view(0.0))
-    return motion.follow(second, nobody, _view(yaw_rad))
+    return motion.follow(second, nobody, _view(yaw_rad)), motion.contradicted
 
 
 def test_stated_turn_counts_where_nothing_is_seen():
     dark = np.zeros((480, 640, 3), np.uint8)
-    turn = _turned(dark, dark, 0.1)
+    turn, contradicted = _turned(dark, dark, 0.1)
     assert turn is not None
+    assert not contradicted
     middle, edge = moved(turn, np.array([[320, 240], [590, 240]]))
     assert middle == pytest.approx([320 + 500 * math.tan(0.1), 240])
     assert edge == pytest.approx([320 + 500 * math.tan(0.1 + math.atan(270 / 500)), 240])
@@ -190,9 +191,17 @@ def test_stated_turn_counts_where_nothing_is_seen():
 def test_turn_that_is_seen_counts_where_it_contradicts_the_stated_one(seen):
     # The base of the robot turns against its head.
     room = _room()
-    turn = _turned(room[:480, 100:740].copy(), room[:480, 100 - seen : 740 - seen].copy(), 0.1)
+    turn, contradicted = _turned(room[:480, 100:740].copy(), room[:480, 100 - seen : 740 - seen].copy(), 0.1)
+    assert contradicted
     middle = np.array([[320.0, 240.0]])
     assert (0 if turn is None else moved(turn, middle)[0, 0] - 320) == pytest.approx(seen, abs=2.5)
+
+
+def test_stated_turn_counts_where_the_image_agrees():
+    room = _room()
+    turn, contradicted = _turned(room[:480, 100:740].copy(), room[:480, 76:716].copy(), 0.05)
+    assert not contradicted
+    assert turn == pytest.approx(_view(0.05).turn_from(_view(0.0)))
 
 
 def test_box_follows_the_turn_of_the_camera_at_the_edge():

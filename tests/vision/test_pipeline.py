@@ -162,6 +162,47 @@ def test_stated_turn_of_the_camera_keeps_neighbours_apart():
     assert [ids(yaw) for yaw in (0.0, 0.0, 0.2, 0.0, -0.2, 0.0)] == [["t1", "t2"]] * 6
 
 
+def found_after_a_turn(there: tuple[float, float], step_rad: float = 0.15, base_turns: float = 0.0) -> set[str]:
+    """Ids of a person 4 m ahead whom a camera leaves for 3 s, and who is then at a distance and bearing.
+
+    ``step_rad`` is the stated turn of the camera in each image, ``base_turns`` (rad) one of the base, not stated.
+    """
+    rig, yaw, striped = Rig(), 0.0, False
+    room = np.kron(np.random.default_rng(0).integers(60, 150, (24, 400)), np.ones((20, 20))).astype(np.uint8)
+
+    def ids(*found: tuple[float, float]) -> list[str]:
+        rig.detector.found = [at(distance, bearing=bearing - yaw) for distance, bearing in found]
+        rig.stamp += SECOND // 5
+        left = round(4000 - 525 * (yaw + base_turns * rig.stamp / SECOND * 5))
+        image = cv2.cvtColor(np.ascontiguousarray(room[:, left : left + 640]), cv2.COLOR_GRAY2BGR)
+        for (x, y, w, h), _ in rig.detector.found:
+            person = image[round(y) : round(y + h), round(x) : round(x + w)]
+            person[:] = (60, 50, 190)
+            stripe = round(h / 36)
+            for row in range(0, len(person), 6 * stripe) if striped else ():
+                person[row : row + stripe] = (70, 150, 60)
+        people = rig.finder.find(image, rig.stamp, replace(CAMERA, yaw_rad=yaw))
+        return [person.track_id for person in people]
+
+    for _ in range(10):
+        ids((4.0, 0.0))
+    striped = True  # The person looks a bit different from the other side.
+    for step in range(16):
+        yaw += step_rad if step < 8 else -step_rad
+        ids()
+    return {each for _ in range(5) for each in ids(there)}
+
+
+@pytest.mark.parametrize(("there", "expected"), [((4.0, 0.0), "t1"), ((4.1, 0.22), "t1"), ((10.0, 0.0), "t2")])
+def test_person_out_of_view_is_expected_near_their_place(there: tuple[float, float], expected: str):
+    assert found_after_a_turn(there) == {expected}
+
+
+def test_places_are_forgotten_when_the_base_turns():
+    assert found_after_a_turn((4.1, 0.22), step_rad=0.05) == {"t1"}
+    assert found_after_a_turn((4.1, 0.22), step_rad=0.05, base_turns=0.04) == {"t2"}
+
+
 def test_new_recording_resets_the_tracks():
     rig = Rig()
     for distance in np.arange(8.0, 1.4, -0.1):
