@@ -8,7 +8,7 @@
 # make robot-interfaces   builds and installs ROS types of robots that the wheels lack; make test-all tests robots with them
 # make EXTRA   installs an extra of pyproject.toml: sim, voices, up, dask, ...; docs/installation.md lists them
 # make viewers   installs the packages of Rerun and Foxglove; make test holds what `socialbot export` writes against them then
-# make sim   installs MuJoCo; make test runs the warehouse with physics then
+# make sim   installs MuJoCo; make test runs the warehouse and the ward with physics then
 # make reception   replays the recorded visit of the reception and checks what Waldo did
 # make voices   installs a neural voice; make test tests it then
 # make hear   installs speech recognition with a model of 133 MB; make test hears with it then

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from socialbot.agents.base.mujoco import Simulation
 from socialbot.agents.hospital.coordinator import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Ward, large_ward, paper_ward
@@ -89,14 +90,18 @@ def demo(
         str,
         typer.Option(metavar="TEXT", help="Faults to add: '2 dirty room1; 3 drains uvdrobot1; 4 enters room1 9'."),
     ] = "",
+    world: Annotated[Simulation, typer.Option(help="physics: MuJoCo, of the extra 'sim'.")] = "kinematic",
 ) -> tuple[str, Graph]:
     """Robots disinfect rooms of a hospital: tasks, teams, failures and new plans.
 
     Exit codes beside the usual ones: 10 not all missions were done.
     """
-    world, coordinator = {"faults": faults}, {"policy": policy, "proactive": foresight}
+    simulated = {"faults": faults} | ({} if world == "kinematic" else {"simulation": world})
+    coordinator = {"policy": policy, "proactive": foresight}
     if ward == "paper":
-        graph = hospital(rate=problems, seed=seed, world=world, coordinator=coordinator)
+        graph = hospital(rate=problems, seed=seed, world=simulated, coordinator=coordinator)
     else:
-        graph = large_hospital(rooms, robots, robots, rate=problems, seed=seed, world=world, coordinator=coordinator)
+        graph = large_hospital(
+            rooms, robots, robots, rate=problems, seed=seed, world=simulated, coordinator=coordinator
+        )
     return f"The hospital, {problems:g} % problems" + ("" if ward == "paper" else f", {rooms} rooms"), graph

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from socialbot.agents.base.mujoco import Simulation
 from socialbot.agents.warehouse.carrier import Carrier
 from socialbot.agents.warehouse.gripper import Gripper, Gripper12, Gripper24, LayoutGripper
 from socialbot.agents.warehouse.layout import load_layout
@@ -18,8 +19,6 @@ from socialbot.graph.node import Graph, NodeConfig
 
 KINDS = {6: (World, Gripper), 12: (World12, Gripper12), 24: (World24, Gripper24)}
 """Node types of the world and the gripper, by the number of boxes."""
-
-Simulation = Literal["kinematic", "physics"]
 
 
 def scenario_with(boxes: int) -> Scenario:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from socialbot.agents.base._simulation import WorldFault
-from socialbot.agents.base.mujoco import load_mujoco
+from socialbot.agents.base.mujoco import CONTROL_NS, STEP_S, SURROUNDINGS, Physics, look_at, servo
 from socialbot.agents.warehouse.messages import Point
 from socialbot.agents.warehouse.scenario import (
     BASE_Y,
@@ -26,13 +26,10 @@ from socialbot.agents.warehouse.scenario import (
     Scenario,
 )
 from socialbot.agents.warehouse.world import FLOOR, UNLOAD_S, Warehouse
-from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.clock import nanoseconds
 
-STEP_S = 0.004
 CONTACT_S = 4 * STEP_S
 """Time constant of contacts. At twice the step, MuJoCo's minimum, stacks that nothing touches may jump."""
-CONTROL_NS = nanoseconds(0.02)
-"""Period of the targets of actuators."""
 BOX_KG = 0.8
 SUCTION_M = 0.03
 """Largest distance of the tool from the top of a box that it can hold."""
@@ -70,7 +67,7 @@ def scene_xml(scenario: Scenario) -> str:
         '<geom class="frame" type="cylinder" size="0.025 0.5" pos="0 0 0.55" mass="0.5"/>'
         '<geom name="pad" class="pad" type="cylinder" size="0.07 0.02" pos="0 0 0.02" mass="1"/></body></body></body>'
     )
-    actuators = [_servo("x", 4000, 9), _servo("y", 2500, 4), _servo("z", 2500, 3)]
+    actuators = [servo("x", 4000, 9), servo("y", 2500, 4), servo("z", 2500, 3)]
     for number, (carrier, bay, deposit) in enumerate(scenario.routes):
         bay_at, stop = layout.bays[bay], layout.deposits[deposit]
         colour = COLOURS[number % len(COLOURS)]
@@ -102,7 +99,7 @@ def scene_xml(scenario: Scenario) -> str:
             f'<geom class="shelf" size="0.01 {shelf} 0.06" pos="{stop.x + half_x} {shelf_y} {DECK_M + 0.03}"/>',
             f'<geom class="mark" size="{half_x} 0.02 0.09" pos="{stop.x} {shelf_y + shelf} {DECK_M}" rgba="{colour}"/>',
         ]
-        actuators += [_servo(carrier, 9000, 24), _servo(f"{carrier} pusher", 900, 2)]
+        actuators += [servo(carrier, 9000, 24), servo(f"{carrier} pusher", 900, 2)]
     owner = {box: number for number, load in enumerate(scenario.loads) for box in load}
     for base, stack in zip(scenario.bases, scenario.stacks, strict=True):
         at = layout.places[base]
@@ -116,18 +113,8 @@ def scene_xml(scenario: Scenario) -> str:
     )
     cross = COLUMN_M * max(len(scenario.carriers), 3)
     return f"""<mujoco model="warehouse">
-  <option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic" impratio="5"/>
+  {SURROUNDINGS}
   <statistic center="{middle} 1.8 0.5" extent="14"/>
-  <visual>
-    <headlight ambient="0.35 0.35 0.38" diffuse="0.35 0.35 0.35"/><quality shadowsize="8192" offsamples="4"/>
-    <global offwidth="1280" offheight="720"/><map znear="0.01"/>
-  </visual>
-  <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.80 0.86 0.93" rgb2="0.97 0.98 1" width="64" height="384"/>
-    <texture name="floor" type="2d" builtin="checker" rgb1="0.80 0.81 0.82" rgb2="0.76 0.77 0.78" width="256"
-      height="256"/>
-    <material name="floor" texture="floor" texrepeat="12 12"/>
-  </asset>
   <default>
     <geom type="box" friction="0.8 0.01 0.001"/>
     <default class="frame"><geom contype="0" conaffinity="0" rgba="0.95 0.72 0.15 1"/></default>
@@ -145,26 +132,12 @@ def scene_xml(scenario: Scenario) -> str:
   <worldbody>
     <light type="directional" pos="{middle} 1.5 8" dir="-0.35 0.3 -1" diffuse="0.55 0.55 0.52" castshadow="true"/>
     <geom name="floor" type="plane" size="{cross + 6} 12 0.1" material="floor" contype="2" conaffinity="1"/>
-    <camera name="film" fovy="42" {_look_at((middle + 0.9 * cross + 1.0, -3.3, 3.9), (middle - 0.1, 1.7, 0.3))}/>
+    <camera name="film" fovy="42" {look_at((middle + 0.9 * cross + 1.0, -3.3, 3.9), (middle - 0.1, 1.7, 0.3))}/>
     {"".join(bodies)}
   </worldbody>
   <equality>{welds}</equality>
   <actuator>{"".join(actuators)}</actuator>
 </mujoco>"""
-
-
-def _look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> str:
-    """Position and axes of a camera."""
-    ahead = np.subtract(target, eye)
-    right = np.cross(ahead, (0.0, 0.0, 1.0))
-    numbers = (*right, *np.cross(right, ahead))
-    return f'pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{" ".join(f"{number:.4f}" for number in numbers)}"'
-
-
-def _servo(joint: str, stiffness: float, kilograms: float) -> str:
-    """A position servo with critical damping for the mass that it moves."""
-    damping = 2 * (stiffness * kilograms) ** 0.5
-    return f'<position name="{joint}" joint="{joint}" kp="{stiffness}" kv="{damping:.1f}"/>'
 
 
 class PhysicalWarehouse(Warehouse):
@@ -183,14 +156,10 @@ class PhysicalWarehouse(Warehouse):
         start: int = 0,
     ) -> None:
         super().__init__(scenario, seed=seed, noise=noise, faults=faults, start=start)
-        mujoco = self._mujoco = load_mujoco()
-        self.model = mujoco.MjModel.from_xml_string(scene_xml(scenario))
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, self.data)
-        self._body = {box: self.model.body(box).id for box in scenario.boxes}
-        self._weld = {box: self.model.equality(box).id for box in scenario.boxes}
+        self.physics = Physics(scene_xml(scenario), start)
+        self._body = {box: self.physics.model.body(box).id for box in scenario.boxes}
+        self._weld = {box: self.physics.model.equality(box).id for box in scenario.boxes}
         self._gone: set[str] = set()
-        self._begin = start
         self._gripped = ""
         self._refresh()
 
@@ -203,13 +172,13 @@ class PhysicalWarehouse(Warehouse):
 
     def box_at(self, box: str) -> Point:
         """Position of the middle of a box, m."""
-        x, y, z = self.data.xpos[self._body[box]]
+        x, y, z = self.physics.data.xpos[self._body[box]]
         return Point(float(x), float(y), float(z))
 
     @property
     def tool_z(self) -> float:
         """Height of the tool, m."""
-        return float(self.data.body("tool").xpos[2])
+        return self.physics.position("tool")[2]
 
     def _position(self, box: str, holder: str, number: int) -> Point:
         return self.box_at(box)
@@ -223,10 +192,8 @@ class PhysicalWarehouse(Warehouse):
             control[carrier] = at.y - self.layout.deposits[deposit].y
             control[f"{carrier} pusher"] = self._push(carrier)
         for name, value in control.items():
-            self.data.actuator(name).ctrl = value
-        goal_s = (self.now - self._begin) / SECOND
-        while self.data.time + STEP_S / 2 < goal_s:
-            self._mujoco.mj_step(self.model, self.data)
+            self.physics.aim(name, value)
+        self.physics.advance(self.now)
         self._refresh()
 
     def _push(self, carrier: str) -> float:
@@ -258,8 +225,8 @@ class PhysicalWarehouse(Warehouse):
         return self._stack_at(at) or FLOOR
 
     def _deck(self, carrier: str) -> Point:
-        x, y, _ = self.data.body(carrier).xpos
-        return Point(float(x), float(y), 0.0)
+        x, y, _ = self.physics.position(carrier)
+        return Point(x, y, 0.0)
 
     def _surface(self, at: Point) -> tuple[float, str, str]:
         below = [
@@ -279,22 +246,22 @@ class PhysicalWarehouse(Warehouse):
 
     def _attach(self, box: str, holder: str) -> None:
         # The constraint holds the box where it is relative to the tool.
-        mujoco, weld = self._mujoco, self._weld[box]
-        tool, body = self.data.body("tool"), self.data.body(box)
+        mujoco, model, data = self.physics.mujoco, self.physics.model, self.physics.data
+        weld, tool, body = self._weld[box], data.body("tool"), data.body(box)
         inverse, turn, offset = np.zeros(4), np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(inverse, tool.xquat)
         mujoco.mju_mulQuat(turn, inverse, body.xquat)
         mujoco.mju_rotVecQuat(offset, body.xpos - tool.xpos, inverse)
-        self.model.eq_data[weld][:3] = 0.0
-        self.model.eq_data[weld][3:6] = offset
-        self.model.eq_data[weld][6:10] = turn
-        self.data.eq_active[weld] = 1
+        model.eq_data[weld][:3] = 0.0
+        model.eq_data[weld][3:6] = offset
+        model.eq_data[weld][6:10] = turn
+        data.eq_active[weld] = 1
         self._gripped = box
         self._refresh()
 
     def _detach(self, box: str) -> str:
         self._gripped = ""
-        self.data.eq_active[self._weld[box]] = 0
+        self.physics.data.eq_active[self._weld[box]] = 0
         self._refresh()
         return self._holder(box)
 
@@ -306,8 +273,6 @@ class PhysicalWarehouse(Warehouse):
         self._gone.add(box)
         if self._gripped == box:
             self._detach(box)
-        joint = self.data.joint(box)
-        joint.qpos[:3] = (GONE.x + len(self._gone), GONE.y, GONE.z)
-        joint.qvel[:] = 0.0
+        self.physics.put(box, GONE.x + len(self._gone), GONE.y, GONE.z)
         self._refresh()
         self._update_carrier(place)

@@ -37,6 +37,7 @@ from socialbot.agents.hospital.ward.ward import (
     ActionDurations,
     Journey,
     Position,
+    Room,
     Ward,
     WardMember,
     drawn_problems,
@@ -95,8 +96,13 @@ class WardAgent:
         if name != "outdated":
             self.__dict__.get("outdated", set()).add(self.member.name)
 
-    def at(self, time: int) -> Position:
+    def goal(self, time: int) -> Position:
+        """Where its way leads it at ``time``."""
         return self.journey.left(time)[0] if self.journey else self.position
+
+    def at(self, time: int) -> Position:
+        """Where it is at ``time``."""
+        return self.goal(time)
 
     def state(self, time: int) -> AgentState:
         """Value of its sensor."""
@@ -150,7 +156,7 @@ class WardWorld(SimulatedWorld):
         self._outdated: set[str] = set()
         for member in ward.members:
             home, chance = ward.room_by_name[member.home], random.Random(f"ward {seed} {member.name}")
-            self.agents[member.name] = WardAgent(member, home.name, home.centre, chance, outdated=self._outdated)
+            self.agents[member.name] = self._new_agent(member, home, chance)
         self._shown = {name: agent.state(start) for name, agent in self.agents.items()}
         """Latest values of the sensors of agents."""
         self.changes = 0
@@ -163,6 +169,9 @@ class WardWorld(SimulatedWorld):
         for fault in (*self.problems, *faults):
             self._after(fault.time_s, lambda fault=fault: self._apply_fault(fault))
         self.advance(start)
+
+    def _new_agent(self, member: WardMember, home: Room, chance: random.Random) -> WardAgent:
+        return WardAgent(member, home.name, home.centre, chance, outdated=self._outdated)
 
     # Commands
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, RESULTS, STATE, AgentState, RoomState, WardState
+from socialbot.agents.hospital.ward.physics import PhysicalWard
 from socialbot.agents.hospital.ward.ward import (
     DURATIONS,
     SLOW_S,
@@ -44,6 +46,9 @@ class HospitalWorld(Node):
     )
     every_s = Parameter(3.0, "period of infections in the large ward (s)", minimum=0.0, maximum=3600.0, fixed=True)
     pace = Parameter("paper", "durations of actions", choices=tuple(DURATIONS), fixed=True)
+    simulation = Parameter(
+        "kinematic", "physics: mass and friction in MuJoCo (extra sim)", choices=("kinematic", "physics"), fixed=True
+    )
     seed = Parameter(0, "random seed of durations and problems", fixed=True)
     rate = Parameter(0.0, "percentage of infections with a problem", minimum=0.0, maximum=100.0, fixed=True)
     noise = Parameter(0.0, "largest relative deviation of durations", minimum=0.0, maximum=0.5, fixed=True)
@@ -57,7 +62,7 @@ class HospitalWorld(Node):
     )
 
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
-        """Raises ParameterError for unknown faults, or more nurses than rooms."""
+        """Raises ParameterError for unknown faults, more nurses than rooms, or physics that cannot run."""
         super().__init__(name, context, parameters)
         self.world = self._new_world()
         self._seen: dict[str, tuple[int, RoomState | AgentState]] = {}
@@ -74,7 +79,14 @@ class HospitalWorld(Node):
 
     def _new_world(self) -> WardWorld:
         ward = ward_of(self.parameter_values)
-        return WardWorld(
+        if self.simulation == "physics" and math.isinf(DURATIONS[self.pace].speed):
+            raise ParameterError(
+                f"with physics, robots cannot move at the pace {self.pace!r}",
+                where=f"{self.name}.pace",
+                remedy="set pace to paper or clinic, or simulation to kinematic",
+            )
+        kind = PhysicalWard if self.simulation == "physics" else WardWorld
+        return kind(
             ward,
             seed=self.seed,
             rate=self.rate,
