@@ -292,9 +292,12 @@ class InlineRunner:
             by = {port.addressed_by for _, port in listeners} - {""}
             if len(by) == 1:
                 self._addressed[topic] = by.pop()
-                for receiver in ("", *self._configs):
-                    pairs = [(name, port) for name, port in listeners if not port.addressed_by or name == receiver]
-                    self._receivers[topic, receiver] = pairs
+                addressed: dict[str, list[int]] = {"": []}
+                for place, (name, port) in enumerate(listeners):
+                    addressed.setdefault(name if port.addressed_by else "", []).append(place)
+                for receiver, places in addressed.items():
+                    both = sorted({*places, *addressed[""]})
+                    self._receivers[topic, receiver] = [listeners[place] for place in both]
 
     def _listeners_of(self, topic: str, message: Message) -> Iterable[tuple[str, Input[Any]]]:
         """The listeners of a topic that may take a message, in the order of the graph."""

@@ -22,6 +22,7 @@ from __future__ import annotations
 import logging
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -381,8 +382,8 @@ class Graph:
         """Check the graph. Raises GraphError or ParameterError."""
         configs = (*self.nodes, *self.stand_ins)
         names = [config.name for config in configs]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(names).items():
+            if count > 1:
                 raise GraphError(f"two nodes are called {name!r}", where=self.name, remedy="give each its own name")
         for config in configs:
             config.check(self.name)
@@ -401,6 +402,7 @@ class Graph:
     def _check_topics(self) -> None:
         types: dict[str, tuple[type[Message], str]] = {}
         published = {topic for config in self.nodes for topic, _ in config.publications}
+        sources = published.union(self.inputs)
         for config in self.nodes:
             for topic, port in (*config.publications, *config.subscriptions):
                 message_type, first = types.setdefault(topic, (port.message_type, config.name))
@@ -414,7 +416,6 @@ class Graph:
                         where=config.place(self.name),
                         remedy="remap one of the two to another topic",
                     )
-            sources = published.union(self.inputs)
             # One of an input and its alternatives is enough.
             fed = {(port.alternative_to or port).name for topic, port in config.subscriptions if topic in sources}
             for topic, port in config.subscriptions:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 import pytest
 
@@ -129,3 +130,19 @@ def test_input_that_replaces_one_of_a_base_class_keeps_its_handler():
     runner.start()
     runner.feed("/letters", Letter(stamp=1, receiver="bob"))
     assert runner.nodes["ann"].got == ["bob"]  # type: ignore[attr-defined]
+
+
+def _start_s(count: int) -> float:
+    """Least processor time to build a graph of mailboxes and its runner, s."""
+    took_s = []
+    for _ in range(3):
+        begin = time.process_time()
+        nodes = tuple(NodeConfig(f"home{number}", Mailbox) for number in range(count))
+        InlineRunner(Graph("post", nodes, inputs=frozenset({"/letters"})))
+        took_s.append(time.process_time() - begin)
+    return min(took_s)
+
+
+def test_start_of_a_large_graph_costs_no_more_a_node():
+    few, many = _start_s(300), _start_s(3000)
+    assert many / few < 20  # 10 in proportion; 100 if each node looked at all others

@@ -105,18 +105,34 @@ class Ward:
     def member_by_name(self) -> dict[str, WardMember]:
         return {member.name: member for member in self.members}
 
+    @cached_property
+    def nurse_by_room(self) -> dict[str, str]:
+        """The first nurse at home in each room."""
+        return {member.home: member.name for member in reversed(self.members) if member.kind == NURSE}
+
     def of_kind(self, kind: str) -> tuple[str, ...]:
         """Names of the members of one kind."""
         return tuple(member.name for member in self.members if member.kind == kind)
 
-    @property
+    @cached_property
     def robots(self) -> tuple[str, ...]:
         """Names of all robots."""
         return tuple(member.name for member in self.members if member.kind in ROBOTS)
 
     def room_at(self, point: Position) -> str:
         """The room at a position; an empty string for a corridor."""
-        return next((room.name for room in self.rooms if room.contains(point)), "")
+        near = self._rooms_by_row.get(math.floor(point.y / ROOM_M[1]), ())
+        return next((room.name for room in near if room.contains(point)), "")
+
+    @cached_property
+    def _rooms_by_row(self) -> dict[int, list[Room]]:
+        """Rooms that touch a strip along the corridors, as deep as a room, by its number."""
+        found: dict[int, list[Room]] = {}
+        for room in self.rooms:
+            first, last = (math.floor(y / ROOM_M[1]) for y in (room.corner.y, room.corner.y + ROOM_M[1]))
+            for row in range(first, last + 1):
+                found.setdefault(row, []).append(room)
+        return found
 
     def way(self, start: Position, room: str, target: str) -> tuple[Position, ...]:
         """The path from ``start`` (in ``room``, or in a corridor if that is empty) to the entrance of ``target``."""
@@ -368,7 +384,7 @@ def _problem(ward: Ward, room: str, chance: random.Random, infected_s: float) ->
     time_s = max(round(infected_s + chance.uniform(*ward.window_s), 2), 0.0)
     stay_s = round(chance.uniform(*STAY_S), 1)
     robot = chance.choice(ward.robots or ("",))
-    nurse = next((member.name for member in ward.members if (member.kind, member.home) == (NURSE, room)), "")
+    nurse = ward.nurse_by_room.get(room, "")
     targets = {"dirty": room, "closes": room, "drains": robot, "enters": room, "leaves": nurse}
     kind = chance.choice([kind for kind in ward.problems if targets[kind]])
     return WorldFault(time_s, kind, targets[kind], stay_s if kind in ("enters", "leaves") else None)
