@@ -108,7 +108,8 @@ class _Answering(Scope):
         asked_s = question.at_s if question.span_s is None else question.span_s[0]
         if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
-        if (question.event is not None and self.event_s is None) or self.persons == [NOBODY]:
+        is_about_nobody = question.person is not None and self.topic is not None and not self.topic.concerns_people
+        if (question.event is not None and self.event_s is None) or self.persons == [NOBODY] or is_about_nobody:
             return self._unknown(text, self.speech.say("not_recorded"))
         found = self._contrasted(
             _TOLD[question.kind](self) if question.kind in _TOLD else getattr(self, f"_{question.kind}")()

@@ -43,13 +43,15 @@ def without_matrix(words: Sequence[str], language: Language) -> list[str]:
         before = words[:place]
         is_event = (word,) in language.phrases["event when"] and (words[0],) in language.phrases["past"]
         is_asking = any(_is_at(phrase, words, place) for phrase in asking)
-        if place and is_asking and not is_event and thinking.intersection(before):
+        # "Quote what you said": a verb in front of an interrogative asks, too.
+        asks = thinking.intersection(before) or (place == 1 and before[0] not in language.known_words)
+        if place and is_asking and not is_event and asks:
             return list(words[place:])
         for phrase in language.phrases["complement"]:
             is_linked = len(phrase) > 1 or thinking.intersection(before)
             if place and is_linked and _is_at(phrase, words, place):
                 return list(words[place + len(phrase) :])
-        if word not in thinking and word not in aside:
+        if word not in thinking and word not in aside and (place or word in language.known_words):
             break
     return list(words)
 

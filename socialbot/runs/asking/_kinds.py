@@ -5,7 +5,16 @@ from __future__ import annotations
 from typing import Literal
 
 from socialbot.runs.asking._references import Reading
+from socialbot.runs.asking._word_classes import tells
 from socialbot.runs.asking.languages import INTERROGATIVES
+
+_ACTIVE = {"did", "does", "has", "have", "had"}
+_RECEIVES = {
+    "get", "got", "gotten", "receive", "received", "have", "had", "been", "be", "not", "obtain", "experience", "hear",
+    "who", "that", "in", "at", "or", "and", "with", "from",
+}  # fmt: skip
+"""Verbs of a person to whom something is done, and words that begin an attribute of the person."""
+_ADVERBS = {"ever", "already", "also", "even", "really", "actually", "just", "yet", "indeed", "never", "only", "still"}
 
 Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
 
@@ -23,7 +32,13 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return None, 0.0
     if _is_done_to_robot(reading) or (not has_topic and _is_described(reading)):
         return None, 0.0
-    if has("why") and not has_topic and has("here") and has("people", "named") and not has("you", "not"):
+    if has("plan") and not has_topic and has("named") and not has("you"):
+        return None, 0.0  # what people want is not known
+    if not has(*INTERROGATIVES) and not has("here", "see", "longest", "shortest") and _is_done_by_a_person(reading):
+        return None, 0.0  # "Did t4 like your help?"
+    if has_topic and not has(*INTERROGATIVES) and not has("past") and _is_request(reading):
+        return None, 0.0  # "Can you greet t3 now?"
+    if has("why") and not has_topic and has("here") and has("people", "named") and not has("you", "not", "say"):
         return None, 0.0  # why people come and go is not known
     if has("why"):
         return ("why_not" if has("not") else "why"), sure
@@ -42,11 +57,14 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         if has("people"):
             if has_time and not has_topic:
                 return "see", sure
-            return ("see" if has("see", "present") and not has("past", "here") else "count"), sure
+            is_now = has("see", "present") and not has("past", "here")
+            return ("see" if is_now and not tells(reading.words, reading.language, "overall") else "count"), sure
         return ("count", sure) if has_topic else (None, 0.0)
     if has("who"):
         if has_topic:
             return "who", sure
+        if has("see") and has("past") and not has_time:
+            return "who", sure  # "Who did you see?"
         if has("see") or (has("here") and not has("past") and not has_time):
             return "see", sure
         return ("who", sure) if has("here", "people", "longest", "shortest") or past else (None, 0.0)
@@ -66,6 +84,10 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return ("who" if has("past") else "see"), 0.8
     if has("people", "nobody") and has_time:
         return "see", 0.9  # "Any visitors at 12 s?"
+    acts = [places[0] for _, places in reading.found.get("do", ())]
+    is_active = any(reading.words[one] not in reading.language.auxiliaries for one in acts)
+    if is_active and has("you") and has("present"):
+        return "doing", 0.9  # "Are you occupied?"
     if has("plan", "next") and (len(reading.words) <= 4 or (has("plan") and has("you"))):
         return "next", 0.8
     return None, 0.0
@@ -88,6 +110,38 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
     if has("people", "here", "named") and not has_topic and not _robot_acts(reading):
         return "see", sure * 0.9
     return ("did" if has_topic and has("you", "past") else None), sure * 0.7
+
+
+def _is_request(reading: Reading) -> bool:
+    """Return whether the robot is asked to do something: ``Can you greet t3?``, ``Please greet t3``."""
+    places: tuple[int, ...] = reading.found["topic"][0][1]
+    if any(reading.words[place].endswith("ed") for place in places):
+        return False
+    if any(tuple(reading.words[: len(one)]) == one for one in reading.language.phrases["request"]):
+        return True
+    if reading.language.code != "en":
+        return False  # the first word may be a verb of the past
+    # "Help me!"
+    following = tuple(reading.words[places[-1] + 1 :][:1])
+    is_noun = following in (("for",), ("of",), ("to",)) or not following
+    return places[0] == 0 and not reading.has("you", "named") and not is_noun
+
+
+def _is_done_by_a_person(reading: Reading) -> bool:
+    """Return whether a person does something else than to get or to be: ``Did t2 smile?``, ``Has t1 fallen?``."""
+    words = reading.words
+    persons = {place for name in ("named", "people") for _, places in reading.found.get(name, ()) for place in places}
+    aside = {*_ADVERBS, *(one[0] for one in reading.language.phrases["ordinals"]), "the", "first", "last"}
+    begin = next((n for n, word in enumerate(words) if word in _ACTIVE), None)
+    if reading.language.code != "en" or begin is None:
+        return False
+    place = begin + 1
+    while place < len(words) and words[place] in aside:
+        place += 1
+    if place not in persons:
+        return False
+    verb = next((n for n in range(place, len(words)) if n not in persons and words[n] not in _ADVERBS), None)
+    return verb is not None and words[verb] not in _RECEIVES and not words[verb].isdigit()
 
 
 def _is_said_by_a_person(reading: Reading) -> bool:

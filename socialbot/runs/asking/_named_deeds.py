@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic
 from socialbot.runs.asking._words import ALIKE, likeness, similarity
+from socialbot.runs.asking.languages.synonyms import synonyms
 
 _SOFT = (
     "see",
@@ -27,6 +28,17 @@ _SOFT = (
 )
 _SAME = 0.06
 """Difference of fit within which several deeds have the same words."""
+_FORM = 0.96
+"""Least similarity of two forms of a word; synonyms are not recognised by their sound."""
+_SYNONYM = 0.96
+"""Fit of a synonym."""
+_MOST_BETWEEN = 3
+"""Most words between the parts of a synonym: ``let the visitor in``."""
+_VERB = 0.78
+"""Share of the first word of a loose phrase in its fit."""
+
+_Fit = tuple[float, int, Topic, tuple[int, ...], bool]
+"""Fit, number of words, deed, places of the words, and whether they name its opposite."""
 
 
 def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...], float, bool]:
@@ -35,9 +47,9 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
     free = set(reading.free())
     # Verbs of every agent may be parts of a deed: "do nothing", "say hello", "come to base".
     soft = {place for name in _SOFT for _, places in reading.found.get(name, ()) for place in places}
-    found: list[tuple[float, int, Topic, tuple[int, ...], bool]] = []
+    found: list[_Fit] = []
     for topic in subjects.topics:
-        fits = [
+        fits: list[_Fit] = [
             (alike, len(places), topic, places, opposite)
             for opposite, table in ((False, topic.words), (True, topic.opposites))
             for phrase in table.get(code, ())
@@ -48,6 +60,7 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
             fit, places = _loosely(phrase, words, free, soft)
             if places:
                 fits.append((fit, len(places), topic, places, False))
+        fits += _by_synonyms(topic, reading, free, soft)
         if fits:
             # "Skip greeting" is the opposite, too.
             best = max(fits, key=lambda each: each[:2])
@@ -57,7 +70,7 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
     # Deeds that were done come first among those of the same fit.
     found.sort(key=lambda each: (-each[0], -each[1]))
     near = [each for each in found if each[0] >= found[0][0] - _SAME]
-    near.sort(key=lambda each: (not subjects.done(each[2]), -each[0], -each[1]))
+    near.sort(key=lambda each: (not subjects.done(each[2]), -each[1], -each[0]))
     fit, _, _, places, opposite = near[0]
     if fit < ALIKE - 0.04:
         return (), 1.0, False
@@ -65,7 +78,33 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
     reading.taken |= set(places)
     named = {word for phrase in (*near[0][2].words.get(code, ()), *near[0][2].loose) for word in phrase}
     reading.taken |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in named)}
-    return tuple(each[2] for each in near), min(1.0, fit), opposite
+    # Other deeds have the same words, or some of them: "Bob" alone is no other deed for "let in".
+    same = [each[2] for each in near if set(each[3]) & set(places)]
+    return tuple(same), min(1.0, fit), opposite
+
+
+def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int]) -> Iterator[_Fit]:
+    """Yield how words name a deed by synonyms of its phrases, or of the verbs that its loose phrases begin with."""
+    code, words = reading.language.code, reading.words
+
+    def places_of(other: Phrase) -> tuple[int, ...]:
+        alike, places = likeness(other, words, _MOST_BETWEEN)
+        is_named = bool(places) and (set(places) & free or len(places) > 1)
+        return places if alike >= _FORM and is_named and _is_whole(other, places, words, free, soft) else ()
+
+    for opposite, table in ((False, topic.words), (True, topic.opposites)):
+        for other in {one for phrase in table.get(code, ()) for one in synonyms(phrase, code)}:
+            if places := places_of(other):
+                yield _SYNONYM, len(places), topic, places, opposite
+    if code != "en":
+        return  # names of goals and actions are English
+    for phrase in topic.loose:
+        for other in synonyms(phrase[:1], code):
+            if places := places_of(other):
+                rest = (free | soft) - set(places)
+                objects = tuple(at for at in rest if any(similarity(words[at], one) >= ALIKE for one in phrase[1:]))
+                share = 1.0 if len(phrase) == 1 else _VERB + (1.0 - _VERB) * len(objects) / len(phrase[1:])
+                yield _SYNONYM * min(1.0, share), len(places) + len(objects), topic, (*places, *objects), False
 
 
 def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:
@@ -81,7 +120,7 @@ def _loosely(phrase: Phrase, words: Sequence[str], free: set[int], soft: set[int
     found: list[int] = []
     total = 0.0
     for n, wanted in enumerate(phrase):
-        share = 1.0 if len(phrase) == 1 else 0.78 if n == 0 else 0.22 / (len(phrase) - 1)
+        share = 1.0 if len(phrase) == 1 else _VERB if n == 0 else (1.0 - _VERB) / (len(phrase) - 1)
         places = [at for at in free | soft if similarity(words[at], wanted) >= (ALIKE if at in free else 0.95)]
         place = max(places, key=lambda at: (similarity(words[at], wanted), -at), default=None)
         if place is not None:

@@ -13,7 +13,12 @@ def visitors(scope: Scope) -> Told | None:
         return None
     event = scope.question.event
     if event is not None and event.relation != "when" and event.what.person is not None and not event.what.topics:
-        return _neighbour(scope, after=event.relation == "after")
+        if scope.question.person is None:
+            return _neighbour(scope, after=event.relation == "after")
+        # "Did t1 come before t2?": both visits
+        compared = [each for each in scope.facts.visits if each.person in (*scope.persons, *scope.event_persons)]
+        clauses = [stay(scope, each) for each in compared if each.first.stamp <= scope.now]
+        return (scope.joined(clauses), clauses) if clauses else None
     is_at_event = scope.event_s is not None and scope.question.kind == "who"
     if scope.question.at_s is not None or is_at_event:
         return seen(scope)

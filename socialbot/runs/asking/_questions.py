@@ -21,8 +21,8 @@ from socialbot.runs.asking._references import (
 )
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._word_classes import classify, guess_interrogative, tells, words_of_deeds
-from socialbot.runs.asking._words import stem, tokens
+from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
+from socialbot.runs.asking._words import quoted_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 
 SURE = 0.68
@@ -30,6 +30,7 @@ SURE = 0.68
 _AGENT_OF_PASSIVE = {"by", "from", "von", "par", "por"}
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
+_PASSIVE = {"was", "were", "been"}
 _ADDRESSING = {"to", "zu", "a", "an", "for"}
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
@@ -44,6 +45,8 @@ _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
 _ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
 _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
+_FORM = 0.96
+"""Least similarity of two forms of a word."""
 _NEAR = 3
 """Most words between a deed and an unknown word near it."""
 
@@ -123,11 +126,13 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
         subjects: What the run can be asked about.
         language: Language of the text (ISO 639-1), if it is known; else that which explains it best.
     """
-    words = tokens(text)
+    words, quoted = tokens(text), quoted_tokens(text)
     if not 0 < len(words) <= MOST_WORDS:
         return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
-    read = [_read(_prepared(words, subjects, LANGUAGES[code]), subjects, LANGUAGES[code]) for code in candidates]
+    read = [
+        _read(_prepared(words, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code]) for code in candidates
+    ]
     exact = {question.language: _exact(words, LANGUAGES[question.language]) for question in read}
     # A question in one language may contain names and phrases of another.
     own = [question for question in read if exact[question.language] >= max(exact.values()) - 1]
@@ -163,7 +168,7 @@ def _exact(words: Sequence[str], language: Language) -> int:
     return sum(word in language.known_words for word in words)
 
 
-def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Question:
+def _read(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: Language) -> Question:
     """Read a question with its contrast and its event; words that only look like one belong to the main clause."""
     contrast = None
     split = without_contrast(words, language)
@@ -176,12 +181,12 @@ def _read(words: Sequence[str], subjects: Subjects, language: Language) -> Quest
         else:
             contrast = None
     split = without_event(words, language)
-    main = None if split is None else _read_clause(split.main, subjects, language)
+    main = None if split is None else _read_clause(split.main, subjects, language, quoted)
     if split is not None and main is not None and main.kind is not None:
         event = _event(split, main, subjects, language)
         if event is not None:
             return _with_event(replace(main, contrast=contrast), event, split.main, language)
-    return replace(_read_clause(words, subjects, language), contrast=contrast)
+    return replace(_read_clause(words, subjects, language, quoted), contrast=contrast)
 
 
 def _event(parts: Parts, main: Question, subjects: Subjects, language: Language) -> Event | None:
@@ -223,7 +228,7 @@ def _with_event(question: Question, event: Event, words: Sequence[str], language
     )
 
 
-def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -> Question:
+def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, quoted: Sequence[str] = ()) -> Question:
     reading = Reading(language, digits_after_names(list(words), subjects))
     span_s = take_span(reading)
     at_s, ago, person = take_time(reading) if span_s is None else (None, False, None)
@@ -235,6 +240,23 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -
         person = PersonReference(me=True)
     ordinal = take_ordinal(reading, referred) if span_s is None else None
     topics, fit, is_opposite = named_deeds(reading, subjects)
+    if topics and topics[0].declared is None:
+        # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
+        for place in reading.free():
+            name = subjects.argument_names.get(reading.words[place])
+            if name is not None:
+                things[name] = reading.words[place - 1] if place else ""
+                reading.taken.add(place)
+    if topics and at_s is not None and tells([reading.words[reading.place("topic")]], language, "talk"):
+        topics, fit = (), 1.0  # "Why did you talk to t1 at 11 s?" is about what was said then
+        reading.found.pop("topic")
+    silent = person is not None and not person.me and tells(words, language, "silent")
+    if silent and (not topics or not topics[0].concerns_people):
+        topics, fit = (), 1.0  # silence towards a person is a deed left undone
+        reading.found.setdefault("say", []).append((1.0, (0,)))
+        reading.found.setdefault("not", []).append((1.0, (0,)))
+        reading.taken |= places_of_class(words, language, "silent")
+        reading.found.pop("topic", None)
     topic = next(iter(topics), None)
     if topic is not None and reading.has("say") and (thing := _addressee(reading, topic)):
         things, topics, topic, fit = {**things, thing: "to"}, (), None, 1.0
@@ -254,7 +276,7 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language) -
     says: tuple[str, ...] = ()
     spoken_to = {word for name, before in things.items() if before == "to" for word in tokens(name)}
     if kind in ("why", "when", "did", "count") and reading.has("say"):
-        says = _words_said(reading, referred, subjects, topic, spoken_to)
+        says = _words_said(reading, referred, subjects, topic, spoken_to, quoted)
         if says:
             topics, topic, fit = (), None, 1.0
             person = None if person is not None and person.me else person  # "can I help you"
@@ -316,7 +338,7 @@ def _is_about_left_out(reading: Reading) -> bool:
 
 def _is_for_robot(reading: Reading) -> bool:
     """Return whether a person does the deed to the robot: ``did t1 greet you``, ``hat t1 dich begrüßt``."""
-    verb = reading.found["topic"][0][1][0]
+    verb = min(places[0] for name in ("topic", "say") for _, places in reading.found.get(name, ()))
     persons = [places[0] for name in ("named", "people") for _, places in reading.found.get(name, ())]
     robot = [places[0] for _, places in reading.found.get("you", ())]
     if reading.language.code == "de":
@@ -333,13 +355,24 @@ def _addressee(reading: Reading, topic: Topic) -> str:
     names = {tokens(one)[0]: one for call in topic.calls for one in arguments_of(call) if len(tokens(one)) == 1}
     word = reading.words[places[0]]
     before = reading.words[places[0] - 1] if places[0] else ""
-    return names.get(word, "") if len(places) == 1 and before in {*_ADDRESSING, "tell"} else ""
+    is_told = any(similarity(before, one[0]) >= _FORM for one in reading.language.phrases["say"])  # "ask Bob"
+    return names.get(word, "") if len(places) == 1 and (before in _ADDRESSING or is_told) else ""
 
 
 def _words_said(
-    reading: Reading, referred: Set[int], subjects: Subjects, topic: Topic | None, spoken_to: Set[str]
+    reading: Reading,
+    referred: Set[int],
+    subjects: Subjects,
+    topic: Topic | None,
+    spoken_to: Set[str],
+    quoted: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Take the words of an utterance, behind the verb: up to a person or a time; none if they only ask for words."""
+    """Take the words of an utterance: those in quotation marks, or behind the verb up to a person or a time."""
+    starts = (n for n in range(len(reading.words)) if quoted and (*reading.words[n : n + len(quoted)],) == (*quoted,))
+    start = next(starts, None)
+    if start is not None and topic is None:
+        reading.taken.update(range(start, start + len(quoted)))
+        return tuple(quoted)
     last = max(place for _, places in reading.found["say"] for place in places)
     end = next((place for place in range(last + 1, len(reading.words)) if place in referred), len(reading.words))
     others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
@@ -356,6 +389,8 @@ def _words_said(
     elif begin == len(reading.words):  # the verb is the last word, as in German
         begin, end = max(place for _, places in reading.found["you"] for place in places) + 1, last
     said = tuple(reading.words[begin:end])
+    if all((word,) in reading.language.phrases["filler"] for word in said):
+        said = ()  # "speak with t3"
     is_quoted = subjects.is_quoted(said)
     if not said or (topic is not None and (topic.declared is not None or not is_quoted)):
         return ()
@@ -375,6 +410,8 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
     if reading.has("you") and has_topic and verbs and place > min(verbs):
         return ""
     before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
+    if before in _PASSIVE and verbs and any(reading.words[verb].endswith("ed") for verb in verbs if verb > place):
+        return ""  # "Was carrier a called?"
     if before in reading.language.auxiliaries:
         return name  # "How many moves did the gripper make?"
     if has_topic and before in _AGENT_OF_PASSIVE:

@@ -161,6 +161,9 @@ _FROM = {"between", "from", "zwischen", "von", "entre", "de", "desde"}
 _UNTIL = {"before", "until", "till", "bis", "avant", "hasta"}
 _TO = {"and", "to", "until", "till", "und", "bis", "et", "a", "y", "hasta"}
 _ALIKE_ORDINAL = 0.79
+_WHOLE = 0.999
+_MOST_IN_ORDER = 20
+"""Largest number of a person that counts as the order of arrival."""
 _RELATIVE = {"who", "that", "qui", "que", "der", "die", "das"}
 _DEFINITE = {
     "the", "that", "this", "der", "die", "das", "den", "dem", "diesen", "diesem", "diese", "le", "la", "l", "ce",
@@ -216,12 +219,28 @@ def _order_behind(reading: Reading, person: int) -> int | None:
     return None
 
 
+def _number_behind(reading: Reading, person: int) -> int | None:
+    """Take the number behind a person as the order of arrival: ``person two``, ``visitor number 2``."""
+    words = reading.words
+    place = person + 1 + (words[person + 1 : person + 2] in (["number"], ["no"], ["nummer"], ["numero"]))
+    found = number_at(words, place) if place < len(words) and place not in reading.taken else None
+    if found is None or not found[0].is_integer() or not 1 <= found[0] <= _MOST_IN_ORDER:
+        return None
+    reading.taken |= set(range(person, place + found[1]))
+    return int(found[0])
+
+
 def take_ordinal(reading: Reading, referred: Set[int]) -> int | None:
     """Return which time a deed was done, 'the first time', 'the second greeting'; ``referred`` words name people."""
     words, phrases = reading.words, reading.language.phrases
     for n in range(1, len(words)):
         if (words[n],) in phrases["time"] and n - 1 not in reading.taken and number_at(words, n - 1) is not None:
             reading.taken |= {n - 1, n}  # "two times"
+    for one in phrases["end"]:
+        alike, places = likeness(one, words, 0)
+        if alike > _WHOLE:
+            reading.taken |= set(places)
+            return -1
     for n, word in enumerate(words):
         number = _order(word, reading.language)
         is_time = n + 1 < len(words) and (words[n + 1],) in phrases["time"]
@@ -304,6 +323,9 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
         # "the man who came first", "two people"
         if n not in reading.taken and (word,) in people:
             number = _order_behind(reading, n)
+            if number is not None:
+                return PersonReference(ordinal=number)
+            number = _number_behind(reading, n)
             if number is not None:
                 return PersonReference(ordinal=number)
             counted = number_at(words, n - 1) if n else None

@@ -59,6 +59,7 @@ class Scope:
         self.assumes = ""
         self.language = self._answer_language()
         self.event_deed: TraceRecord | None = None
+        self.event_persons: Sequence[str] = ()
         self.event_s = self._event_time()
         self.deeds_at_all = self._deeds()
         self.deeds = self.in_time(self.deeds_at_all)
@@ -95,6 +96,7 @@ class Scope:
         if event is None:
             return None
         scope = Scope(self.run, self.subjects, event.what, self.now_s, self.speaker, "", spoken=False)
+        self.event_persons = scope.persons
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]
             self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)

@@ -75,6 +75,14 @@ class Topic:
     loose: tuple[Phrase, ...] = ()
     declared: Deed | None = None
 
+    @property
+    def concerns_people(self) -> bool:
+        """Whether the deed has to do with people: its sentences name them, or it has none."""
+        told = self.declared.did.values() if self.declared is not None else ()
+        return not told or any(
+            "{person}" in one for pair in told for one in ([pair] if isinstance(pair, str) else pair)
+        )
+
     def covers(self, call: str) -> bool:
         """Return whether ``call`` (``name(argument, ...)``, quotes do not count) is this deed."""
         plain = call.replace('"', "")
@@ -117,6 +125,15 @@ class Subjects:
         self.topics = self._topics()
         self.things = self._things()
         self.deeds = actions(history)
+        self.argument_names = {
+            tokens(one)[0]: one
+            for topic in self.topics
+            if topic.declared is None
+            for call in topic.calls
+            for one in arguments_of(call)
+            if len(tokens(one)) == 1 and one[0].isupper()
+        }
+        """Names in the calls of deeds by their word: Ann, of check("Ann")."""
         heads = {phrase[0] for phrase in self.things.values()}
         named = {word for name in self._conditions() for word in name_tokens(name) if len(word) > 2}
         self.known_words = (heads | named) - {one[0] for topic in self.topics for one in topic.loose}

@@ -7,8 +7,9 @@ from difflib import SequenceMatcher
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Subjects
-from socialbot.runs.asking._words import HEARD, occurrences, similarity, sound, stem
+from socialbot.runs.asking._words import HEARD, occurrences, sound, stem
 from socialbot.runs.asking.languages import INTERROGATIVES, Language
+from socialbot.runs.asking.languages.synonyms import lexicon
 
 _ONLY_EXACT = {
     "unanswerable",
@@ -34,6 +35,9 @@ _ONLY_EXACT = {
     "longest",
     "shortest",
 }
+_IMPERATIVES = {"name", "list", "count"}
+_ASKING = {"can", "could", "would", "will"}
+"""Auxiliaries in front of an imperative: ``Can you name the visitors?``."""
 _TENSES = {"past", "present", "future"}
 """Classes of words that may have another class, too; misheard ones are recognised by their sound alone."""
 _STEM = 0.96
@@ -44,6 +48,7 @@ _EXACT = 0.999
 _PARTS = (
     "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
     "comes", "leaves", "waits", "auxiliary",
+    "silent", "request", "end", "overall", "talk",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _WRITTEN_ALIKE = 0.88
@@ -81,6 +86,8 @@ def classify(reading: Reading, domain: Set[str]) -> None:
                     or (name not in _ONLY_EXACT and len(phrase[0]) > 2 and _is_alike(alike))
                 ):
                     matches.append((alike, len(phrase), name, places))
+    meant = {place for place, word in enumerate(reading.words) if word in lexicon(reading.language.code)}
+    matches = [each for each in matches if each[0] >= _STEM or not meant.intersection(each[3])]
     exact = {place for alike, _, _, places in matches if alike > _EXACT for place in places}
     matches = [each for each in matches if each[0] > _EXACT or not exact.intersection(each[3]) or each[1] > 1]
     matches.sort(key=lambda each: (each[0] < _EXACT, -each[1], -each[0]))
@@ -100,6 +107,7 @@ def classify(reading: Reading, domain: Set[str]) -> None:
     for name, places in ((name, places) for name, found in reading.found.items() for _, places in found):
         if name != "named" and not name.startswith("person "):
             reading.taken |= set(places)
+    _drop_nouns(reading)
     _drop_relatives(reading)
 
 
@@ -118,10 +126,31 @@ def _drop_relatives(reading: Reading) -> None:
             reading.found[name] = kept
 
 
+def _drop_nouns(reading: Reading) -> None:
+    """Drop imperatives that are nouns behind another interrogative or an auxiliary: ``What is the name of t1?``."""
+    asking = {places[0] for name in INTERROGATIVES for _, places in reading.found.get(name, ())}
+    auxiliaries = {n for n, word in enumerate(reading.words) if word in reading.language.auxiliaries}
+    first = min(asking | auxiliaries, default=0)
+    if reading.words[first] in _ASKING:
+        return
+    for name in ("who", "how_many"):
+        found = reading.found.get(name, ())
+        nouns = [each for each in found if len(each[1]) == 1 and each[1][0] > first
+                 and reading.words[each[1][0]] in _IMPERATIVES]  # fmt: skip
+        if nouns:
+            reading.found[name] = [each for each in found if each not in nouns]
+            reading.taken -= {place for _, places in nouns for place in places}
+
+
 def tells(words: Sequence[str], language: Language, name: str) -> bool:
-    """Return whether a form of a word of a class occurs."""
-    known = [one[0] for one in language.phrases[name] if len(one) == 1]
-    return any(similarity(word, one) >= _STEM for word in words for one in known)
+    """Return whether a phrase of a class occurs, in any form of its words."""
+    return bool(places_of_class(words, language, name))
+
+
+def places_of_class(words: Sequence[str], language: Language, name: str) -> set[int]:
+    """Return the places of the phrases of a class, in any form of their words."""
+    found = (each for phrase in language.phrases[name] for each in occurrences(phrase, words, 0))
+    return {place for alike, places in found if alike >= _STEM for place in places}
 
 
 def guess_interrogative(reading: Reading, has_topic: bool) -> None:

@@ -21,13 +21,16 @@ _TOKEN = re.compile(r"\d+th\b|(?:(?<!\S)-)?\d+(?::\d\d)?(?:[.,]\d+)?|[a-z]+(?:'[
 _CONTRACTIONS = (
     ("can't", "can not"), ("cannot", "can not"), ("won't", "will not"), ("n't", " not"), ("'ve", " have"),
     ("'ll", " will"), ("'d", " would"),
-    ("what's", "what is"), ("who's", "who is"), ("that's", "that is"), ("'re", " are"), ("i'm", "i am"),
-    ("gonna", "going to"), ("wanna", "want to"),
+    ("'re", " are"), ("i'm", "i am"), ("gonna", "going to"), ("wanna", "want to"), ("didja", "did you"),
+    ("d'you", "do you"), ("dya", "do you"), ("lemme", "let me"), ("gimme", "give me"), ("ain't", "is not"),
+    ("y'all", "you"), ("'cause", "because"),
 )  # fmt: skip
 _UNMARKED = re.compile(
-    r"\b(is|are|was|were|do|does|did|has|have|had|could|would|should)nt\b|\b(what|who|that|how|where)s\b"
+    r"\b(is|are|was|were|do|does|did|has|have|had|could|would|should)nt\b"
+    r"|\b(what|who|that|how|where)s\b|\b(what|who|that|how|where|why|when|there|it)'s\b"
 )
-"""Contraction without an apostrophe: ``didnt``, ``whats``."""
+"""Contraction without a verb of its own: ``didnt``, ``whats``, ``why's``."""
+_POSSESSIVE = re.compile(r"(?<=\d)'s\b")
 _TIME_SIGN = re.compile(r"\bt ?= ?(?=\d)")
 """``t=11`` as the name of a time."""
 _ELIDED = re.compile(r"\b([cdjlmnst]|qu)'(?=\w)")
@@ -52,14 +55,26 @@ def tokens(text: str) -> list[str]:
     An ordinal in digits ends in ``th`` in each language.
     """
     plain = _TIME_SIGN.sub("second ", folded(text).replace("_", " "))
-    plain = _UNMARKED.sub(lambda found: f"{found[1]} not" if found[1] else f"{found[2]} is", plain)
+    plain = _UNMARKED.sub(lambda found: f"{found[1]} not" if found[1] else f"{found[2] or found[3]} is", plain)
     for short, long in _CONTRACTIONS:
         plain = plain.replace(short, long)
     plain = _UNDOTTED.sub(".", _ELIDED.sub(r"\1 ", plain))
     plain = _ORDINAL.sub(r"\1\2th", plain)
+    plain = _POSSESSIVE.sub("", plain)
     # "a1" and "room1" are two words, as a recogniser hears them.
     plain = re.sub(r"(?<=[a-z])(?=\d)|(?<=\d)(?=(?!th\b)[a-z])", " ", plain)
     return [token.partition("'")[0] for token in _TOKEN.findall(plain)]
+
+
+_QUOTED = re.compile(
+    r'["\u201c\u201d\u201e\u00ab\u00bb]([^"\u201c\u201d\u201e\u00ab\u00bb]+)["\u201c\u201d\u00ab\u00bb]'
+)
+
+
+def quoted_tokens(text: str) -> tuple[str, ...]:
+    """Return the words of the first text between quotation marks; none without them."""
+    found = _QUOTED.search(text)
+    return () if found is None else tuple(tokens(found[1]))
 
 
 def name_tokens(name: str) -> list[str]:
@@ -120,6 +135,11 @@ def sound(word: str) -> str:
     return re.sub(r"(.)\1+", r"\1", consonants)
 
 
+def _most_alike(one: str, other: str) -> float:
+    """Return a bound of how alike two words are written: the share of their letters that are common."""
+    return 2.0 * sum(min(one.count(letter), other.count(letter)) for letter in set(one)) / (len(one) + len(other))
+
+
 @lru_cache(maxsize=50_000)
 def similarity(one: str, other: str) -> float:
     """Return how alike two words are, from 0 to 1: equal, of one stem, written alike, or sounding alike."""
@@ -132,6 +152,8 @@ def similarity(one: str, other: str) -> float:
     if min(len(one), len(other)) < _SHORTEST_STEM:
         return 0.0
     pairs = ((one, other), (stem(one), stem(other)))
+    if sum(_most_alike(*pair) for pair in pairs) < 2 * _LEAST_WRITTEN:
+        return 0.0
     written = sum(SequenceMatcher(None, *pair, autojunk=False).ratio() for pair in pairs) / 2
     sounds_alike = len(sound(one)) > 1 and sound(one) == sound(other)
     if sound(one)[:1] != sound(other)[:1] and written < _SAME_BEGIN:

@@ -9,6 +9,7 @@ from socialbot.runs.asking._clauses import without_matrix
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._words import similarity, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
+from socialbot.runs.asking.languages.synonyms import synonyms
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
 
@@ -179,3 +180,53 @@ def test_plans_are_asked_for(waldo, question):
 
 def test_what_people_will_do_is_unknown(waldo):
     assert not answer(waldo, "Will t1 come back?").known
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("Why did you lend t1 a hand?", "At 10.2 s I offered person t1 help"),
+        ("Did you disregard t1?", "No: at 2.2 s I greeted person t1."),
+        ("On what grounds was person two shown no assistance?", "I did not offer person t2 help"),
+        ("Rationale for greeting t1?", GREETED),
+        ("At which moment was t1 greeted?", "At 2.2 s I greeted person t1."),
+        ("What prevented you from helping t2?", "I did not offer person t2 help"),
+        ("In how many cases did you greet somebody?", "2 times: at 2.2 s"),
+        ("What's the total number of visitors?", "2 people were here."),
+        ("Who have you seen?", "Person t1 was here from 2 to 13.9 s"),
+        ("Was anyone close to you at 22 s?", "At 22 s I saw person t2 4 m away."),
+        ('Have you ever said "come in"?', 'No: I did not say "come in".'),
+        ("Quote what you said to t2.", 'At 20.2 s I said "Hello! Nice to see you.".'),
+        ("Did t1 leave before t2?", "Person t1 was here from 2 to 13.9 s and person t2 was here"),
+        ("Bekam t2 Hilfe?", "Nein: ich habe Person t2 keine Hilfe angeboten"),
+    ],
+)
+def test_other_words_of_the_same_meaning_reach_the_record(waldo, question, text):
+    assert answer(waldo, question).text.startswith(text)
+
+
+def test_silence_towards_a_person_is_a_deed_left_undone(waldo):
+    found = answer(waldo, "Why did you hold back with t2 after 22 s?")
+    assert not found.known or "did not stay idle" not in found.text
+    assert not answer(waldo, "Did you idle with t2?").known
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Can you greet t2 now?",
+        "Help me!",
+        "Did t1 like your help?",
+        "What did t2 want?",
+        "What is t1's name?",
+        "Did you ask t1 for his name?",
+    ],
+)
+def test_requests_and_deeds_of_people_are_refused(waldo, question):
+    assert not answer(waldo, question).known
+
+
+def test_synonyms_are_known_for_the_names_of_actions():
+    assert ("grab",) in synonyms(("pickup",), "en")
+    assert ("sanitise",) in synonyms(("disinfects",), "en")
+    assert synonyms(("nonsense",), "en") == frozenset()

@@ -1,6 +1,18 @@
 """English questions and answers."""
 
+from itertools import product
+
 from socialbot.runs.asking.languages.language import Language
+
+_TIMES = ",".join(
+    f"{before} {asking} {time}"
+    for before, asking, time in product(
+        ("at", "in", "on", "from", "until"),
+        ("what", "which"),
+        ("time", "moment", "point", "second", "minute", "instant", "stage", "occasion"),
+    )
+)
+"""Phrases that ask for a time: ``at which moment``."""
 
 ENGLISH = Language(
     "en",
@@ -14,7 +26,11 @@ ENGLISH = Language(
             "how could you tell,on what basis,on which basis,based on,based on what,made you think,made you believe,"
             "what convinced,convinced you,what triggered,triggered,how so,grounds,basis,moved you to,"
             "what were you thinking,going through your mind,what was the idea,what was the point,"
-            "what was the purpose"
+            "what was the purpose,because of what,due to what,rationale,reasoning,explanation,what explains,what drove,"
+            "drove you to,what inspired,inspired you to,what possessed,possessed you to,what compelled,"
+            "compelled you to,"
+            "what persuaded,persuaded you to,what motivated,what lies behind,what was behind,on what account,"
+            "what induced,induced you to,what prevented,prevented,what hindered,hindered"
         ),
         "what": (
             "what,which thing,anything,describe,something,how did you react,how did you respond,how did you behave,"
@@ -24,13 +40,12 @@ ENGLISH = Language(
             "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
             "which agent,which robot"
         ),
-        "when": (
-            "when,at what time,what time,at which time,which time,at what moment,at what point,what moment,since when"
-        ),
+        "when": (f"when,{_TIMES},what time,which time,what moment,which moment,since when,what was the time"),
         "how_often": (
+            "in how many cases,on how many occasions,"
             "how often,how many times,number of times,how frequently,count how often,how many time,many times"
         ),
-        "how_many": "how many,number of,count",
+        "how_many": "how many,number of,count,total number,what number",
         "unanswerable": (
             "how much,how old,which colour,which color,what colour,what color,whose,how tall,how do,how did,how are,"
             "how can,how was,how is,how will,how big,what is your name,how"
@@ -38,36 +53,43 @@ ENGLISH = Language(
         "not": (
             "nothing,nobody,no one,not,never,no,without,refuse to,refused to,fail to,failed to,forget to,forgot to,"
             "omit,"
-            "avoid,neither,stop you from,stopped you from,keep you from,kept you from,prevented you from,instead of,"
+            "prevented,hindered,avoid,neither,"
+            "stop you from,stopped you from,keep you from,kept you from,prevented you from,instead of,"
             "leave out,left out,none,no single"
         ),
         "see": (
             "see,saw,seen,look like,notice,observe,in view,in sight,in front of,visible,perceive,sense,detect,"
             "spot anybody,"
+            "spot,glimpse,witness,behold,catch sight of,caught sight of,describe scene,describe picture,describe image,"
+            "describe surroundings,describe situation,on camera,"
             "watching,show,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
         ),
         "do": (
-            "do,doing,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
+            "do,doing,done,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
             "how did you react,how did you respond,how did you behave,your reaction"
         ),
         "happen": "happen,going on,occur,went on,what came,what comes,what followed",
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
             "plan to,planning,want to do,you want,have any plans,intend,intention,intentions,going to,will you,want,"
-            "goal,goals,aim,desire,plans,"
+            "goal,goals,aim,desire,plans,accomplish,achieve,attain,pursue,objective,objectives,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
-        "say": "say,speak,tell,utter,words,talk,sentence,sentences,phrase,remark,statement",
+        "say": (
+            "say,speak,tell,utter,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
+            "statement"
+        ),
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
             "walk by,drop by,stop by,enter,appear,leave,left,go away,went away,walk away,walked away,disappear,"
-            "hang around,nearby"
+            "hang around,nearby,close to you,near you,next to you,beside you,around you,close by,near the camera"
         ),
         "people": (
             "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
             "anybody,anyone,somebody,someone,everybody,one,faces,folk,folks,individual,individuals,children,kid,kids,"
             "boy,girl,ladies,"
-            "gentleman,customer,customers,passer by,passers by,pedestrian,pedestrians,stranger,strangers"
+            "couple,pair,duo,group,gentleman,customer,customers,passer by,passers by,"
+            "pedestrian,pedestrians,stranger,strangers"
         ),
         "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
         "me": "me,i,my,myself,us,we,mine",
@@ -87,6 +109,14 @@ ENGLISH = Language(
         "seconds": "s,sec,secs,second,seconds",
         "minutes": "min,mins,minute,minutes",
         "at": "at,around,about,after,in,from,during,by",
+        "end": "at the end,at the very end,in the end,at the close,towards the end,near the end,at the finish",
+        "overall": "total,altogether,overall,in all,so far,up to now,until now",
+        "talk": "speak,talk,converse,chat",
+        "silent": (
+            "silent,quiet,mute,speechless,silence,hold back,held back,hold off,held off,keep quiet,kept quiet,refrain,"
+            "tongue tied,reserved"
+        ),
+        "request": "can you,could you,would you,will you please,please,can you please,could you please,go and",
         "start": "at the start,at the beginning,in the beginning,initially,to begin with",
         "recently": "just now,right now,a moment ago,just,lately,now",
         "how_long": (
@@ -138,6 +168,12 @@ ENGLISH = Language(
             "whether,or,but,run,recording,video,during,during the run,total,altogether,together,please tell,time,"
             "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,just,than,"
             "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
+            "bother,bothered,manage,managed,happen to,happened to,care to,cared to,dare to,go ahead and,particular,"
+            "specific,certain,possibly,maybe,perhaps,indeed,rather,instead,anyway,anyhow,though,although,however,because,"
+            "since,due,regarding,concerning,about,within,upon,via,per,beside,among,until,till,entire,case,situation,"
+            "occasion,instance,point,sort,matter,session,experiment,test,tape,clip,file,day,sir,buddy,mate,"
+            "dude,mister,friend,dear,robo,bot,has to do with,had to do with,have you got,with regard to,"
+            "kindly,previously,"
             "finally,stand,standing,stood,straight away,spend,spent,visit"
         ),
         "place": "room,area,hall",

@@ -52,6 +52,11 @@ FRENCH = Language(
         "seconds": "s,sec,seconde,secondes",
         "minutes": "min,minute,minutes",
         "at": "a,apres,vers,au bout de,dans",
+        "end": "a la fin,tout a la fin",
+        "overall": "en tout,au total,jusqu ici",
+        "talk": "parler,parle,discuter",
+        "silent": "silencieux,muet,silence,tu t es tu,abstenu",
+        "request": "peux tu,pourrais tu,pouvez vous,s il te plait",
         "start": "au debut,au commencement",
         "recently": "a l instant,juste,maintenant",
         "how_long": (
@@ -82,7 +87,7 @@ FRENCH = Language(
         "why not": "pourquoi pas",
         "complement": "si,vrai que,exact que,sur que",
         "filler": (
-            "euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
+            "recu,recois,obtenu,moment,euh,ben,aujourd hui,bah,alors,donc,hein,eh bien,au fait,est ce que,"
             "s il te plait,s il vous plait,bonjour,dis moi,dites moi,peux tu me dire,pouvez vous me dire,sais tu,le,"
             "la,les,l,un,une,des,de,du,d,a,au,aux,et,en,ce,c,cela,ca,que,qu,est ce,pour,mon,ma,votre,ton,ne,n,y,est,"
             "dans,sur,avec,son,sa,il,on,train,si,se,s,seconde,t,fois,total,quel,quelle,chose,choses,deja,vraiment,"

@@ -58,6 +58,11 @@ GERMAN = Language(
         "seconds": "s,sek,sekunde,sekunden",
         "minutes": "min,minute,minuten",
         "at": "bei,nach,um,in,ab",
+        "end": "am ende,am schluss,zum schluss,ganz am ende",
+        "overall": "insgesamt,bisher,bislang",
+        "talk": "sprechen,gesprochen,reden,geredet",
+        "silent": "still,stumm,schweigsam,geschwiegen,schweigen,zuruckgehalten,wortlos",
+        "request": "kannst du,konntest du,bitte,wurdest du",
         "start": "am anfang,zu beginn,anfangs",
         "recently": "gerade eben,soeben,gerade,jetzt,eben",
         "how_long": (
@@ -88,8 +93,8 @@ GERMAN = Language(
         "why not": "warum nicht,wieso nicht",
         "complement": "ob,stimmt es dass,wahr dass,richtig dass,sicher dass",
         "filler": (
-            "ah,ahm,gab,gibt,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
-            "stattgefunden,"
+            "ah,ahm,gab,gibt,bekam,bekommen,bekommt,erhielt,erhalten,kriegte,gekriegt,bitteschon,heute,hm,na,naja,also,ach,ubrigens,tja,mir,wohl,eben,halt,bitte,gerade,tatsachlich,"
+            "stattgefunden,eigentlich,genau,ausgerechnet,moment,zeitpunkt,fall,"
             "bild,oder,richtig,bitte,hallo,hey,sag mir,kannst du mir sagen,konntest du mir sagen,weisst du,"
             "ich mochte wissen,der,die,das,den,dem,ein,eine,einen,einem,einer,zu,zum,zur,fur,mit,und,von,es,denn,"
             "eigentlich,an,auf,am,im,in,so,doch,mal,je,jemals,ob,dass,insgesamt,auch,noch,nur,wieder,sekunde,ja,dazu,"

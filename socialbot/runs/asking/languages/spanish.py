@@ -46,6 +46,11 @@ SPANISH = Language(
         "seconds": "s,seg,segundo,segundos",
         "minutes": "min,minuto,minutos",
         "at": "a,en,despues de,tras,sobre",
+        "end": "al final,al terminar",
+        "overall": "en total,hasta ahora",
+        "talk": "hablar,hablaste,hablado",
+        "silent": "callado,silencioso,mudo,silencio,callaste,abstuviste",
+        "request": "puedes,podrias,puede usted,por favor",
         "start": "al principio,al comienzo,al inicio",
         "recently": "ahora mismo,hace un momento,recien,ahora",
         "how_long": (
@@ -76,7 +81,7 @@ SPANISH = Language(
         "why not": "por que no",
         "complement": "si,verdad que,cierto que,seguro que",
         "filler": (
-            "eh,pues,hoy,bueno,este,oiga,"
+            "recibio,obtuvo,momento,eh,pues,hoy,bueno,este,oiga,"
             "por favor,hola,oye,dime,puedes decirme,podrias decirme,sabes,quiero saber,el,la,los,las,un,una,unos,de,"
             "del,a,al,y,en,con,lo,le,se,es,que,para,su,tu,esto,eso,segundo,mi,ese,si,veces,vez,en total,o,cosa,cosas,"
             "realmente,simplemente,juntos,necesitaba,fue,ultimo que"

@@ -1,0 +1,142 @@
+"""Words and phrases of the same meaning for the deeds of robots, by language.
+
+A deed that is named by one word of a group can be asked about with all of them: an agent that declares ``greet``, or
+has an action ``greet``, understands "Why did you welcome me?". Each line is a group. Words have no accents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+from socialbot.runs.asking._words import stem
+
+Phrase = tuple[str, ...]
+
+_GROUPS: Mapping[str, str] = {
+    "en": """
+        greet, greeting, welcome, salute, say hello, say hi, hello, address, acknowledge, hail, say good day
+        help, assist, assistance, aid, support, lend hand, give hand, offer help, offer, of service
+        ignore, overlook, neglect, disregard, skip, snub, pass over, leave alone, shun, cold shoulder
+        wait, pause, hesitate, linger, stand by, hold on
+        idle, stay idle, be idle, rest, do nothing, stand still, stand around, inactive
+        pick, pick up, pickup, grab, grasp, grip, lift, take, collect, fetch, seize, clutch, get hold of, take hold of
+        put, place, load, lay, set down, put down, deposit, stow, stack, position, drop off
+        drop, let fall, let go of, lose hold of
+        move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return
+        unload, discharge, empty, offload, unpack, dump
+        call, request, summon, order, beckon, send for, call for, ask for, ask to come, req
+        open, unlock, unlatch
+        close, shut, lock
+        disinfect, disinfection, sanitize, sanitise, sterilize, sterilise, decontaminate
+        tidy, tidy up, clean, clean up, clear up, adapt, straighten up, put in order
+        patrol, inspect, survey, tour, scout, monitor, look around
+        check, verify, examine, inspect, validate, test, look over
+        authenticate, identify, verify, establish identity
+        authorize, authorise, permit, allow, approve, clearance, permission, go ahead, green light
+        approach, walk up to, go up to, come up to, go over to, walk over to, move up to, draw near, close in on
+        admit, let in, let inside, let enter, allow in, wave through
+        refuse, reject, turn away, turn down, send away, deny, decline, shut out, keep out
+        fail, break down, go wrong
+        guide, lead, escort, accompany, usher, show the way, direct
+        deliver, bring, carry, transport, convey, transfer, hand over
+        search, look for, seek, hunt for
+        charge, recharge, dock, plug in
+        turn, rotate, spin, swivel
+        stop, halt, brake, come to a stop
+        follow, trail, chase, go after
+        avoid, dodge, evade, go around
+        serve, hand out, pour
+        thank, say thank you, say thanks
+        apologise, apologize, say sorry, excuse
+        bid farewell, say goodbye, say bye, see off, farewell, goodbye
+        warn, alert, caution
+        notify, inform, report, announce
+        answer, reply, respond
+        repeat, say again, do again, redo
+        cancel, abort, abandon, give up, call off
+        begin, start, launch, commence
+        finish, complete, end, conclude
+        replan, plan anew, change plan, new plan
+        activate, turn on, switch on, enable
+        deactivate, turn off, switch off, disable
+        push, shove, nudge
+        pull, drag, tow
+        raise, hoist, lift
+        lower, let down
+        sort, arrange, order
+        photograph, take picture, take photo, film
+        wash, rinse
+        vacuum, hoover
+        wipe, mop
+    """,
+    "de": """
+        begrussen, begrusst, grussen, gegrusst, gruss, begrussung, willkommen heissen, hallo sagen, ansprechen, hallo
+        helfen, geholfen, hilfe, hilfsangebot, unterstutzen, unterstutzung, beistehen, behilflich, assistieren
+        ignorieren, ignoriert, ubersehen, ubergehen, ubergangen, links liegen lassen, links liegen gelassen, missachtet
+        warten, gewartet, zogern, gezogert, abwarten, abgewartet
+        untatig, nichts tun, nichts getan, nichts gemacht, stillstehen
+        nehmen, genommen, greifen, gegriffen, aufheben, aufgehoben, holen, geholt
+        stellen, gestellt, legen, gelegt, laden, geladen, absetzen, abgesetzt
+        fahren, gefahren, gehen, gegangen, bewegen, bewegt
+        offnen, geoffnet, aufmachen, aufgemacht
+        schliessen, geschlossen, zumachen, zugemacht
+        putzen, geputzt, reinigen, gereinigt, aufraumen, aufgeraumt
+    """,
+    "fr": """
+        saluer, salue, salutation, accueillir, accueilli, dire bonjour, dit bonjour, bonjour, souhaiter la bienvenue
+        aider, aide, assister, assiste, assistance, soutenir, secourir, donner un coup de main, proposer aide
+        ignorer, ignore, negliger, neglige, laisser de cote, oublier
+        attendre, attendu, patienter, hesiter
+        rien faire, rien fait, inactif, immobile
+        prendre, pris, saisir, saisi, attraper, attrape, ramasser
+        poser, pose, mettre, mis, placer, place, charger, charge
+        aller, alle, rouler, deplacer, conduire
+        ouvrir, ouvert
+        fermer, ferme
+        nettoyer, nettoye, ranger, range
+    """,
+    "es": """
+        saludar, saludaste, saludado, saludo, saludada, decir hola, dijiste hola, recibir, dar la bienvenida, hola
+        ayudar, ayudaste, ayuda, ayudado, asistir, asististe, asistencia, echar una mano, apoyar, apoyaste
+        ignorar, ignoraste, pasar por alto, dejar de lado, desatender
+        esperar, esperaste, aguardar, dudar
+        hacer nada, hiciste nada, inactivo, quieto
+        tomar, tomaste, coger, cogiste, agarrar, agarraste, recoger
+        poner, pusiste, colocar, colocaste, dejar, cargar
+        ir, mover, moviste, conducir, desplazar
+        abrir, abriste
+        cerrar, cerraste
+        limpiar, limpiaste, ordenar, ordenaste
+    """,
+}
+
+
+@cache
+def _groups(language: str) -> tuple[frozenset[Phrase], ...]:
+    lines = (line.strip() for line in _GROUPS.get(language, "").splitlines())
+    return tuple(frozenset(tuple(one.split()) for one in line.split(",")) for line in lines if line)
+
+
+def _key(phrase: Phrase) -> Phrase:
+    return (stem(phrase[0]),) if len(phrase) == 1 else phrase
+
+
+@cache
+def _by_phrase(language: str) -> Mapping[Phrase, frozenset[Phrase]]:
+    found: dict[Phrase, frozenset[Phrase]] = {}
+    for group in _groups(language):
+        for phrase in group:
+            found[_key(phrase)] = found.get(_key(phrase), frozenset()) | group
+    return found
+
+
+def synonyms(phrase: Phrase, language: str) -> frozenset[Phrase]:
+    """Return other words and phrases for ``phrase``, in any form of a word; none if no group has it."""
+    return _by_phrase(language).get(_key(phrase), frozenset()) - {phrase}
+
+
+@cache
+def lexicon(language: str) -> frozenset[str]:
+    """Return the words of all groups: they are written as they are meant, and resemble other words by chance only."""
+    return frozenset(word for group in _groups(language) for phrase in group for word in phrase)
