@@ -10,6 +10,7 @@ import msgspec
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import TraceRecord
 from socialbot.core.registry import vocabulary_of
+from socialbot.core.vocabulary import Deed
 from socialbot.runs.asking._activity import ahead, doing, said
 from socialbot.runs.asking._causes import contrast, reasons, reasons_against
 from socialbot.runs.asking._facts import near, record_agent
@@ -19,6 +20,7 @@ from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
 from socialbot.runs.asking._sentences import Claim, Clause, infinitive
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking.languages import LANGUAGES, Language
+from socialbot.runs.history import History
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of, decided_at
 
@@ -85,6 +87,8 @@ def answer(
         remedy = f"give one of {', '.join(history.agents)}" if history.agents else "the run has no agents"
         raise ParameterError(f"there is no agent {agent!r}", remedy=remedy)
     vocabulary = vocabulary_of(run.graph)
+    if run.graph is None:  # the words of all packages
+        vocabulary = replace(vocabulary, deeds=tuple(deed for deed in vocabulary.deeds if _occurs(deed, history)))
     subjects = Subjects(history, run.wording, vocabulary, {})
     question = understand(text, subjects, language)
     if not question.topics or question.kind == "why_not" or question.confidence < SURE:
@@ -94,6 +98,12 @@ def answer(
     end_s = history.seconds(run.end) if len(history) else 0.0
     now_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
     return _Answering(run, subjects, with_time(question, now_s), now_s, speaker, agent, spoken=spoken).answer(text)
+
+
+def _occurs(deed: Deed, history: History) -> bool:
+    """Return whether a run has records of the calls of a deed."""
+    names = {call.partition("(")[0] for call in deed.calls}
+    return any(call_of(record).partition("(")[0] in names for record in history)
 
 
 class _Answering(Scope):

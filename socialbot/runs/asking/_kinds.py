@@ -80,7 +80,7 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return None, 0.0  # "Will t1 come back?"
     if has("here") and has("people", "nobody", "me", "named") and not _robot_acts(reading):
         return ("who" if has("past") else "see"), 0.9
-    if has("people", "nobody") and has("present", "past"):
+    if has("people", "nobody") and has("present", "past") and not _robot_acts(reading):
         return ("who" if has("past") else "see"), 0.8
     if has("people", "nobody") and has_time:
         return "see", 0.9  # "Any visitors at 12 s?"
@@ -115,7 +115,7 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
 def _is_request(reading: Reading) -> bool:
     """Return whether the robot is asked to do something: ``Can you greet t3?``, ``Please greet t3``."""
     places: tuple[int, ...] = reading.found["topic"][0][1]
-    if any(reading.words[place].endswith("ed") for place in places):
+    if any(reading.words[place].endswith(("ed", "ing")) for place in places):
         return False
     if any(tuple(reading.words[: len(one)]) == one for one in reading.language.phrases["request"]):
         return True

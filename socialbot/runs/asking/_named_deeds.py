@@ -60,7 +60,8 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
             fit, places = _loosely(phrase, words, free, soft)
             if places:
                 fits.append((fit, len(places), topic, places, False))
-        fits += _by_synonyms(topic, reading, free, soft)
+        if topic.declared is not None or subjects.done(topic):
+            fits += _by_synonyms(topic, reading, free, soft)
         if fits:
             # "Skip greeting" is the opposite, too.
             best = max(fits, key=lambda each: each[:2])
@@ -84,7 +85,10 @@ def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...]
 
 
 def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int]) -> Iterator[_Fit]:
-    """Yield how words name a deed by synonyms of its phrases, or of the verbs that its loose phrases begin with."""
+    """Yield how words name a deed by synonyms of its main phrase, or of the verbs that its loose phrases begin with.
+
+    The first phrase that a vocabulary declares is the main one; others are words of a wider meaning.
+    """
     code, words = reading.language.code, reading.words
 
     def places_of(other: Phrase) -> tuple[int, ...]:
@@ -93,7 +97,7 @@ def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int])
         return places if alike >= _FORM and is_named and _is_whole(other, places, words, free, soft) else ()
 
     for opposite, table in ((False, topic.words), (True, topic.opposites)):
-        for other in {one for phrase in table.get(code, ()) for one in synonyms(phrase, code)}:
+        for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
             if places := places_of(other):
                 yield _SYNONYM, len(places), topic, places, opposite
     if code != "en":

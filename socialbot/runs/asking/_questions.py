@@ -22,7 +22,7 @@ from socialbot.runs.asking._references import (
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
-from socialbot.runs.asking._words import quoted_tokens, similarity, stem, tokens
+from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 
 SURE = 0.68
@@ -142,7 +142,7 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
 
 def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them."""
-    known = language.known_words | words_of_deeds(subjects, language.code)
+    known = language.known_words | words_of_deeds(subjects, language.code) | NUMBER_WORDS
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
@@ -250,7 +250,8 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     if topics and at_s is not None and tells([reading.words[reading.place("topic")]], language, "talk"):
         topics, fit = (), 1.0  # "Why did you talk to t1 at 11 s?" is about what was said then
         reading.found.pop("topic")
-    silent = person is not None and not person.me and tells(words, language, "silent")
+    is_aimed = at_s is not None if person is None else not person.me
+    silent = is_aimed and tells(words, language, "silent")
     if silent and (not topics or not topics[0].concerns_people):
         topics, fit = (), 1.0  # silence towards a person is a deed left undone
         reading.found.setdefault("say", []).append((1.0, (0,)))
@@ -264,7 +265,8 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
         deed = set(reading.found["topic"][0][1])
         reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
     guess_interrogative(reading, topic is not None)
-    agent = _acting(reading, agents, topic is not None)
+    does = {record.source for record in subjects.done(topic)} if topic is not None and agents else set()
+    agent = _acting(reading, agents, topic is not None, does)
     things |= {
         name: reading.words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)
     }
@@ -389,8 +391,9 @@ def _words_said(
     elif begin == len(reading.words):  # the verb is the last word, as in German
         begin, end = max(place for _, places in reading.found["you"] for place in places) + 1, last
     said = tuple(reading.words[begin:end])
-    if all((word,) in reading.language.phrases["filler"] for word in said):
-        said = ()  # "speak with t3"
+    vague = {one[0] for name in ("filler", "what") for one in reading.language.phrases[name] if len(one) == 1}
+    if vague.issuperset(said):
+        said = ()  # "speak with t3", "say anything"
     is_quoted = subjects.is_quoted(said)
     if not said or (topic is not None and (topic.declared is not None or not is_quoted)):
         return ()
@@ -400,7 +403,7 @@ def _words_said(
     return said
 
 
-def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool) -> str:
+def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool, does: Set[str]) -> str:
     """Return the agent that is asked about: the one before the verb, unless the robot is addressed as ``you``."""
     if not agents:
         return ""
@@ -410,7 +413,12 @@ def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool
     if reading.has("you") and has_topic and verbs and place > min(verbs):
         return ""
     before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
-    if before in _PASSIVE and verbs and any(reading.words[verb].endswith("ed") for verb in verbs if verb > place):
+    if (
+        before in _PASSIVE
+        and name not in does
+        and verbs
+        and any(reading.words[verb].endswith("ed") for verb in verbs if verb > place)
+    ):
         return ""  # "Was carrier a called?"
     if before in reading.language.auxiliaries:
         return name  # "How many moves did the gripper make?"

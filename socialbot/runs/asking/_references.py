@@ -320,6 +320,11 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
             reading.taken |= {n, near[0]}
             return PersonReference(ordinal=number)
     for n, word in enumerate(words):
+        if word == "number" and subjects.persons and n not in reading.taken:
+            number = _number_behind(reading, n)
+            if number is not None:
+                return PersonReference(ordinal=number)  # "number three"
+    for n, word in enumerate(words):
         # "the man who came first", "two people"
         if n not in reading.taken and (word,) in people:
             number = _order_behind(reading, n)

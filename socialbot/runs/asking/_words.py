@@ -215,6 +215,8 @@ for _line in (
 ):
     _TENS |= {word: 10 * number for number, word in enumerate(_line.split(), 2)}
 _UNITS |= {"ein": 1, "eine": 1, "einer": 1, "une": 1, "una": 1}
+NUMBER_WORDS = frozenset((*_UNITS, *_TENS))
+"""Words of numbers."""
 _HUNDREDS = {"hundred": 100, "hundert": 100, "cent": 100, "cien": 100, "ciento": 100}
 _GERMAN = re.compile(rf"({'|'.join(_UNITS)})und({'|'.join(_TENS)})")
 _POINTS = {"point", "komma", "virgule", "coma", "punto"}

@@ -38,14 +38,17 @@ ENGLISH = Language(
         ),
         "who": (
             "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
-            "which agent,which robot"
+            "which agent,which robot,which machine,which of them,which one,which guest,which guests"
         ),
         "when": (f"when,{_TIMES},what time,which time,what moment,which moment,since when,what was the time"),
         "how_often": (
             "in how many cases,on how many occasions,"
             "how often,how many times,number of times,how frequently,count how often,how many time,many times"
         ),
-        "how_many": "how many,number of,count,total number,what number",
+        "how_many": (
+            "how much people,how much persons,how much visitors,how much times,head count,how many,number of,count,"
+            "total number,what number"
+        ),
         "unanswerable": (
             "how much,how old,which colour,which color,what colour,what color,whose,how tall,how do,how did,how are,"
             "how can,how was,how is,how will,how big,what is your name,how"
@@ -60,24 +63,27 @@ ENGLISH = Language(
         "see": (
             "see,saw,seen,look like,notice,observe,in view,in sight,in front of,visible,perceive,sense,detect,"
             "spot anybody,"
-            "spot,glimpse,witness,behold,catch sight of,caught sight of,describe scene,describe picture,describe image,"
+            "spot,meet,met,encounter,glimpse,witness,behold,catch sight of,caught sight of,describe scene,"
+            "describe picture,describe image,"
             "describe surroundings,describe situation,on camera,"
             "watching,show,recognise,your camera,camera show,looking at,ahead of you,before your eyes,your view"
         ),
         "do": (
-            "do,doing,done,up to,busy with,working on,act,action,actions,perform,occupied,task,job,activity,deed,"
+            "busy,available,do,doing,done,up to,busy with,working on,act,action,actions,perform,occupied,task,job,"
+            "activity,deed,"
             "how did you react,how did you respond,how did you behave,your reaction"
         ),
         "happen": "happen,going on,occur,went on,what came,what comes,what followed",
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
             "plan to,planning,want to do,you want,have any plans,intend,intention,intentions,going to,will you,want,"
-            "goal,goals,aim,desire,plans,accomplish,achieve,attain,pursue,objective,objectives,"
+            "agenda,schedule,to do list,goal,goals,aim,desire,plans,accomplish,achieve,attain,pursue,objective,"
+            "objectives,"
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "say": (
             "say,speak,tell,utter,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
-            "statement"
+            "statement,utterance,utterances,saying"
         ),
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
@@ -96,6 +102,7 @@ ENGLISH = Language(
         "you": "you,your,yourself,waldo,robot,u,ya,ye",
         "them": "him,her,them,they,he,she,that person,this person,that man,that woman,that visitor,it",
         "past": (
+            "showed,turned,entered,left,stayed,stood,walked,passed,happened,occurred,said,told,spoke,went,"
             "came,visited,arrived,appeared,saw,did,was,were,have,has,had,been,just,yet,already,so far,until now,ago,"
             "earlier,before,done"
         ),
@@ -169,10 +176,12 @@ ENGLISH = Language(
             "whole,again,once,twice,too,also,still,only,thing,things,these,those,such,own,so far,just,than,"
             "more than,simply,overall,long enough,enough,needed,need,needs,think,thought,same,else,other,others,"
             "bother,bothered,manage,managed,happen to,happened to,care to,cared to,dare to,go ahead and,particular,"
-            "specific,certain,possibly,maybe,perhaps,indeed,rather,instead,anyway,anyhow,though,although,however,because,"
+            "specific,certain,possibly,maybe,perhaps,indeed,rather,instead,anyway,anyhow,though,although,however,"
+            "because,"
             "since,due,regarding,concerning,about,within,upon,via,per,beside,among,until,till,entire,case,situation,"
             "occasion,instance,point,sort,matter,session,experiment,test,tape,clip,file,day,sir,buddy,mate,"
-            "dude,mister,friend,dear,robo,bot,has to do with,had to do with,have you got,with regard to,"
+            "dude,mister,friend,dear,robo,bot,took care of,take care of,has to do with,had to do with,have you got,"
+            "with regard to,"
             "kindly,previously,"
             "finally,stand,standing,stood,straight away,spend,spent,visit"
         ),

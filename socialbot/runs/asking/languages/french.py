@@ -41,7 +41,7 @@ FRENCH = Language(
         "me": "me,m,moi,je,j,nous,mon",
         "you": "tu,te,t,vous,toi,waldo,robot",
         "them": "lui,elle,l,le,la,les,il,ils,eux",
-        "past": "as,avez,a,ai,ont,etait,etaient,etais,ete,viens,deja,auparavant,est venu,est elle,est il",
+        "past": "aies,ait,as,avez,a,ai,ont,etait,etaient,etais,ete,viens,deja,auparavant,est venu,est elle,est il",
         "future": "vas,allez,feras,ferez,prochaine,ensuite",
         "present": "est,es,sont,peux,maintenant,actuellement,vois,fais,en train",
         "ago": "il y a",
