@@ -65,7 +65,7 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
             return "who", sure
         if has("see") and has("past") and not has_time:
             return "who", sure  # "Who did you see?"
-        if has("see") or (has("here") and not has("past") and not has_time):
+        if has("see") or (has("here") and not has("past", "first", "last") and not has_time):
             return "see", sure
         return ("who", sure) if has("here", "people", "longest", "shortest") or past else (None, 0.0)
     if has("what"):

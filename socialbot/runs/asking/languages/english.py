@@ -73,7 +73,7 @@ ENGLISH = Language(
             "activity,deed,"
             "how did you react,how did you respond,how did you behave,your reaction"
         ),
-        "happen": "happen,going on,occur,went on,what came,what comes,what followed",
+        "happen": "happen,happened,occurred,going on,occur,went on,what came,what comes,what followed",
         "next": "next,then,afterwards,after that,after this,now on,future,upcoming,following step,soon",
         "plan": (
             "plan to,planning,want to do,you want,have any plans,intend,intention,intentions,going to,will you,want,"
@@ -82,8 +82,8 @@ ENGLISH = Language(
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "say": (
-            "say,speak,tell,utter,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
-            "statement,utterance,utterances,saying"
+            "say,said,speak,spoke,tell,told,utter,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
+            "statement,utterance,utterances"
         ),
         "here": (
             "here,come,came,visit,visited,arrive,there,around,show up,showed up,turn up,turned up,present,pass by,"
@@ -102,7 +102,7 @@ ENGLISH = Language(
         "you": "you,your,yourself,waldo,robot,u,ya,ye",
         "them": "him,her,them,they,he,she,that person,this person,that man,that woman,that visitor,it",
         "past": (
-            "showed,turned,entered,left,stayed,stood,walked,passed,happened,occurred,said,told,spoke,went,"
+            "left,happened,occurred,said,told,spoke,"
             "came,visited,arrived,appeared,saw,did,was,were,have,has,had,been,just,yet,already,so far,until now,ago,"
             "earlier,before,done"
         ),

@@ -84,8 +84,8 @@ _GROUPS: Mapping[str, str] = {
         putzen, geputzt, reinigen, gereinigt, aufraumen, aufgeraumt
     """,
     "fr": """
-        saluer, salue, salutation, accueillir, accueilli, dire bonjour, souhaiter la bienvenue
-        aider, aide, assister, assiste, assistance, soutenir, secourir, donner un coup de main, proposer aide, offrir aide
+        saluer, salue, salutation, accueillir, accueilli, dire bonjour, dit bonjour, souhaiter la bienvenue
+        aider, aide, assister, assiste, assistance, soutenir, donner un coup de main, proposer aide, offrir aide
         ignorer, ignore, negliger, neglige, laisser de cote, oublier
         attendre, attendu, patienter, hesiter
         rien faire, rien fait, inactif, immobile
@@ -97,8 +97,8 @@ _GROUPS: Mapping[str, str] = {
         nettoyer, nettoye, ranger, range
     """,
     "es": """
-        saludar, saludaste, saludado, saludo, saludada, decir hola, dar la bienvenida
-        ayudar, ayudaste, ayuda, ayudado, asistir, asististe, asistencia, ofrecer ayuda, echar una mano, apoyar, apoyaste
+        saludar, saludaste, saludado, saludo, saludada, decir hola, dijiste hola, recibir, dar la bienvenida
+        ayudar, ayudaste, ayuda, ayudado, asistir, asististe, asistencia, ofrecer ayuda, echar una mano, apoyar
         ignorar, ignoraste, pasar por alto, dejar de lado, desatender
         esperar, esperaste, aguardar, dudar
         hacer nada, hiciste nada, inactivo, quieto
