@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
-from socialbot.bdi._messaging import Messaging, WaitingMessage
+from socialbot.bdi._messaging import TOLD, Message, Messaging
 from socialbot.bdi._relations import Annotations, Args, Relation
 from socialbot.bdi.belief_base import BeliefBase, is_source
 from socialbot.bdi.intentions import (
@@ -61,13 +61,14 @@ class Interpreter:
         action: Trace record of the last action.
         heap: Timers, for the code of plans.
         peers: Queue of the agents of the society that have work to do.
+        reading: Whether a message was read in the last turn.
         signalled: Whether the wake-up of the engine was called since the last turn.
     """
 
     __slots__ = (
         "_parts", "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
-        "messaging", "now", "others", "peers", "pool", "random", "ready", "relations", "signalled", "stage", "timers",
-        "trace", "triggers",
+        "messaging", "now", "others", "peers", "pool", "random", "reading", "ready", "relations", "signalled", "stage",
+        "timers", "trace", "triggers",
     )  # fmt: skip
 
     def __init__(self, engine: Engine, library: Library) -> None:
@@ -78,6 +79,7 @@ class Interpreter:
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
         self.others: Collection[Any] = ()
         self.peers: deque[Engine] = deque()
+        self.reading = False
         self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
         self.relations = self.beliefs.relations
         self.intentions = IntentionStack(self)
@@ -153,8 +155,14 @@ class Interpreter:
                 else:
                     # A single belief (most percepts) skips the queue.
                     relation, args, notes, cause, since = item
-                    if relation.care or trace.sink is not None:
-                        self._take(item)
+                    told = since is TOLD
+                    if told:
+                        since = None
+                        self.reading = not (self.reading and ready)
+                    if told and not self.reading:
+                        inbox.appendleft(item)
+                    elif relation.care or trace.sink is not None:
+                        self._take((relation, args, notes, cause, since))
                     else:
                         facts = relation.facts
                         if args not in facts:
@@ -236,20 +244,30 @@ class Interpreter:
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
-        """Process all posted items; the beliefs between two function calls begin at the same time."""
+        """Process posted items up to the first message; the next one has to wait for a turn, as in Jason.
+
+        The beliefs between two function calls begin at the same time.
+        """
         inbox, trace, queue = self.inbox, self.trace, self.events.append
-        sink, waiting = trace.sink, len(self.events)
+        sink = trace.sink
         now: int | None = None
         while inbox:
             item = inbox.popleft()
+            told = item[-1] is TOLD if item.__class__ is tuple else item.__class__ is Message
+            if told:
+                self.reading = not (self.reading and (self.events or self.ready))
+                if not self.reading:
+                    inbox.appendleft(item)
+                    return
             if item.__class__ is tuple:
                 relation, args, notes, cause, since = item
-                if since is None:
+                if told or since is None:
                     if now is None:
                         now = self.now()
                     since = now
                 if relation.care or sink is not None:
-                    item = (relation, args, notes, cause, since)
+                    self._take((relation, args, notes, cause, since))
+                    sink = trace.sink
                 else:
                     facts = relation.facts
                     if args not in facts:
@@ -258,19 +276,15 @@ class Interpreter:
                             relation.enter(args)
                     else:
                         notes = relation.merge(args, notes)
-                        if not notes:
-                            continue
                     trigger = relation.added
-                    if trigger is not None:
+                    if notes and trigger is not None:
                         queue((trigger, args, notes, cause))
-                    continue
-            elif item.__class__ is WaitingMessage and item.waits(len(self.events) - waiting):
-                inbox.appendleft(item)
-                return
             else:
                 now = None
-            self._take(item)
-            sink = trace.sink
+                self._take(item)
+                sink = trace.sink
+            if told:
+                return
 
     def _take(self, item: Any) -> None:
         try:

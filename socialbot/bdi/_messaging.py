@@ -29,6 +29,9 @@ PERFORMATIVES = (
     "tell", "untell", "signal", "achieve", "unachieve", "askOne", "askAll", "askHow", "tellHow", "untellHow",
 )  # fmt: skip
 
+TOLD: Any = object()
+"""Begin of a belief that another agent tells: the time when the agent reads the message."""
+
 TIMEOUT = Atom("timeout")
 """Answer to a question after its time limit."""
 
@@ -223,25 +226,11 @@ class Messaging:
 
 def deliver(sender: Engine, receiver: Engine, act: str, content: Any, cause: Any, reply: Reply | None = None) -> None:
     """Post a message to an agent; agents share no variables."""
-    message = functools.partial if act == "tell" else WaitingMessage
-    receiver.call(message(receiver.messaging.receive, sender, act, detached(content), cause, reply))
+    receiver.call(Message(receiver.messaging.receive, sender, act, detached(content), cause, reply))
 
 
-class WaitingMessage(functools.partial[None]):
-    """Posted message other than a belief, which waits until the agent has handled the messages before it."""
-
-    turns: int | None = None
-    """Turns that it waits for."""
-
-    def waits(self, events: int) -> bool:
-        """Whether ``events`` of messages before it go first.
-
-        In Jason an agent reads one message in a turn, and sends one: two turns let a plan for an event begin.
-        """
-        if self.turns is None:
-            self.turns = 2 * events + 1
-        self.turns -= 1
-        return self.turns > 0
+class Message(functools.partial[None]):
+    """Posted message; an agent reads one in a turn, so that its plans for one see no beliefs of later ones."""
 
 
 # Effects of performatives on the receiver

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi._messaging import RECEIVED, deliver, told_beliefs
+from socialbot.bdi._messaging import RECEIVED, TOLD, deliver, told_beliefs
 from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi._timers import Wakeup
 from socialbot.bdi.engine import Engine
@@ -143,7 +143,7 @@ class Society:
             return
         relation = ag.relations.get(key) or ag.beliefs.relation(key)
         said_by = SOURCES.get(sender.name) or source_notes(sender.name)
-        ag.inbox.append((relation, args, said_by, cause, None))
+        ag.inbox.append((relation, args, said_by, cause, TOLD))
         if not ag.signalled:
             ag.signalled = True
             self._ready.append(agent)
@@ -158,7 +158,7 @@ class Society:
             ag = agent.interpreter
             for key, args, notes in beliefs:
                 relation = ag.relations.get(key) or ag.beliefs.relation(key)
-                ag.inbox.append((relation, args, notes, cause, None))
+                ag.inbox.append((relation, args, notes, cause, TOLD))
             if not ag.signalled:
                 ag.signalled = True
                 self._ready.append(agent)

@@ -138,8 +138,9 @@ class Reference:
         self.sent: list[tuple[str, Args]] = []
         self.beliefs: list[tuple[str, Args]] = []
         self.sources: dict[tuple[str, Args], Args] = {}
-        self.posted: list[tuple[str, Callable[[], None], int | None]] = []
+        self.posted: list[tuple[str, Callable[[], None]]] = []
         self.events: list[Happened] = []
+        self.reading = False
         self.heard = {plan.event.key for plan in plans}
         self.waiting: list[Intention] = []
         self.ready: list[Intention] = []
@@ -150,17 +151,17 @@ class Reference:
     # What is posted
 
     def believe(self, literal: Literal) -> None:
-        self.posted.append(("believe", lambda: self.announce(self.hold(literal, literal.args)), None))
+        self.posted.append(("believe", lambda: self.announce(self.hold(literal, literal.args))))
 
     def forget(self, literal: Literal) -> None:
-        self.posted.append(("forget", lambda: self.forget_all(literal, literal.args), None))
+        self.posted.append(("forget", lambda: self.forget_all(literal, literal.args)))
 
     def achieve(self, goal: Literal) -> None:
-        self.posted.append(("achieve", lambda: self.events.append((f"+!{goal.key}", goal.args, SELF)), None))
+        self.posted.append(("achieve", lambda: self.events.append((f"+!{goal.key}", goal.args, SELF))))
 
     def told(self, sender: str, performative: str, literal: Literal) -> None:
         """A message from another agent."""
-        self.posted.append((f"told {performative}", lambda: self.read(sender, performative, literal), None))
+        self.posted.append(("told", lambda: self.read(sender, performative, literal)))
 
     def read(self, sender: str, performative: str, literal: Literal) -> None:
         said_by = (Atom(sender),)
@@ -172,17 +173,17 @@ class Reference:
             self.adopt(self.pursue(f"!{literal.key}", literal.args, said_by))
 
     def take_in(self) -> None:
-        """Everything up to a message, other than a belief; it waits two turns for each event of what was before it."""
-        before = len(self.events)
+        """Everything up to the first message; after a message a turn without one, if there is other work."""
         while self.posted:
-            what, happens, turns = self.posted[0]
-            if what.startswith("told") and what != "told tell":
-                left = 2 * (len(self.events) - before) if turns is None else turns - 1
-                if left > 0:
-                    self.posted[0] = (what, happens, left)
+            what, happens = self.posted[0]
+            if what == "told":
+                self.reading = not (self.reading and (self.events or self.ready))
+                if not self.reading:
                     return
             self.posted.pop(0)
             happens()
+            if what == "told":
+                return
 
     # Turns
 

@@ -27,6 +27,24 @@ def test_plans_see_the_source_of_a_told_belief():
     assert mas.until(1).said == [("b", "1a")]
 
 
+@pytest.mark.parametrize("telling", [".send(a, tell, bid(M))", ".broadcast(tell, bid(M))", ".send(a, tell, [bid(M)])"])
+def test_plans_for_a_message_see_no_later_ones(telling):
+    sender = f"!s. +!s : .my_name(M) <- {telling}."
+    senders = {f"p{i}": sender for i in range(5)}
+    mas = Mas(a="+bid(_) : .count(bid(_)[source(_)], N) <- .print(N).", **senders).until(1)
+    assert [line for name, line in mas.said if name == "a"] == ["1", "2", "3", "4", "5"]
+
+
+def test_goals_and_beliefs_of_messages_are_handled_in_their_order():
+    sender = "!s. +!s : .my_name(M) <- .send(a, achieve, go(M)); .send(a, tell, bid(M))."
+    counting = """
+        +!go(X) : .count(gone(_), N) <- +gone(X); .print(go(N)).
+        +bid(X) : .count(bid(_)[source(_)], 5) <- .print(all).
+    """
+    mas = Mas(a=counting, **{f"p{i}": sender for i in range(5)}).until(1)
+    assert mas.lines == ["go(0)", "go(1)", "go(2)", "go(3)", "go(4)", "all"]
+
+
 def test_message_keeps_annotations_except_sources():
     mas = Mas(a="!g. +!g <- .send(b, tell, x(1)[sure, source(c)]).", b="+x(X)[sure, source(S)] <- .print(S).").until(1)
     assert mas.lines == ["a"]
