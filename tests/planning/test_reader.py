@@ -277,6 +277,20 @@ def test_timed_initial_literals_may_come_at_the_start():
         ),
         ("(define (domain d) (:constraints (and)))", "not supported by socialbot: preferences and constraints"),
         ("(define (domain d) (:process p))", "not supported by socialbot: continuous change (:process)"),
+        (
+            "(define (domain d) (:action a :observe (p)))",
+            "domain:1: not supported by socialbot: observations (:observe)",
+        ),
+        ("(define (domain d) (:task t :parameters ()))", "not supported by socialbot: task networks of HDDL (:task)"),
+        ("(define (domain d) (:action a :agent ?a))", "not supported by socialbot: agents of MA-PDDL (:agent)"),
+        (
+            "(define (domain d) (:predicates (p)) (:action a :effect (oneof (p) (not (p)))))",
+            "not supported by socialbot: effects that depend on chance (oneof)",
+        ),
+        (
+            "(define (domain d) (:predicates (p)) (:action a :effect (and (probabilistic 0.5 (p)))))",
+            "not supported by socialbot: effects that depend on chance (probabilistic)",
+        ),
         ("(define (domain d) (:action a) (:action a))", "the action a is there twice"),
         ("(define (domain d) (:action a :effects ()))", "remedy: did you mean ':effect'?"),
         ("(define (domain d) (:action a :effect))", "no value after :effect in the action a"),

@@ -123,6 +123,18 @@ class Scope:
         return Scope({**self.variables, **new}, self.duration, (self.untyped - new.keys()) | untyped)
 
 
+_OTHER_LANGUAGES: dict[str, str] = {
+    "oneof": "effects that depend on chance",
+    "probabilistic": "effects that depend on chance",
+    ":observe": "observations",
+    ":task": "task networks of HDDL",
+    ":method": "task networks of HDDL",
+    ":htn": "task networks of HDDL",
+    ":agent": "agents of MA-PDDL",
+}
+"""Words of languages that extend PDDL in ways that plans of actions cannot express."""
+
+
 @dataclass
 class Vocabulary:
     """Names that are declared so far; ``objects`` are constants and, in problems, objects."""
@@ -138,7 +150,9 @@ class Vocabulary:
         return self.error(f"not supported by socialbot: {what}", at)
 
     def unknown(self, kind: str, name: str, known: Iterable[str], at: Sexpression) -> PlanningError:
-        """Return an error for an undeclared name, with the nearest declared one."""
+        """Return an error for an undeclared name: of another language, or with the nearest declared one."""
+        if name in _OTHER_LANGUAGES:
+            return self.unsupported(f"{_OTHER_LANGUAGES[name]} ({name})", at)
         near = difflib.get_close_matches(name, list(known), n=1)
         return self.error(
             f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else f"declare the {kind}"
