@@ -27,5 +27,6 @@ def test_agents_with_a_trace_have_no_event_log():
 def test_event_log_topics_of_the_hospital():
     assert set(event_log_topics(load_graph("hospital"))) == {
         "/hospital/messages", "/hospital/missions", "/hospital/commands", "/hospital/results",
+        "/nurse_disinfected1/team_messages", "/spotrobot1/team_messages", "/uvdrobot1/team_messages",
     }  # fmt: skip
     assert event_log_topics(load_graph("cleaner")) == {}
