@@ -161,17 +161,22 @@ class IntentionStack:
         if result.__class__ is SpecialBody and result.begun and self._interpreter.events:
             intention.frames.append((once(None), None, None))
 
-    def adopt(self, request: Request, ended: Callable[[Failure | None], None] | None = None) -> None:
+    def adopt(
+        self, request: Request, ended: Callable[[Failure | None], None] | None = None, *, told: bool = False
+    ) -> None:
         """Adopt a goal in a new intention; ``ended`` receives its failure, or None.
 
-        Without ``ended``, the goal is queued until an atomic plan has ended.
+        Without ``ended``, the goal is queued until an atomic plan has ended. A goal that another agent ``told`` is
+        adopted before the event of the turn, so that its intention has a step in this turn.
         """
         if self.atomic is not None and ended is None:
             self._interpreter.events.append(request[1:])
             return
         intention = self.new(request)
         intention.ended = ended
-        self._let_wait(intention, self.pursue(intention, request))
+        result = self.pursue(intention, request)
+        if not told:
+            self._let_wait(intention, result)
         self.settle(intention)
 
     def adopt_with(self, request: Request, plan: CompiledPlan | None, result: Any) -> None:

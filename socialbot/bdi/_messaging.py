@@ -264,7 +264,7 @@ def _apply(agent: Engine, act: str, content: Any, said_by: Any, cause: Any) -> N
             case "signal":
                 _signal(agent, key, args, (*notes, Atom("signal")), cause)
             case "achieve":
-                agent.intentions.adopt(subgoal(agent.library.triggers[f"+!{key}"], args, notes, cause))
+                agent.intentions.adopt(subgoal(agent.library.triggers[f"+!{key}"], args, notes, cause), told=True)
             case "unachieve":
                 goals.drop_goal(agent, literal)
 
@@ -276,7 +276,7 @@ def _signal(agent: Engine, key: str, args: Any, notes: Any, cause: Any) -> None:
     if closed(args):
         agent.interpreter.events.append((added, args, notes, cause))
     else:
-        agent.intentions.adopt((EVENT | OPEN, added, args, notes, cause))
+        agent.intentions.adopt((EVENT | OPEN, added, args, notes, cause), told=True)
 
 
 def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, cause: Any, reply: Reply | None) -> None:
@@ -315,7 +315,7 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
     if found is not None or trigger is None or not trigger.plans:
         answer(found)
     else:
-        agent.intentions.adopt(subgoal(trigger, query.args, _notes(query, said_by), cause), ended)
+        agent.intentions.adopt(subgoal(trigger, query.args, _notes(query, said_by), cause), ended, told=True)
 
 
 def _annotated(agent: Engine, query: Literal, trail: Trail) -> Iterator[Literal]:

@@ -226,6 +226,16 @@ def test_a_separate_goal_with_a_variable_starts_in_the_next_turn_like_any_other(
     assert len(social.reference.done) > TURNS
 
 
+@pytest.mark.parametrize("told_before", [0, 1, 2])
+def test_the_plan_for_a_told_goal_has_a_step_in_its_turn(told_before):
+    program = [go(0) >> [do("go"), apart(go(0)), do("end")], +p(X) >> [do("p")]]
+    social = Social(program, ())
+    for number in range(told_before):
+        social.told("tell", p(number), "bob")
+    compare(social, [("achieve", go(0), "bob")])
+    assert social.done[told_before : told_before + 3] == [("go",), ("end",), ("go",)]
+
+
 def test_the_clocks_of_both_agree():
     both = Both([go(0) >> [nap(2), do("a", 1)]])
     both.post("achieve", go(0))
