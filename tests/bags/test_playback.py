@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -104,9 +105,18 @@ def test_agents_may_use_other_command_ids(recorded):
 
 def test_missing_commands_are_skipped(recorded):
     graph, path, then = recorded
-    silent = Graph("hospital", tuple(one for one in graph.nodes if one.name != "coordinator"), graph.inputs)
-    world, now = replayed(silent, path)
+    members = [one for one in graph.nodes if one.name != "coordinator"]
+    silent = [dataclasses.replace(one, remap={"private": "/nobody"}) for one in members]
+    world, now = replayed(Graph("hospital", tuple(silent), graph.inputs), path)
     assert (now, world.unanswered) == ([], len(then))
+
+
+def test_agents_without_their_coordinator_follow_the_recorded_plans(recorded):
+    graph, path, then = recorded
+    alone = Graph("hospital", tuple(one for one in graph.nodes if one.name != "coordinator"), graph.inputs)
+    world, now = replayed(alone, path)
+    assert [(one.stamp, one.action, one.args) for one in now] == [(one.stamp, one.action, one.args) for one in then]
+    assert world.unanswered == 0
 
 
 def test_messages_between_nodes_are_no_commands(recorded):

@@ -94,6 +94,7 @@ MEANINGS = {
     "--verbose": "Also print ",
     "--visitors": "Number of people of a random schedule",
     "--video": "Write the annotated video",
+    "--world": "physics: MuJoCo",
 }
 """Options of several commands, with the beginning of their help."""
 
