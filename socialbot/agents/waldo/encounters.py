@@ -15,7 +15,8 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
 _STANDS_M = 3.2  # where faces are detected, people who stand farther away engage only if they face the robot
-_REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away
+_REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away,
+_PAST_M = 1.8  # and that of one who walks past it after all farther than this: paths of a moment are not exact
 PATH_S, _SURE_S = 0.3, 0.55  # least time to measure a path, and to be sure of it where a face may tell more
 _VIEW_EDGE_RAD = 0.12  # people this near to the edge of the view may be cut off
 _TOGETHER_M = 1.9  # people who talk to each other stand at most this far apart,
@@ -93,10 +94,9 @@ class Path(NamedTuple):
         """Whether the person walks rather than stands."""
         return self.speed_mps >= _WALKS_MPS
 
-    @property
-    def is_towards_robot(self) -> bool:
-        """Whether the path comes nearer, and passes the robot closely."""
-        return self.approach_mps > 0 and self.passes_m <= _REACH_M
+    def is_towards_robot(self, *, before: bool = False) -> bool:
+        """Whether the path comes nearer, and passes the robot closely, or not far off if it did so ``before``."""
+        return self.approach_mps > 0 and self.passes_m <= (_PAST_M if before else _REACH_M)
 
 
 def path_of(frames: Sequence[Frame], person: str) -> Path | None:
@@ -148,10 +148,13 @@ def place_of(person: PersonDetection) -> tuple[float, float] | None:
     return person.distance_m * math.cos(person.bearing_rad), person.distance_m * math.sin(person.bearing_rad)
 
 
-def attention(person: PersonDetection, path: Path | None, within_m: float, *, faces: bool) -> tuple[bool, str]:
+def attention(
+    person: PersonDetection, path: Path | None, within_m: float, *, faces: bool, before: bool = False
+) -> tuple[bool, str]:
     """Judge whether a person within ``within_m`` walks up to the robot, faces it, or stands near it.
 
-    Without detection of ``faces``, to stand within ``within_m`` is enough.
+    Without detection of ``faces``, to stand within ``within_m`` is enough. A person who was attentive ``before`` walks
+    past the robot only at a greater distance.
 
     Returns:
         Whether the person attends to the robot, and what shows it.
@@ -169,7 +172,7 @@ def attention(person: PersonDetection, path: Path | None, within_m: float, *, fa
     if not path.is_walk:
         near = not faces or person.distance_m is None or person.distance_m <= _STANDS_M
         return near, "stands before the robot" if near else f"stands {person.distance_m:.1f} m away"
-    if path.is_towards_robot:
+    if path.is_towards_robot(before=before):
         return True, "walks up to the robot"
     past = f"walks past the robot at {path.passes_m:.1f} m"
     return False, past if path.approach_mps > 0 else "walks away from the robot"

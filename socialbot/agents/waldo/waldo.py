@@ -354,7 +354,7 @@ class PersonSensor(Sensor):
             hidden = placed and not engaged and person not in frames[-1].near
             if hidden or (is_new and is_undecided(looks[-1], path, faces=faces)):
                 continue
-            judged = [attention(look, path, self._config.engage_m, faces=faces) for look in looks]
+            judged = [attention(look, path, self._config.engage_m, faces=faces, before=engaged) for look in looks]
             share = fmean(attentive for attentive, _ in judged)
             shown = f"{share:.0%} of {len(looks)} frames".replace("%", " %")
             why = f"{person} {judged[-1][1]} ({shown})"

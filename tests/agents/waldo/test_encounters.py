@@ -60,6 +60,13 @@ def test_attention_where_faces_are_detected(seen, path, attends, what):
     assert attention(seen, path, 5.0, faces=True) == (attends, what)
 
 
+@pytest.mark.parametrize(("passes_m", "new", "going_on"), [(1.0, True, True), (1.5, False, True), (2.0, False, False)])
+def test_a_path_is_left_farther_from_the_robot_than_it_is_entered(passes_m: float, new: bool, going_on: bool):
+    path = COMES._replace(passes_m=passes_m)
+    found = [attention(person(FAR), path, 5.0, faces=True, before=before)[0] for before in (False, True)]
+    assert found == [new, going_on]
+
+
 def test_without_detection_of_faces_a_person_may_stand_far_away():
     assert attention(person(FAR), STANDS, 5.0, faces=False) == (True, "stands before the robot")
 

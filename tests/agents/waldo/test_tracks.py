@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 from msgspec.structs import replace
@@ -272,6 +273,27 @@ def test_a_person_who_walked_up_comes_no_more_after_the_walk(seen):
     assert '+comes("t2")' in changes
     assert '-comes("t2")' not in changes
     assert '-comes("t2")' in [change for tenth in range(16, 40) for change in sensed(sensor, tenth, *seen)]
+
+
+@pytest.mark.parametrize("left", [1.1, 1.2, 1.3])
+def test_a_person_at_the_border_of_walking_past_engages_once(left):
+    """Bearings have an error of some milliradians, so that the path seems to pass nearer or farther."""
+    sensor, errors = PersonSensor(WaldoConfig(vanish_s=1.5)), random.Random(0)
+    changes = []
+    for tenth in range(45):
+        ahead = 6.5 - 0.12 * tenth
+        changes += sensed(sensor, tenth, at("t1", ahead, left + ahead * errors.gauss(0, 0.004)))
+    assert [change for change in changes if "engages" in change] == ['+engages("t1")']
+
+
+def test_a_person_who_turns_aside_engages_no_more():
+    sensor = PersonSensor(WaldoConfig(vanish_s=1.5))
+    changes = [change for tenth in range(16) for change in sensed(sensor, tenth, at("t1", 5.2 - 0.12 * tenth, -0.4))]
+    assert '+engages("t1")' in changes
+    aside = [at("t1", 3.3 - 0.06 * tenth, -0.4 - 0.1 * tenth) for tenth in range(12)]
+    assert '-engages("t1")' in [
+        change for tenth, seen in enumerate(aside, 16) for change in sensed(sensor, tenth, seen)
+    ]
 
 
 def test_a_person_who_stops_while_the_agent_restarts_comes_no_more():
