@@ -22,6 +22,7 @@ _PLACED = 1.5  # A person is recognised by place and look if their misfits, 1 at
 _PROVEN = 0.18  # The looks of a person recognised by look alone stay below this distance,
 _PROOFS = 5  # as the median of so many,
 _PROVING_S = 3.0  # for this long.
+_PLACED_PROOFS = 3  # So many looks prove a recognition by place.
 _DECIDING_S = 0.6  # A near new track that may show a lost person waits this long for its id.
 
 Locate = Callable[[np.ndarray, Cut], FloorPoint | None]
@@ -90,14 +91,14 @@ class Recognition:
             self.whole, self.since, self.looks = True, stamp, []
         if whole is self.whole and not np.isnan(look[:, 0]).all():
             self.looks = [*self.looks, look][-_PROOFS:]
+        far = float(np.median(self.person.appearance.distances(np.array(self.looks)))) if self.looks else math.inf
+        # People turn round and come near: their looks may differ later, and the place counts at the beginning.
+        if self.by_place and len(self.looks) >= _PLACED_PROOFS and far < UNLIKE:
+            return True
         if len(self.looks) < _PROOFS:
             return None
-        far = float(np.median(self.person.appearance.distances(np.array(self.looks))))
         if far > (OTHER if self.by_place else _PROVEN):
             return False
-        # People turn round and come near: their looks may differ later, and the place counts at the beginning.
-        if self.by_place and far < UNLIKE:
-            return True
         return True if (stamp - self.since) / SECOND > _PROVING_S else None
 
 

@@ -379,6 +379,9 @@ class Tracker:
         claim = self._lost.recognise(person, self._persons, self._stamp or 0, self._locate)
         if claim is not None:
             before = claim.person
+            if before.claim is not None:  # The proof goes on.
+                claim = before.claim
+                person.appearance.learn(before.appearance)
             self._persons = [each for each in self._persons if each is not before]
             self._lost.remove(before)
             person.id, person.new, person.claim = before.id, False, claim

@@ -135,6 +135,16 @@ def test_person_known_by_place_may_turn_round_later():
         assert view.show((100, unlike(far), 0.2)) == ["t1"]
 
 
+def test_proof_of_a_recognition_goes_on_in_the_next_track():
+    view = TurningView()
+    view.stay((300, RED, 0.0))
+    view.look_away()
+    assert view.stay((100, unlike(0.2), 0.2), images=2) == ["t1"]
+    # A jump in the image begins a new track, which is known by its look alone.
+    seen = [view.show((420, unlike(far), 0.2)) for far in (*[0.2] * 4, 0.35, 0.5, 0.65, *[0.8] * 6)]
+    assert seen[1:] == [["t1"]] * 12
+
+
 def test_person_known_by_place_who_soon_looks_otherwise_gets_a_new_id():
     view = TurningView()
     view.stay((300, RED, 0.0))
