@@ -65,7 +65,8 @@ class SoundCheck:
 class Hearing(Node):
     """Recognises what people say.
 
-    While the robot speaks, and for ``tail_s`` afterwards, nothing is heard. If the speaker publishes its sound
+    While the robot speaks, and for the tail of its voice afterwards, nothing is heard. The tail is measured from the
+    level of the sound after each utterance; ``tail_s`` counts before. If the speaker publishes its sound
     (``publish_sound``), the echo is removed, and a person who speaks then interrupts the robot and is heard.
 
     The speaker of a voice is the person in the direction of the sound, or else the only person in view, or the only one
@@ -93,6 +94,7 @@ class Hearing(Node):
     silence_s = Parameter(0.5, "silence that ends speech, s", minimum=0.1, maximum=5.0, fixed=True)
     max_speech_s = Parameter(25.0, "longest speech, s; it is cut there", minimum=1.0, maximum=28.0, fixed=True)
     tail_s = Parameter(0.4, "time after the robot's own speech in which its echo is still heard, s", minimum=0.0)
+    measure_tail = Parameter(True, "measure that time, from the first utterance on", fixed=True)
     barge_in = Parameter(True, "whether a person may interrupt the robot")
     in_step = Parameter(False, "recognise before the next sound is taken", fixed=True)
 
@@ -112,7 +114,7 @@ class Hearing(Node):
                 max_speech_s=self.max_speech_s,
             )
         )
-        self._own = OwnVoice(self.tail_s)
+        self._own = OwnVoice(self.tail_s, measures=self.measure_tail)
         self._barge_in = BargeInDetector()
         self._has_floor = False
         self._speaker = SpeakerFinder()
@@ -220,6 +222,7 @@ class Hearing(Node):
     def _take_chunk(self, raw: np.ndarray, clean: np.ndarray, time: int) -> None:
         assert self._detector is not None
         probability = self._detector.probability(clean)
+        self._own.push(time, time + CHUNK_NS, raw)
         if self._own.is_heard(time) and not self._has_floor:
             interrupts = self._barge_in.push(raw, clean, probability)
             known = self._canceller is not None and self._canceller.converged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
 
 import numpy as np
@@ -19,15 +20,72 @@ _VARIANCE, _DECAY_PER_S = 0.1, 8.0  # Of the path at first: rooms reflect less t
 _REST_KEPT, _PATH_KEPT, _ENERGY_KEPT = 0.7, 0.9995, 0.99  # Shares that each step keeps of the averages.
 _CONVERGED_DB = -14.0
 
+_LOUD_DB = 6.0  # Above the background: the sound is still there.
+_LEAST_BACKGROUND_DB = -60.0
+_BACKGROUND_CHUNKS, _TAILS = 60, 5  # About two seconds of sound; the newest tails.
+_QUIET_S, _LONGEST_TAIL_S, _MARGIN_S = 0.2, 1.5, 0.05
+
+
+class TailMeter:
+    """Meter of the time for which the robot's voice stays in the sound after it has ended.
+
+    It is the delay of the loudspeaker and the echo of the room. The sound has to fall to the background that was there
+    before the utterance within `_LONGEST_TAIL_S`, and stay there for `_QUIET_S`. A person who answers at once makes a
+    tail longer, so the median of the newest ones counts.
+    """
+
+    def __init__(self) -> None:
+        self._background: deque[float] = deque(maxlen=_BACKGROUND_CHUNKS)
+        self._tails: deque[float] = deque(maxlen=_TAILS)
+        self._ended: int | None = None
+        self._loud_until = 0
+
+    @property
+    def tail_s(self) -> float | None:
+        """The tail with a margin (s); None before the first one was measured."""
+        return None if not self._tails else statistics.median(self._tails) + _MARGIN_S
+
+    def begin(self) -> None:
+        """An utterance begins; the tail of the one before it cannot be measured any more."""
+        self._ended = None
+
+    def end(self, time: int) -> None:
+        """An utterance ended at ``time`` (ns)."""
+        self._ended = self._loud_until = time
+
+    def push(self, begin: int, end: int, samples: np.ndarray, *, is_heard: bool) -> None:
+        """Add a chunk of sound from ``begin`` to ``end`` (ns); ``is_heard`` tells whether it may contain the robot."""
+        level = level_db(samples)
+        if self._ended is None:
+            if not is_heard:
+                self._background.append(level)
+            return
+        if begin < self._ended:
+            return
+        if not self._background:
+            self._ended = None  # nothing to compare with
+            return
+        background = max(_LEAST_BACKGROUND_DB, statistics.median(self._background))
+        if level > background + _LOUD_DB:
+            self._loud_until = end
+        tail_s = (self._loud_until - self._ended) / SECOND
+        if tail_s > _LONGEST_TAIL_S:
+            self._ended = None
+        elif end - self._loud_until >= nanoseconds(_QUIET_S):
+            self._tails.append(tail_s)
+            self._ended = None
+
 
 class OwnVoice:
     """Times in which the robot speaks, and the sound that it plays.
 
-    ``tail_s`` is added to each utterance: the delay of the loudspeaker and the echo of the room.
+    A tail is added to each utterance: the delay of the loudspeaker and the echo of the room. It is ``tail_s`` until it
+    has been measured from the sound (`push`).
     """
 
-    def __init__(self, tail_s: float) -> None:
+    def __init__(self, tail_s: float, *, measures: bool = True) -> None:
         self.tail_s = tail_s
+        self._meter = TailMeter() if measures else None
         self._speaking = ""
         self._from = self._until = 0
         self._pieces: deque[tuple[int, np.ndarray]] = deque()
@@ -36,10 +94,25 @@ class OwnVoice:
         """Process the progress of an utterance."""
         if status.state == "started":
             self._speaking, self._from = status.utterance_id, status.stamp
+            if self._meter is not None:
+                self._meter.begin()
         elif status.utterance_id == self._speaking and status.state in ("finished", "failed", "interrupted"):
-            self._speaking, self._until = "", status.stamp + nanoseconds(self.tail_s)
+            self._speaking, self._until = "", status.stamp + nanoseconds(self.measured_tail_s)
+            if self._meter is not None and status.state == "finished":
+                self._meter.end(status.stamp)
             if status.state == "interrupted":
                 self._cut(status.stamp)
+
+    @property
+    def measured_tail_s(self) -> float:
+        """Time (s) for which the voice stays in the sound: measured, or ``tail_s`` before the first measurement."""
+        measured = None if self._meter is None else self._meter.tail_s
+        return self.tail_s if measured is None else measured
+
+    def push(self, begin: int, end: int, samples: np.ndarray) -> None:
+        """Measure the tail with a chunk of the microphone's sound, from ``begin`` to ``end`` (ns)."""
+        if self._meter is not None:
+            self._meter.push(begin, end, samples, is_heard=self.is_heard(begin))
 
     def on_sound(self, sound: AudioData) -> None:
         """Add a sound that the robot plays from its stamp on."""

@@ -326,3 +326,45 @@ def test_memory_is_flat_over_hours_of_sound() -> None:
             sizes.append(process.memory_info().rss / 2**20)
     assert len(ear.heard) == 4 * 3600 // 30
     assert max(sizes[1:]) - sizes[0] < 15
+
+
+def utterances(tail_s: float, number: int, answer_s: float | None = None) -> tuple[list[np.ndarray], dict]:
+    """Return the sound of some utterances of 1 s that stay in the room, and their status; perhaps with answers."""
+    sounds, others, at = [], {}, 1.0
+    for n in range(number):
+        others[at + 1.0] = status("started", at + 1.0, str(n))
+        others[at + 2.0] = status("finished", at + 2.0, str(n))
+        rest = silence(2.0)
+        if answer_s is not None:
+            rest = np.concatenate([silence(answer_s), tone(0.6), silence(1.4 - answer_s)])
+        sounds += [silence(1.0), tone(1.0 + tail_s), rest[: round((2.0 - tail_s) * RATE_HZ)]]
+        at += 4.0
+    return sounds, others
+
+
+@pytest.mark.parametrize("delay_s", [0.55, 0.7, 1.2])
+def test_longer_echo_is_measured_and_heard_only_once(delay_s) -> None:
+    ear = Ear(tail_s=0.4)
+    sounds, others = utterances(delay_s, 4)
+    ear.hear(*sounds, others=others)
+    assert [one.stamp < 5 * SECOND for one in ear.heard] in ([], [True])
+    constant = Ear(tail_s=0.4, measure_tail=False)
+    constant.hear(*sounds, others=others)
+    assert len(constant.heard) == 4
+
+
+def test_answer_after_a_short_echo_is_heard_from_its_begin() -> None:
+    ear = Ear(tail_s=0.4)
+    sounds, others = utterances(0.1, 3)
+    answered, more = utterances(0.1, 1, answer_s=0.22)
+    shifted = {at + 12: status(each.state, at + 12, "last") for at, (_, each) in more.items()}
+    ear.hear(*sounds, *answered, others=others | shifted)
+    [heard] = ear.heard
+    assert heard.start / SECOND == pytest.approx(1 + 12 + 2.0 + 0.1 + 0.22, abs=0.06)
+
+
+def test_people_who_answer_at_once_do_not_make_the_tail_longer_than_the_limit() -> None:
+    ear = Ear(tail_s=0.4)
+    sounds, others = utterances(1.9, 3)
+    ear.hear(*sounds, silence(1), others=others)
+    assert len(ear.heard) == 3
