@@ -236,6 +236,15 @@ def test_the_plan_for_a_told_goal_has_a_step_in_its_turn(told_before):
     assert social.done[told_before : told_before + 3] == [("go",), ("end",), ("go",)]
 
 
+def test_a_plan_for_a_message_shares_the_turns_with_what_was_posted_after_it():
+    program = [go(0) >> [do("go"), do("end")], +q(X, Y) >> [do("q"), ask(p(1))]]
+    social = Social(program, ())
+    social.told("tell", q(0, 0), "eve")
+    compare(social, [("achieve", go(0)), ("believe", q(0, 0)), ("believe", q(0, 1))])
+    assert social.done[0] == ("q",)
+    assert social.done.count(("q",)) == 3
+
+
 def test_the_clocks_of_both_agree():
     both = Both([go(0) >> [nap(2), do("a", 1)]])
     both.post("achieve", go(0))

@@ -139,9 +139,10 @@ def inline(f: Function, plan: Plan, body: Body, generator: str, *, opened: bool)
         return f"{remainder.name}({', '.join(['ag', 'c', str(start), pause, *state])})"
 
     # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits; if
-    # more events do, only a single step is executed in place, since the others would follow after a switch.
+    # more events or posted items do, only a single step is executed in place, since the others would follow after a
+    # switch.
     goal, single = plan.event.change in GOALS, len(plan.body) == 1
-    begin = f"{OTHERS} or ag.inbox" if goal else "ag.ready or ag.others" if single else OTHERS
+    begin = "ag.ready or ag.others" if single and not goal else f"{OTHERS} or ag.inbox"
     if goal and opened:
         begin += f" or ag.triggers[{f'-{plan.event.key[1:]}'!r}].plans"
     f.line(f"if {begin}: return {generator}")
