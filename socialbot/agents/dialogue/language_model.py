@@ -141,6 +141,8 @@ class HttpModel:
         try:
             connection.connect()
             sockets.append(connection.sock)  # the connection forgets it once the head of an answer is read
+            if expired.is_set():  # before there was a socket to shut down
+                raise self._late()
             return self._answer(connection, prompt)
         except ModelError as error:
             if expired.is_set():

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 
 import pytest
 
@@ -79,6 +80,26 @@ def test_broken_answers_have_a_reason(reply, message):
 def test_an_answer_without_end_is_given_up():
     with pytest.raises(ModelError, match=r"within 0\.3 s"):
         asked(dripping, timeout_s=0.3)
+
+
+class SlowlyConnected(HttpModel):
+    """Model whose time is over before the connection is there."""
+
+    def _connection(self):
+        connection = super()._connection()
+        connect = connection.connect
+
+        def slowly() -> None:
+            connect()
+            time.sleep(3 * self.timeout_s)
+
+        connection.connect = slowly
+        return connection
+
+
+def test_a_connection_that_comes_too_late_is_not_used():
+    with serving(dripping) as (_, url), pytest.raises(ModelError, match="no whole answer within"):
+        SlowlyConnected(url, "small", SECRET, 0.1).complete(PROMPT)
 
 
 def test_no_answer_at_all_is_given_up():
