@@ -124,6 +124,7 @@ class NodeHost:
         self._config = config
         self._supervisor = supervisor
         self._intra_process = intra_process or IntraProcess()
+        self._is_finished = False
         self._transport = self._open_transport()
         self._clock_transport = open_transport()
         sealed = self._transport.sealed  # disables services, which have no seals
@@ -217,6 +218,14 @@ class NodeHost:
 
     def stop(self) -> None:
         """Stop the node, and remove it from the ROS graph."""
+        self.finish()
+        self._ros.destroy_node()
+
+    def finish(self) -> None:
+        """Stop the node; it stays in the ROS graph until `stop`."""
+        if self._is_finished:
+            return
+        self._is_finished = True
         self._intra_process.remove(self)
         before = Counter(self._sent)
         if self._thread is not None:
@@ -224,7 +233,6 @@ class NodeHost:
         self._services.cancel_goals()
         self._await_last_messages(before)
         self._services.await_cancels()
-        self._ros.destroy_node()
 
     def _await_last_messages(self, before: Counter[str]) -> None:
         """Wait a moment until subscribers have what the node published at its end, such as the stop of an actuator."""

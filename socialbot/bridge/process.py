@@ -18,7 +18,7 @@ from socialbot.bridge import environment
 from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.messages import CompressedImage, Image
-from socialbot.core.process import Ending
+from socialbot.core.process import Ending, end_within
 from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from socialbot.bridge._host import NodeHost
 
 POLL_S = 0.2
+
+LEAVE_S = 3.0
+"""Time (s) for finished nodes to leave the ROS graph. Fast DDS may deadlock there with the news of another one that
+leaves, and rclpy keeps Python's lock meanwhile.
+"""
 
 
 def run_nodes(
@@ -88,6 +93,10 @@ def run_nodes(
                     executor.spin_once(timeout_sec=POLL_S)
         finally:
             executor.shutdown()
+            for host in hosts:
+                host.finish()
+            if not any(host.failure for host in hosts):
+                end_within(LEAVE_S)
             for host in hosts:
                 host.stop()
     for host in hosts:

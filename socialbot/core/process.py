@@ -68,6 +68,15 @@ def run_to_exit(main: Callable[[], object]) -> None:
         os._exit(code if isinstance(code, int) else int(code is not None))
 
 
+def end_within(seconds: float) -> None:
+    """Let the kernel end this process by SIGALRM after some time, for calls that may never return to Python.
+
+    Nothing is lost if only the destructors of libraries are left to run.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
 class Ending:
     """Stop request by SIGINT, SIGTERM or the exit of the parent process; also a request that `exit_on_signals` lost."""
 

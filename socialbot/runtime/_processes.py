@@ -103,7 +103,10 @@ def blocked_signals() -> Iterator[None]:
 
 
 def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
-    """End processes by SIGINT, after `GRACE_S` by SIGKILL; return their exit codes."""
+    """End processes by SIGINT, after `GRACE_S` by SIGKILL; return their exit codes.
+
+    A node process that had nothing left to do but to leave DDS, and ended itself by SIGALRM, ended with code 0.
+    """
     # Twice: a process may lose a signal while it imports a module.
     for grace_s in (ASKED_AGAIN_S, GRACE_S - ASKED_AGAIN_S):
         running = [process for process in processes.values() if process.poll() is None]
@@ -116,7 +119,8 @@ def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
     for process in processes.values():
         if process.poll() is None:
             process.kill()
-    return {name: process.wait() for name, process in processes.items()}
+    codes = {name: process.wait() for name, process in processes.items()}
+    return {name: 0 if code == -signal.SIGALRM else code for name, code in codes.items()}
 
 
 def how_it_ended(code: int) -> str:

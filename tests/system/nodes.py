@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import time
@@ -67,6 +68,18 @@ class SlowDetector(Detector):
         with Path(self.record).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"stamp": image.stamp, "age_s": age_s}) + "\n")
         time.sleep(self.look_s)
+
+
+class DetectorThatCannotLeave(Detector):
+    """Its process never leaves DDS, and keeps Python's lock, as after a deadlock of Fast DDS."""
+
+    def stop(self) -> None:
+        from rclpy.node import Node as RosNode
+
+        def destroy_node(_: RosNode) -> None:
+            ctypes.PyDLL(None).sleep(3600)
+
+        RosNode.destroy_node = destroy_node
 
 
 def detector_graph(detector: str, folder: Path) -> Path:

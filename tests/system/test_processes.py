@@ -17,18 +17,28 @@ import psutil
 import pytest
 
 from socialbot.bags.reader import BagWriter
+from socialbot.bridge.environment import spinning_node
+from socialbot.bridge.graph_observer import await_graph
 from socialbot.bridge.keys import new_key
 from socialbot.core.clock import SECOND
+from socialbot.graph.files import load_graph
+from socialbot.runtime.launch import Launch
 from tests.system.nodes import detector_graph
 from tests.system.running import PATIENCE_S, cut, eventually, results, running, socialbot, socialbot_here
 
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
+def test_a_process_that_cannot_leave_dds_ends_well(tmp_path: Path) -> None:
+    graph = load_graph(str(detector_graph("DetectorThatCannotLeave", tmp_path)))
+    with Launch(graph, tmp_path / "log") as launch, spinning_node("onlooker") as ros:
+        assert not await_graph(ros, graph, timeout_s=PATIENCE_S)
+    assert launch.exit_codes == {"detector": 0, "image_converter": 0}
+
+
 @pytest.fixture
 def onlooker() -> Iterator[Any]:
-    from socialbot.bridge.environment import spinning_node
-
     with spinning_node("onlooker") as ros:
         yield ros
 
@@ -39,9 +49,6 @@ def live(pictures: Path, out: Path, *more: object) -> list[object]:
 
 
 def is_connected(ros: Any) -> bool:
-    from socialbot.bridge.graph_observer import await_graph
-    from socialbot.graph.files import load_graph
-
     return not await_graph(ros, load_graph("waldo"), timeout_s=PATIENCE_S)
 
 
