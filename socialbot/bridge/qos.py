@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from socialbot.graph.ports import Delivery
+from socialbot.core.clock import nanoseconds
+from socialbot.graph.ports import FRESH_S, Delivery
 
-QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.LATCHED: 1}
+QUEUE_DEPTH = {Delivery.EVERY: 100, Delivery.NEWEST: 10, Delivery.FRESH: 10, Delivery.LATCHED: 1}
 """History depth of publishers, and of subscriptions, which have at least `LEAST_DEPTH`."""
 
 LEAST_DEPTH = 10
@@ -18,7 +19,12 @@ OBSERVER_DEPTH = 2000  # history depth of an observer, which may fall behind on 
 
 def publisher_qos(delivery: Delivery) -> Any:
     """Profile of publishers: reliable, to match all subscriptions; transient local for latched topics."""
-    return profile(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
+    made = profile(QUEUE_DEPTH[delivery], latched=delivery is Delivery.LATCHED)
+    if delivery is Delivery.FRESH:
+        from rclpy.duration import Duration
+
+        made.lifespan = Duration(nanoseconds=nanoseconds(FRESH_S))
+    return made
 
 
 def subscription_qos(delivery: Delivery, *, outside: bool = False) -> Any:

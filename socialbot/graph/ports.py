@@ -20,6 +20,10 @@ H = TypeVar("H", bound=Callable[..., None])
 NODE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
+FRESH_S = 0.5
+"""Time (s) after which `Delivery.FRESH` gives a message up, with the repairs of its lost packets."""
+
+
 class Delivery(enum.Enum):
     """Quality of service for slow or late subscribers."""
 
@@ -27,6 +31,8 @@ class Delivery(enum.Enum):
     """Commands and events: every message, in order."""
     NEWEST = "newest"
     """Streams: a slow subscriber gets only the newest message."""
+    FRESH = "fresh"
+    """Streams over a slow link, for publishers: a message that is not delivered soon is given up."""
     LATCHED = "latched"
     """State: a late subscriber gets the last message."""
 

@@ -13,10 +13,11 @@ from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import CompressedImage, Image, PictureAck
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Context, Node, Timer
-from socialbot.graph.ports import Delivery, Input, Output, Parameter
+from socialbot.graph.ports import FRESH_S, Delivery, Input, Output, Parameter
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 
-PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer than this and its way and a repair.
+PATIENCE_S = 0.4  # No image is sent while an earlier one is unanswered for longer than this and its way and a repair,
+LEAST_PATIENCE_S = 0.1  # or for longer than answers take, with their deviation, but at least this and a repair.
 LOST_S = 1.0  # Without an answer for this long, and a way and a repair, the link counts as down.
 FIRST_FLIGHTS, MOST_FLIGHTS = 4, 16  # Images in flight for longer than the way: at first, and at most.
 WAY_S = 20.0  # The way is the shortest time to an answer in this long, and in as long before.
@@ -47,38 +48,62 @@ class InFlightImage(NamedTuple):
     alone: bool
 
 
-class ShortestWay:
-    """The time (ns) from an image to its answer on a link without a queue: the shortest one of late."""
+class AnswerTimes:
+    """Times (ns) from an image to its answer: the shortest one of late, and how long to wait (RFC 6298)."""
 
     def __init__(self) -> None:
         self._begin, self._before, self._shortest = 0, math.inf, math.inf
-
-    @property
-    def time(self) -> float:
-        """The way; 0 until an answer came."""
-        return min(self._before, self._shortest) if self.is_known else 0
+        self._mean = self._deviation = 0.0
 
     @property
     def is_known(self) -> bool:
         """Whether an answer came."""
         return not math.isinf(min(self._before, self._shortest))
 
+    @property
+    def way(self) -> float:
+        """Time to an answer without a queue; 0 until an answer came."""
+        return min(self._before, self._shortest) if self.is_known else 0
+
+    @property
+    def repaired(self) -> float:
+        """Time to the answer if a packet is lost: the receiver asks for it, which takes another way."""
+        return 2 * self.way
+
+    @property
+    def patience(self) -> float:
+        """Time after which an answer is overdue."""
+        longest = PATIENCE_S * SECOND + self.repaired
+        if not self.is_known:
+            return longest
+        return min(longest, max(LEAST_PATIENCE_S * SECOND + self.repaired, self._mean + 4 * self._deviation))
+
     def answered(self, after: int, now: int) -> None:
-        """Take the time (ns) to an answer that comes ``now``."""
+        """Take the time to an answer that comes ``now``."""
         if now - self._begin > WAY_S * SECOND:
             self._begin, self._before, self._shortest = now, self._shortest, math.inf
+        if self.is_known:
+            self._deviation += (abs(after - self._mean) - self._deviation) / 4
+            self._mean += (after - self._mean) / 8
+        else:
+            self._mean, self._deviation = after, after / 2
         self._shortest = min(self._shortest, after)
 
 
 class SendWindow:
-    """Images in flight."""
+    """Images in flight. Without answers for a while the link is ``silent``, and nothing is sent.
+
+    Attributes:
+        has_results: Whether it is known of an image that it arrived, or that it did not.
+    """
 
     def __init__(self) -> None:
-        self.way = ShortestWay()
+        self.times = AnswerTimes()
+        self.silent = self.has_results = False
         self._flights: deque[InFlightImage] = deque()
         self._limit = FIRST_FLIGHTS
-        self._answered = -math.inf
-        self.silent = False
+        self._waits_since = math.inf  # ns: the first image since the last answer
+        self._lowered = 0  # ns
 
     @property
     def oldest(self) -> float:
@@ -87,25 +112,29 @@ class SendWindow:
 
     def is_open(self, now: int) -> bool:
         """Whether another image may be sent. Detects a dead link and then drops all images in flight."""
-        if not self._flights:
-            return not self.silent
-        if now - max(self.oldest, self._answered) > LOST_S * SECOND + self._repaired:
+        if now - self._waits_since > LOST_S * SECOND + self.times.repaired:
             self._flights.clear()
             self.silent = True
+        if self.silent:
             return False
-        overdue = sum(now - flight.sent >= self.way.time for flight in self._flights)
-        return overdue < self._limit and now - self.oldest <= PATIENCE_S * SECOND + self._repaired
+        overdue = sum(now - flight.sent >= self.times.way for flight in self._flights)
+        return overdue < self._limit and now - self.oldest <= self.times.patience
+
+    def give_up(self, now: int) -> int:
+        """Drop the images that DDS has given up, and return their number."""
+        count = 0
+        while self._flights and now - self.oldest > (FRESH_S + LATE_S) * SECOND + self.times.repaired:
+            self._flights.popleft()
+            self._limit, self._lowered, self.has_results = 1, now, True
+            count += 1
+        return count
 
     def stalls(self, now: int) -> bool:
         """Whether answers are overdue."""
-        return now - max(self.oldest, self._answered) > PATIENCE_S * SECOND + self._repaired
-
-    @property
-    def _repaired(self) -> float:
-        """The time (ns) to the answer if a packet is lost: the receiver asks for it, which takes another way."""
-        return 2 * self.way.time
+        return now - self._waits_since > self.times.patience
 
     def send(self, stamp: int, size: int, now: int) -> None:
+        self._waits_since = min(self._waits_since, now)
         self._flights.append(InFlightImage(stamp, size, now, alone=not self._flights))
 
     def answer(self, stamp: int, now: int) -> list[InFlightImage]:
@@ -114,14 +143,18 @@ class SendWindow:
         Any answer proves that the link is up.
         """
         if self.silent:
-            self.silent, self._limit = False, FIRST_FLIGHTS
-        self._answered = now
+            self.silent, self._limit = False, 1
+        self._waits_since = math.inf
         count = next((number for number, flight in enumerate(self._flights, 1) if flight.stamp == stamp), 0)
         if not count:
             return []
         arrived = [self._flights.popleft() for _ in range(count)]
-        self.way.answered(now - arrived[-1].sent, now)
-        self._limit = min(self._limit + 1, MOST_FLIGHTS)
+        last, self.has_results = arrived[-1].sent, True
+        self.times.answered(now - last, now)
+        if now - last <= LATE_S * SECOND + self.times.repaired:
+            self._limit = min(self._limit + 1, MOST_FLIGHTS)
+        elif last >= self._lowered:
+            self._limit, self._lowered = max(1, self._limit // 2), now
         return arrived
 
 
@@ -133,6 +166,7 @@ class LinkStatistics:
     images: int = 0
     offered: int = 0
     refused: int = 0
+    given_up: int = 0
     sent_bytes: int = 0
     arrived_bytes: int = 0
     waits_s: list[float] = field(default_factory=list)
@@ -154,7 +188,8 @@ class LinkStatistics:
     @property
     def is_full(self) -> bool:
         """Whether the load exceeded the capacity."""
-        return median(self.waits_s or [0.0]) > LATE_S or self.refused > REFUSED_SHARE * self.offered
+        late = median(self.waits_s or [0.0]) > LATE_S
+        return late or max(self.refused, self.given_up) > REFUSED_SHARE * self.offered
 
 
 class BitrateControl:
@@ -172,7 +207,7 @@ class BitrateControl:
         """Update the budget from a measurement that ends ``now``; True if it changed."""
         seconds = (now - measure.begin) / SECOND
         if measure.is_full:
-            self._lower(measure.arrived_bytes / seconds, measure.sent_bytes / seconds)
+            self._lower(measure.arrived_bytes / seconds, measure.sent_bytes / seconds, stalled=measure.given_up > 0)
         elif math.isinf(self.budget) or not wants_more:
             self._good = min(self.budget, measure.arrived_bytes / seconds)
             return False
@@ -185,16 +220,17 @@ class BitrateControl:
         self.changed = now
         return True
 
-    def _lower(self, arrived: float, sent: float) -> None:
+    def _lower(self, arrived: float, sent: float, *, stalled: bool) -> None:
         """Reduce the budget to the rate that ``arrived``, but not below the last good rate.
 
-        An overloaded link carries less than its capacity. If the last good rate is too high as well, it is halved.
+        An overloaded link carries less than its capacity. If the last good rate is too high as well, it is halved. If
+        images ``stalled`` until they were given up, the last good rate tells nothing.
         """
         if self._on_trial:
             self._failed = self.budget
             self._trial_s = min(2 * self._trial_s, LAST_TRIAL_S)
         known = min(self.budget, max(sent, arrived)) if math.isinf(self._good) else self._good
-        least = CARRIED_SHARE * known if self._on_trial else known / 2
+        least = 0.0 if stalled else CARRIED_SHARE * known if self._on_trial else known / 2
         self.budget = self._good = max(CARRIED_SHARE * arrived, least, LEAST_BYTES_S)
         self._on_trial = False
 
@@ -254,12 +290,14 @@ class ImageLink:
         since_s, self._asked = max(0, now - self._asked) / SECOND, now
         self._credit = min(2.0, self._credit + since_s * min(self.rate_hz, _ANY_HZ))
         allowed = self._credit > 0.99
+        given_up = self._window.give_up(now)
         is_open = self._window.is_open(now)
-        if self.silent or not self._window.way.is_known or self._window.oldest <= self._changed:
+        if self.silent or not self._window.has_results or self._window.oldest <= self._changed:
             self._measure = _begun_soon(now)
         if now >= self._measure.begin:
             self._measure.images += 1
             self._measure.offered += allowed
+            self._measure.given_up += given_up
             self._measure.refused += allowed and not is_open
         if now - self._measure.begin >= MEASURE_S * SECOND and not self._window.stalls(now):
             self._judge(now)
@@ -278,7 +316,7 @@ class ImageLink:
         """Record an answer: the receiver has the image of ``stamp``."""
         for flight in self._window.answer(stamp, now):
             if now >= self._measure.begin:
-                self._measure.arrive(flight, now, self._window.way.time)
+                self._measure.arrive(flight, now, self._window.times.way)
 
     def _judge(self, now: int) -> None:
         measure, self._measure = self._measure, LinkStatistics(now)
@@ -341,7 +379,7 @@ class ImageSender(Node):
     """
 
     image = Input(Image, "/camera/image_raw", Delivery.NEWEST)
-    link = Output(CompressedImage, "/camera/image_raw/link")
+    link = Output(CompressedImage, "/camera/image_raw/link", Delivery.FRESH)
     ack = Input(PictureAck, "/camera/image_raw/link/ack")
 
     quality = Parameter(80, "JPEG quality on a link that carries it", minimum=1, maximum=100)
@@ -388,7 +426,7 @@ class ImageReceiver(Node):
     Stale and damaged images are answered and dropped; a damaged one raises ImageError.
     """
 
-    link = Input(CompressedImage, "/camera/image_raw/link", deadline_s=SILENT_S)
+    link = Input(CompressedImage, "/camera/image_raw/link", Delivery.NEWEST, deadline_s=SILENT_S)
     ack = Output(PictureAck, "/camera/image_raw/link/ack")
     image = Output(Image, "/camera/image_raw/received", Delivery.NEWEST)
 

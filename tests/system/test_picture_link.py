@@ -43,6 +43,16 @@ def test_a_slow_and_lossy_link_delivers_most_images(film: Film[TwoHosts]) -> Non
     assert late_s <= 0.25
 
 
+@pytest.mark.parametrize(("mbit_s", "least"), [(5.0, 0.1), (1.0, 0.01)])
+def test_a_narrow_link_delivers_new_images_soon(film: Film[TwoHosts], mbit_s: float, least: float) -> None:
+    """Images of the first moment fill the link many times over; their repairs must not go on for long."""
+    film.hosts.limit(mbit_s, queue_ms=200)
+    time.sleep(5.0)
+    share, late_s = film.judge(10.0)
+    assert share >= least
+    assert late_s <= 1.0
+
+
 @pytest.mark.parametrize(("down_s", "back_s"), [(5.0, 1.0), (30.0, 3.0)])
 def test_images_resume_soon_after_an_outage(film: Film, down_s: float, back_s: float) -> None:
     film.hosts.cut()

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from socialbot.core.clock import SECOND
+from socialbot.graph.ports import FRESH_S
 from socialbot.vision.image_transport import ALIVE_S, ImageLink, relative_size
 
 PACKET = 1400
@@ -100,13 +101,16 @@ class Trial:
         self._at(up + self._way_s(phase), lambda: self.link.answered(stamp, round(self._now * SECOND)))
 
     def _carry(self, size: int, then: Callable[[], None]) -> None:
-        """Deliver all packets in order: lost packets are resent, and later ones wait."""
+        """Deliver all packets in order: lost packets are resent, and later ones wait. Late images are given up."""
         up, phase = self._next()
+        if max(up, self._free) - self._now > FRESH_S:
+            return
         repairs = max(self._repairs(phase.loss) for _ in range(-(-size // PACKET)))
         self._free = max(up, self._free) + 8e-6 * size / phase.mbit_s
         way_s = max(self._way_s(phase) for _ in range(-(-size // PACKET)))
         self._latest = max(self._latest, self._free + repairs * (ASK_S + 2 * phase.delay_s) + way_s)
-        self._at(self._latest, then)
+        if self._latest - self._now <= FRESH_S + 2 * phase.delay_s:
+            self._at(self._latest, then)
 
     def _way_s(self, phase: Phase) -> float:
         return phase.delay_s + self._random.uniform(-phase.jitter_s, phase.jitter_s)

