@@ -76,7 +76,7 @@ class DetectorThatCannotLeave(Detector):
     def stop(self) -> None:
         from rclpy.node import Node as RosNode
 
-        def destroy_node(_: RosNode) -> None:
+        def destroy_node(self: RosNode) -> None:
             ctypes.PyDLL(None).sleep(3600)
 
         RosNode.destroy_node = destroy_node
