@@ -51,7 +51,7 @@ QUALITIES: Mapping[str, Quality] = {
 STARTED_WITHIN_S = 120.0
 STILL_COMING_S = 1.0
 QUICK_SETTLE_S = 3.0
-SETTLE_S = 30.0  # Time to adapt to a network.
+SETTLE_S = 15.0  # Time to adapt to a network.
 AS_GOOD = 0.1
 
 
