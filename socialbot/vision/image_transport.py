@@ -172,11 +172,11 @@ class LinkStatistics:
     waits_s: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
 
-    def arrive(self, flight: InFlightImage, now: int, way: float = 0.0) -> None:
-        """Add a delivered image, after the time (ns) of its way. An image that was alone on the link did not queue."""
+    def arrive(self, flight: InFlightImage, now: int, repaired: float = 0.0) -> None:
+        """Add a delivered image. It waited longer than ``repaired`` (ns), unless it was alone on the link."""
         delay_s = max(1, now - flight.sent) / SECOND
         self.arrived_bytes += flight.size
-        self.waits_s.append(0.0 if flight.alone else delay_s - 2 * way / SECOND)
+        self.waits_s.append(0.0 if flight.alone else delay_s - repaired / SECOND)
         if flight.alone:
             self.speeds.append(flight.size / delay_s)
 
@@ -316,7 +316,7 @@ class ImageLink:
         """Record an answer: the receiver has the image of ``stamp``."""
         for flight in self._window.answer(stamp, now):
             if now >= self._measure.begin:
-                self._measure.arrive(flight, now, self._window.times.way)
+                self._measure.arrive(flight, now, self._window.times.repaired)
 
     def _judge(self, now: int) -> None:
         measure, self._measure = self._measure, LinkStatistics(now)

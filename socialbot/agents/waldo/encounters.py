@@ -14,7 +14,7 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 
 _FACES_RAD, _AWAY_RAD = 1.0, 1.75  # facing: at most the first towards the robot, from the second on away from it
 _WALKS_MPS, _STRIDES_MPS = 0.3, 0.6  # slower people stand; of faster ones the path counts, and not the face
-_STANDS_M = 3.2  # where faces are detected, people who stand farther away engage only if they face the robot
+_STANDS_M = 3.2  # With face detection, people who stand farther away must face the robot to engage.
 _REACH_M = 1.2  # the path of a person who walks up to the robot passes it at most this far away,
 _PAST_M = 1.8  # and that of one who walks past it after all farther than this: paths of a moment are not exact
 PATH_S, _SURE_S = 0.3, 0.55  # least time to measure a path, and to be sure of it where a face may tell more
@@ -153,8 +153,8 @@ def attention(
 ) -> tuple[bool, str]:
     """Judge whether a person within ``within_m`` walks up to the robot, faces it, or stands near it.
 
-    Without detection of ``faces``, to stand within ``within_m`` is enough. A person who was attentive ``before`` walks
-    past the robot only at a greater distance.
+    Without detection of ``faces``, everybody who stands within ``within_m`` engages. A person who was attentive
+    ``before`` walks past the robot only at a greater distance.
 
     Returns:
         Whether the person attends to the robot, and what shows it.

@@ -132,7 +132,7 @@ class Gaze:
                 del self._group[name]
 
     def _waiting(self, now_s: float, view: View | None) -> float | None:
-        """Return the direction of the attentive person who is out of view for the longest time; None without one."""
+        """Return the direction of the attentive person who left the view first; None if all are in view."""
         if view is None:
             return None
         unseen = [one for one in self._group.values() if now_s - one.at_s > _TURNS_S and not view.shows(one.pan)]

@@ -13,7 +13,7 @@ _RECEIVES = {
     "get", "got", "gotten", "receive", "received", "have", "had", "been", "be", "not", "obtain", "experience", "hear",
     "who", "that", "in", "at", "or", "and", "with", "from",
 }  # fmt: skip
-"""Verbs of a person to whom something is done, and words that begin an attribute of the person."""
+"""Verbs that say that something is done to a person, and words that begin a description of a person."""
 _ADVERBS = {"ever", "already", "also", "even", "really", "actually", "just", "yet", "indeed", "never", "only", "still"}
 
 Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
