@@ -183,7 +183,8 @@ class PersonSensor(Sensor):
     """Sensor of arrivals, departures and attention, which filters flickering detections.
 
     A person arrives when at least half of the frames of the last ``appear_s`` show them within ``range_m``. A person
-    leaves when fewer than a quarter of the frames of the last ``vanish_s`` do. A person present for ``help_after_s``
+    leaves when fewer than a quarter of the frames of the last ``vanish_s`` do, unless they are back: half of the frames
+    of the last ``appear_s`` show them, if that is shorter. A person present for ``help_after_s``
     stays. A person engages from the moment in which they are attentive in at least half of the last frames, until
     fewer than a quarter of them.
     """
@@ -276,7 +277,7 @@ class PersonSensor(Sensor):
         return [*changes, (+personDetected("Unknown")).because("no more detections arrive")] if somebody else None
 
     def _leave(self, now: int) -> Iterator[Event]:
-        for person in [person for person in self._there if self._share(self._config.vanish_s, person) < 0.25]:
+        for person in [person for person in self._there if self._has_left(person)]:
             why = self._shown(person, self._config.vanish_s)
             if self._there.pop(person) is None:
                 yield (-stays(person)).because(why)
@@ -322,6 +323,10 @@ class PersonSensor(Sensor):
                 else:
                     same = f"{person} is the first in sight since detections arrive again; {{}} was there before"
                     yield from ((+returned(person, one)).because(same.format(one)) for one in lost)
+
+    def _has_left(self, person: str) -> bool:
+        is_back = self._share(min(self._config.appear_s, self._config.vanish_s), person) >= 0.5
+        return self._share(self._config.vanish_s, person) < 0.25 and not is_back
 
     def _same_place(self, person: str, now: int) -> str | None:
         """Return who vanished a moment ago where ``person`` has appeared, or on the way there, if there is one."""
