@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
 from socialbot.graph.node import Graph
@@ -85,9 +86,10 @@ class DiagnosticsSubscriber:
         if self._opener is not None:
             self._opener.watch.has_foreign = True
         array = message_class("diagnostic_msgs/msg/DiagnosticArray")
+        qos = observer_qos(latched=False)
         self._listener = Listener(
             transport.watched(
-                ros, lambda: ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, 100), self._opener
+                ros, lambda: ros.create_subscription(array, DIAGNOSTICS_TOPIC, self._receive, qos), self._opener
             )
         )
 
