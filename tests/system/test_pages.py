@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import pytest
 
+import socialbot as socialbot_package
 from socialbot.bags.reader import open_bag
 from socialbot.cli.new import write_project
 from socialbot.core.messages import CompressedImage
@@ -28,6 +29,7 @@ TUTORIALS = [
     "tutorial-behaviours.md",
 ]
 AGENT, MACHINES, BEHAVIOURS = TUTORIALS[2:]
+EXTENDING = "howto/extending.md"
 VIDEO_S = (12.0, 14.0)
 NOT_TYPED = (
     "howto/asking.md",
@@ -52,6 +54,7 @@ def test_all_howto_pages_exist() -> None:
         "ci",
         "detectors",
         "dialogue",
+        "extending",
         "hearing",
         "language-model",
         "planners",
@@ -88,13 +91,44 @@ def film(bag: Path, out: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", HOWTO)
+@pytest.mark.parametrize("page", [page for page in HOWTO if page != EXTENDING])
 def test_howto_pages_show_what_happens(page: str, corridor: Path, tmp_path: Path) -> None:
     if page == "howto/cameras.md":
         film(corridor, tmp_path / "visit.avi")
     if page == "howto/planners.md":
         pytest.importorskip("kairos", reason="kairos-planner is not installed")
     assert follow(blocks(page), Terminal(tmp_path)) > 0 or page in NOT_TYPED
+
+
+def checkout(folder: Path) -> None:
+    """Fill ``folder`` with a checkout whose commands can be changed."""
+    package = Path(socialbot_package.__file__).parent
+    (folder / "socialbot/cli").mkdir(parents=True)
+    for path in (*package.iterdir(), *package.joinpath("cli").iterdir()):
+        if path.name not in ("cli", "__pycache__"):
+            (folder / "socialbot" / path.relative_to(package)).symlink_to(path)
+
+
+def install(project: str, folder: Path) -> None:
+    """Write what pip leaves in ``folder`` when it installs a project there without its files."""
+    name, points = re.search(r'^name = "(\w+)"', project, re.MULTILINE), project.partition("[project.entry-points.")[2]
+    assert name is not None
+    info = folder / f"{name[1]}-0.1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name[1]}\nVersion: 0.1.0\n", "utf-8")
+    (info / "entry_points.txt").write_text("[" + points.replace('"', ""), "utf-8")
+
+
+@pytest.mark.slow
+def test_a_node_an_agent_and_a_command_are_added(corridor: Path, tmp_path: Path) -> None:
+    told = blocks(EXTENDING)
+    project = next(number for number, block in enumerate(told) if block.file == "pyproject.toml")
+    checkout(tmp_path)
+    cut(corridor, tmp_path / "corridor", 0.0, 6.0)
+    terminal = Terminal(tmp_path, PYTHONPATH=str(tmp_path))
+    assert follow(told[: project + 1], terminal) == 2
+    install(told[project].text, tmp_path)
+    assert follow(told[project + 1 :], terminal) == 3
 
 
 BEGIN = [". .venv/bin/activate", "socialbot new my_robot", "cd my_robot"]
