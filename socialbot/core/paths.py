@@ -1,4 +1,4 @@
-"""Text files, and confinement of file paths from parameters, graphs and messages to allowed folders.
+"""Reading and replacing files, and confinement of file paths from parameters, graphs and messages to allowed folders.
 
 The allowed folders are the working directory and the folders in ``SOCIALBOT_FOLDERS`` (separated as in PATH).
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import errno
 import io
 import os
+import secrets
+import shutil
 from collections.abc import MutableMapping, Sequence
 from pathlib import Path
 
@@ -38,6 +40,24 @@ def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check t
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
         raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem
+
+
+def replace_file(file: Path, data: bytes) -> None:
+    """Write a file in one step: readers find the old content or the new one, also if this fails or the process ends.
+
+    The permissions stay, and so does a link to the file. Raises OSError if it cannot be written.
+    """
+    file = file.resolve()
+    draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    try:
+        with draft.open("xb") as opened:
+            opened.write(data)
+        if file.exists():
+            shutil.copymode(file, draft)
+        draft.replace(file)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
 
 
 def within(path: str | Path, folders: Sequence[Path], *, where: str) -> Path:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +14,7 @@ from socialbot.core.bounded_log import parts
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import TraceRecord
+from socialbot.core.paths import replace_file
 from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
@@ -165,7 +164,7 @@ class _Forgetting:
         results["scores"] = None
         results.pop("decisions", None)
         text = msgspec.json.format(msgspec.json.encode(self._scrubbed(results)), indent=2) + b"\n"
-        _write(path, text)
+        replace_file(path, text)
 
     def _scrubbed(self, value: Any) -> Any:
         """Return plain data without items that name the person."""
@@ -192,18 +191,10 @@ class _Forgetting:
                     self._made.files.append(name)
             elif path.suffix in _TEXTS and self._names(path.read_bytes()):
                 lines = path.read_bytes().split(b"\n")
-                _write(path, b"\n".join(line for line in lines if not self._names(line)))
+                replace_file(path, b"\n".join(line for line in lines if not self._names(line)))
             elif self._names(path.read_bytes()):
                 self._made.left.append(name)
 
 
 def _replace(path: Path, lines: Sequence[bytes]) -> None:
-    _write(path, b"".join(line + b"\n" for line in lines))
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Replace a file in one step."""
-    handle, name = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(handle, "wb") as file:
-        file.write(data)
-    Path(name).replace(path)
+    replace_file(path, b"".join(line + b"\n" for line in lines))

@@ -14,7 +14,6 @@ The grid zooms in as the posterior narrows. The floor in depth images, if any, i
 from __future__ import annotations
 
 import math
-import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import read_bytes
+from socialbot.core.paths import read_bytes, replace_file
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
 from socialbot.vision.transforms import AXES, OPTICAL, TransformTree
 
@@ -427,10 +426,8 @@ def load_pose(path: Path) -> CameraPose | None:
 
 def save_pose(pose: CameraPose, path: Path) -> None:
     """Write a pose file, replaced atomically. Raises ParameterError if it cannot be written."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_bytes(msgspec.json.format(msgspec.json.encode(pose)) + b"\n")
-        draft.replace(path)
+        replace_file(path, msgspec.json.format(msgspec.json.encode(pose)) + b"\n")
     except OSError as error:
         raise ParameterError(f"cannot be written: {error.strerror}", where=str(path)) from error

@@ -6,11 +6,29 @@ from pathlib import Path
 import pytest
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import FOLDERS_VARIABLE, allow, within, workspace
+from socialbot.core.paths import FOLDERS_VARIABLE, allow, replace_file, within, workspace
 from socialbot.core.registry import node_types
 from socialbot.graph.files import dump_graph, load_graph, node_type, with_changes
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+
+
+def test_a_file_is_replaced_with_its_permissions_and_through_a_link(tmp_path):
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.write_bytes(b"old")
+    file.chmod(0o640)
+    link.symlink_to(file)
+    replace_file(link, b"new")
+    assert (file.read_bytes(), file.stat().st_mode & 0o777) == (b"new", 0o640)
+    assert link.is_symlink()
+    assert sorted(tmp_path.iterdir()) == [file, link]
+
+
+def test_a_file_that_cannot_be_replaced_leaves_nothing_else_behind(tmp_path):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        replace_file(tmp_path / "folder", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
 @pytest.mark.parametrize("path", ["a.wav", "deep/er/a.wav", "./a", "deep/../a", ""])

@@ -111,6 +111,14 @@ def test_nothing_of_the_person_is_left(run):
     assert sorted(made.files) == ["annotated.mp4", "report.html", "scored.jsonl", "speech/001-hello.wav"]
 
 
+def test_others_may_still_read_what_is_left(run):
+    names = ("trace.jsonl", "seen.jsonl", "results.json", "log/waldo.log")
+    for name in names:
+        (run / name).chmod(0o644)
+    forget_person(run, "t1")
+    assert {oct((run / name).stat().st_mode & 0o777) for name in names} == {"0o644"}
+
+
 def test_another_run_in_the_folder_is_named_as_left(run):
     inner = run / "unchanged"
     inner.mkdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -296,10 +295,8 @@ class TeamCoordinator(Node):
         data = msgspec.json.encode(self.coordinator.memory)
         if data == self._saved:
             return
-        new = path.with_name(f"{path.name}.new")
         try:
-            new.write_bytes(data)
-            os.replace(new, path)
+            paths.replace_file(path, data)
         except OSError as error:
             self.log.warning("cannot write the memory file: %s", error)
             return
