@@ -120,12 +120,17 @@ def print_problems(run: RecordedRun) -> None:
         Console(stderr=True, highlight=False).print(f"warning: {problem}", soft_wrap=True, markup=False)
 
 
+def print_json(found: Any) -> None:
+    """Print a value, such as a data class, as JSON."""
+    import msgspec
+
+    typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+
+
 def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:
     """Print ``found`` as JSON, or its description in ``lines``."""
     if as_json:
-        import msgspec
-
-        typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+        print_json(found)
         return
     console = Console(highlight=False)
     for line in lines:

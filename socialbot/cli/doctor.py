@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shutil
@@ -11,7 +10,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +20,7 @@ from rich.text import Text
 from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding
 from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
+from socialbot.cli._runs import print_json
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command, installed_version, pip_command
 from socialbot.graph.files import load_graph
@@ -297,8 +296,7 @@ def doctor(
                 console.print(_paragraph(finding, min(console.width, WIDEST)), soft_wrap=True)
     count = Counter(finding.state for finding in findings)
     if as_json:
-        report = {"schema": "socialbot/doctor", "version": 1, "findings": [asdict(each) for each in findings]}
-        typer.echo(json.dumps(report, indent=2))
+        print_json({"schema": "socialbot/doctor", "version": 1, "findings": findings})
     else:
         console.print(f"\n{count['ok']} ok, {many(count['warning'], 'warning')}, {many(count['error'], 'error')}")
     if count["error"]:

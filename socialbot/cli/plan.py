@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._options import JsonOption
+from socialbot.cli._runs import print_json
 from socialbot.core.errors import NodeError, PlanningError
 from socialbot.core.paths import read_text
 
@@ -72,13 +71,13 @@ def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
     if as_json:
         data = {
             "planner": planner,
-            "verdict": answer.verdict.value,
+            "verdict": answer.verdict,
             "message": answer.message,
             "seconds": round(answer.seconds, 4),
             "makespan_s": None if answer.plan is None else answer.plan.makespan_s,
-            "steps": None if answer.plan is None else [asdict(step) for step in answer.plan.steps],
+            "steps": None if answer.plan is None else answer.plan.steps,
         }
-        typer.echo(json.dumps(data, indent=2))
+        print_json(data)
         return
     if answer.plan is None:
         Console(stderr=True, highlight=False).print(
@@ -120,8 +119,7 @@ def _validate(domain: PddlDomain, problem: PddlProblem, file: Path, deadline: fl
 
 def _show_check(checked: PddlPlan, found: Sequence[str], as_json: bool) -> None:
     if as_json:
-        data = {"valid": not found, "faults": list(found), "makespan_s": checked.makespan_s}
-        typer.echo(json.dumps(data, indent=2))
+        print_json({"valid": not found, "faults": found, "makespan_s": checked.makespan_s})
         return
     if not found:
         typer.echo(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from socialbot.cli import _options as options
 
@@ -158,9 +157,7 @@ def simulate(
 
 def _print_summary(console: Console, story: Story) -> None:
     """Print counts by agent and the outcome of each desire."""
-    table = Table("agent", title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in ("plans", "given up", "steps", "requests"):
-        table.add_column(heading, justify="right")
+    table = options.plain_table("agent", right=("plans", "given up", "steps", "requests"))
     for agent, counts in story.results()["agents"].items():
         table.add_row(agent, *(str(counts[key]) for key in ("plans", "given_up", "steps", "requests")))
     console.print(table)

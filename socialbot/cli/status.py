@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console, Group, RenderableType
@@ -17,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socialbot.cli._options import JsonOption, expect_no_machine, graph_names, join, times
+from socialbot.cli._runs import print_json
 from socialbot.core.messages import Health, Message
 from socialbot.core.process import Ending
 from socialbot.graph.health import HEALTH_TOPIC
@@ -82,7 +82,7 @@ def status(
             _listen(roll, ending, wait)
         statuses = roll.statuses(time.monotonic())
     if as_json:
-        typer.echo(as_text(statuses))
+        print_json(as_data(statuses))
     else:
         console.print(page(statuses))
     if not all_well(statuses):
@@ -126,11 +126,10 @@ def _listen(roll: NodeStatuses, ending: Ending, wait_s: float) -> None:
         time.sleep(LOOK_AGAIN_S)
 
 
-def as_text(statuses: Sequence[NodeStatus]) -> str:
-    """Format ``statuses`` as JSON; docs/cli.md describes the schema."""
+def as_data(statuses: Sequence[NodeStatus]) -> dict[str, Any]:
+    """Return ``statuses`` as data for JSON; docs/cli.md describes the schema."""
     nodes = [{**asdict(one), "condition": one.condition, "well": one.is_well} for one in statuses]
-    report = {"schema": "socialbot/status", "version": 1, "well": all_well(statuses), "nodes": nodes}
-    return json.dumps(report, indent=2)
+    return {"schema": "socialbot/status", "version": 1, "well": all_well(statuses), "nodes": nodes}
 
 
 def page(statuses: Sequence[NodeStatus]) -> RenderableType:

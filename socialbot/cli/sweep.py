@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.table import Table as RichTable
 
 from socialbot.cli import _options as options
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
     from socialbot.runs.difference import Difference
-    from socialbot.runs.pages import Table
     from socialbot.runs.sweeps import Sweep, SweepCell
     from socialbot.runtime.sweeps import SweepPlan
 
@@ -171,27 +169,13 @@ def _print(
     from socialbot.runs.sweep_page import cell_table, describe_pair, front_table, threshold_table
 
     if found.thresholds:
-        console.print(_table(threshold_table(found)))
-    console.print(_table(cell_table(found)))
+        console.print(threshold_table(found).terminal(MAX_ROWS))
+    console.print(cell_table(found).terminal(MAX_ROWS))
     if objectives and (front := front_table(found, objectives)).rows:
         console.print(f"\nPareto front of {' and '.join(objectives)}:", markup=False)
-        console.print(_table(front))
+        console.print(front.terminal(MAX_ROWS))
     if compared is not None:
         one, other, bag, difference = compared
         console.print(f"\n{describe_pair(found, one, other)}, {bag}:", soft_wrap=True, markup=False)
         for line in difference.text():
             console.print(line, soft_wrap=True, markup=False)
-
-
-def _table(table: Table) -> RichTable:
-    """Return a table for the terminal, with the first `MAX_ROWS` rows."""
-    right = set(table.right())
-    made = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for number, head in enumerate(table.heads):
-        made.add_column(head, justify="right" if number in right else "left")
-    styles = {"good": "green", "bad": "red"}
-    for row in table.cells()[:MAX_ROWS]:
-        made.add_row(*(f"[{styles[style]}]{text}[/]" if style in styles else text for text, style in row))
-    if len(table.rows) > MAX_ROWS:
-        made.add_row("...", *("" for _ in table.heads[1:]))
-    return made

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from socialbot.cli._options import JsonOption, RunArgument, many, plain_table
-from socialbot.cli._runs import opened_run, print_found
+from socialbot.cli._runs import opened_run, print_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,7 +34,7 @@ def visitors(
     found, source = visits_of(opened_run(run), range_m)
     missed = sum(visit.outcome == "missed" for visit in found)
     if as_json:
-        print_found(found, (), as_json=True)
+        print_json(found)
     else:
         console = Console(highlight=False)
         if found:

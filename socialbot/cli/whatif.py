@@ -44,7 +44,7 @@ def whatif(
 
     Exit code 1: they differ.
     """
-    from socialbot.cli._runs import opened_run, print_found
+    from socialbot.cli._runs import opened_run, print_json
     from socialbot.cli.why import seconds_of
     from socialbot.runs.difference import difference
     from socialbot.runtime.run import new_run_folder
@@ -66,7 +66,7 @@ def whatif(
     rows = side_by_side(futures)
     if as_json:
         content = {"at_s": at_s, "changes": [str(change) for change in wanted], "difference": found, "acts": rows}
-        print_found(content, [], as_json=True)
+        print_json(content)
     else:
         table = options.plain_table("", "as it was", ", ".join(map(str, wanted)))
         for time, before, now in rows:

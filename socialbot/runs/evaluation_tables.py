@@ -11,8 +11,6 @@ from types import MappingProxyType
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table as RichTable
 
 from socialbot.runs.pages import Cell, Table, rate, render, write_file
 from socialbot.vision.metrics.behaviour import OUTCOMES
@@ -389,20 +387,8 @@ def show(evaluation: Evaluation, console: Console) -> None:
         if table.rows:
             # A Table would wrap its title at its own width.
             console.print(table.title, soft_wrap=True, markup=False, style="bold")
-            console.print(_rich(table))
+            console.print(table.terminal())
             console.print()
-
-
-def _rich(table: Table) -> RichTable:
-    shown = RichTable(box=None, pad_edge=False, header_style="dim")
-    above = [word for group, count in table.groups for word in (group, *[""] * (count - 1))]
-    right = table.right()
-    for number, head in enumerate(table.heads):
-        heading = f"{above[number]}\n{head}" if above and number in right else head.replace(", ", "\n")
-        shown.add_column(escape(heading), justify="right" if number in right else "left", no_wrap=True)
-    for row in table.cells():
-        shown.add_row(*(f"[bold]{escape(text)}[/]" if kind == "best" else escape(text) for text, kind in row))
-    return shown
 
 
 def markdown(evaluation: Evaluation) -> str:

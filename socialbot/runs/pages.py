@@ -17,6 +17,8 @@ import msgspec
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from rich.table import Table as TerminalTable
+from rich.text import Text
 
 from socialbot.bags.image_files import decode_image
 from socialbot.core.errors import ImageError, SocialbotError
@@ -28,6 +30,7 @@ PAGE = Path(str(files("socialbot.runs"))) / "page"
 Cell = str | float | tuple[str, str]
 """Text, number (right-aligned), or text with a style: "", r (right), good, bad, best, code."""
 
+_TERMINAL_STYLES = {"good": "green", "bad": "red", "best": "bold"}
 _FROZEN_ONLY = {"frozen.js", "document.js", "main.js"}
 _FEWEST_POINTS = 3
 _THUMBNAIL_WIDTH = 480
@@ -184,6 +187,21 @@ class Table:
     def html(self) -> Markup:
         """Return the table as HTML; empty without rows."""
         return part("table", self.heads, self.cells(), self.right(), self.groups) if self.rows else Markup()
+
+    def terminal(self, most: int | None = None) -> TerminalTable:
+        """Return the table for a terminal, with the first ``most`` rows, by default all."""
+        shown = TerminalTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+        above = [word for group, count in self.groups for word in (group, *[""] * (count - 1))]
+        right = self.right()
+        for number, head in enumerate(self.heads):
+            heading = f"{above[number]}\n{head}" if above and number in right else head.replace(", ", "\n")
+            justify = "right" if number in right else "left"
+            shown.add_column(Text(heading), justify=justify, no_wrap=number in right, overflow="fold")
+        for row in self.cells()[:most]:
+            shown.add_row(*(Text(text, _TERMINAL_STYLES.get(style, "")) for text, style in row))
+        if most is not None and len(self.rows) > most:
+            shown.add_row("...", *("" for _ in self.heads[1:]))
+        return shown
 
 
 def _styled(cell: Cell) -> tuple[str, str]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import re
 import struct
 
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
 from socialbot.core.errors import SocialbotError
 from socialbot.runs.bag_images import BlurredPictures
-from socialbot.runs.pages import PAGE, Page, Section, bundle, folded, series_charts, settings, table, thumbnail
+from socialbot.runs.pages import PAGE, Page, Section, Table, bundle, folded, series_charts, settings, table, thumbnail
 from socialbot.runs.run import Picture
 from tests.runs.pages import charts, headings, read, series
 
@@ -111,3 +113,15 @@ def test_bundled_chart_library_is_the_one_that_the_notice_names():
     notice = (PAGE / "vendor/NOTICE").read_text("utf-8")
     for name in ("uPlot.iife.min.js", "uPlot.min.css"):
         assert hashlib.sha256((PAGE / "vendor" / name).read_bytes()).hexdigest() in notice
+
+
+def test_a_table_for_the_terminal_shows_brackets_and_the_first_rows():
+    cells = Table(("setting", "bag"), [("camera.size=[1, 2]", ("[bold]", "bad")), *[("x", 1.5)] * 3])
+    shown = io.StringIO()
+    Console(width=60, file=shown).print(cells.terminal(2))
+    assert [line.split() for line in shown.getvalue().splitlines()] == [
+        ["setting", "bag"],
+        ["camera.size=[1,", "2]", "[bold]"],
+        ["x", "1.5"],
+        ["..."],
+    ]
