@@ -105,10 +105,6 @@ class DaemonClient:
         """Stop the sound."""
         self._json("POST", "/api/media/stop_sound")
 
-    def delete_sound(self, name: str) -> None:
-        """Delete a stored sound."""
-        self._request("DELETE", f"/api/media/sounds/{name}")
-
     def _json(self, method: str, path: str, content: Mapping[str, Any] | None = None) -> dict[str, Any]:
         body = None if content is None else json.dumps(content, allow_nan=False).encode("ascii")
         answer = self._request(method, path, body, "application/json")

@@ -19,7 +19,7 @@ than the person.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -366,7 +366,6 @@ class Figure:
     """
 
     stature: Stature
-    _learnt_s: float = field(default=0.0, init=False)
 
     def learn(self, camera: CameraModel, box: Box, seconds: float) -> None:
         """Update with a ``box`` of the whole person, ``seconds`` after the last one."""
@@ -377,7 +376,6 @@ class Figure:
         distance, std = math.exp(ground[0].log), ground[0].std
         tall, wide = camera.pose.height_m + distance * view.top, 2 * distance * view.half
         news = min(seconds / _LIKE_S, 1.0)
-        self._learnt_s += seconds
         height = _learnt(self.stature.height, Estimate(tall, tall * math.hypot(std, _POSTURE)), news, 0.5 * std * tall)
         width = _learnt(
             self.stature.width, Estimate(wide, wide * math.hypot(std, _WIDE_SHARE, 0.2)), news, _TURNING * wide

@@ -26,7 +26,7 @@ _REFERENCE_M = 1.73  # Height of the body with the sizes below.
 HIP_Z, KNEE_Z, ANKLE_Z = 0.92, 0.49, 0.085
 WAIST_Z, SHOULDER_Z, NECK_Z = 1.02, 1.415, 1.475
 HIP_Y, SHOULDER_Y = 0.088, 0.178
-UPPER_ARM_M, FOREARM_M = 0.285, 0.25
+UPPER_ARM_M = 0.285
 
 Ring = tuple[float, float, float, float]
 """Height, half depth, half width, and how far its middle lies ahead."""

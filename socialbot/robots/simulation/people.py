@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -373,9 +373,3 @@ def nearest_approach(one: Motion, other: Motion) -> float:
         one.y[first : first + count] - other.y[second : second + count],
     )
     return float(gaps.min())
-
-
-def least_gap(motions: Sequence[Motion]) -> float:
-    """Least distance (m) of any two people."""
-    pairs = ((a, b) for number, a in enumerate(motions) for b in motions[:number])
-    return min((nearest_approach(a, b) for a, b in pairs), default=math.inf)

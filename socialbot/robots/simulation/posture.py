@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from socialbot.robots.simulation.figure import ANKLE_Z, HIP_Z, KNEE_Z, PARENTS, SEGMENTS, Figure
+from socialbot.robots.simulation.figure import ANKLE_Z, PARENTS, SEGMENTS, Figure
 
 STEP_M = 0.68
 """Length of a step of the reference body at 1.2 m/s."""
@@ -115,8 +115,3 @@ def _sole(frame: Frame, scale: float) -> float:
     return float(place[2]) + min(
         float(turned[2] @ point) for point in (np.array((x, 0.0, -ANKLE_Z)) * scale for x in (-0.07, 0.06, 0.18))
     )
-
-
-def standing_height(scale: float) -> tuple[float, float, float]:
-    """Heights of hip, knee and ankle of a standing person, m."""
-    return HIP_Z * scale, KNEE_Z * scale, ANKLE_Z * scale

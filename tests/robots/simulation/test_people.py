@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 
@@ -11,7 +12,7 @@ import pytest
 from socialbot.core.errors import ParameterError
 from socialbot.robots.simulation.figure import ANKLE_Z, SEGMENTS, figure
 from socialbot.robots.simulation.looks import Looks, random_looks
-from socialbot.robots.simulation.people import Crowd, Motion, least_gap, read_script
+from socialbot.robots.simulation.people import Crowd, Motion, nearest_approach, read_script
 from socialbot.robots.simulation.place import load_place, place_names, read_place
 from socialbot.robots.simulation.posture import SEAT_M, Stance, pose
 from socialbot.robots.simulation.schedules import Schedule
@@ -104,7 +105,8 @@ def test_schedules_depend_on_the_seed_alone_and_keep_people_apart(place):
     room = load_place(place)
     scripts = [Schedule(place, room, people=8, duration_s=60, seed=seed).script() for seed in (1, 1, 2)]
     assert scripts[0] == scripts[1] != scripts[2]
-    assert least_gap([Motion(actor, room) for actor in scripts[0].people]) >= 0.5
+    motions = [Motion(actor, room) for actor in scripts[0].people]
+    assert min(nearest_approach(*pair) for pair in itertools.combinations(motions, 2)) >= 0.5
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from socialbot.core.errors import ParameterError
-from socialbot.vision.metrics.formats._labels import fault
+from socialbot.vision.metrics.formats._labels import fault, is_number
 from socialbot.vision.metrics.formats._xml import root_tag
 from socialbot.vision.metrics.formats.coco import coco_files, is_coco, read_coco
 from socialbot.vision.metrics.formats.cvat import cvat_file, read_cvat
@@ -84,17 +84,9 @@ def _text_format(path: Path) -> str | None:
     words = line.decode("utf-8", "replace").replace(",", " ").split()
     if b"," in line:
         return "mot" if len(words) >= 6 else None
-    if len(words) in (15, 16, 17, 18) and not all(_is_number(word) for word in words[:3]):
+    if len(words) in (15, 16, 17, 18) and not all(is_number(word) for word in words[:3]):
         return "kitti"
-    return "yolo" if len(words) >= 5 and all(map(_is_number, words)) else None
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return "yolo" if len(words) >= 5 and all(map(is_number, words)) else None
 
 
 def labelled_sources(

@@ -86,6 +86,15 @@ def read_text(path: Path) -> str:
         raise fault(f"not a text file: {error.reason} at byte {error.start}", path, "save it as UTF-8") from error
 
 
+def is_number(word: str) -> bool:
+    """Whether a word is a number, which may be infinite."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def numbers(words: Sequence[str], where: str, remedy: str) -> list[float]:
     """Parse finite numbers. Raises TruthError for another word."""
     parsed = []

@@ -19,6 +19,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     image_files,
+    is_number,
     lines_of,
     missing_images,
     number_in,
@@ -87,16 +88,8 @@ def _is_tracking(files: Sequence[Path]) -> bool:
     for file in files:
         for _, line in lines_of(file):
             words = line.split()
-            return len(words) >= 17 and words[0].lstrip("-").isdecimal() and not _is_number(words[2])
+            return len(words) >= 17 and words[0].lstrip("-").isdecimal() and not is_number(words[2])
     return False
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _tracking(file: Path, place: Path, people: Sequence[str]) -> LabelledSource:
