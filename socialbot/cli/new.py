@@ -16,6 +16,7 @@ from rich.text import Text
 
 from socialbot.cli._options import RobotOption
 from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.installation import pip_command
 
 PANEL = "Start here"
 EXAMPLES = (
@@ -49,7 +50,7 @@ NEXT: Mapping[str, str] = {
     "socialbot why": "explain its last action",
     "socialbot inspect": "show the run in the browser",
     "socialbot test behaviours.py graph.yaml": "check that it behaves as expected",
-    "python -m pytest": "run its tests; pip install pytest, if missing",
+    "python -m pytest": "run its tests",
     "socialbot up camera.yaml --camera 0": "run with a camera, until Ctrl-C",
 }
 NEXT_ROBOT: Mapping[str, str] = {
@@ -62,7 +63,7 @@ NEXT_PLANNING: Mapping[str, str] = {
     "socialbot why": "explain its last action",
     "socialbot inspect": "show the run in the browser",
     "socialbot test behaviours.py graph.yaml": "check that it behaves as expected",
-    "python -m pytest": "run its tests; pip install pytest, if missing",
+    "python -m pytest": "run its tests",
 }
 
 
@@ -92,6 +93,8 @@ def new(
     console.print(f"{project}: {what}\n", soft_wrap=True)
     following = NEXT_PLANNING if template == "planning" else {**NEXT, **(NEXT_ROBOT if robot else {})}
     commands = {command.format(project=project): meaning for command, meaning in following.items()}
+    if importlib.util.find_spec("pytest") is None:
+        commands["python -m pytest"] += f"; before them: {pip_command('install', 'pytest')}"
     width = max(map(len, commands))
     for command, meaning in commands.items():
         console.print(Text.assemble(f"  {command:<{width}}   ", (meaning, "dim")), soft_wrap=True)

@@ -18,6 +18,7 @@ import pytest
 from socialbot.cli.new import Language, project_files, write_project
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import ParameterError
+from socialbot.core.installation import pip_command
 from socialbot.core.messages import Message, PersonDetection, PersonDetections, TraceRecord, Utterance
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
@@ -242,6 +243,13 @@ def test_prints_next_commands(tmp_path: Path) -> None:
     assert f"cd {tmp_path / 'my_robot'}" in done.stdout
     assert "socialbot run graph.yaml" in done.stdout
     assert (tmp_path / "my_robot" / "graph.yaml").exists()
+    assert "install pytest" not in done.stdout
+
+
+def test_a_missing_pytest_is_installed_into_the_environment_of_socialbot(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    done = socialbot_here("new", "my_robot", "--out", tmp_path)
+    assert f"run its tests; before them: {pip_command('install', 'pytest')}" in done.stdout
 
 
 @pytest.mark.parametrize(
