@@ -148,8 +148,12 @@ class Trigger:
         self.key = key
         self.failure: Trigger | None = None
         self.goal = key[:2] in ("+!", "-!", "+?", "-?")
-        self.plans = plans
-        self.index()
+        self.plans = self.rest = plans
+        self.annotated = False
+        self.position: int | None = None
+        self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
+        if plans:
+            self.index()
 
     def candidates(self, args: tuple[Any, ...]) -> tuple[CompiledPlan, ...]:
         """Plans that may match the arguments (without variables), in the order of trial."""
@@ -177,7 +181,7 @@ class Trigger:
         constants = [sum(map(_is_constant, column)) for column in zip(*heads, strict=True)]
         indexed = len(heads) > FEW and any(constants) and self.key[:1] != "^"  # meta-events may have variables
         self.position = constants.index(max(constants)) if indexed else None
-        self.by: dict[Any, tuple[CompiledPlan, ...]] = {}
+        self.by = {}
         self.rest = self.plans
         if self.position is None:
             return

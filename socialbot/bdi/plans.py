@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import PurePath
@@ -37,6 +36,8 @@ from socialbot.bdi.steps import (
 from socialbot.bdi.terms import (
     NOTHING,
     Aggregate,
+    Atom,
+    Call,
     Comparison,
     Computation,
     Condition,
@@ -124,11 +125,13 @@ class Plan:
 
         In AgentSpeak, a variable without a value fails its step instead.
         """
-        with _located(self):
+        head = self.event.literal
+        try:
             check_event(self.event)
-            head = self.event.literal
             if isinstance(head, Literal):
                 check_values(head)
+        except RuleError as problem:
+            raise _located(problem, self) from None
         computed = isinstance(head, Literal) and any(
             isinstance(arg, Term) and not isinstance(arg, (Variable, Cons, LiteralVariable)) for arg in head.args
         )
@@ -257,8 +260,14 @@ def nodes_of(item: object) -> list[Any]:
             inner = each.args + each.annotations if each.annotations else each.args
         else:
             inner = vars(each).values()
-        found += [part for part in inner if _has_parts(part.__class__)]
+        for part in inner:
+            if part.__class__ not in LEAVES and _has_parts(part.__class__):
+                found.append(part)  # noqa: PERF401 - faster than a comprehension for few parts
     return found
+
+
+LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
+"""Classes of the most frequent terms without parts."""
 
 
 @cache
@@ -297,26 +306,49 @@ def beliefs_by_name(rules: tuple[object, ...]) -> dict[str, list[Belief]]:
 class Contents:
     """What a plan or inference contains.
 
-    ``kinds`` are the classes of its beliefs and goals, ``internal`` the names of its internal actions, and ``rules``
-    the keys of the beliefs that follow from inferences in its steps.
+    ``kinds`` are the classes of its beliefs and goals, ``internal`` the names of its internal actions, ``rules`` the
+    keys of the beliefs that follow from inferences in its steps, and ``calls`` the internal actions, the functions and
+    the plans in the condition and the body of a plan.
     """
 
     kinds: tuple[type[Literal], ...]
     internal: tuple[str, ...]
     rules: tuple[str, ...]
+    calls: tuple[Literal | Call | Plan, ...]
 
 
 def contents_of(item: Plan | Inference) -> Contents:
     """Return what a plan or inference contains."""
     known = item.__dict__.get("contents")
     if known is None:
-        nodes = nodes_of(item)
-        literals = [node for node in nodes if isinstance(node, Literal)]
-        known = item.__dict__["contents"] = Contents(
-            tuple(type(each) for each in literals if isinstance(each, (Belief, Goal)) and type(each) is not Structure),
-            tuple(each.functor for each in literals if each.functor[:1] == "."),
-            tuple(node.head.key for node in nodes if isinstance(node, Inference) and node is not item),
-        )
+        kinds: list[type[Literal]] = []
+        internal: list[str] = []
+        rules: list[str] = []
+        calls: list[Literal | Call | Plan] = []
+        if isinstance(item, Inference):
+            outside, inside = nodes_of(item), []
+        else:
+            outside = nodes_of((item.event, item.annotations, item.inner, item.until))
+            inside = nodes_of((item.condition, item.body))
+        for nodes in (outside, inside):
+            for node in nodes:
+                kind = node.__class__
+                if kind is tuple:
+                    continue
+                if isinstance(node, Literal):
+                    if kind is not Structure and isinstance(node, (Belief, Goal)):
+                        kinds.append(kind)
+                    if "." in node.functor:
+                        if nodes is inside:
+                            calls.append(node)
+                        if node.functor[0] == ".":
+                            internal.append(node.functor)
+                elif kind is Inference and node is not item:
+                    rules.append(node.head.key)
+                elif nodes is inside and (kind is Call or kind is Plan):
+                    calls.append(node)
+        known = Contents(tuple(kinds), tuple(internal), tuple(rules), tuple(calls))
+        item.__dict__["contents"] = known
     return known
 
 
@@ -348,13 +380,9 @@ def unbound_result(rule: Inference, open_keys: Collection[str]) -> bool:
     return not names <= _Checker(rule, strict=False, open_keys=open_keys).condition(rule.condition, set())
 
 
-@contextmanager
-def _located(rule: Plan | Inference) -> Iterator[None]:
-    """Add a rule to the errors of its checks."""
-    try:
-        yield
-    except RuleError as problem:
-        raise RuleError(problem.what, where=problem.where or str(rule), remedy=problem.remedy) from None
+def _located(problem: RuleError, rule: Plan | Inference) -> RuleError:
+    """Return the error of a check with the rule as its place."""
+    return RuleError(problem.what, where=problem.where or str(rule), remedy=problem.remedy)
 
 
 class _Checker:
@@ -369,11 +397,13 @@ class _Checker:
 
     def check(self) -> None:
         rule = self.rule
-        with _located(rule):
+        try:
             if isinstance(rule, Plan):
                 self.body(rule.body, self.condition(rule.condition, rule.event.literal.names() - {"_"}))
             else:
                 self.condition(rule.condition, rule.head.names() - {"_"})
+        except RuleError as problem:
+            raise _located(problem, rule) from None
 
     def condition(self, condition: Condition, bound: set[str]) -> set[str]:
         match condition:
@@ -418,10 +448,11 @@ class _Checker:
     def pattern(self, terms: tuple[object, ...], bound: set[str], where: object) -> set[str]:
         for term in terms:
             match term:
+                case Variable():
+                    if term.name != "_" and term.name not in bound:
+                        bound = bound | {term.name}
                 case Expression() | Computation() | Aggregate():
                     self.value(term, bound, where)
-                case Variable():
-                    bound = bound | ({term.name} - {"_"})
                 case tuple():
                     bound = self.pattern(term, bound, where)
                 case Cons():

@@ -34,12 +34,12 @@ from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Literal
-from socialbot.bdi.plans import Inference, Origin, Plan, parts_of, unbound_in
+from socialbot.bdi.plans import LEAVES, Inference, Origin, Plan, contents_of, parts_of, unbound_in
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.stdlib.actions import registered
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.steps import Action, Do
-from socialbot.bdi.terms import Atom, Call, Condition, Expression, Variable
+from socialbot.bdi.terms import Call, Condition, Expression
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError, SocialbotError
 
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 SELECT_OPTION = "select__option/4"
 """Rules by which Jason 3.3 chooses among the applicable plans."""
 
-_LEAVES = frozenset({str, bool, int, float, type(None), Atom, Variable})
 _WORD = re.compile(r"\.?\w+(?:\.\w+)*")
 
 
@@ -225,22 +224,14 @@ def _check_names(plan: Plan, library: Library) -> None:
     for term in plan.condition.terms:
         if isinstance(term, Literal) and "." in term.functor and term.functor not in COLLECTORS:
             called(term, condition=True)
-    _check_names_in((plan.condition, plan.body))
-
-
-def _check_names_in(part: Any) -> None:
-    """Raise RuleError for an unknown internal action or function in part of a plan."""
-    if isinstance(part, Plan):
-        _check_names(part, Library())
-        return
-    if isinstance(part, Literal) and "." in part.functor:
-        check_call = collected_goal if part.functor in COLLECTORS else called
-        check_call(part)
-    elif isinstance(part, Call) and part.function != ".count":
-        function_of(part)
-    for inner in parts_of(part):
-        if inner.__class__ not in _LEAVES:
-            _check_names_in(inner)
+    for part in contents_of(plan).calls:
+        if isinstance(part, Plan):
+            _check_names(part, Library())
+        elif isinstance(part, Literal):
+            check_call = collected_goal if part.functor in COLLECTORS else called
+            check_call(part)
+        elif part.function != ".count":
+            function_of(part)
 
 
 def _inner_plans(part: Any) -> Iterable[Plan]:
@@ -284,7 +275,7 @@ def _conditions_as_actions(part: Any) -> Iterable[Condition]:
     for inner in parts_of(part):
         if isinstance(inner, Do) and isinstance(inner.action, Condition) and not isinstance(inner.action, Literal):
             yield inner.action
-        elif inner.__class__ not in _LEAVES:
+        elif inner.__class__ not in LEAVES:
             yield from _conditions_as_actions(inner)
 
 
@@ -305,7 +296,7 @@ def _collect_needs(part: Any, found: set[str]) -> None:
         if custom and find(name) is None and not (isinstance(part, Call) and part.predicate):
             found.add(f"{name}/{len(part.args)}")
     for inner in parts_of(part):
-        if inner.__class__ not in _LEAVES:
+        if inner.__class__ not in LEAVES:
             _collect_needs(inner, found)
 
 
