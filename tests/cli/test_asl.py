@@ -129,18 +129,32 @@ def test_writes_the_trace(written, tmp_path):
         (["run", "good.asl", "bad.asl", "--agents", "a"], "1 names for 2 files"),
         (["run", "bad.asl"], "bad.asl:2:8: there is no internal action .prnt"),
         (["run", "bad.asl"], "and 1 more: socialbot asl check bad.asl"),
-        (["run", "latin.asl"], "latin.asl:2: cannot be read: it is not UTF-8 text"),
-        (["check", "latin.asl"], "iconv -f latin1 -t utf-8 latin.asl"),
         (["run", "good.asl", "--trace", "no/such/folder.jsonl"], "no/such/folder.jsonl: cannot be written"),
     ],
 )
 def test_errors_have_exit_code_4(written, tmp_path, monkeypatch, args, message):
     written(good="b(1).", bad="b(1).\n+!g <- .prnt(1).\n+!h <- .prnt(2).")
-    (tmp_path / "latin.asl").write_bytes(b'a.\nb("\xe4").')
     monkeypatch.chdir(tmp_path)
     ended = socialbot(*args)
     assert message in ended.stderr
     assert "Traceback" not in ended.stderr
+    assert ended.returncode == 4
+
+
+def test_a_text_in_another_encoding_is_read_as_in_jason(tmp_path, caplog):
+    # Java replaces what is no UTF-8: in comments and strings such programs run.
+    (tmp_path / "latin.asl").write_bytes('// Verkäufer\n!g. +!g <- .print("größe").'.encode("latin-1"))
+    ended = socialbot("run", tmp_path / "latin.asl")
+    assert (ended.stdout, ended.returncode) == ("[latin] gr\ufffd\ufffde\n", 0)
+    assert f"{tmp_path / 'latin.asl'}:1: not UTF-8 text" in caplog.text
+    assert "iconv -f latin1 -t utf-8 latin.asl" in caplog.text
+
+
+def test_a_name_in_another_encoding_is_refused(tmp_path, caplog):
+    (tmp_path / "latin.asl").write_bytes("größe(1).".encode("latin-1"))
+    ended = socialbot("check", tmp_path / "latin.asl")
+    assert "latin.asl:1:3: " in ended.stderr
+    assert "iconv" in caplog.text
     assert ended.returncode == 4
 
 

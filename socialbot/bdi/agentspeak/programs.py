@@ -15,6 +15,7 @@ from socialbot.bdi.agentspeak.parser import Parser, whole
 from socialbot.bdi.literals import Literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.terms import NOTHING, Atom, Variable, conjunction
+from socialbot.bdi.trace import log
 from socialbot.core.errors import RuleError
 
 _local_numbers = itertools.count(1)
@@ -106,21 +107,26 @@ def read_program(file: Path, paths: IncludePaths | None = None) -> Program:
 
 
 def read_text(file: Path) -> str:
-    """Read a text file in UTF-8. Raises RuleError if it cannot be read."""
+    """Read a text file in UTF-8; as in Jason, U+FFFD replaces other bytes, with a warning.
+
+    Raises:
+        RuleError: The file cannot be read.
+    """
     try:
         if file.stat().st_size > MAX_BYTES:
             raise OSError(errno.EFBIG, f"larger than {MAX_BYTES >> 20} MiB")
-        return file.read_text(encoding="utf-8-sig")
+        data = file.read_bytes()
     except OSError as problem:
         what = f"cannot be read: {problem.strerror}"
         raise RuleError(what, where=str(file), remedy="check its path") from problem
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        line = problem.object.count(b"\n", 0, problem.start) + 1
-        raise RuleError(
-            "cannot be read: it is not UTF-8 text",
-            where=f"{file}:{line}",
-            remedy=f"convert it from its encoding: iconv -f latin1 -t utf-8 {file.name} -o utf8_{file.name}",
-        ) from problem
+        line = data.count(b"\n", 0, problem.start) + 1
+        remedy = f"iconv -f latin1 -t utf-8 {file.name} -o utf8_{file.name}"
+        log().warning("%s:%d: not UTF-8 text: U+FFFD replaces other bytes; to convert it: %s", file, line, remedy)
+        text = data.decode("utf-8-sig", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 class ProgramParser(Parser):
