@@ -233,7 +233,7 @@ def _of_project(project: Project, paths: IncludePaths) -> tuple[list[str], list[
     names, programs = [], []
     for agent in project.agents:
         names += agent.names
-        programs += [_checked(program_of(agent, paths), agent.file)] * agent.count
+        programs += [_checked(program_of(agent, paths), agent.file)] * len(agent.names)
     return names, programs
 
 

@@ -11,6 +11,7 @@ from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
 from socialbot.bdi.agentspeak.parser import parse_term
 from socialbot.bdi.agentspeak.programs import IncludePaths, Program, read_program, read_text
 from socialbot.bdi.literals import Literal, literal
+from socialbot.bdi.stdlib._agents import free_name
 from socialbot.bdi.terms import Atom
 from socialbot.core.errors import RuleError
 
@@ -28,22 +29,15 @@ _COMMENT = re.compile(r'("(?:[^"\\\n]|\\.)*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
 class ProjectAgent:
     """Agents of a project with one program: ``alice #3`` gives ``alice1`` to ``alice3``.
 
-    ``beliefs`` and ``goals`` are added to those of the program. The prints of a ``raw`` agent have neither its name nor
-    an end of line.
+    The ``names`` differ from those of other agents: ``bob_1`` is a second ``bob``. ``beliefs`` and ``goals`` are added
+    to those of the program. The prints of a ``raw`` agent have neither its name nor an end of line.
     """
 
-    name: str
+    names: tuple[str, ...]
     file: Path
-    count: int = 1
     beliefs: tuple[Literal, ...] = ()
     goals: tuple[Literal, ...] = ()
     raw: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        if self.count == 1:
-            return (self.name,)
-        return tuple(f"{self.name}{number}" for number in range(1, self.count + 1))
 
 
 @dataclass(frozen=True)
@@ -152,7 +146,8 @@ class _ProjectParser:
         if self.words[self.at] != _END:
             self.fail("the end of the file")
         self.folders += [self.file.parent / folder for folder in DEFAULT_FOLDERS]
-        agents = tuple(self.found(at, entry) for at, entry in entries)
+        taken: set[str] = set()
+        agents = tuple(self.found(at, entry, taken) for at, entry in entries)
         folders = tuple(dict.fromkeys(self.folders))
         return Project(name, agents, self.environment, self.arguments, folders, tuple(self.notes))
 
@@ -252,15 +247,20 @@ class _ProjectParser:
                 args = (inner,)
         return text, args
 
-    def found(self, at: int, entry: dict[str, Any]) -> ProjectAgent:
-        """Find the program of an agent."""
+    def found(self, at: int, entry: dict[str, Any], taken: set[str]) -> ProjectAgent:
+        """Find the program of an agent, and names for it that are not ``taken`` yet."""
         places = [folder / entry["file"] for folder in self.folders]
         file = next((place for place in places if place.is_file()), None)
         if file is None:
             tried = ", ".join(map(str, dict.fromkeys(places)))
             raise self.error(f"the program {entry['file']} of {entry['name']} does not exist", f"tried: {tried}", at)
         extra = {name: entry[name] for name in ("beliefs", "goals", "raw") if name in entry}
-        return ProjectAgent(entry["name"], file, entry["count"], **extra)
+        name, count = entry["name"], entry["count"]
+        names = []
+        for wanted in [name] if count == 1 else [f"{name}{number}" for number in range(1, count + 1)]:
+            names.append(free_name(wanted, taken))
+            taken.add(names[-1])
+        return ProjectAgent(tuple(names), file, **extra)
 
 
 def environment_of(project: Project) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from socialbot.bdi.agentspeak._spelling import plain as said
@@ -57,6 +58,15 @@ def _society(engine: Any, name: str) -> Any:
     return engine.messaging.society
 
 
+def free_name(wanted: str, taken: Collection[str]) -> str:
+    """Return the wanted name of an agent, or ``wanted_1`` and so on if it is taken."""
+    found, number = wanted, 0
+    while found in taken:
+        number += 1
+        found = f"{wanted}_{number}"
+    return found
+
+
 @internal(".create_agent", 1, 3)
 def create_agent(engine: Any, args: Args, trail: Trail) -> bool:
     """``.create_agent(Name, "file.asl", Options)``: start an agent; an unbound Name gets a new name, a string.
@@ -73,10 +83,7 @@ def create_agent(engine: Any, args: Args, trail: Trail) -> bool:
             raise wrong(".create_agent", rest[0], "the name of a file, a string")
         file = rest[0]
     wanted = name.name[:1].lower() + name.name[1:] if name.__class__ is Var else name_of(".create_agent", name)
-    found, number = wanted, 0
-    while found in society.agents:
-        number += 1
-        found = f"{wanted}_{number}"
+    found = free_name(wanted, society.agents)
     try:
         society.create(found, file, engine)
     except SocialbotError as problem:

@@ -35,6 +35,13 @@ def test_agents_have_the_program_of_their_name_or_their_own(project, tmp_path):
     ]  # fmt: skip
 
 
+def test_agents_of_the_same_name_are_numbered(project):
+    found = read_project(project("MAS m { agents: a; a b.asl; c #2; c b.asl #2; a; }"))
+    assert [agent.names for agent in found.agents] == [
+        ("a",), ("a_1",), ("c1", "c2"), ("c1_1", "c2_1"), ("a_2",),
+    ]  # fmt: skip
+
+
 def test_source_paths_come_before_the_folders_of_the_project(project, tmp_path):
     (tmp_path / "lib" / "a.asl").write_text("")
     found = read_project(project('MAS m { agents: a; d; aslSourcePath: "lib"; "other"; }'))
