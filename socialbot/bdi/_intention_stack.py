@@ -22,6 +22,7 @@ from socialbot.bdi.intentions import (
     Body,
     Failed,
     Failure,
+    Frame,
     Intention,
     OpenRequest,
     Pause,
@@ -67,7 +68,7 @@ class IntentionStack:
         self.running: Any = None  # intention or queued plan whose step is being executed
         self.atomic: Intention | None = None  # it excludes the others
         self.turn_may_end = False  # the current step has begun no other plan
-        self.unwound = False  # goals or intentions were ended from outside, maybe by one of their own steps
+        self.unwound = False  # a step ended goals or intentions, maybe its own, or added plans for the states of goals
 
     def __iter__(self) -> Iterator[Intention]:
         self._register_all()
@@ -94,6 +95,7 @@ class IntentionStack:
         """Report the states of goals if a plan of the library handles meta-events."""
         if self._interpreter.library.watches_goals and self.goal_states is None:
             self.goal_states = GoalStates(self._interpreter)
+            self.unwound = True
 
     # Adopting
 
@@ -205,7 +207,7 @@ class IntentionStack:
         self.ready.append(intention)
         return intention
 
-    def settle(self, intention: Intention, *, first: bool = False) -> None:
+    def settle(self, intention: Intention, first: bool = False) -> None:
         """Queue an intention with remaining steps for its turn, or ``first``; end an empty one."""
         frames = intention.frames
         if not intention.active:
@@ -319,6 +321,13 @@ class IntentionStack:
             self.goal_states.replaced(goal)
         if self._interpreter.trace.sink is not None:
             self._interpreter.trace.record("continued", str(self.goal(goal)), goal[4])
+
+    def finished_plan(self, intention: Intention, ended: Frame) -> None:
+        """Record the end of a plan that was popped."""
+        _, goal, plan = ended
+        self.record_achieved(goal)
+        if intention.atomic:
+            self.finished_atomic(intention, plan)
 
     def finished_atomic(self, intention: Intention, plan: CompiledPlan | None) -> None:
         """Release the other intentions after the last atomic plan of an intention."""

@@ -1,11 +1,14 @@
 """Interpreter of an agent: the reasoning cycle and its timers. A turn handles one event and a step of one intention."""
 
+# pyright: reportPossiblyUnboundVariable=false
+# A trigger comes with the arguments of its event; initial values for them would cost two percent of an event.
+
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator
 from itertools import repeat
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
 
-STEPS, STEPS_WITH_TIMERS = 32, 8
+STEPS, STEPS_WITH_TIMERS = 64, 8
 """Maximum number of steps in a turn of the only runnable intention, without and with timers to check in between.
 
 In a society the turn ends after a step if another agent has work to do.
@@ -143,8 +146,6 @@ class Interpreter:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
         inbox, events, ready, heap, intentions, awaited, due, trace, numbers = self._parts
-        args: Any = ()
-        notes = cause = result = args
         while budget > 0:
             trigger: Trigger | None = None
             if inbox:
@@ -155,18 +156,14 @@ class Interpreter:
                 else:
                     # A single belief (most percepts) skips the queue.
                     relation, args, notes, cause, since = item
-                    told = since is TOLD
-                    if told:
-                        since = None
-                        self.reading = not (self.reading and ready)
-                    if told and not self.reading:
-                        inbox.appendleft(item)
+                    if since is TOLD and self._read_later(item):
+                        pass
                     elif relation.care or trace.sink is not None:
-                        self._take((relation, args, notes, cause, since))
+                        self._take((relation, args, notes, cause, None if since is TOLD else since))
                     else:
                         facts = relation.facts
                         if args not in facts:
-                            facts[args] = (self.now() if since is None else since, notes, cause)
+                            facts[args] = (self.now() if since is None or since is TOLD else since, notes, cause)
                             if relation.indexes:
                                 relation.enter(args)
                             trigger = relation.added
@@ -183,7 +180,7 @@ class Interpreter:
                     return False
                 budget -= 1
                 continue
-            if events and trigger is None:
+            if trigger is None and events:
                 trigger, args, notes, cause = events.popleft()
                 if trigger.goal:
                     if trace.sink is not None or intentions.goal_states is not None or not closed(args):
@@ -215,7 +212,7 @@ class Interpreter:
                         unhandled(self, trigger, args, notes, cause)
                 if awaited and trigger.key in awaited and not trigger.goal:
                     intentions.waits.notify(trigger.key, args, notes)
-            if ready:
+            while ready:
                 item = ready.popleft()
                 intentions.running = item
                 if item.__class__ is tuple:
@@ -236,6 +233,9 @@ class Interpreter:
                         self._advance(intentions.register_running(), result)
                 else:
                     self._advance(item)
+                if events or inbox or heap or due or budget == 1 or intentions.atomic is not None:
+                    break
+                budget -= 1  # without other work, the next turn is a step as well
             if due:
                 intentions.waits.recheck()
             if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > self.now()):
@@ -253,15 +253,13 @@ class Interpreter:
         now: int | None = None
         while inbox:
             item = inbox.popleft()
-            told = item[-1] is TOLD if item.__class__ is tuple else item.__class__ is Message
-            if told:
-                self.reading = not (self.reading and (self.events or self.ready))
-                if not self.reading:
-                    inbox.appendleft(item)
-                    return
             if item.__class__ is tuple:
                 relation, args, notes, cause, since = item
-                if told or since is None:
+                told = False
+                if since is None or since is TOLD:
+                    told = since is TOLD
+                    if told and self._read_later(item):
+                        return
                     if now is None:
                         now = self.now()
                     since = now
@@ -270,21 +268,35 @@ class Interpreter:
                     sink = trace.sink
                 else:
                     facts = relation.facts
+                    trigger = relation.added
                     if args not in facts:
                         facts[args] = (since, notes, cause)
                         if relation.indexes:
                             relation.enter(args)
+                        if trigger is not None:
+                            queue((trigger, args, notes, cause))
                     else:
                         notes = relation.merge(args, notes)
-                    trigger = relation.added
-                    if notes and trigger is not None:
-                        queue((trigger, args, notes, cause))
+                        if notes and trigger is not None:
+                            queue((trigger, args, notes, cause))
+                if told:
+                    return
             else:
+                told = item.__class__ is Message
+                if told and self._read_later(item):
+                    return
                 now = None
                 self._take(item)
                 sink = trace.sink
-            if told:
-                return
+                if told:
+                    return
+
+    def _read_later(self, message: Any) -> bool:
+        """Put a message back if one was read in the last turn and other work waits."""
+        self.reading = not (self.reading and (self.events or self.ready))
+        if not self.reading:
+            self.inbox.appendleft(message)
+        return not self.reading
 
     def _take(self, item: Any) -> None:
         try:
@@ -304,41 +316,42 @@ class Interpreter:
         inbox, events, ready, heap, intentions, awaited, due, trace, _ = self._parts
         intentions.running = intention
         frames, peers = intention.frames, self.peers
+        special = trace.sink is not None or intentions.goal_states is not None
         self.others = events
-        body, goal, plan = frame = frames[-1]
+        body: Any = frames[-1][0]
+        if result is not NEXT:
+            body, intentions.unwound = iter(() if result is END else (result,)), False
         try:
             for _ in repeat(None, STEPS_WITH_TIMERS if heap else STEPS):
-                if result is NEXT:
-                    try:
-                        result = next(body, END)  # type: ignore[arg-type]
-                    except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
-                        result = cast("Any", problem)
-                        intentions.unwound = False
-                turn_may_end = True
-                if intentions.unwound:
-                    # The step may have ended a goal of its own intention.
+                try:
+                    result = next(body, END)
+                except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
+                    result = problem
                     intentions.unwound = False
-                    if not frames or frames[-1] is not frame:
+                if intentions.unwound:
+                    # The step may have ended a goal of its own intention, or added plans for the states of goals.
+                    intentions.unwound = False
+                    special = trace.sink is not None or intentions.goal_states is not None
+                    if not frames or frames[-1][0] is not body:
                         result = None
                 if result.__class__ is tuple:
-                    kind, trigger, args, notes, cause = result
+                    kind, trigger, args, notes, cause = served = result
                     mode = 0
-                    served: Any = result
-                    special = trace.sink is not None or intentions.goal_states is not None
+                    apart = special
                     if kind:
                         mode = kind >> MODE
                         if kind & EVENT:
                             served = None
-                        special = special or (
+                        apart = apart or (
                             kind & OPEN and (not mode or (trigger.failure or intentions.failure_plans(result)).plans)
                         )
                         if kind & TAIL:
-                            frames.pop()
+                            _, goal, plan = frames.pop()
                             if intention.atomic:
                                 intentions.finished_atomic(intention, plan)
                             if plan is not None:
                                 intentions.replace_goal(intention, goal, plan)
-                    if special or (awaited and trigger.key in awaited):
+                    if apart or (awaited and trigger.key in awaited):
                         intentions.turn_may_end = False
                         intentions.pursue(intention, result)
                         turn_may_end = intentions.turn_may_end
@@ -366,13 +379,11 @@ class Interpreter:
                         else:
                             chosen = found = None
                         if found.__class__ is GENERATOR:
-                            frame = (found, served, chosen)
-                            body, goal, plan = frame
-                            frames.append(frame)
-                            result = NEXT
+                            frames.append((found, served, chosen))
                             if (ready or events or inbox or peers) and not intention.atomic:
                                 ready.append(intention)
                                 return
+                            body = found
                             continue
                         if found is DONE:
                             turn_may_end = False
@@ -381,22 +392,19 @@ class Interpreter:
                             intentions.pursue(intention, result, (chosen, found))
                             turn_may_end = intentions.turn_may_end
                 elif result is END:
-                    frames.pop()
-                    if goal is not None and trace.sink is not None:
-                        intentions.record_achieved(goal)
-                    if intention.atomic:
-                        intentions.finished_atomic(intention, plan)
+                    ended = frames.pop()
+                    if special or intention.atomic:
+                        intentions.finished_plan(intention, ended)
                     # The plan below continues to the end of its step even if its goal has ended.
                     if frames and not intention.suspended:
-                        body, goal, plan = frame = frames[-1]
+                        body = frames[-1][0]
                         if body is not None:
-                            result = NEXT
                             continue
                     turn_may_end = False
                 elif result is None:
-                    pass
+                    turn_may_end = True
                 elif isinstance(result, Exception):
-                    frames.pop()
+                    _, goal, plan = frames.pop()
                     if intention.atomic:
                         intentions.finished_atomic(intention, plan)
                     intentions.turn_may_end = False
@@ -404,8 +412,10 @@ class Interpreter:
                     turn_may_end = intentions.turn_may_end
                 elif result.__class__ is TimedRequest:
                     intentions.pursue_timed(intention, result)
+                    turn_may_end = True
                 else:
                     intentions.rest(intention, result)
+                    turn_may_end = True
                     if intention.pause is not None or not frames:
                         return
                 if frames and frames[-1][0] is None:
@@ -423,8 +433,7 @@ class Interpreter:
                 ):
                     ready.append(intention)
                     return
-                body, goal, plan = frame = frames[-1]
-                result = NEXT
+                body = frames[-1][0]
             ready.append(intention)
         finally:
             self.others = ()

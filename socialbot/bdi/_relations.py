@@ -259,18 +259,15 @@ class Relation:
             return ()
         if held.__class__ is NoteSet:
             notes = held.add(notes)
-            if not notes:
-                return ()
         else:
             notes = tuple(note for note in notes if note not in held)
-            if not notes:
-                return ()
-            held += notes
-            if len(held) >= MANY_NOTES:
-                with contextlib.suppress(TypeError):  # Some values cannot be hashed.
-                    held = NoteSet(held)
-            self.facts[args] = (since, held, begin)
-        if self.indexes:
+            if notes:
+                held += notes
+                if len(held) >= MANY_NOTES:
+                    with contextlib.suppress(TypeError):  # Some values cannot be hashed.
+                        held = NoteSet(held)
+                self.facts[args] = (since, held, begin)
+        if notes and self.indexes:
             self.touch(args)
         return notes
 

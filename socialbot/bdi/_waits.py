@@ -222,7 +222,7 @@ class Waits:
             if not index:
                 del self.events[pause.key]
 
-    def notify(self, key: str, args: Args, notes: Annotations, *, outside: bool = True) -> None:
+    def notify(self, key: str, args: Args, notes: Annotations, outside: bool = True) -> None:
         """Continue the intentions that wait for this event; ``outside`` is false for one of the body of a plan."""
         index = self.events.get(key)
         if index is None:

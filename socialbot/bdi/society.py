@@ -34,7 +34,7 @@ SLEEPING_KEY, AWAKING_KEY = SLEEPING.key, AWAKING.key
 START_TURNS = 8
 """Turns of each agent, one at a time, with which `Society.run` begins, so that no agent is far ahead of the others."""
 
-VISITS = 16
+VISITS = 8
 """Number of agent visits between checks for `Society.stop`."""
 
 

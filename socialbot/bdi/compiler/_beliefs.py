@@ -181,7 +181,7 @@ def match_annotations(f: Function, patterns: tuple[object, ...], fail: str) -> N
 
 def _in_order(f: Function, pattern: object, held: str) -> str:
     """Return the expression of the annotations in the order in which a pattern is matched with them."""
-    return held if settled(f, pattern) else f"by_order({held})"
+    return held if settled(f, pattern) else f"({held} if len({held}) == 1 else by_order({held}))"
 
 
 def _match_annotation(f: Function, pattern: object, found: str) -> None:
@@ -196,6 +196,10 @@ def _annotated(f: Function, patterns: tuple[object, ...], held: str, rest: Calla
     if not patterns:
         rest()
         return
+    if not held.isidentifier():
+        known = f.unit.name("n")
+        f.line(f"{known} = {held}")
+        held = known
     with loop(f, _in_order(f, patterns[0], held), binds=False) as found:
         _match_annotation(f, patterns[0], found)
         _annotated(f, patterns[1:], held, rest)

@@ -169,10 +169,12 @@ class Body:
                 within = limited(f, pause, step.limit_s)
                 with f.block(f"if {pause} is not None"):
                     f.line(f"{pause} = outcome(ag, {pause})", step)
-                if within != pause:
-                    f.line(f"if {pause} is not None: {pause} = {within}", step)
-                waits = f"{pause} is not None" if last or closes else f"{pause} is not None or {WORK}"
-                f.line(f"if {waits}: yield {pause}")
+                    if within != pause:
+                        f.line(f"if {pause} is not None: {pause} = {within}", step)
+                    if last or closes:
+                        f.line(f"if {pause} is not None: yield {pause}")
+                if not (last or closes):
+                    f.line(f"if {pause} is not None or {WORK}: yield {pause}")
                 return True
         elif isinstance(step, Update):
             update(f, step)

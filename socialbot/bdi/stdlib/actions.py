@@ -178,7 +178,7 @@ The keys are the functions or the classes of actions under which agents know the
 """
 
 
-def call(engine: Any, name: str, function: Callable[..., Any], args: Args, *, plain: bool = False) -> Any:
+def call(engine: Any, name: str, function: Callable[..., Any], args: Args, plain: bool = False) -> Any:
     """Call the function of a step; return its result or pause, after binding the arguments that are results.
 
     With ``plain``, the arguments have no variables.
