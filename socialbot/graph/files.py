@@ -57,6 +57,9 @@ def load_graph(name: str, *, robot: str = "") -> Graph:
     if (registered := registry.graph_text(name)) is not None:
         return parse_graph(registered, where=name, robot=robot)
     path = Path(name)
+    if path.is_dir():
+        remedy = "name a graph file in it; or install its package, whose entry point socialbot.agents names its graphs"
+        raise GraphError("is a folder, and no registered graph", where=name, remedy=remedy)
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))
     folder = path.resolve().parent
     paths.allow(folder)

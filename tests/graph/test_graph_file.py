@@ -187,6 +187,13 @@ def test_values_may_use_any_yaml_style(name, written, value):
     assert type(found[name]) is type(value)
 
 
+def test_a_folder_is_no_graph(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "butler").mkdir()
+    with pytest.raises(GraphError, match=r"(?s)butler: is a folder.*socialbot\.agents"):
+        load_graph("butler")
+
+
 def test_a_missing_file_and_one_that_is_no_text_are_explained(tmp_path):
     with pytest.raises(GraphError, match="did you mean 'waldo'"):
         load_graph("wald")
