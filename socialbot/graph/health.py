@@ -1,7 +1,8 @@
 """Health monitoring: deadlines of inputs, health of nodes, and the source of a fault.
 
 An input is silent when it receives no message within its deadline. The deadline is at least `PERIODS` times the median
-period of the input, so a slow publisher is not silent. It is at least `FIRST_S` until that period is known.
+period of the input, so a slow publisher is not silent. It is at least `FIRST_S` until that period is known, and for the
+first messages after a silence, when publishers start again or catch up.
 """
 
 from __future__ import annotations
@@ -62,12 +63,15 @@ class Watch:
     """The deadline (ns) at the last check."""
     _periods: deque[int] = field(default_factory=lambda: deque(maxlen=PERIODS_KEPT))
     _returned: bool = False
+    _new: int = 0
+    """Number of messages at the begin or since the last silence."""
 
     def came(self, port: Input[Any], now: int) -> None:
         """Record a message; thread-safe."""
         if self.last is not None:
             self._periods.append(now - self.last)
         self._returned = self.is_silent
+        self._new = 1 if self.is_silent else self._new + 1
         self.port, self.last = port, now
 
     def due(self) -> int | None:
@@ -75,9 +79,9 @@ class Watch:
         self.deadline = patience = nanoseconds(self.node.deadline_s(self.port))
         if self.is_silent or patience <= 0:
             return None
-        if len(self._periods) < LEAST_PERIODS:
+        if self._new <= LEAST_PERIODS:
             patience = max(patience, nanoseconds(FIRST_S))
-        else:
+        if len(self._periods) >= LEAST_PERIODS:
             patience = max(patience, round(PERIODS * median(tuple(self._periods))))
         return (self.begun if self.last is None else self.last) + patience
 

@@ -127,6 +127,23 @@ def test_an_outage_does_not_make_it_slower_to_notice_the_next_one():
     assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 43.25, 83.25]
 
 
+def test_a_stream_that_returns_slowly_is_not_silent_between_its_first_messages():
+    stage = Stage()
+    stage.stream(0.0, 3.0)
+    stage.see(8.0, 9.2, 9.9)
+    stage.stream(10.0, 12.0)
+    stage.until(20.0)
+    assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 12.25]
+
+
+def test_a_stream_that_returns_for_a_moment_is_silent_again():
+    stage = Stage()
+    stage.stream(0.0, 3.0)
+    stage.see(8.0)
+    stage.until(20.0)
+    assert [at for at, what in stage.gaps if "silent" in what] == [3.25, 8.0 + FIRST_S]
+
+
 def test_a_substitute_counts_for_its_input():
     stage = Stage()
     stage.stream(0.0, 3.0)
