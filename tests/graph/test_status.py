@@ -8,7 +8,8 @@ import json
 import pytest
 from rich.console import Console
 
-from socialbot.cli.status import Screen, as_text, in_short, in_the_middle, page
+from socialbot.cli._runs import print_json
+from socialbot.cli.status import Screen, as_data, in_short, in_the_middle, page
 from socialbot.core.messages import Health, State
 from socialbot.graph.status import NodeStatuses, Spread, all_well, printable
 
@@ -208,12 +209,14 @@ def test_a_domain_without_nodes_is_said():
     assert "no node found in ROS domain" in shown([])
 
 
-def test_scripts_get_the_same_as_json(roll):
-    report = json.loads(as_text(roll.statuses(20.0)))
+def test_scripts_get_the_same_as_json(roll, capsys):
+    print_json(as_data(roll.statuses(20.0)))
+    report = json.loads(capsys.readouterr().out)
     assert (report["schema"], report["version"], report["well"]) == ("socialbot/status", 1, False)
     camera = report["nodes"][0]
     assert (camera["condition"], camera["well"], camera["call"]) == ("no messages for 10 s", False, None)
-    report = json.loads(as_text(roll.statuses(10.5)))
+    print_json(as_data(roll.statuses(10.5)))
+    report = json.loads(capsys.readouterr().out)
     assert report["well"]
     assert report["nodes"][0]["call"] == {"mean_ms": 1.5, "p99_ms": 3.25}
 
