@@ -491,7 +491,7 @@ class Interpreter:
                 undo(trail, mark)
                 continue
             for _ in rule.solve(self, args, trail):
-                if not closed(args) and not self.library.is_open(key):
+                if not closed(args) and not closed(resolve(args)) and not self.library.is_open(key):
                     raise RuleError(
                         f"{rule.inference.head} follows with a variable that has no value",
                         where=str(rule.inference.origin or rule.inference),

@@ -29,6 +29,16 @@ CASES = {
         "!go. +!go <- !is(.member(a, [a])); !is(true); !is(false). +!is(C) : C <- .print(yes). +!is(_) <- .print(no).",
         ["yes", "yes", "no"],
     ),
+    "head and tail of a list that a rule finds": (
+        "p([X]) :- q(X). p([X, Y | T]) :- on(X, Y) & p([Y | T]). on(a, b). on(b, c). q(c). "
+        "!go. +!go : p([H | T]) <- .print(H, T); for (p([A | B])) { .print(A, B) }; ?p([a | R]); .print(R).",
+        ["c[]", "c[]", "a[b,c]", "b[c]", "[b,c]"],
+    ),
+    "parts of a list in a structure that a rule finds": (
+        "p(f([X | T]), T) :- .member([X | T], [[1], [2, 3]]). "
+        "!go. +!go : p(f([H, K | T]), S) <- .print(H, K, T, S).",
+        ["23[][3]"],
+    ),
     "a negated variable as a condition": (
         "!go. +!go <- !is(p). +!is(C) : not C <- .print(no).", ["no"],
     ),
