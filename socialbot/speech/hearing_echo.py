@@ -16,6 +16,7 @@ FRAME = 160
 
 _MEMORY_S = 1.0  # The canceller runs for so long after the last sound of the robot.
 _REACH_S = 0.5  # Longest delay of the echo.
+_LATEST_S = 30.0  # Longest delay of the microphone behind the sound of the robot.
 _VARIANCE, _DECAY_PER_S = 0.1, 8.0  # Of the path at first: rooms reflect less the later.
 _REST_KEPT, _PATH_KEPT, _ENERGY_KEPT = 0.7, 0.9995, 0.99  # Shares that each step keeps of the averages.
 _CONVERGED_DB = -14.0
@@ -116,6 +117,7 @@ class OwnVoice:
 
     def on_sound(self, sound: AudioData) -> None:
         """Add a sound that the robot plays from its stamp on."""
+        self._forget(sound.stamp - nanoseconds(_LATEST_S))
         samples = samples_of(sound)
         converter = Converter(sound.sample_rate, sound.channels)
         self._pieces.append((sound.stamp, converter.push(samples)))
@@ -131,8 +133,7 @@ class OwnVoice:
 
     def played(self, time: int, count: int) -> np.ndarray | None:
         """The ``count`` samples that the robot plays from ``time`` (ns) on; None if it has been silent for a while."""
-        while self._pieces and self._end(self._pieces[0]) + nanoseconds(_MEMORY_S) < time:
-            self._pieces.popleft()
+        self._forget(time - nanoseconds(_MEMORY_S))
         if not self._pieces:
             return None
         played = np.zeros(count, np.int16)
@@ -142,6 +143,11 @@ class OwnVoice:
             if first < last:
                 played[first:last] = samples[first - at : last - at]
         return played
+
+    def _forget(self, time: int) -> None:
+        """Remove the pieces that ended before ``time`` (ns)."""
+        while self._pieces and self._end(self._pieces[0]) < time:
+            self._pieces.popleft()
 
     def _cut(self, time: int) -> None:
         """Remove the sound after ``time`` (ns)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections import deque
 
 import numpy as np
@@ -110,6 +111,24 @@ def test_own_voice_is_cut_where_it_was_interrupted() -> None:
     assert own.is_heard(SECOND * 18 // 10)
     assert not own.is_heard(SECOND * 19 // 10)
     assert own.played(3 * SECOND, 160) is None
+
+
+def test_own_voice_keeps_little_while_the_microphone_is_silent() -> None:
+    own = OwnVoice(tail_s=0.4)
+    sizes: list[int] = []
+    tracemalloc.start()
+    try:
+        for time in range(1, 301):
+            second = np.ones(RATE_HZ, "<i2").tobytes()
+            own.on_sound(AudioData(stamp=time * SECOND, samples=second, sample_rate=RATE_HZ))
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert max(sizes[60:]) <= sizes[59] * 1.2
+    for time in (280, 300):  # the microphone is up to 20 s late
+        played = own.played(time * SECOND, RATE_HZ)
+        assert played is not None
+        assert played.all()
 
 
 @pytest.mark.slow
