@@ -26,6 +26,8 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
     past = has("past") or has_time or has_span
     if has("longest", "shortest") and not has_topic and has("who", "what", "here", "people"):
         return "who", sure  # "Whose visit was the longest?"
+    if "would" in reading.words and "if" in reading.words and not has("why"):
+        return None, 0.0  # "What would you do if ten people came?"
     if has("unanswerable") and not has("why", "how_often", "how_many", "how_long", "how_far", "what", "when", "where"):
         return None, 0.0
     if not has_topic and has("say") and _is_said_by_a_person(reading):
@@ -54,6 +56,8 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
     if has("when"):
         return ("when", sure) if has_topic or has("here", "see", "say", "people", "me") else (None, 0.0)
     if has("how_many"):
+        if has("people") and has("named") and not has_topic and not has("see", "here"):
+            return None, 0.0  # "How many children does t1 have?"
         if has("people"):
             if has_time and not has_topic:
                 return "see", sure
@@ -109,6 +113,8 @@ def _what(reading: Reading, has_topic: bool, sure: float) -> tuple[Kind | None, 
         return "doing", sure
     if has("people", "here", "named") and not has_topic and not _robot_acts(reading):
         return "see", sure * 0.9
+    if has_topic and not has("you") and reading.words[place + 1 : place + 2] in (["got"], ["was"], ["were"]):
+        return "when", sure  # "What was loaded first?": the sentence of the deed has its things
     return ("did" if has_topic and has("you", "past") else None), sure * 0.7
 
 

@@ -6,7 +6,15 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from socialbot.runs.asking._clauses import Parts, Relation, without_contrast, without_event, without_matrix
+from socialbot.runs.asking._clauses import (
+    Parts,
+    Relation,
+    addressed,
+    caused,
+    without_contrast,
+    without_event,
+    without_matrix,
+)
 from socialbot.runs.asking._kinds import Kind, kind_of
 from socialbot.runs.asking._named_deeds import named_deeds
 from socialbot.runs.asking._references import (
@@ -19,34 +27,36 @@ from socialbot.runs.asking._references import (
     take_span,
     take_time,
 )
+from socialbot.runs.asking._roles import ADDRESSING, FORM, acting_agent, addressee, is_for_robot
 from socialbot.runs.asking._spelling import corrected
-from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._topics import Subjects, Topic
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
-from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, similarity, stem, tokens
+from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
 
 SURE = 0.68
 """Confidence below which a question counts as not understood."""
-_AGENT_OF_PASSIVE = {"by", "from", "von", "par", "por"}
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
-_PASSIVE = {"was", "were", "been"}
-_ADDRESSING = {"to", "zu", "a", "an", "for"}
+_BEFORE_SAID = {"for", "about", "a", "an", "the"}
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
+_MOST_CONFUSED = 2
+"""Most words that a recogniser confused with words of the same sound."""
 _LONG = 5
 """Least length of a word that is heard as two."""
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
 _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
 """What an unknown word costs: near the deed, behind a preposition, and far away."""
+_GUESSED = 0.24
+"""What a word costs that only resembles one of the grammar."""
 _ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
 _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
-_FORM = 0.96
-"""Least similarity of two forms of a word."""
 _NEAR = 3
 """Most words between a deed and an unknown word near it."""
 
@@ -129,25 +139,52 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
     words, quoted = tokens(text), quoted_tokens(text)
     if not 0 < len(words) <= MOST_WORDS:
         return Question(None, language if language in LANGUAGES else ENGLISH.code, 0.0)
+    best = first = _understood(words, quoted, subjects, language)
+    for _ in range(_MOST_CONFUSED):
+        if (best.kind is not None and best.confidence >= SURE) or best.language != ENGLISH.code:
+            break
+        strange = {*best.unknown, *(set(words) - ENGLISH.known_words - subjects.names)}
+        variants = [
+            [*words[:n], one, *words[n + 1 :]]
+            for n, word in enumerate(words)
+            if word in strange
+            for one in homophones(word)
+        ]
+        read = [(_understood(each, quoted, subjects, ENGLISH.code), each) for each in variants]
+        better, words = max(read, key=lambda each: _certainty(each[0]), default=(best, words))
+        if _certainty(better) <= _certainty(best):
+            break
+        best = better
+    return best if best is first or not best.unknown else first
+
+
+def _certainty(question: Question) -> float:
+    return 0.0 if question.kind is None else question.confidence
+
+
+def _understood(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, language: str) -> Question:
     candidates = [language] if language in LANGUAGES else list(LANGUAGES)
-    read = [
-        _read(_prepared(words, subjects, LANGUAGES[code]), quoted, subjects, LANGUAGES[code]) for code in candidates
-    ]
-    exact = {question.language: _exact(words, LANGUAGES[question.language]) for question in read}
+    exact = {code: _exact(words, LANGUAGES[code]) for code in candidates}
     # A question in one language may contain names and phrases of another.
-    own = [question for question in read if exact[question.language] >= max(exact.values()) - 1]
-    best = max(own, key=lambda question: (question.confidence, exact[question.language]))
+    own = [LANGUAGES[code] for code in candidates if exact[code] >= max(exact.values()) - 1]
+    read = [_read(_prepared(words, subjects, each, is_plain=not quoted), quoted, subjects, each) for each in own]
+    best = max(read, key=lambda question: (question.confidence, exact[question.language]))
     return best if best.confidence >= SURE else max(read, key=lambda question: exact[question.language])
 
 
-def _prepared(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
+def _prepared(words: Sequence[str], subjects: Subjects, language: Language, *, is_plain: bool) -> list[str]:
     """Return the words of the question itself, spelled as the language and the deeds have them."""
     known = language.known_words | words_of_deeds(subjects, language.code) | NUMBER_WORDS
     alternatives = (one for name in INTERROGATIVES for one in language.phrases[name])
     asking = {word for one in alternatives if len(one) < _LONG_PHRASE for word in one if len(word) >= _ASKING}
     asking -= language.auxiliaries
     spelled = [corrected(word, known, subjects.names, asking) for word in words]
-    return without_matrix(_joined(spelled, subjects, language), language)
+    result = without_matrix(_joined(spelled, subjects, language), language)
+    if language is ENGLISH and is_plain:
+        deeds = words_of_deeds(subjects, language.code)
+        result = paraphrased(result, deeds=deeds, has_people=bool(subjects.persons))
+        result = addressed(caused(result, subjects, language), language)
+    return result
 
 
 def _joined(words: Sequence[str], subjects: Subjects, language: Language) -> list[str]:
@@ -176,6 +213,11 @@ def _read(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, langu
         contrast = _read_clause(split.contrast, subjects, language)
         if contrast.person is None and contrast.ordinal is not None and subjects.persons:
             contrast = replace(contrast, person=PersonReference(ordinal=contrast.ordinal))  # "and the second not"
+        if split.is_denied and contrast.topics and contrast.person is None and not contrast.things:
+            main = _read_clause(split.main, subjects, language, quoted)
+            if main.kind in ("why", "why_not") and main.topics:
+                # "Why did t1 get a greeting, but no help?" asks about the help.
+                return replace(main, kind="why_not", topics=contrast.topics, is_negative=True)
         if contrast.person is not None or contrast.things or not split.is_denied:
             words = split.main
         else:
@@ -259,19 +301,19 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
         reading.taken |= places_of_class(words, language, "silent")
         reading.found.pop("topic", None)
     topic = next(iter(topics), None)
-    if topic is not None and reading.has("say") and (thing := _addressee(reading, topic)):
+    if topic is not None and reading.has("say") and (thing := addressee(reading, topic)):
         things, topics, topic, fit = {**things, thing: "to"}, (), None, 1.0
     if topic is not None:
         deed = set(reading.found["topic"][0][1])
         reading.found["not"] = [each for each in reading.found.get("not", ()) if not deed.issuperset(each[1])]
     guess_interrogative(reading, topic is not None)
     does = {record.source for record in subjects.done(topic)} if topic is not None and agents else set()
-    agent = _acting(reading, agents, topic is not None, does)
+    agent = acting_agent(reading, agents, topic is not None, does)
     things |= {
         name: reading.words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)
     }
     kind, sure = kind_of(reading, topic is not None, at_s is not None, span_s is not None)
-    if topic is not None and (_is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
+    if topic is not None and (is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
         kind = None
     if kind in ("why", "why_not") and is_opposite:
         kind = "why_not" if kind == "why" else "why"
@@ -320,7 +362,15 @@ def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
         near = not places or any(abs(place - at) <= _NEAR for at in places)
         far = word.endswith("ly") or len(word) < 3 or not near
         penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
-    return 1.0 / (1.0 + penalty)
+    guessed = {
+        place
+        for name, found in reading.found.items()
+        if name not in (*INTERROGATIVES, "topic", "past", "present", "future")
+        for alike, places in found
+        for place in places
+        if alike < FORM
+    }
+    return 1.0 / (1.0 + penalty + _GUESSED * len(guessed))
 
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
@@ -336,29 +386,6 @@ def _is_about_left_out(reading: Reading) -> bool:
     return any(one < place for one in people for place in denied) or any(
         place < one and reading.words[one] in _INDEFINITE for one in people for place in omitted
     )
-
-
-def _is_for_robot(reading: Reading) -> bool:
-    """Return whether a person does the deed to the robot: ``did t1 greet you``, ``hat t1 dich begrüßt``."""
-    verb = min(places[0] for name in ("topic", "say") for _, places in reading.found.get(name, ()))
-    persons = [places[0] for name in ("named", "people") for _, places in reading.found.get(name, ())]
-    robot = [places[0] for _, places in reading.found.get("you", ())]
-    if reading.language.code == "de":
-        objects = [place for place in robot if reading.words[place] in ("dich", "dir")]
-        return bool(objects) and objects == robot and any(place < objects[0] for place in persons)
-    if reading.language.code != "en" or not any(place < verb for place in persons):
-        return False
-    return bool(robot) and min(robot) > verb and reading.words[min(robot) - 1] not in _AGENT_OF_PASSIVE
-
-
-def _addressee(reading: Reading, topic: Topic) -> str:
-    """Return the name in a deed if the words name nothing else of it: ``to Ann`` is no question about check("Ann")."""
-    places = reading.found["topic"][0][1]
-    names = {tokens(one)[0]: one for call in topic.calls for one in arguments_of(call) if len(tokens(one)) == 1}
-    word = reading.words[places[0]]
-    before = reading.words[places[0] - 1] if places[0] else ""
-    is_told = any(similarity(before, one[0]) >= _FORM for one in reading.language.phrases["say"])  # "ask Bob"
-    return names.get(word, "") if len(places) == 1 and (before in _ADDRESSING or is_told) else ""
 
 
 def _words_said(
@@ -378,13 +405,15 @@ def _words_said(
     last = max(place for _, places in reading.found["say"] for place in places)
     end = next((place for place in range(last + 1, len(reading.words)) if place in referred), len(reading.words))
     others = {one[0] for name in ("people", "nobody", "all") for one in reading.language.phrases[name]}
-    if end == len(reading.words) and reading.words[-2] in _ADDRESSING and reading.words[-1] in others:
+    if end == len(reading.words) and reading.words[-2] in ADDRESSING and reading.words[-1] in others:
         end -= 1  # "thank you to anybody"
-    while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in _ADDRESSING:
+    while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in ADDRESSING:
         end -= 1
     begin = last + 1
     while begin < end and (reading.words[begin] in spoken_to or (begin > last + 1 and reading.words[begin] == "to")):
         begin += 1  # "tell Ann to ..."
+    while end - begin > 1 and not quoted and reading.words[begin] in _BEFORE_SAID:
+        begin += 1  # "ask for a badge"
     if begin == len(reading.words) and not reading.has("you"):  # "Was "come in" said?"
         verbs = [place for place in range(last) if reading.words[place] in reading.language.auxiliaries]
         begin, end = (verbs[-1] + 1 if verbs else last), last
@@ -401,30 +430,6 @@ def _words_said(
         return ()
     reading.taken.update(range(begin, end))
     return said
-
-
-def _acting(reading: Reading, agents: Sequence[tuple[str, int]], has_topic: bool, does: Set[str]) -> str:
-    """Return the agent that is asked about: the one before the verb, unless the robot is addressed as ``you``."""
-    if not agents:
-        return ""
-    name, place = min(agents, key=lambda each: each[1])
-    keys = ("topic",) if has_topic else ("see", "do", "plan", "say", "happen")
-    verbs = [at for key in keys for _, places in reading.found.get(key, ()) for at in places[:1]]
-    if reading.has("you") and has_topic and verbs and place > min(verbs):
-        return ""
-    before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
-    if (
-        before in _PASSIVE
-        and name not in does
-        and verbs
-        and any(reading.words[verb].endswith("ed") for verb in verbs if verb > place)
-    ):
-        return ""  # "Was carrier a called?"
-    if before in reading.language.auxiliaries:
-        return name  # "How many moves did the gripper make?"
-    if has_topic and before in _AGENT_OF_PASSIVE:
-        return name  # "Was it opened by the gripper?"
-    return name if not verbs or place < min(verbs) or reading.language.code == "de" or not has_topic else ""
 
 
 def with_time(question: Question, now_s: float) -> Question:

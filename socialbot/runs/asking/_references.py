@@ -22,12 +22,16 @@ from socialbot.runs.asking.languages import Language
 
 @dataclass(frozen=True)
 class PersonReference:
-    """People in a question: the speaker (``me``), one by order of arrival or by time, or by their names."""
+    """People in a question.
+
+    They are the speaker (``me``), one by order of arrival or by time, those with names, or those who were ``together``.
+    """
 
     me: bool = False
     ordinal: int | None = None
     at_s: float | None = None
     names: tuple[str, ...] = ()
+    together: bool = False
 
 
 @dataclass
@@ -84,7 +88,7 @@ def take_time(reading: Reading) -> tuple[float | None, bool, PersonReference | N
             if more is not None:
                 value += more[0]
                 places |= set(range(following, min(len(words), following + more[1] + 1)))
-        elif before in units:
+        elif before in units and (words[n] != "one" or words[max(0, n - 2)] not in _DEFINITE):  # "the second one"
             value, places = value * units[before], places | {n - 1}
         elif ":" not in words[n] and (before,) not in phrases["at"]:
             continue
@@ -334,6 +338,10 @@ def take_person(reading: Reading, subjects: Subjects) -> PersonReference | None:
             if number is not None:
                 return PersonReference(ordinal=number)
             counted = number_at(words, n - 1) if n else None
+            is_group = n > 0 and words[n - 1] in _DEFINITE and (word,) in phrases["group"]
             if counted is not None and n - 1 not in reading.taken:
                 reading.taken.add(n - 1)
+                is_group = n > 1 and counted[0] == 2.0 and words[n - 2] in _DEFINITE and words[n - 3] != "of"
+            if is_group:
+                return PersonReference(together=True)  # "the two people", "the couple"
     return None

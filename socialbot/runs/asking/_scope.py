@@ -167,6 +167,8 @@ class Scope:
             return left[-1:] if left and self.deeds else []
         if reference.names:
             return list(reference.names)
+        if reference.together:
+            return self._together()
         if reference.ordinal is not None:
             arrivals = [one for one in facts.arrivals if self._came(one)]
             place = reference.ordinal - 1 if reference.ordinal > 0 else reference.ordinal
@@ -180,6 +182,19 @@ class Scope:
         if found:
             self.assumes = LANGUAGES[self.language].sentences["assumes"].format(id=found)
         return [found] if found else []
+
+    def _together(self) -> list[str]:
+        """Return the newest people who were here at the same time."""
+        visits = [each for each in self.facts.visits if each.first.stamp <= self.now]
+        for newest in reversed(visits):
+            same = [
+                each.person
+                for each in visits
+                if each.first.stamp <= newest.last.stamp and newest.first.stamp <= each.last.stamp
+            ]
+            if len({*same}) > 1:
+                return list(dict.fromkeys(same))
+        return [NOBODY]
 
     def _came(self, person: str) -> bool:
         return any(each.person == person and each.first.stamp <= self.now for each in self.facts.visits)
@@ -217,7 +232,10 @@ class Scope:
         return [one for one in people if not any(one in self.facts.concerned(each) for each in self.deeds)]
 
     def of_persons(self, records: Iterable[TraceRecord]) -> list[TraceRecord]:
-        return [each for each in records if not self.persons or set(self.persons) & {*self.facts.concerned(each)}]
+        reference, asked = self.question.person, set(self.persons)
+        if reference is not None and reference.together:
+            return [each for each in records if asked <= {*self.facts.concerned(each)}]
+        return [each for each in records if not asked or asked & {*self.facts.concerned(each)}]
 
     def numbered(self, records: Sequence[T]) -> T | None:
         place = self.question.ordinal

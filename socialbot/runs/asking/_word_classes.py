@@ -48,7 +48,7 @@ _EXACT = 0.999
 _PARTS = (
     "matrix", "complement", "or", "which", "why not", "but", "rather", "event after", "event before", "event when",
     "comes", "leaves", "waits", "auxiliary",
-    "silent", "request", "end", "overall", "talk",
+    "silent", "request", "end", "overall", "talk", "group",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
 _WRITTEN_ALIKE = 0.88
@@ -101,6 +101,8 @@ def classify(reading: Reading, domain: Set[str]) -> None:
             continue
         if name in INTERROGATIVES and others.intersection(INTERROGATIVES):
             continue
+        if name in INTERROGATIVES and alike < _STEM and reading.words[0] in reading.language.auxiliaries:
+            continue  # "Did you water the plants?" does not ask what
         reading.found.setdefault(name, []).append((alike, places))
         if name not in _TENSES:
             claimed.update(dict.fromkeys(places, "polite" if name == "filler" and len(places) > 1 else name))

@@ -178,11 +178,13 @@ def occurrences(
 def likeness(phrase: Sequence[str], words: Sequence[str], most_between: int = 2) -> tuple[float, tuple[int, ...]]:
     """Return how well ``phrase`` occurs in ``words``, in order with few words between, and the places of its words."""
     best: tuple[float, tuple[int, ...]] = 0.0, ()
-    for start in range(len(words)):
-        places: list[int] = []
-        least, at = 1.0, start
-        for wanted in phrase:
-            reach = range(at, min(len(words), at + (1 if not places else 1 + most_between)))
+    for start, first in enumerate(words):
+        least = similarity(first, phrase[0])
+        if least < ALIKE or least <= best[0]:
+            continue
+        places, at = [start], start + 1
+        for wanted in phrase[1:]:
+            reach = range(at, min(len(words), at + 1 + most_between))
             found = max(reach, key=lambda place: (similarity(words[place], wanted), -place), default=None)
             alike = 0.0 if found is None else similarity(words[found], wanted)
             if found is None or alike < ALIKE:

@@ -9,6 +9,7 @@ from socialbot.runs.asking._clauses import without_matrix
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._words import similarity, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
+from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
 from socialbot.runs.asking.languages.synonyms import synonyms
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
@@ -230,3 +231,46 @@ def test_synonyms_are_known_for_the_names_of_actions():
     assert ("grab",) in synonyms(("pickup",), "en")
     assert ("sanitise",) in synonyms(("disinfects",), "en")
     assert synonyms(("nonsense",), "en") == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("question", "text"),
+    [
+        ("What tempted you to address t1?", GREETED),
+        ("Somebody told me you greeted t1. True?", "Yes: at 2.2 s I greeted person t1"),
+        ("How come the second one only got a greeting and no help?", NOT_HELPED),
+        ("What did t1 hear from you?", 'I said "'),
+        ("When did t1 stroll in?", "Person t1 was here from"),
+        ("Until when did t1 hang around?", "Person t1 was here from"),
+        ("Why did you great the fird visitor?", "I don't know. The record does not say so"),  # two people came
+        ("weather you helped t2 i want to know", NOT_HELPED),
+    ],
+)
+def test_phrases_for_words_of_the_grammar(waldo, question, text):
+    assert text in answer(waldo, question).text
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "What would you do if ten people came?",
+        "How many kids does t1 have?",
+        "What water you?",
+        "Did you tickle the bird?",
+    ],
+)
+def test_words_that_only_resemble_the_grammar_are_not_answered(waldo, question):
+    assert not answer(waldo, question).known
+
+
+def test_verb_of_motion_with_a_particle_is_no_visit_of_the_robot() -> None:
+    words = tokens("When did you walk in?")
+    assert paraphrased(words, deeds=set(), has_people=True) == words
+    assert paraphrased(tokens("When did t1 walk in?"), deeds=set(), has_people=True)[-1] == "come"
+    assert paraphrased(tokens("Why did t1 go to sleep?"), deeds={"sleep"}, has_people=False)[-2:] == ["stay", "idle"]
+
+
+def test_homophones_are_mutual() -> None:
+    assert "whether" in homophones("weather")
+    assert "weather" in homophones("whether")
+    assert homophones("greeting") == ()

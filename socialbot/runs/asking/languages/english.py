@@ -40,7 +40,10 @@ ENGLISH = Language(
             "who,list,name,enumerate,whom,which people,which person,which persons,which visitors,which of you,"
             "which agent,which robot,which machine,which of them,which one,which guest,which guests"
         ),
-        "when": (f"when,{_TIMES},what time,which time,what moment,which moment,since when,what was the time"),
+        "when": (
+            f"when,{_TIMES},until when,till when,from when,by when,how far into,how far in,"
+            "what time,which time,what moment,which moment,since when,what was the time"
+        ),
         "how_often": (
             "in how many cases,on how many occasions,"
             "how often,how many times,number of times,how frequently,count how often,how many time,many times"
@@ -97,6 +100,7 @@ ENGLISH = Language(
             "couple,pair,duo,group,gentleman,customer,customers,passer by,passers by,"
             "pedestrian,pedestrians,stranger,strangers"
         ),
+        "group": "pair,couple,duo,two",
         "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
         "me": "me,i,my,myself,us,we,mine",
         "you": "you,your,yourself,waldo,robot,u,ya,ye",
@@ -183,7 +187,7 @@ ENGLISH = Language(
             "dude,mister,friend,dear,robo,bot,took care of,take care of,has to do with,had to do with,have you got,"
             "with regard to,"
             "kindly,previously,"
-            "finally,stand,standing,stood,straight away,spend,spent,visit"
+            "finally,ended up,end up,stand,standing,stood,straight away,spend,spent,visit"
         ),
         "place": "room,area,hall",
     },

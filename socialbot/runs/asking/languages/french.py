@@ -37,6 +37,7 @@ FRENCH = Language(
         "people": (
             "gens,personnes,personne,visiteur,visiteurs,visiteuse,homme,femme,quelqu un,invite,invites,humain,enfant"
         ),
+        "group": "couple,paire",
         "nobody": "personne n,vide",
         "me": "me,m,moi,je,j,nous,mon",
         "you": "tu,te,t,vous,toi,waldo,robot",

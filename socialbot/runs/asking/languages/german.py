@@ -40,6 +40,7 @@ GERMAN = Language(
         "people": (
             "leute,person,personen,besucher,besucherin,mann,frau,gast,gaste,mensch,menschen,jemand,jemanden,kind"
         ),
+        "group": "paar",
         "nobody": "niemand,niemanden,leer",
         "me": "mich,mir,ich,uns,wir",
         "you": "du,dich,dir,waldo,roboter,ihr",

@@ -28,6 +28,7 @@ SPANISH = Language(
             "salio,permanecio"
         ),
         "people": "gente,persona,personas,visitante,visitantes,hombre,mujer,alguien,invitado,humano,nino",
+        "group": "pareja",
         "nobody": "nadie,vacio,vacia",
         "me": "me,mi,yo,nos,nosotros,conmigo",
         "you": "tu,te,ti,usted,waldo,robot,vosotros",

@@ -23,9 +23,11 @@ _GROUPS: Mapping[str, str] = {
         pick, pick up, pickup, grab, grasp, grip, lift, take, collect, fetch, seize, clutch, get hold of, take hold of
         put, place, load, lay, set down, put down, deposit, stow, stack, position, drop off
         drop, let fall, let go of, lose hold of
-        move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return
+        move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return,
+            pull out, pull away, take off, roll out, set out, get going, relocate, cruise
         unload, discharge, empty, offload, unpack, dump
-        call, request, summon, order, beckon, send for, call for, ask for, ask to come, req
+        call, request, summon, order, beckon, send for, call for, ask for, ask to come,
+            ask over, call over, call in, bring in, page, req
         open, unlock, unlatch
         close, shut, lock
         disinfect, disinfection, sanitize, sanitise, sterilize, sterilise, decontaminate
@@ -35,7 +37,7 @@ _GROUPS: Mapping[str, str] = {
         authenticate, identify, verify, establish identity
         authorize, authorise, permit, allow, approve, clearance, permission, go ahead, green light
         approach, walk up to, go up to, come up to, go over to, walk over to, move up to, draw near, close in on
-        admit, let in, let inside, let enter, allow in, wave through
+        admit, let in, let inside, let enter, let through, let pass, allow in, allow through, wave through, give access
         refuse, reject, turn away, turn down, send away, deny, decline, shut out, keep out
         fail, break down, go wrong
         guide, lead, escort, accompany, usher, show the way, direct
@@ -114,7 +116,7 @@ _GROUPS: Mapping[str, str] = {
 
 @cache
 def _groups(language: str) -> tuple[frozenset[Phrase], ...]:
-    lines = (line.strip() for line in _GROUPS.get(language, "").splitlines())
+    lines = (line.strip() for line in _GROUPS.get(language, "").replace(",\n", ",").splitlines())
     return tuple(frozenset(tuple(one.split()) for one in line.split(",")) for line in lines if line)
 
 
