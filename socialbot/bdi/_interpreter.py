@@ -33,7 +33,7 @@ from socialbot.bdi.intentions import (
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
 from socialbot.bdi.literals import ANYTHING, SELF, Computed, Event, Literal, Reactor, Structure
 from socialbot.bdi.stdlib.registry import opened
-from socialbot.bdi.unification import Trail, annotations_match, closed, free, resolve, undo, unify
+from socialbot.bdi.unification import Trail, annotations_match, closed, free, has_unbound, resolve, undo, unify
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -491,7 +491,7 @@ class Interpreter:
                 undo(trail, mark)
                 continue
             for _ in rule.solve(self, args, trail):
-                if not closed(args) and not closed(resolve(args)) and not self.library.is_open(key):
+                if not closed(args) and has_unbound(args) and not self.library.is_open(key):
                     raise RuleError(
                         f"{rule.inference.head} follows with a variable that has no value",
                         where=str(rule.inference.origin or rule.inference),

@@ -81,6 +81,22 @@ def closed(term: Any) -> bool:
     return True
 
 
+def has_unbound(term: Any) -> bool:
+    """Whether the term has an unbound variable; unlike in `closed`, patterns whose variables are bound have none."""
+    kind = term.__class__
+    if kind is Var:
+        return term.value is term or has_unbound(term.value)
+    if kind is tuple:
+        return any(map(has_unbound, term))
+    if kind is Cons:
+        return has_unbound(term.items) or has_unbound(term.tail)
+    if kind is Rest:
+        return has_unbound(term.tail)
+    if kind is LiteralVariable:
+        return any(map(has_unbound, (term.variable, term.annotations, term.namespace)))
+    return isinstance(term, Literal) and (has_unbound(term.args) or has_unbound(term.annotations))
+
+
 def cons(items: tuple[Any, ...], tail: Any) -> Any:
     """Join ``items`` and ``tail`` to a list, a tuple if the tail is known. Raises TypeError for other tails."""
     if tail.__class__ is tuple:

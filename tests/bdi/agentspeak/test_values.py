@@ -34,6 +34,11 @@ CASES = {
         "!go. +!go : p([H | T]) <- .print(H, T); for (p([A | B])) { .print(A, B) }; ?p([a | R]); .print(R).",
         ["c[]", "c[]", "a[b,c]", "b[c]", "[b,c]"],
     ),
+    "annotations of a literal that a rule finds": (
+        "lit(p(1)[a, b]). lit(q(2)[c]). has(L) :- lit(L). "
+        "!go. +!go <- ?has(p(X)[A | T]); .print(X, A, T); for (has(Z[|R])) { .print(Z, R) }.",
+        ["1a[b]", "p(1)[a,b]", "q(2)[c]"],
+    ),
     "parts of a list in a structure that a rule finds": (
         "p(f([X | T]), T) :- .member([X | T], [[1], [2, 3]]). "
         "!go. +!go : p(f([H, K | T]), S) <- .print(H, K, T, S).",
