@@ -19,7 +19,16 @@ EXAMPLES = (
     "socialbot whatif runs/waldo --at 12 --set waldo.help_after_s=2",
 )
 DIFFERENT = 1  # exit code of different futures, as of `socialbot diff`
-_KINDS = ("believe", "forget", "achieve", "drop", "set", "rule", "without")  # options without dashes, in order
+_KINDS = (
+    "believe",
+    "forget",
+    "achieve",
+    "drop",
+    "set",
+    "rule",
+    "proposal",
+    "without",
+)  # options without dashes, in order
 _Texts = list[str] | None
 
 
@@ -34,6 +43,10 @@ def whatif(
         _Texts, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Change a parameter; repeatable.")
     ] = None,
     rule: Annotated[_Texts, typer.Option(metavar="PLAN", help="Add a rule, in AgentSpeak.")] = None,
+    proposal: Annotated[
+        _Texts,
+        typer.Option(metavar="ID", help="Add the plans that a language model proposed: its record."),
+    ] = None,
     without: Annotated[_Texts, typer.Option(metavar="RULE", help="Remove a rule: (part of) its label.")] = None,
     agent: Annotated[str, typer.Option(metavar="NODE", help="Agent to change, if there are several.")] = "",
     out: Annotated[Path | None, typer.Option(help="Folder for both runs; default: runs/TIME.")] = None,
@@ -50,7 +63,7 @@ def whatif(
     from socialbot.runtime.run import new_run_folder
     from socialbot.runtime.what_if import BranchChange, branch, side_by_side
 
-    texts = zip(_KINDS, (believe, forget, achieve, drop, changes, rule, without), strict=True)
+    texts = zip(_KINDS, (believe, forget, achieve, drop, changes, rule, proposal, without), strict=True)
     wanted = [BranchChange(kind, text) for kind, given in texts for text in given or ()]
     if at is None or not wanted:
         missing = "--at" if at is None else "--believe, --forget, --set, --rule or another change"

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from socialbot.agents.dialogue.language_model import PROPOSAL
 from socialbot.bags.reader import IMAGE_TYPES, open_bag
-from socialbot.bdi import Engine
-from socialbot.bdi.agentspeak import AgentSpeakError, parse_plan
+from socialbot.bdi import Engine, Plan
+from socialbot.bdi.agentspeak import AgentSpeakError, parse, parse_plan
 from socialbot.core.errors import ParameterError, RuleError, RunError
 from socialbot.core.messages import AGENT_COMMANDS, AgentCommand, TraceRecord
 from socialbot.graph.files import with_changes
@@ -31,7 +32,11 @@ COMMANDS = ("believe", "forget", "achieve", "drop")
 
 @dataclass(frozen=True)
 class BranchChange:
-    """Change at the branch: "believe", "forget", "achieve", "drop", "set", "rule" or "without", with its text."""
+    """Change at the branch, with its text.
+
+    The kinds are "believe", "forget", "achieve", "drop", "set", "rule", "without", and "proposal", whose text is the id
+    of a record.
+    """
 
     kind: str
     text: str
@@ -72,7 +77,7 @@ def branch(recorded: RecordedRun, at_s: float, changes: Sequence[BranchChange], 
         remedy = f"give a time from 0 to {recorded.history.duration_s:.2f} s"
         raise RunError(f"the run does not contain {at_s:.2f} s", where=str(recorded.folder), remedy=remedy)
     stamp = recorded.history.stamp(at_s)
-    changer = _Changer(graph, agent, changes, stamp)
+    changer = _Changer(recorded, graph, agent, changes, stamp)
     runs = []
     for name, on_runner in ("unchanged", None), ("changed", changer.prepare):
         with _input_of(recorded, cached=not changer.perception) as source, RunRecord(folder / name) as record:
@@ -86,11 +91,16 @@ def branch(recorded: RecordedRun, at_s: float, changes: Sequence[BranchChange], 
 class _Changer:
     """Makes changes in a running graph, and notes those that are refused."""
 
-    def __init__(self, graph: Graph, agent: str, changes: Sequence[BranchChange], stamp: int) -> None:
+    def __init__(
+        self, recorded: RecordedRun, graph: Graph, agent: str, changes: Sequence[BranchChange], stamp: int
+    ) -> None:
         self._agent = _agent(graph, agent) if any(change.kind != "set" for change in changes) else ""
         self._changes = changes
         self._stamp = stamp
         self._problems: list[ParameterError] = []
+        self._plans = {
+            change: _proposed_plans(recorded, change.text) for change in changes if change.kind == "proposal"
+        }
         self._values = {change: _setting(graph, change.text) for change in changes if change.kind == "set"}
         self.perception = any(
             "external_files" in vars(graph.node(node).type) for values in self._values.values() for node in values
@@ -120,7 +130,7 @@ class _Changer:
                         for name, value in values.items():
                             runner.nodes[node].set_parameter(name, value)
                 else:
-                    _change_rules(runner.nodes[self._agent], change)
+                    _change_rules(runner.nodes[self._agent], change, self._plans.get(change, ()))
             except ParameterError as error:
                 self._problems.append(error)
 
@@ -132,16 +142,31 @@ class _Changer:
         runner.enqueue(AGENT_COMMANDS, message)
 
 
-def _change_rules(node: Node, change: BranchChange) -> None:
+def _proposed_plans(recorded: RecordedRun, record_id: str) -> tuple[Plan, ...]:
+    """Return the plans of an accepted proposal in a run. Raises ParameterError."""
+    record = recorded.history.find(record_id)
+    if record is None or (record.kind, record.what) != (PROPOSAL, "plan"):
+        remedy = "give the id of a record of the kind proposal, about a plan, in trace.jsonl"
+        raise ParameterError(f"the run has no proposed plans {record_id!r}", where="--proposal", remedy=remedy)
+    if record.detail.get("refused"):
+        raise ParameterError(f"{record_id} was refused: {record.detail['refused']}", where="--proposal")
+    try:
+        return parse(str(record.detail.get("answer", "")), record_id).plans
+    except AgentSpeakError as error:
+        raise ParameterError(error.what, where=f"--proposal {record_id}") from error
+
+
+def _change_rules(node: Node, change: BranchChange, proposed: Sequence[Plan]) -> None:
     engine = getattr(node, "engine", None)
     if not isinstance(engine, Engine):
         raise ParameterError("its rules cannot be changed", where=node.name)
-    if change.kind == "rule":
+    if change.kind in ("rule", "proposal"):
         try:
-            engine.library.add_rule(parse_plan(change.text, "--rule"))
+            for plan in proposed or [parse_plan(change.text, "--rule")]:
+                engine.library.add_rule(plan)
         except (AgentSpeakError, RuleError) as error:
             raise ParameterError(
-                error.what, where=f"--rule {change.text}", remedy="write a plan in AgentSpeak"
+                error.what, where=f"--{change.kind} {change.text}", remedy="write a plan in AgentSpeak"
             ) from error
         return
     heads = {plan: str(plan).partition(" >> ")[0] for plan in engine.library}

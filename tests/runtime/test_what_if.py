@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import msgspec
 import pytest
 
+from socialbot.agents.dialogue import Proposals, Whitelist
+from socialbot.agents.dialogue.language_model import Prompt
 from socialbot.core.errors import ParameterError, RunError
+from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph
 from socialbot.runs.difference import difference
 from socialbot.runs.folder import RecordedRun, open_run
@@ -75,6 +81,48 @@ def test_a_rule_is_added(recorded, tmp_path):
     rule = '+engages(Who) <- speak("offer").'
     futures = parted(recorded, 0.0, tmp_path, ("without", "+engages(Who)"), ("rule", rule))
     assert said(futures.changed)[:1] != said(futures.unchanged)[:1]
+
+
+class Model:
+    """Model with one answer."""
+
+    def __init__(self, answer: str) -> None:
+        self._answer = answer
+
+    def complete(self, prompt: Prompt) -> str:
+        return self._answer
+
+
+def with_proposal(recorded: RecordedRun, folder: Path, answer: str) -> tuple[RecordedRun, str]:
+    """Copy a run, with the record of a proposed plan that `Proposals` checked."""
+    shutil.copytree(recorded.folder, folder)
+    last = recorded.history[-1]
+
+    def record(kind: str, what: str, cause: str, **detail: object) -> str:
+        added = TraceRecord(
+            stamp=last.stamp, id="bdi_engine-proposed", kind=kind, what=what, source=last.source, detail=detail
+        )
+        with (folder / "trace.jsonl").open("ab") as file:
+            file.write(msgspec.json.encode(added) + b"\n")
+        return added.id
+
+    whitelist = Whitelist(goals={"GreetPeople": 0}, actions={"speak": 1})
+    found = Proposals(Model(answer), record).plan("Offer help at once", whitelist)
+    return open_run(folder), found.record
+
+
+def test_proposed_plans_are_tried(recorded, tmp_path):
+    proposed, record = with_proposal(recorded, tmp_path / "run", "+!'GreetPeople' <- speak(\"offer\").")
+    futures = parted(proposed, 0.0, tmp_path, ("without", "GreetPeople()"), ("proposal", record))
+    assert said(futures.changed)[:1] != said(futures.unchanged)[:1]
+    with pytest.raises(ParameterError, match="no proposed plans 'nothing'"):
+        parted(proposed, 0.0, tmp_path / "other", ("proposal", "nothing"))
+
+
+def test_refused_proposals_are_not_tried(recorded, tmp_path):
+    proposed, record = with_proposal(recorded, tmp_path / "run", "+!fly <- speak(up).")
+    with pytest.raises(ParameterError, match="was refused: the goal 'fly' is not allowed"):
+        parted(proposed, 0.0, tmp_path / "other", ("proposal", record))
 
 
 @pytest.mark.parametrize(
