@@ -284,6 +284,14 @@ def test_timed_initial_literals_may_come_at_the_start():
         ("(define (domain d) (:task t :parameters ()))", "not supported by socialbot: task networks of HDDL (:task)"),
         ("(define (domain d) (:action a :agent ?a))", "not supported by socialbot: agents of MA-PDDL (:agent)"),
         (
+            "(define (domain d) (:predicates (p) (:private (q))))",
+            "not supported by socialbot: private names of agents of MA-PDDL (:private)",
+        ),
+        (
+            "(define (domain d) (:constants a (:private b)))",
+            "not supported by socialbot: private names of agents of MA-PDDL (:private)",
+        ),
+        (
             "(define (domain d) (:predicates (p)) (:action a :effect (oneof (p) (not (p)))))",
             "not supported by socialbot: effects that depend on chance (oneof)",
         ),

@@ -131,6 +131,7 @@ _OTHER_LANGUAGES: dict[str, str] = {
     ":method": "task networks of HDDL",
     ":htn": "task networks of HDDL",
     ":agent": "agents of MA-PDDL",
+    ":private": "private names of agents of MA-PDDL",
 }
 """Words of languages that extend PDDL in ways that plans of actions cannot express."""
 
@@ -179,6 +180,8 @@ class Vocabulary:
         return group.rest
 
     def new_name(self, word: SexpWord, what: str) -> str:
+        if word.text in _OTHER_LANGUAGES and word.text.startswith(":"):
+            raise self.unsupported(f"{_OTHER_LANGUAGES[word.text]} ({word})", word)
         reserved = word.text in RESERVED and not (what == "a type" and word.text == "number")
         pattern = _OBJECT_NAME if what == "an object" else _NAME
         if reserved or not pattern.fullmatch(word.text) or is_number(word):
@@ -198,6 +201,8 @@ class Vocabulary:
         rest = _parted(items)
         for item in rest:
             if isinstance(item, SexpGroup):
+                if item.head in _OTHER_LANGUAGES:
+                    raise self.unsupported(f"{_OTHER_LANGUAGES[item.head]} ({item.head})", item)
                 raise self.error(f"expected a name, found {item}", item)
             if item.text != "-":
                 waiting.append(item)
