@@ -16,6 +16,7 @@ from typing import Protocol
 from socialbot.core.errors import PlanningError
 from socialbot.core.process import with_parent
 from socialbot.planning.pddl.causal_order import contributing
+from socialbot.planning.pddl.detours import without_detours
 from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, PddlProblem, in_time, problem_text
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
@@ -150,6 +151,8 @@ class ChildPlanner(ABC):
         begin = time.monotonic()
         try:
             answer = self._solve(domain, problem, limits, cancelled or threading.Event())
+            if answer.plan is not None and problem.metric is None:
+                answer = replace(answer, plan=without_detours(domain, problem, answer.plan))
         except Exception as error:
             log.exception("%s failed", self.name)
             answer = PlannerAnswer(PlannerVerdict.FAILED, message=f"{self.name}: {type(error).__name__}: {error}")
@@ -207,7 +210,12 @@ class ChildPlanner(ABC):
             # Minimize the makespan rather than the metric of the problem.
             text = problem_text(replace(problem, metric=None), domain.constants)
             (folder / PROBLEM_FILE).write_text(text, "utf-8")
-            return _shorter(answer.plan, self._validated(self.search(aimed), domain, problem), aimed)
+            other = self._validated(self.search(aimed), domain, problem)
+            direct = replace(answer, plan=without_detours(domain, problem, answer.plan))
+            stopped = other.verdict in (PlannerVerdict.CANCELLED, PlannerVerdict.FAILED)
+            if not stopped and not aimed.good(other) and problem.metric is None and aimed.good(direct):
+                return direct
+            return _shorter(answer.plan, other, aimed)
 
     def _first(self, search: SearchJob, domain: PddlDomain, problem: PddlProblem) -> tuple[PlannerAnswer, SearchJob]:
         """Return the first plan, with the job for the time before it. A large problem is reduced first if possible."""
