@@ -3,7 +3,8 @@
 The check shares no code with planning and execution. It parses and evaluates the PDDL subset of the warehouse domains,
 and derives beliefs from the records alone. These are violations:
 
-* a step begins although a condition at its start, or one over all, does not hold;
+* a step begins although a condition at its start, or one over all, does not hold; a step that takes the place of
+  another one of the same action may begin as if that one had not begun, if both have the same effects at start;
 * a step begins during an equal or conflicting step, by its effects at start or its conditions over all;
 * a step begins during a sensor timeout;
 * a step succeeds although a condition over all was false for long, one at its end never held, or an effect is missing;
@@ -254,11 +255,18 @@ class Step:
     """Effects required at the end."""
     ranges: dict[Key, tuple[float, float]]
     """Ranges of the changed values since the start."""
+    begun: list[Edit] = field(default_factory=list)
+    """Effects of its start."""
     at_end: set[int] = field(default_factory=set)
     """Indices of the end conditions that have held so far."""
     changed: dict[Key, int] = field(default_factory=dict)
     """Number of changes by key."""
     unmet_since: dict[int, int] = field(default_factory=dict)
+
+    def undone_by(self, changes: Iterable[Edit]) -> list[Edit]:
+        """Return its effects at start that ``changes`` make again, undone."""
+        again = [(key, value) for key, value in self.begun if isinstance(value, bool) and (key, value) in changes]
+        return [(key, not value) for key, value in again]
 
 
 class TraceCheck:
@@ -278,6 +286,8 @@ class TraceCheck:
         self._open: dict[str, Step] = {}
         self._failed: dict[str, Step] = {}
         self._silent: dict[str, int] = {}
+        self._replaceable: dict[str, Step] = {}
+        """Cancelled steps by the calls that take their places."""
 
     @property
     def running(self) -> tuple[str, ...]:
@@ -356,6 +366,7 @@ class TraceCheck:
 
     def _begin(self, record: Record) -> None:
         self.steps += 1
+        former = self._replaceable.pop(record.what, None)
         name, *objects = record.what.strip("()").split()
         known = self._actions.get(name)
         if known is None or len(known.parameters) != len(objects):
@@ -370,13 +381,14 @@ class TraceCheck:
                 self._find(record, record.what, f"begins while sensor {sensor} is silent")
         if record.what in self._open:
             self._find(record, record.what, "begins while it runs")
+        undone = [] if former is None else former.undone_by(promised)
         for world, condition in self._conditions(action, begun):
-            if not world.holds(condition):
+            if not world.holds(condition) and not (world is self._world and world.after(undone).holds(condition)):
                 self._find(record, record.what, f"begins though {_text_of(condition)} does not hold")
         for other in self._open.values():
             self._exclude(record, action, other, begun)
         at_end = begun.changes(action, "end")
-        step = Step(record.what, record.id, action, dict(promised), at_end, {})
+        step = Step(record.what, record.id, action, dict(promised), at_end, {}, list(promised))
         step.ranges = {key: (value, value) for key, _ in at_end if isinstance(value := begun.get(key), float)}
         step.promised = {key: value for key, value in promised if not _same(self._world.get(key), value)}
         self._open[record.what] = step
@@ -403,6 +415,9 @@ class TraceCheck:
         if record.detail.get("outcome") != "successful":
             if step is not None:
                 self._failed[record.id] = step
+                successor, takes_place, _ = str(record.detail.get("message", "")).partition(" takes its place")
+                if takes_place and successor.split()[0] == step.call.split()[0]:
+                    self._replaceable[successor] = step
             return
         if step is None:
             self._find(record, record.what, "ends well, and has not begun")

@@ -107,6 +107,16 @@ def test_a_step_against_a_condition_at_its_start_is_found():
     assert "(< (load r) 2) does not hold" in found
 
 
+@pytest.mark.parametrize(
+    ("step", "fits"), [("(move r home yard)", True), ("(move r shop yard)", False), ("(serve r home)", False)]
+)
+def test_a_step_may_take_the_place_of_one_with_the_same_effects_at_its_start(step, fits):
+    diary = Diary("at(r, home)", "open(home)", "load(r, 0)").begin(MOVE).remove("at(r, home)")
+    message = f"{step} takes its place"
+    diary.note("step_end", MOVE, f"step {MOVE}", outcome="cancelled", message=message)
+    assert (diary.begin(step).found == []) == fits
+
+
 def test_so_is_one_against_a_condition_over_all():
     (found,) = Diary().remove("open(shop)").begin(SERVE).found
     assert "(and (at r2 shop) (open shop)) does not hold" in found

@@ -63,11 +63,11 @@ class RollbackLog:
     def close(self, owner: object) -> None:
         self._entries.pop(owner, None)
 
-    def undone(self) -> dict[Key, bool | float | None]:
-        """Return the values after `undo` of all owners."""
+    def undone(self, owner: object = None) -> dict[Key, bool | float | None]:
+        """Return the values after `undo` of one owner, or of all."""
         found: dict[Key, bool | float | None] = {}
-        for entries in self._entries.values():
-            for key, entry in entries.items():
+        for each, entries in self._entries.items():
+            for key, entry in entries.items() if owner in (None, each) else ():
                 if isinstance(key, Fluent) and entry.relative and entry.before is not None:
                     now = self._facts.value(key) or 0.0
                     found[key] = (found.get(key, now) or 0.0) + entry.before - now
@@ -154,17 +154,17 @@ class ActionExecutor:
             self._fail(task, f"condition does not hold: {missing}", cause=cause)
 
     def _missing_at_start(self, task: PlanTask) -> Formula | None:
-        beliefs = self._beliefs()
+        beliefs = self._beliefs(task.presumed)
         missing = unmet(task.action.conditions_at("start"), beliefs)
         if not missing:
-            begun = self._beliefs(task.changes("start", beliefs))
+            begun = self._beliefs({**task.presumed, **task.changes("start", beliefs)})
             missing = unmet(task.action.conditions_at("over all"), begun)
         return missing[0] if missing else None
 
     def _start(self, task: PlanTask, cause: str) -> None:
-        step, now, beliefs = task.step, self.loop.now, self._beliefs()
-        at_start = task.changes("start", beliefs)
-        begun = self._beliefs(at_start)
+        step, now, beliefs = task.step, self.loop.now, self._beliefs(task.presumed)
+        task.started_changes = at_start = task.changes("start", beliefs)
+        begun = self._beliefs({**task.presumed, **at_start})
         task.starting_values = {
             fluent: begun.value(fluent)
             for _, fluent in _numeric(task.effects("end"), begun)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -13,7 +13,7 @@ from socialbot.deliberation.facts import FactBase
 from socialbot.deliberation.messages import ActionExecutionInfo, ActionStatus, Desire, PlanExecutionInfo, PlanStatus
 from socialbot.planning.pddl.causal_order import causal_order
 from socialbot.planning.pddl.domain import PddlDomain, PddlPlan, PddlProblem, PlanStep
-from socialbot.planning.pddl.formulas import Effect, Fluent, Formula, Key, PddlWorld
+from socialbot.planning.pddl.formulas import Effect, Fluent, Formula, Key, PddlWorld, Predicate
 from socialbot.planning.pddl.semantics import TOLERANCE, Changes, GroundAction, change_text, changes, ground
 from socialbot.planning.pddl.state import PddlState, Projection
 from socialbot.planning.pddl.validation import PlanEvent, validate_plan
@@ -38,6 +38,8 @@ class PlanTask:
         since, unmet_since: Times (ns) at which the phase began and a condition stopped holding.
         expected: Effects that sensors have to report.
         starting_values: Sensed fluents that the end effects change, with their values after the start.
+        started_changes: Effects of its start.
+        presumed: Facts that count at its start although sensors do not show them: it goes on from a stopped step.
     """
 
     step: PlanStep
@@ -56,6 +58,8 @@ class PlanTask:
     outcome: tuple[Failure | None] | None = None
     expected: Changes = field(default_factory=dict)
     starting_values: dict[Fluent, float | None] = field(default_factory=dict)
+    started_changes: Changes = field(default_factory=dict)
+    presumed: Changes = field(default_factory=dict)
     _progress: float = 0.0
 
     @property
@@ -238,15 +242,22 @@ def with_expected(problem: PddlProblem, facts: FactBase, running: Iterable[PlanT
 
 
 def merged(
-    domain: PddlDomain, facts: FactBase, plan: PddlPlan, goal: Formula, running: tuple[PlanTask, ...], now: int
+    domain: PddlDomain,
+    facts: FactBase,
+    plan: PddlPlan,
+    goal: Formula,
+    running: tuple[PlanTask, ...],
+    now: int,
+    assumed: Mapping[Key, bool | float | None] | None = None,
 ) -> tuple[PlanTask, ...]:
     """Return the running tasks followed by those of a plan that starts from the `projected` facts.
 
-    Raises PlanningError if the plan is not valid for current beliefs.
+    Values that are ``assumed`` replace those of the facts. Raises PlanningError if the plan is not valid for them.
     """
     ending = tuple(task for task in running if task.phase == "settling" or task.action.duration is None)
     continuing = tuple(task for task in running if task not in ending)
     state = PddlState.of(facts.problem(goal), domain)
+    _assume(state, assumed or {})
     for task in sorted(ending, key=_end):
         _apply_unseen(state, task)
         _apply_end(state, task)
@@ -288,6 +299,15 @@ def _same_before(number: int, tasks: tuple[PlanTask, ...], running: int) -> tupl
 
 def _task_events(numbered: Collection[PlanEvent], tasks: tuple[PlanTask, ...]) -> tuple[TaskEvent, ...]:
     return tuple((tasks[number], edge) for number, edge in sorted(numbered))
+
+
+def _assume(state: PddlState, values: Mapping[Key, bool | float | None]) -> None:
+    state.apply({key: value or False for key, value in values.items() if isinstance(key, Predicate)})
+    for key, value in values.items():
+        if isinstance(key, Fluent) and value is None:
+            state.values.pop(key, None)
+        elif isinstance(key, Fluent) and value is not None:
+            state.apply({key: value})
 
 
 def _end(task: PlanTask) -> float:

@@ -14,6 +14,7 @@ from socialbot.planning.pddl.formulas import (
     Effect,
     Fluent,
     Formula,
+    Key,
     Not,
     NumericEffect,
     PddlWorld,
@@ -47,6 +48,7 @@ class PlanOutlook:
         self._changed: set[str] = set()
         self._unmet: dict[Doubt, int] = {}
         self._raised: set[Doubt] = set()
+        self._proved: set[Doubt] = set()
 
     def note(self, name: str) -> None:
         """Note a change of a predicate or function."""
@@ -64,6 +66,7 @@ class PlanOutlook:
                 if holds(doubt[1], world):
                     self._unmet.pop(doubt, None)
                     self._raised.discard(doubt)
+                    self._proved.discard(doubt)
                 else:
                     self._unmet.setdefault(doubt, now)
         self._changed.clear()
@@ -72,6 +75,37 @@ class PlanOutlook:
     def raise_doubt(self, doubt: Doubt) -> None:
         """Do not yield a condition again before it has held."""
         self._raised.add(doubt)
+
+    def prove(self) -> None:
+        """Note that no plan can do without the conditions that were raised and do not hold."""
+        self._proved = {doubt for doubt in self._unmet if doubt in self._raised}
+
+    def hopeless(self, goal: Formula, world: PddlWorld) -> Doubt | None:
+        """Return a condition, proved to be necessary, without which no step that is left achieves anything."""
+        if not self._proved:
+            return None
+        left = [task for task in self._tasks if task.phase != "over"]
+        calls = {doubt[0] for doubt in self._proved}
+        blocked = [task for task in left if task.phase == "waiting" and task.step.call in calls]
+        if not blocked:
+            return None
+        wanted = set(atoms(goal, world, {}))
+        lost = set(blocked)
+        followers: dict[PlanTask, set[PlanTask]] = {task: set() for task in left}
+        for task in left:
+            for earlier, _ in task.before_start:
+                followers.get(earlier, set()).add(task)
+        grows = True
+        while grows:
+            before = len(lost)
+            lost.update(*(followers[task] for task in lost))
+            for task in left:
+                if followers[task] and followers[task] <= lost and not _achieves(task, wanted):
+                    lost.add(task)
+            grows = len(lost) > before
+        if len(lost) < len(left):
+            return None
+        return next(doubt for doubt in self._proved if doubt[0] == blocked[0].step.call)
 
     def _needed(self, world: PddlWorld) -> dict[str, list[Doubt]]:
         added, deleted, changed = set[Predicate](), set[Predicate](), set[str]()
@@ -98,6 +132,13 @@ class PlanOutlook:
                     for name in names:
                         found[name].append(doubt)
         return dict(found)
+
+
+def _achieves(task: PlanTask, wanted: set[Key]) -> bool:
+    """Return whether a task changes a predicate or function of the goal."""
+    added, deleted, changed = set[Predicate](), set[Predicate](), set[str]()
+    _collect((one.effect for one in task.action.effects), added, deleted, changed)
+    return not wanted.isdisjoint(added | deleted) or any(key.name in changed for key in wanted)
 
 
 def _collect(effects: Iterable[Effect], added: set[Predicate], deleted: set[Predicate], changed: set[str]) -> None:

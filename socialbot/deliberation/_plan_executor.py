@@ -27,7 +27,8 @@ from socialbot.deliberation._action_executor import ActionExecutor, IsSensed, fa
 from socialbot.deliberation._execution import PlanExecution, PlanTask, merged, projected, with_expected
 from socialbot.deliberation._fact_index import FactIndex
 from socialbot.deliberation._matching import fitting
-from socialbot.deliberation._outlook import PlanOutlook
+from socialbot.deliberation._outlook import Doubt, PlanOutlook
+from socialbot.deliberation._redirection import Redirector
 from socialbot.deliberation._wakeup import WakeupLoop
 from socialbot.deliberation.facts import FactBase, problem_of
 from socialbot.deliberation.messages import INSTANCE, Desire, Fact, PlanExecutionInfo
@@ -92,6 +93,7 @@ class PlanExecutor:
         self._doubted = doubted
         self._changed = changed
         self._loop = WakeupLoop(engine, self._check, _TRACE_NAME)
+        self._is_sensed = is_sensed
         self._actions = ActionExecutor(engine, facts, self.options, is_sensed, self._loop, self._on_step_failed)
         self._execution: PlanExecution | None = None
         self._plans = 0
@@ -208,12 +210,15 @@ class PlanExecutor:
         if self._execution is not None and self._execution.status == "RUNNING":
             self._end_plan(self._execution, "aborted", f"plan {self._plans} takes its place")
             self._publish()
-        tasks, problem = running, ""
+        tasks, problem, pointless = running, "", dict[PlanTask, str]()
         try:
             if domain is not None and domain != self._facts.domain:
                 raise PlanningError("the domain has changed since the plan was made")
             goal = self._facts.goal(desire.wanted)
             tasks = merged(self._facts.domain, self._facts, plan, goal, running, now)
+            redirector = Redirector(self._facts, goal, now, self._is_sensed, self._actions.rollback_log.undone)
+            if (redirection := redirector.redirect(plan, running)) is not None:
+                plan, tasks, pointless = redirection.plan, redirection.tasks, redirection.ended
         except PlanningError as error:
             problem = error.what
         pursued_since = now if began is None else began
@@ -228,6 +233,8 @@ class PlanExecutor:
         )
         self._execution = execution
         self._outlook = PlanOutlook(tasks, self._facts.domain)
+        for task, message in pointless.items():
+            self._actions.give_up(task, "CANCELLED", message, cause=execution.record)
         if problem:
             self._fail_plan(execution, problem)
         self._loop.wake()
@@ -329,7 +336,7 @@ class PlanExecutor:
             self._actions.check(task)
         self._actions.check_stopping()
         if execution is not None and execution.status == "RUNNING":
-            self._look_ahead()
+            self._look_ahead(execution)
             self._start_steps(execution)
             if all(task.status == "SUCCESSFUL" for task in execution.tasks):
                 self._end_plan(execution, "succeeded")
@@ -339,14 +346,24 @@ class PlanExecutor:
             self._execution = None
             self._publish()
 
-    def _look_ahead(self) -> None:
+    def prove_doubts(self) -> None:
+        """Note that there is no plan without the conditions in doubt. The plan fails when nothing else is left."""
+        if self._outlook is not None:
+            self._outlook.prove()
+            self._loop.wake()
+
+    def _look_ahead(self, execution: PlanExecution) -> None:
         """Report a condition of a later step that has not held for ``patience_s`` and that the plan does not change."""
         if self._outlook is None or self._hold_reason:
+            return
+        hopeless = self._outlook.hopeless(self._facts.goal(execution.desire.wanted), self._beliefs())
+        if hopeless is not None:
+            self._fail_plan(execution, _doubt_text(hopeless))
             return
         for doubt, since in list(self._outlook.unmet(self._beliefs(), self._loop.now)):
             if self._loop.is_due(since + nanoseconds(self.options.patience_s)):
                 self._outlook.raise_doubt(doubt)
-                self._guarded(lambda doubt=doubt: self._doubted(f"{doubt[0]} cannot start: {doubt[1]} does not hold"))
+                self._guarded(lambda doubt=doubt: self._doubted(_doubt_text(doubt)))
                 return
 
     def _beliefs(self) -> Projection:
@@ -433,3 +450,8 @@ class PlanExecutor:
 
     def _guarded(self, callback: Callable[[], object]) -> None:
         self._loop.guarded(callback, self._plan_record)
+
+
+def _doubt_text(doubt: Doubt) -> str:
+    call, condition = doubt
+    return f"{call} cannot start: {condition} does not hold"

@@ -229,6 +229,8 @@ class DesirePursuit:
                 self._send(replace(request, without=(), avoided=()))
                 return
             if request.doubt and not self.problem:
+                if answer.verdict is PlannerVerdict.IMPOSSIBLE:
+                    self.plan_executor.prove_doubts()
                 self.wake()
                 return
             if self._preempts(state) and not request.after_steps and self.plan_executor.running:

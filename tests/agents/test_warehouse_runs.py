@@ -52,9 +52,10 @@ def test_run_2_replans_after_lost_carrier():
     result = fine(play(Story(seed=4, run=2), records.append))
     assert result.reached
     assert (result.aborts, result.plans, result.requests) == (1, 2, 4)
-    (failed,) = [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
-    assert failed.what.endswith("carrier_c base_c)")
-    assert "(carrier_in_base carrier_c base_c)" in failed.detail["message"]
+    (failed,) = [one for one in records if one.kind == "plan_end" and one.detail["outcome"] == "failed"]
+    reason = str(failed.detail["reason"])
+    assert "carrier_c base_c) cannot start: (carrier_in_base carrier_c base_c) does not hold" in reason
+    assert not [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
 
 
 def test_a_vanished_box_is_left_out_before_the_gripper_goes_there():
@@ -70,6 +71,18 @@ def test_a_vanished_box_is_left_out_before_the_gripper_goes_there():
     assert len(plans) == 2
     assert not any("box_c1" in step for step in plans[1].detail["steps"])
     assert not [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
+
+
+def test_the_crane_turns_to_another_stack_on_its_way_to_a_vanished_box(tmp_path):
+    records: list[TraceRecord] = []
+    run = Run(Story(seed=4, faults="17 vanishes box_c1"), tmp_path)
+    run.runner.tap(f"/{GRIPPER}/trace", lambda topic, message: records.append(message))  # type: ignore[arg-type]
+    fine(run.play())
+    (stopped,) = [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "cancelled"]
+    assert stopped.what.startswith("(gripper_move gripper_a base_a base_2)")
+    assert stopped.detail["message"] == "(gripper_move gripper_a base_a base_1) takes its place"
+    assert not [one for one in records if one.kind == "step_end" and one.detail["outcome"] == "failed"]
+    assert not any(run.world.load[place] for place in (*SIX.bases, *SIX.bays))
 
 
 @pytest.mark.parametrize("faults", ["1 vanishes box_a1", "7 vanishes box_b2", "50 vanishes box_b1"])
@@ -145,6 +158,7 @@ def test_24_boxes_go_with_6_carriers():
 
 def test_a_director_that_begins_steps_without_a_look_at_their_conditions_is_caught(monkeypatch):
     monkeypatch.setattr(ActionExecutor, "_missing_at_start", lambda self, task: None)
+    monkeypatch.setattr(PlanExecutor, "_look_ahead", lambda self, execution: None)
     violations = play(Story(seed=4, run=2, limit_s=100.0)).violations
     assert any("(carrier_in_base carrier_c base_c) does not hold" in one for one in violations)
 

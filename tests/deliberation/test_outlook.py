@@ -6,6 +6,7 @@ import pytest
 
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.planners.engines import make_planner
+from socialbot.planning.planners.planner import PlannerAnswer, PlannerVerdict
 from tests.deliberation.domains import p
 from tests.deliberation.office import Office, job
 
@@ -41,6 +42,15 @@ def new_office(*, slow: bool = False) -> Office:
     )
 
 
+class Helpless:
+    """A planner that finds no plan, and no proof that there is none."""
+
+    name = "helpless"
+
+    def solve(self, domain, problem, limits, cancelled=None):
+        return PlannerAnswer(PlannerVerdict.GAVE_UP, message="nothing found")
+
+
 @pytest.fixture
 def office() -> Office:
     return new_office()
@@ -74,6 +84,7 @@ def test_a_condition_that_holds_again_in_time_raises_no_doubt(office):
 def test_without_another_plan_the_running_one_goes_on(office):
     office.believe("blocked")
     started(office).forget("open a")
+    office.deliberator.pursuit.planner = Helpless()
     office.until(1.5)
     assert len(office.found("doubt")) == 1
     office.believe("open a")

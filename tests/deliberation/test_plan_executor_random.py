@@ -168,6 +168,7 @@ def check_trace(trace: list[Record]) -> Counter[str]:
     """Follows what was believed, and looks whether each step was allowed to begin; returns how often each ended."""
     world: set[str] = set()
     open_steps: dict[str, str] = {}
+    redirected: dict[str, str] = {}
     outcomes: Counter[str] = Counter()
     for record in trace:
         if record.kind == "belief":
@@ -176,13 +177,19 @@ def check_trace(trace: list[Record]) -> Counter[str]:
             world.discard(record.what)
         elif record.kind == "step":
             name, *args = record.what.strip("()").split()
-            assert MAY_BEGIN[name](world, *args), f"{record.what} at {record.time / 1e9} s"
+            left = {redirected.pop(record.what, "")}
+            assert MAY_BEGIN[name](world | left, *args), f"{record.what} at {record.time / 1e9} s"
             assert record.what not in open_steps.values(), f"{record.what} runs twice"
             open_steps[record.id] = record.what
         elif record.kind == "step_end" and record.what in open_steps.values():
             identity = next(identity for identity, what in open_steps.items() if what == record.what)
             del open_steps[identity]
             outcomes[f"{record.detail['outcome']} {record.what}"] += 1
+            successor, turned, _ = str(record.detail.get("message", "")).partition(" takes its place")
+            if turned:
+                move, robot, left, _ = record.what.strip("()").split()
+                assert successor.startswith(f"({move} {robot} {left} ")
+                redirected[successor] = f"at({robot}, {left})"
     assert open_steps == {}
     return outcomes
 
