@@ -164,6 +164,8 @@ def open_voice(voice: str, rate_wpm: int = _STANDARD_WPM, pitch: int = 50) -> Sy
 def split(text: str) -> list[str]:
     """Split a text at its punctuation, and long parts between words, into parts that are synthesized one by one.
 
+    A part without letters and digits stays with the part before it, or after it at the beginning.
+
     >>> split("Hello! The library is on the second floor.")
     ['Hello!', 'The library is on the second floor.']
     """
@@ -179,6 +181,11 @@ def split(text: str) -> list[str]:
                 count = len(words) // 2 if len(words) > 5 else len(words)
             parts.append(" ".join(words[:count]))
             words = words[count:]
+    for place in range(len(parts) - 1, -1, -1):
+        if len(parts) > 1 and not any(letter.isalnum() for letter in parts[place]):
+            # ":-)" has no sound of its own
+            first = max(0, place - 1)
+            parts[first : first + 2] = [" ".join(parts[first : first + 2])]
     if not parts:
         raise MessageError("an utterance without text", remedy="give a sentence")
     return parts

@@ -38,6 +38,9 @@ TEXT = "Hello! The library is on the second floor. Take the lift and turn left."
         ("word " * 12, ["word word word word word word word word word", "word word word"]),
         ("word " * 10, ["word word word word word", "word word word word word"]),
         ("x" * 100, ["x" * 100]),
+        ("Nice to see you! :-)", ["Nice to see you! :-)"]),
+        ("... Hello! \U0001f642 Bye.", ["... Hello!", "\U0001f642 Bye."]),
+        ("Hello. \U0001f642", ["Hello. \U0001f642"]),
     ],
 )
 def test_texts_are_split_into_parts(text, parts):
