@@ -31,7 +31,7 @@ class NaiveWaits(Waits):
         super().await_condition(pause)
         self.due[pause] = None
 
-    def notify(self, key, args, notes, *, outside=True):
+    def notify(self, key, args, notes, outside=True):
         index = self.events.get(key)
         if index is not None:
             for pause in sorted(index.waiters(), key=_number):
