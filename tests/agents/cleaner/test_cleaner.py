@@ -14,8 +14,8 @@ def test_cleans_all_rooms_in_time():
     watched.run(60)
     assert watched.told("desire_fulfilled") == [
         (4.0, "clean_rooms_fulfill_precondition0"),
-        (28.0, "go_recharge"),
-        (44.0, "clean_rooms"),
+        (24.0, "go_recharge"),
+        (40.0, "clean_rooms"),
     ]
     facts = watched.facts("cleaner")
     assert {f"(cleaned {room})" for room in ROOMS} <= set(facts)
