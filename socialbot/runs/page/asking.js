@@ -43,9 +43,14 @@ export class Asking {
   show(name, called, mind) {
     this.#agent = name;
     say(this.#title, `Ask ${called}${mind?.paused ? ', which is paused' : ''}`);
-    const goal = this.#awaited;
-    const end = goal?.agent === name && mind?.ended.find(each => each.kind === 'goal' && same(each.text, goal.text) && !goal.before.has(each.id));
     this.#ended = mind?.ended ?? [];
+    this.#look();
+  }
+
+  /** Shows how the asked goal ended, if it has: maybe before the command was answered. */
+  #look() {
+    const goal = this.#awaited;
+    const end = goal?.agent === this.#agent && this.#ended.find(each => each.kind === 'goal' && same(each.text, goal.text) && !goal.before.has(each.id));
     if (!end) return;
     this.#awaited = null;
     const without = end.outcome === 'achieved without any action';
@@ -102,7 +107,10 @@ export class Asking {
     try {
       const { accepted, reason } = await api.command(name, command, text);
       this.#tell(field, answer, accepted ? reason || `${label ?? 'Asked'}: accepted.` : reason, !accepted);
-      if (accepted && command === 'achieve') this.#awaited = { agent: name, text, answer, before };
+      if (accepted && command === 'achieve') {
+        this.#awaited = { agent: name, text, answer, before };
+        this.#look();
+      }
       return accepted;
     } catch (error) {
       this.#tell(field, answer, error.message, true);
