@@ -24,7 +24,6 @@ against the domain: mistakes are PlanningErrors with file and line.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping
 from os import PathLike
@@ -39,7 +38,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from socialbot.bdi import Engine
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import PlanningError
-from socialbot.core.paths import read_bytes, read_text
+from socialbot.core.paths import read_bytes, read_text, replace_file
 from socialbot.core.yaml import line_of, load_yaml, plain
 from socialbot.deliberation._fact_index import FactIndex, near
 from socialbot.deliberation._matching import unfit_condition
@@ -247,9 +246,7 @@ def save_mind(deliberator: Deliberator, path: Path) -> None:
         ),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(f"{path.name}.new")
-    new.write_bytes(msgspec.json.encode(saved))
-    os.replace(new, path)
+    replace_file(path, msgspec.json.encode(saved))
 
 
 def restore_mind(deliberator: Deliberator, path: Path) -> bool:

@@ -173,7 +173,7 @@ class LinkStatistics:
     speeds: list[float] = field(default_factory=list)
 
     def arrive(self, flight: InFlightImage, now: int, repaired: float = 0.0) -> None:
-        """Add a delivered image. It waited longer than ``repaired`` (ns), unless it was alone on the link."""
+        """Add a delivered image. Its delay beyond ``repaired`` (ns) counts as a wait, unless it was alone."""
         delay_s = max(1, now - flight.sent) / SECOND
         self.arrived_bytes += flight.size
         self.waits_s.append(0.0 if flight.alone else delay_s - repaired / SECOND)

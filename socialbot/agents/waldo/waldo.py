@@ -183,9 +183,9 @@ class PersonSensor(Sensor):
     """Sensor of arrivals, departures and attention, which filters flickering detections.
 
     A person arrives when at least half of the frames of the last ``appear_s`` show them within ``range_m``. A person
-    leaves when fewer than a quarter of the frames of the last ``vanish_s`` do, unless they are back: half of the frames
-    of the last ``appear_s`` show them, if that is shorter. A person present for ``help_after_s``
-    stays. A person engages from the moment in which they are attentive in at least half of the last frames, until
+    leaves when fewer than a quarter of the frames of the last ``vanish_s`` do. If ``appear_s`` is shorter, half of its
+    frames show that the person is back and does not leave. A person present for ``help_after_s`` stays.
+    A person engages from the moment in which they are attentive in at least half of the last frames, until
     fewer than a quarter of them.
     """
 

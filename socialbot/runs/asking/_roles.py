@@ -9,7 +9,7 @@ from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking._words import similarity, tokens
 
 ADDRESSING = {"to", "zu", "a", "an", "for"}
-"""Words before the person to whom something is said."""
+"""Words that stand before the person whom the robot spoke to."""
 FORM = 0.96
 """Least similarity of two forms of a word."""
 _AGENT_OF_PASSIVE = {"by", "from", "von", "par", "por"}
