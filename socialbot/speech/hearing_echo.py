@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections import deque
+from itertools import islice
 
 import numpy as np
 
@@ -121,6 +122,9 @@ class OwnVoice:
         samples = samples_of(sound)
         converter = Converter(sound.sample_rate, sound.channels)
         self._pieces.append((sound.stamp, converter.push(samples)))
+        # Sounds follow one another, so more than this is left only if stamps repeat or the clock was set back.
+        while sum(piece.size for _, piece in islice(self._pieces, 1, len(self._pieces) - 1)) > _LATEST_S * RATE_HZ:
+            self._pieces.popleft()
 
     def is_heard(self, time: int) -> bool:
         """Whether the robot's voice may be in the sound at ``time`` (ns)."""
@@ -152,7 +156,9 @@ class OwnVoice:
     def _cut(self, time: int) -> None:
         """Remove the sound after ``time`` (ns)."""
         self._pieces = deque(
-            (start, samples[: max(0, round((time - start) * RATE_HZ / SECOND))]) for start, samples in self._pieces
+            (start, samples[: max(0, round((time - start) * RATE_HZ / SECOND))])
+            for start, samples in self._pieces
+            if start < time
         )
 
     @staticmethod

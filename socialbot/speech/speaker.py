@@ -24,6 +24,7 @@ from socialbot.speech.playback import AudioPlayer, OnEnd, find_player
 from socialbot.speech.synthesis import Sound
 
 MOST_SOUNDS = 500  # number of sound files kept, about 50 MB
+MOST_VOICES = 8  # number of voices of other languages kept; a neural one takes about 100 MB
 
 PLAYBACK = ("auto", "off", "required")
 
@@ -51,7 +52,8 @@ class _QueuedUtterance:
 class _Performance:
     """Utterance that sounds, part by part: the next part is synthesized while one is played.
 
-    With a file ``name`` the parts are written at the end.
+    With a file ``name`` the parts are written when the last one is known. An utterance that is cut short leaves those
+    that began to sound.
     """
 
     def __init__(
@@ -60,9 +62,7 @@ class _Performance:
         self._node, self._utterance, self._rest, self._name, self._on_end = node, utterance, rest, name, on_end
         self._played: list[Sound] = []
         self._next: Sound | SocialbotError | None = None
-        self._is_ready = self._is_silent = False
-        self.stopped = False
-
+        self._is_ready = self._is_silent = self._is_over = False
         self._play(first)
 
     def _play(self, part: Sound) -> None:
@@ -82,8 +82,8 @@ class _Performance:
     def _on_synthesized(self, part: Sound | SocialbotError | Exception | None) -> None:
         self._next = part if part is None or isinstance(part, (Sound, SocialbotError)) else SocialbotError(repr(part))
         self._is_ready = True
-        if self._next is None and self._name:
-            self._node.keep(self._played, self._name)
+        if self._next is None:
+            self._write()
         self._go_on()
 
     def _part_ended(self, error: str | None) -> None:
@@ -95,7 +95,7 @@ class _Performance:
             self._go_on()
 
     def _go_on(self) -> None:
-        if self.stopped or not (self._is_ready and self._is_silent):
+        if self._is_over or not (self._is_ready and self._is_silent):
             return
         if isinstance(self._next, Sound):
             self._play(self._next)
@@ -103,9 +103,20 @@ class _Performance:
             self._end(None if self._next is None else _line(self._next))
 
     def _end(self, error: str | None) -> None:
-        if not self.stopped:
-            self.stopped = True
+        if not self._is_over:
+            self.stop()
             self._on_end(error)
+
+    def stop(self) -> None:
+        """End the utterance; parts that have not begun are not played."""
+        self._is_over = True
+        self._write()
+
+    def _write(self) -> None:
+        """Write the file, once."""
+        name, self._name = self._name, ""
+        if name:
+            self._node.keep(self._played, name)
 
 
 class Speaker(Node):
@@ -145,7 +156,7 @@ class Speaker(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         self._voice: SpeechVoice | None = None
-        self._others: dict[str, SpeechVoice] = {}
+        self._others: dict[str, SpeechVoice] = {}  # the least recently used one first
         self._performance: _Performance | None = None
         self._missing: InstallationError | None = None
         self._player: AudioPlayer | None = None
@@ -195,6 +206,8 @@ class Speaker(Node):
     def voice_for(self, language: str) -> SpeechVoice:
         """Return the voice for a language; subclasses may override it.
 
+        The voices of the `MOST_VOICES` other languages that were spoken last are kept; others are opened again.
+
         Raises:
             InstallationError: The node has no voice.
         """
@@ -203,14 +216,19 @@ class Speaker(Node):
         own = getattr(self._voice, "language", "")
         if not language or not own or language == own:
             return self._voice
-        if language not in self._others:
+        if language in self._others:
+            voice = self._others.pop(language)
+        else:
             wanted = _read_voices(self.voices, where=f"{self.name}.voices").get(language, language)
             try:
-                self._others[language] = open_voice(wanted, self.rate_wpm, self.pitch)
+                voice = open_voice(wanted, self.rate_wpm, self.pitch)
             except (InstallationError, ParameterError) as error:
                 self.log.warning("no voice for the language %r, so that of %r speaks: %s", language, own, _line(error))
-                self._others[language] = self._voice
-        return self._others[language]
+                voice = self._voice
+        self._others[language] = voice
+        if len(self._others) > MOST_VOICES:
+            del self._others[next(iter(self._others))]
+        return voice
 
     def find_player(self) -> AudioPlayer | None:
         """Return the player; subclasses may override it."""
@@ -255,7 +273,7 @@ class Speaker(Node):
     def hush(self) -> None:
         """Stop speaking; subclasses that override `perform` override it, too."""
         if self._performance is not None:
-            self._performance.stopped = True
+            self._performance.stop()
         if self._player is not None:
             self._player.stop()
 

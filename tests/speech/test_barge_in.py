@@ -131,6 +131,26 @@ def test_own_voice_keeps_little_while_the_microphone_is_silent() -> None:
         assert played.all()
 
 
+@pytest.mark.parametrize("step_s", [0.0, -1.0])
+def test_own_voice_keeps_little_when_its_stamps_do_not_advance(step_s: float) -> None:
+    own = OwnVoice(tail_s=0.4)
+    sizes: list[int] = []
+    stamp = 0
+    tracemalloc.start()
+    try:
+        for number in range(200):
+            second = np.ones(RATE_HZ, "<i2").tobytes()
+            stamp = 1000 * SECOND + round(number * step_s * SECOND)
+            own.on_sound(AudioData(stamp=stamp, samples=second, sample_rate=RATE_HZ))
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert max(sizes[60:]) <= sizes[59] * 1.2
+    played = own.played(stamp, RATE_HZ)
+    assert played is not None
+    assert played.all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("gain", "reverberation_s"), [(0.2, 0.15), (0.5, 0.35), (1.0, 0.6)])
 def test_robot_is_not_interrupted_by_its_own_voice(gain: float, reverberation_s: float) -> None:

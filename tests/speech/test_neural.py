@@ -12,11 +12,12 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import extra_command
-from socialbot.core.messages import AudioData, Utterance
+from socialbot.core.messages import AudioData, StopSpeech, Utterance
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.speech import neural
 from socialbot.speech.messages import SpeechMarks
 from socialbot.speech.neural import PiperVoice, join, open_voice, split
+from socialbot.speech.playback import OnEnd
 from socialbot.speech.speaker import Speaker
 from socialbot.speech.synthesis import Sound, Synthesizer
 from socialbot.testing import GraphTester
@@ -186,6 +187,35 @@ class TestJoe:
         (file,) = tmp_path.iterdir()
         assert file.stat().st_size == pytest.approx(44 + sum(len(part.samples) for part in parts))
 
+    @pytest.mark.parametrize("end", ["interrupted", "stopped", "failed"])
+    def test_the_file_of_an_utterance_that_is_cut_short_has_its_parts(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str
+    ):
+        monkeypatch.setattr("socialbot.speech.speaker.find_player", BrokenDevice)
+        playback = "required" if end == "failed" else "off"
+        with Stage(voice="piper:joe", publish_sound=True, folder=str(tmp_path), playback=playback) as stage:
+            stage.send("/speech/say", Utterance(stamp=SECOND, id="way", text=TEXT))
+            stage.run(0.1)
+            if end == "interrupted":
+                stage.send("/speech/stop", StopSpeech(stamp=stage.clock.now(), reason="a person speaks"))
+            stage.run(0.1)
+            parts: list[AudioData] = stage.messages("/speech/audio")
+            started, *ended = stage.messages("/speech/status")
+        assert [one.state for one in ended] == [end] * (end != "stopped")
+        (file,) = tmp_path.iterdir()
+        assert file.name == started.detail
+        assert file.stat().st_size == 44 + sum(len(part.samples) for part in parts)
+
+
+class BrokenDevice:
+    """Sound device that fails."""
+
+    def play(self, sound: Sound, on_end: OnEnd) -> None:
+        on_end("the device is gone")
+
+    def stop(self) -> None:
+        pass
+
 
 class Stage(GraphTester):
     """A speaker alone."""
@@ -213,6 +243,21 @@ def test_each_language_has_its_voice(caplog: pytest.LogCaptureFixture):
         assert not caplog.records
         assert np.array_equal(stage.spoken("Hey", "xx"), Synthesizer("en").say("Hey").samples)
         assert "no voice for the language 'xx'" in caplog.text
+
+
+def test_voices_of_the_languages_used_last_are_kept(monkeypatch: pytest.MonkeyPatch):
+    opened: list[str] = []
+
+    def opening(voice: str, rate_wpm: int, pitch: int) -> Synthesizer | PiperVoice:
+        opened.append(voice)
+        return open_voice(voice, rate_wpm, pitch)
+
+    monkeypatch.setattr("socialbot.speech.speaker.open_voice", opening)
+    monkeypatch.setattr("socialbot.speech.speaker.MOST_VOICES", 2)
+    with Stage(publish_sound=True) as stage:
+        for language in ("de", "fr", "de", "es", "de", "fr"):
+            stage.spoken("Ola", language)
+    assert opened == ["en", "de", "fr", "es", "fr"]
 
 
 @pytest.mark.parametrize("voices", ["de", "de=", "german=de"])

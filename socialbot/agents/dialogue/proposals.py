@@ -24,6 +24,8 @@ Record = Callable[..., str]
 
 MAX_UTTERANCE = 500
 MAX_SLOT = 80
+MOST_PLANS = 100
+"""Number of accepted plan proposals that wait to be adopted; beyond it the oldest is dropped."""
 
 
 @dataclass(frozen=True)
@@ -127,17 +129,20 @@ class Proposals:
         found = self._proposed("plan", prompt, lambda answer: checked_plans(answer, whitelist, limits), cause)
         if found.value is not None:
             self._plans[found.record] = found.value
+            if len(self._plans) > MOST_PLANS:
+                del self._plans[next(iter(self._plans))]
         return found
 
     def adopt(self, engine: Engine, record: str, cause: str = "") -> None:
         """Add the proposed plans of a record to an agent, as a rule or a person decided.
 
         Raises:
-            RuleError: No accepted plans have this record, or they were adopted before.
+            RuleError: No accepted plans have this record, they were adopted before, or `MOST_PLANS` newer ones wait.
         """
         plans = self._plans.pop(record, None)
         if plans is None:
-            raise RuleError(f"no accepted plans have the record {record!r}", remedy="adopt each accepted proposal once")
+            remedy = f"adopt each accepted proposal once, while it is one of the newest {MOST_PLANS}"
+            raise RuleError(f"no accepted plans have the record {record!r}", remedy=remedy)
         engine.add_rules(*plans)
         self._record("adopted", record, cause, plans=[str(plan) for plan in plans])
 

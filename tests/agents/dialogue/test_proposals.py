@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from socialbot.agents.dialogue.language_model import HttpModel, ModelError, Prompt, RecordedModel
-from socialbot.agents.dialogue.proposals import Proposal, Proposals, adopt, proposed
+from socialbot.agents.dialogue.proposals import MOST_PLANS, Proposal, Proposals, adopt, proposed
 from socialbot.agents.dialogue.proposed_plans import PlanRefused, Whitelist, checked_plans
 from socialbot.bdi import Action, Belief, Engine, Goal, Record, variables
+from socialbot.core.errors import RuleError
 from socialbot.core.messages import TraceRecord
 from socialbot.testing import ManualClock, run_engine
 from tests.agents.dialogue.hostile import GOOD_INTENTS, GOOD_PHRASINGS, GOOD_PLANS, answers
@@ -317,6 +318,17 @@ def test_a_plan_is_adopted_once():
     given.adopt(engine, found.record)
     with pytest.raises(Exception, match="no accepted plans have the record"):
         given.adopt(engine, found.record)
+
+
+def test_the_newest_plans_that_are_not_adopted_are_kept():
+    given, _ = proposals(Told(PLAN))
+    found = [given.plan("Show me around.", ALLOWED).record for _ in range(MOST_PLANS + 1)]
+    engine = Engine("robot", ManualClock())
+    engine.add_action(wave)
+    with pytest.raises(RuleError, match=f"the newest {MOST_PLANS}"):
+        given.adopt(engine, found[0])
+    for record in found[1:]:
+        given.adopt(engine, record)
 
 
 def test_a_model_that_raises_is_refused():
