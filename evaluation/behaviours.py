@@ -4,8 +4,8 @@
 ``socialbot test`` there with the expectations of that agent, and counts the faults that they catch. It then repeats the
 runs without a fault, inline and over ROS, and counts false alarms.
 
-Waldo is tested on what the person detector sees in two bags: each bag is replayed once, and its detections are the bag
-of all runs. The warehouse and the hospital are simulated.
+Waldo is tested on what the person detector sees in three bags: each is replayed once, and its detections are the bag of
+all runs. The warehouse and the hospital are simulated.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from socialbot.runtime.trials import Trial
 
 ROOT = Path(__file__).parents[1]
 FAULTS = Path(__file__).with_name("behaviours_faults.yaml")
-BAGS = ("data/synthetic/corridor", "data/synthetic/visitors_tune")
+BAGS = ("data/synthetic/corridor", "data/synthetic/visitors_tune", "data/synthetic/lens_large_tune")
+"""People walk through a corridor, come to a door one after the other, or stand near the camera from the beginning."""
 HOSPITAL = ("hospital", "--set", "world.rate=100.0", "--set", "coordinator.proactive=false")
 """Each mission meets a problem, which the coordinator does not see before."""
 DETECTIONS = "/humans/bodies/detections"

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.behaviours import HOSPITAL, ROOT, Fault, Scene, check, check_here, load_faults, put, tree
+from evaluation.behaviours import HOSPITAL, ROOT, Fault, Scene, check, check_here, load_faults, put, scenes, tree
 from socialbot.core.errors import GraphError
 from socialbot.runs.expectations import load_behaviours
 
-SCENES = {"warehouse": Scene("warehouse", ("warehouse",)), "hospital": Scene("hospital", HOSPITAL)}
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Scene]:
+    return scenes(tmp_path_factory.mktemp("detections"))
 
 
 def test_each_fault_stands_once_in_the_code() -> None:
@@ -41,13 +44,13 @@ def test_agents_have_expectations(name: str) -> None:
 
 
 def test_the_hospital_without_a_fault_raises_no_alarm(tmp_path: Path) -> None:
-    assert check_here(SCENES["hospital"], tmp_path).failed == ()
+    assert check_here(Scene("hospital", HOSPITAL), tmp_path).failed == ()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [each for each in load_faults() if each.scene in SCENES], ids=lambda each: each.name)
-def test_the_expectations_catch_a_fault(fault: Fault, tmp_path: Path) -> None:
+@pytest.mark.parametrize("fault", load_faults(), ids=lambda each: each.name)
+def test_the_expectations_catch_a_fault(fault: Fault, prepared: dict[str, Scene], tmp_path: Path) -> None:
     put(fault, tree(tmp_path / "copy"))
-    outcome = check(SCENES[fault.scene], tmp_path / "out", package=tmp_path / "copy")
+    outcome = check(prepared[fault.scene], tmp_path / "out", package=tmp_path / "copy")
     assert outcome.problem == ""
     assert outcome.failed
