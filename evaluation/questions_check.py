@@ -107,6 +107,25 @@ class TraceFacts:
         said = {call for line in found if line["kind"] == "utterance" for call in self.calls(line)}
         return [line for line in found if line["kind"] != "action" or not {*self.calls(line)} & (steps | said)]
 
+    def goals(self, calls: Sequence[str], begin_s: float, end_s: float, agent: str = "") -> list[Line]:
+        """Return the goals and desires of these calls that began in a span of time."""
+        return [
+            line
+            for line in self.lines
+            if line["kind"] in ("goal", "desire")
+            and begin_s - ROUNDING <= self.seconds(line) <= end_s + ROUNDING
+            and agent in ("", line["source"])
+            and any(covers(call, one) for call in calls for one in self.calls(line))
+        ]
+
+    def was_for(self, goal: Line, thing: str) -> bool:
+        """Return whether a goal, or something that was done for it, names a person or thing."""
+        named = re.compile(rf"(?<!\w){re.escape(thing)}(?!\w)")
+        found = [goal]
+        for each in found:
+            found += [effect for effect in self.lines if effect["cause"] == each["id"]]
+        return any(named.search(each["what"]) for each in found)
+
     def present(self, person: str) -> list[tuple[float, float]]:
         """Return the visits of a person by the detections: first and last second."""
         stays: list[list[float]] = []
@@ -255,6 +274,11 @@ class Verifier:
             line
             for line in self.trace.deeds(claim["what"], begin_s, end_s, claim.get("agent", ""))
             if all(self.trace.concerns(line, one) for one in claim.get("persons", ()) if one != "somebody")
+        ]
+        found += [
+            line
+            for line in self.trace.goals(claim["what"], begin_s, end_s, claim.get("agent", ""))
+            if all(self.trace.was_for(line, one) for one in claim.get("persons", ()) if one != "somebody")
         ]
         return f"was done: {found[0]['id']}" if found else ""
 

@@ -26,6 +26,11 @@ def visits(tmp_path_factory) -> Recorded:
     return recorded("visits", tmp_path_factory.mktemp("questions"))
 
 
+@pytest.fixture(scope="module")
+def guard(tmp_path_factory) -> Recorded:
+    return recorded("guard", tmp_path_factory.mktemp("questions"))
+
+
 def recorded(name: str, folder: Path) -> Recorded:
     RUNS[name](folder / name)
     return open_run(folder / name), Verifier(folder / name)
@@ -80,6 +85,24 @@ def test_unsupported_clauses_are_found(visits, question, change):
     change(changed)
     assert changed != found
     assert verifier.faults(changed) != []
+
+
+@pytest.mark.parametrize("question", ["Did you let Ann in?", "Did you admit Ann?", "Why did you not admit Bob?"])
+def test_a_goal_without_names_is_not_denied_of_those_that_it_was_for(guard, question):
+    found = told(guard[0], question)
+    assert "did_not" not in [clause["claim"]["kind"] for clause in found["clauses"]]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [change_claim("until_s", 30.0), lambda found: found["clauses"][0]["claim"].update(what=["admit"], persons=["Ann"])],
+)
+def test_denials_of_goals_are_unsupported(guard, change):
+    run, verifier = guard
+    found = told(run, "Did you check Bob before 10 s?")
+    assert verifier.faults(found) == []
+    change(found)
+    assert verifier.faults(found) != []
 
 
 @pytest.mark.slow

@@ -153,9 +153,18 @@ class Scope:
         return not self.agent or record_agent(self.history, record) == self.agent
 
     def things_behind(self, deed: TraceRecord) -> set[str]:
-        """Return the things in a deed and in its causes."""
-        chain = (deed, *self.history.before(deed))
+        """Return the things in a deed, in its causes and, if it is a goal, in what was done for it."""
+        chain = [deed, *self.history.before(deed)]
+        if deed.kind in ("goal", "desire"):
+            chain += self._done_for(deed)
         return {name for each in chain for name in (*re.findall(r"\w+", each.what), each.source)}
+
+    def _done_for(self, goal: TraceRecord) -> list[TraceRecord]:
+        """Return the effects of a goal, their effects, and so on."""
+        found = self.history.effects(goal)
+        for each in found:
+            found += self.history.effects(each)
+        return found
 
     def _persons(self) -> list[str]:
         """Return the people whom the question names; none if it names nobody."""
