@@ -108,6 +108,7 @@ class MissionManager:
         self._dismiss(mission, acl.Stop(why))
         mission.status, mission.problem = "waiting", why
         mission.rests_until = self.now + nanoseconds(self.options.rest_s) if rest else 0
+        mission.failed_tries += rest
         mission.found.clear()
         mission.failures.clear()
         self._check_again(mission)
@@ -199,7 +200,7 @@ class MissionManager:
         )
 
     def form_teams(self) -> None:
-        """Assign free agents to waiting missions, by priority."""
+        """Assign free agents to waiting missions: by priority, then those that failed less often."""
         if self.world is None or not self._may_form:
             return
         self._may_form = False
@@ -216,7 +217,7 @@ class MissionManager:
             self._lacks_every_ns = LACKS_EVERY_NS * max(1, len(waiting) // OFTEN_NOTED)
             for mission in waiting:
                 self._note_lack(mission, pool.lacking(mission))
-        for mission in sorted(waiting, key=lambda each: (-each.priority, each.id)):
+        for mission in sorted(waiting, key=lambda each: (-each.priority, each.failed_tries, each.id)):
             is_short = pool.is_short()
             team = None if is_short else pool.team(mission)
             if team is None and self._take_from_others(mission, pool):

@@ -51,6 +51,7 @@ class Mission(msgspec.Struct):
 
     ``team`` maps roles to agents, ``active`` are the agents that have not finished. ``past`` are actions of abandoned
     plans. Times in ns: ``touched`` of the latest news, ``ended`` of the last agent, ``rests_until`` of the next try.
+    ``failed_tries`` counts the teams that could not do it.
     ``found`` are findings of agents with their times. ``failures`` counts the failures of this team. ``lacks`` says
     which roles nobody can play now. ``asked_at`` is when its silent team was asked to answer (0: not asked).
     """
@@ -70,6 +71,7 @@ class Mission(msgspec.Struct):
     touched: int = 0
     ended: int = 0
     rests_until: int = 0
+    failed_tries: int = 0
     found: dict[str, int] = {}
     failures: dict[str, int] = {}
     lacks: str = ""

@@ -8,6 +8,7 @@ import pytest
 
 from socialbot.agents.teams import Mission, TeamAgent
 from socialbot.agents.teams.messages import COORDINATOR, EVERYBODY, MESSAGES, AclMessage, Plan
+from socialbot.planning.htn import TaskDomain
 from tests.agents.teams.library import EXAMPLE, LibraryRun
 from tests.example_modules import EXAMPLES
 
@@ -55,6 +56,20 @@ def test_vanished_book_costs_only_that_book(planner: str):
     run = LibraryRun(planner, "9 vanishes atlas").until(150.0)
     assert run.delivered() == ALL - {"atlas"}
     assert (run.views["atlas"].status, run.views["atlas"].problem) == ("failed", "atlas is gone")
+
+
+@PLANNERS
+def test_missions_that_fail_again_and_again_do_not_hold_up_others(planner: str, monkeypatch: pytest.MonkeyPatch):
+    heavy = TaskDomain("library whose first two books are too heavy")
+    heavy.declare_actions(*(each.function for name, each in EXAMPLE.LIBRARY.actions.items() if name != "a_take"))
+
+    @heavy.action
+    def a_take(state, runner, book, place):
+        return None if book in ("atlas", "bible") else EXAMPLE.a_take(state, runner, book, place)
+
+    monkeypatch.setattr(EXAMPLE.LibraryWorld, "domain", heavy)
+    run = LibraryRun(planner, late=("runner2", "runner3", "porter2")).until(400.0)
+    assert run.delivered() == {"comic", "diary"}
 
 
 def test_silent_sensors_only_delay_missions():
