@@ -19,6 +19,7 @@ from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending, end_within
+from socialbot.core.terminal import without_controls
 from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ class _RosLogHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         logger = self._loggers.get(record.name.rpartition(".")[2]) or next(iter(self._loggers.values()))
-        text = self.format(record)
+        text = without_controls(self.format(record))
         try:
             # One call per level: rclpy refuses to change the level of a line of code that has logged before.
             if record.levelno >= logging.ERROR:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import many
 from socialbot.core.errors import SocialbotError
 from socialbot.runs.junit import TestCase, write_junit

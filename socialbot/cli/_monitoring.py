@@ -6,10 +6,10 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.text import Text
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console
 from socialbot.runs.expectations import Expectation
 
 if TYPE_CHECKING:

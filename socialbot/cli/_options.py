@@ -121,8 +121,9 @@ def bar(what: str, of: str, total: int | None = None) -> Iterator[Callable[..., 
 
     ``of`` is the name of the items, ``total`` their number, if known.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from socialbot.cli._console import Console
 
     console = Console(stderr=True)
     texts = TextColumn("{task.description}", markup=False), TextColumn(of, markup=False)

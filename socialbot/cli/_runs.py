@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
+from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
     from socialbot.runs.folder import RecordedRun
@@ -124,7 +125,7 @@ def print_json(found: Any) -> None:
     """Print a value, such as a data class, as JSON."""
     import msgspec
 
-    typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+    print_line(escaped_json(msgspec.json.format(msgspec.json.encode(found), indent=2).decode()))
 
 
 def print_found(found: Any, lines: Sequence[str], *, as_json: bool) -> None:

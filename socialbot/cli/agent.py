@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from socialbot.cli._console import print_line
 from socialbot.core.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def shell(
 
     logging.getLogger("socialbot.bdi").addHandler(logging.NullHandler())  # the shell shows failures itself
     engine = _engine(load, name, ManualClock() if clock == "simulated" else WallClock())
-    opened = Shell(engine, write_line=typer.echo)
+    opened = Shell(engine, write_line=print_line)
     opened.start()
     for file in files or []:
         opened.handle(f"load {file}")
@@ -92,13 +93,13 @@ def _lines(opened: Shell) -> Iterator[str]:
         readline.set_completer_delims(" ,()&|")
         readline.set_completer(lambda text, state: dict(enumerate(opened.completions(text))).get(state))
         readline.parse_and_bind("tab: complete")
-    typer.echo(f"Agent {opened.engine.name}: help lists the commands, Ctrl-D ends.")
+    print_line(f"Agent {opened.engine.name}: help lists the commands, Ctrl-D ends.")
     while True:
         try:
             yield input(opened.prompt)
         except KeyboardInterrupt:
-            typer.echo()
+            print_line()
             opened.text = ""
         except EOFError:
-            typer.echo()
+            print_line()
             return

@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import many
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ParameterError, RuleError
 from socialbot.core.process import ENDING_SIGNALS, Ending
+from socialbot.core.terminal import TerminalFormatter
 
 if TYPE_CHECKING:
     from socialbot.bdi.agentspeak import IncludePaths, Program
@@ -305,7 +306,7 @@ def _run_steps(society: Society, steps: int, until: float | None) -> None:
 
 def _printer(console: Console, name: str, color: str) -> Callable[[str], None]:
     if not console.is_terminal:
-        return lambda text: print(f"[{name}] {text}", flush=True)
+        return lambda text: print_line(f"[{name}] {text}")
     return lambda text: console.print(Text.assemble((f"[{name}]", color), f" {text}"), soft_wrap=True)
 
 
@@ -329,7 +330,7 @@ def _warnings(level: int = logging.WARNING) -> Iterator[None]:
     """Show warnings of agents on stderr."""
     log, handler = logging.getLogger("socialbot.bdi"), logging.StreamHandler()
     handler.setLevel(level)
-    handler.setFormatter(logging.Formatter("warning: %(message)s"))
+    handler.setFormatter(TerminalFormatter("warning: %(message)s"))
     propagate, log.propagate = log.propagate, False
     log.addHandler(handler)
     try:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bags import codec
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import BagArgument, ParentOption, bar, plain_table
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, ImageError
@@ -65,7 +65,7 @@ def play(
         played = play_bag(opened, topics, playing, parent=parent)
     if report is not None:
         report.write_bytes(msgspec.json.encode(played))
-    typer.echo(f"played {played.sent} messages, {played.unanswered} images were not answered in time")
+    print_line(f"played {played.sent} messages, {played.unanswered} images were not answered in time")
 
 
 _YEAR_2000 = 946_684_800 * SECOND

@@ -6,8 +6,8 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import plain_table
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import many
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from socialbot.cli._console import print_line
 from socialbot.cli._options import JsonOption, run_folders
 from socialbot.cli._runs import opened_run, print_found
 
@@ -41,4 +42,4 @@ def _write_page(first: Path, second: Path, found: Difference, file: Path) -> Non
 
     with recorded(first) as one, recorded(second) as other:
         path = difference_page(one, other, found).write(file)
-    typer.echo(f"The page of both: {path}", err=True)
+    print_line(f"The page of both: {path}", err=True)

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from socialbot.bridge import ros_checks
 from socialbot.bridge.ros_checks import Check, Finding
+from socialbot.cli._console import Console
 from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
 from socialbot.cli._runs import print_json
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError

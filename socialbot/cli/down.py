@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from socialbot.cli._console import print_line
 from socialbot.cli._options import VerboseOption, expect_no_machine, graph_names
 from socialbot.core.errors import GraphError
 from socialbot.core.messages import UpStatus
@@ -75,7 +76,7 @@ def down(
         runs = RunStatuses(ros)
         found = find_runs(runs, target, ending, timeout)
         for one in found if verbose else ():
-            typer.echo(f"{_named(one)}: asked to end")
+            print_line(f"{_named(one)}: asked to end")
         left = end(runs, found, ending, timeout)
         silent = [pid for run, pid in locked_runs().items() if target.here and run not in runs.statuses]
         refused = runs.refused
@@ -83,14 +84,14 @@ def down(
     for name in (name for name in unheard if not silent or name != target.own):
         # A run on this machine would have been received.
         what = "nothing is up" if name == target.own else "no answer; a run on this machine continues"
-        typer.echo(f"{name}: {what}", err=name != target.own)
+        print_line(f"{name}: {what}", err=name != target.own)
     for pid in silent:
         why = "its key is not trusted" if refused else "it does not answer"
-        typer.echo(f"process {pid}: a run is up here, but {why}; end it by: kill -INT {pid}", err=True)
+        print_line(f"process {pid}: a run is up here, but {why}; end it by: kill -INT {pid}", err=True)
     if not (found or silent or target.machines):
-        typer.echo(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
+        print_line(f"nothing is up here in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}")
     for one in left:
-        typer.echo(f"{_named(one)}: not ended after {timeout:g} s: {SLOW[one.state]}", err=True)
+        print_line(f"{_named(one)}: not ended after {timeout:g} s: {SLOW[one.state]}", err=True)
     if left or silent or set(unheard) - {target.own}:
         raise typer.Exit(NOT_ENDED)
 
@@ -134,7 +135,7 @@ def end(runs: RunStatuses, found: Sequence[UpStatus], ending: Ending, timeout_s:
             left.remove(run)
             last = runs.statuses[run]
             error = f", with an error: {printable(last.reason)}" if last.reason else ""
-            typer.echo(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
+            print_line(f"{_named(last)}: ended after {time.monotonic() - begun:.1f} s{error}")
         time.sleep(POLL_S)
     return [runs.statuses[run] for run in left]
 

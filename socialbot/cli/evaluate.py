@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import bar
 from socialbot.core.errors import ParameterError
 

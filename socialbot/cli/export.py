@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import run_folders
 from socialbot.cli._runs import opened_run
 from socialbot.core.errors import ParameterError

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console
 
 PANEL = "Look into a run"
 EXAMPLES = ("socialbot forget runs/waldo --person t1",)

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from socialbot.bridge.ros_checks import expect_types, missing_types
+from socialbot.cli._console import Console
 from socialbot.cli._options import CheckedRunnerOption, GraphArgument, RobotOption
 from socialbot.core.errors import GraphError
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import PORT, MachineOption, PortOption, join, run_folders
 from socialbot.cli._runs import print_problems
 from socialbot.core.process import Ending

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import plain_table
 
 PANEL = "Join a running graph"
@@ -53,7 +53,7 @@ def get(node: NodeArgument, timeout: TimeoutOption = 5.0) -> None:
     from socialbot.bridge.lifecycle import lifecycle_client
 
     with lifecycle_client(timeout_s=timeout) as client:
-        typer.echo(client.state(node))
+        print_line(client.state(node))
 
 
 @lifecycle.command(name="set")
@@ -68,4 +68,4 @@ def set_state(
     from socialbot.bridge.lifecycle import lifecycle_client
 
     with lifecycle_client(timeout_s=timeout) as client:
-        typer.echo(client.change(node, transition))
+        print_line(client.change(node, transition))

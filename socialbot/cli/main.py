@@ -9,6 +9,7 @@ are imported when their command is used. Errors of the user print one message an
 from __future__ import annotations
 
 import importlib
+import logging
 import pkgutil
 import sys
 from collections.abc import Iterator, Mapping
@@ -17,13 +18,14 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperGroup
 
 from socialbot import __version__
+from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import SocialbotError
 from socialbot.core.process import allow_deep_recursion
+from socialbot.core.terminal import TerminalFormatter
 
 TAKES_ROS_ARGUMENTS = ("node", "translate")
 PANELS = (
@@ -102,13 +104,15 @@ app = typer.Typer(
 def root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
     """A robot that notices people and acts without being asked."""
     if version:
-        typer.echo(f"socialbot {__version__}")
+        print_line(f"socialbot {__version__}")
         raise typer.Exit
 
 
 def main() -> None:
     """The entry point of the ``socialbot`` command."""
     allow_deep_recursion()
+    if logging.lastResort is not None:  # prints warnings where no handler does
+        logging.lastResort.setFormatter(TerminalFormatter())
     arguments, ros_args = sys.argv[1:], []
     if arguments[:1] and arguments[0] in TAKES_ROS_ARGUMENTS:
         from socialbot.bridge.environment import split_ros_args

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import RobotOption
 from socialbot.core.errors import ParameterError, SocialbotError
 from socialbot.core.installation import pip_command

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import plain_table
 
 PANEL = "Join a running graph"
@@ -51,7 +51,7 @@ def get(node: NodeArgument, name: NameArgument, timeout: TimeoutOption = 5.0) ->
     from socialbot.bridge.parameters import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
-        typer.echo(client.get(node, name).value)
+        print_line(client.get(node, name).value)
 
 
 @param.command(name="set")
@@ -65,4 +65,4 @@ def set_parameter(
     from socialbot.bridge.parameters import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
-        typer.echo(client.set(node, name, value))
+        print_line(client.set(node, name, value))

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import JsonOption
 from socialbot.cli._runs import print_json
 from socialbot.core.errors import NodeError, PlanningError
@@ -91,7 +91,7 @@ def _show(answer: PlannerAnswer, planner: str, as_json: bool) -> None:
         console.print(_table(answer.plan))
         console.print(summary, markup=False)
     else:
-        typer.echo(f"; {summary}\n{answer.plan}", nl=False)
+        print_line(f"; {summary}\n{answer.plan}", nl=False)
 
 
 def _table(shown: PddlPlan) -> Table:
@@ -122,7 +122,7 @@ def _show_check(checked: PddlPlan, found: Sequence[str], as_json: bool) -> None:
         print_json({"valid": not found, "faults": found, "makespan_s": checked.makespan_s})
         return
     if not found:
-        typer.echo(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")
+        print_line(f"valid: {len(checked.steps)} steps, makespan {checked.makespan_s:.3f} s")
         return
     errors = Console(stderr=True, highlight=False)
     for fault in found:

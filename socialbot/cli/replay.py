@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console, print_line
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph
@@ -166,6 +166,6 @@ def _ask_image_topic(names: Sequence[str]) -> str | None:
     if len(names) < 2 or not sys.stdin.isatty():
         return None
     for number, name in enumerate(names, 1):
-        typer.echo(f"  {number}  {name}")
+        print_line(f"  {number}  {name}")
     answer: int = typer.prompt("Topic of the images", type=int, default=1)
     return names[answer - 1] if 1 <= answer <= len(names) else None

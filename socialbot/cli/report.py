@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import typer
-
+from socialbot.cli._console import print_line
 from socialbot.cli._options import RunArgument
 
 PANEL = "Look into a run"
@@ -15,4 +14,4 @@ def report(run: RunArgument = None) -> None:
     from socialbot.runs.folder import newest_run
     from socialbot.runs.report import write_report
 
-    typer.echo(write_report(newest_run() if run is None else run))
+    print_line(write_report(newest_run() if run is None else run))

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console
 
 if TYPE_CHECKING:
     from socialbot.graph.node import Graph

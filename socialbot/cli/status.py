@@ -10,11 +10,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import JsonOption, expect_no_machine, graph_names, join, times
 from socialbot.cli._runs import print_json
 from socialbot.core.messages import Health, Message

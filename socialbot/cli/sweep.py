@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
+from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
     from socialbot.runs.difference import Difference
@@ -106,7 +107,7 @@ def sweep(
     page = sweep_page(found, chosen, compared).write(folder / "index.html")
     (folder / "sweep.json").write_bytes(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
     if as_json:
-        typer.echo((folder / "sweep.json").read_text("utf-8"), nl=False)
+        print_line(escaped_json((folder / "sweep.json").read_text("utf-8")), nl=False)
         return
     _print(console if console.is_terminal else Console(highlight=False, width=PAGE_WIDTH), found, chosen, compared)
     reused = f", {runner.reused} of them from before" if runner.reused else ""

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from socialbot.cli._console import print_line
 from socialbot.core.errors import ParameterError
 from socialbot.core.process_settings import ProcessSettings
 
@@ -55,7 +56,7 @@ def systemd(
     settings = [deployment.processes[one.name] for one in deployment.half(machine) if one.name in deployment.processes]
     text = unit(file, machine, settings=settings)
     if out is None:
-        typer.echo(text, nl=False)
+        print_line(text, nl=False)
         return
     path = out / f"socialbot-{machine}.service"
     try:
@@ -63,7 +64,7 @@ def systemd(
     except OSError as error:
         what = f"cannot be written: {error.strerror}"
         raise ParameterError(what, where=str(path), remedy="name another --out") from error
-    typer.echo(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
+    print_line(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
 
 
 def unit(file: Path, machine: str, *, user: str | None = None, settings: Collection[ProcessSettings] = ()) -> str:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console
 
 if TYPE_CHECKING:
     from socialbot.runs.expectations import Expectation

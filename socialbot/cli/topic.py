@@ -10,11 +10,11 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from socialbot.bags.codec import STRING
 from socialbot.bridge.topics import TopicRate, topic_rate
+from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import plain_table
 from socialbot.core.errors import MessageError
 from socialbot.core.process import Ending
@@ -76,7 +76,7 @@ def echo(
         if isinstance(message, message_class(STRING)) and not raw:
             message = _opened(receiver, message)
         if message is not None:
-            typer.echo(f"{message_text(message, raw=raw)}\n---")
+            print_line(f"{message_text(message, raw=raw)}\n---")
             shown += 1
         if shown == count:
             return
@@ -99,10 +99,10 @@ def hz(
             received.append((now, len(message)))
             new += 1
         if now >= due:
-            typer.echo(rate_line(topic_rate(received)) if new else "no messages")
+            print_line(rate_line(topic_rate(received)) if new else "no messages")
             new, due = 0, now + REPORT_S
     if new:
-        typer.echo(rate_line(topic_rate(received)))
+        print_line(rate_line(topic_rate(received)))
 
 
 @topic.command()
@@ -153,7 +153,7 @@ def _opened(receiver: Receiver, message: Any) -> Any | None:
     try:
         return receiver.open(message)
     except MessageError as error:
-        typer.echo(f"refused, {error}", err=True)
+        print_line(f"refused, {error}", err=True)
         return None
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import MachineOption, graph_names, join
 from socialbot.cli.inspect import wait_for_signal
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console
 from socialbot.core.errors import ParameterError
 
 FOXGLOVE_PORT = 8766  # that of the inspector is 8765

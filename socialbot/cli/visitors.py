@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
+from socialbot.cli._console import Console
 from socialbot.cli._options import JsonOption, RunArgument, many, plain_table
 from socialbot.cli._runs import opened_run, print_json
 

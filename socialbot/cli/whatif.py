@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from socialbot.cli import _options as options
+from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
 
 PANEL = "Test behaviours"
@@ -95,6 +95,6 @@ def whatif(
         from socialbot.runs.report import recorded as opened
 
         with opened(folder / "unchanged") as one, opened(folder / "changed") as other:
-            typer.echo(f"The page of both: {difference_page(one, other, found).write(html)}", err=True)
+            print_line(f"The page of both: {difference_page(one, other, found).write(html)}", err=True)
     if not found.same:
         raise typer.Exit(DIFFERENT)

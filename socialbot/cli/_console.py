@@ -1,0 +1,26 @@
+"""Output of commands. It may hold texts of strangers, so characters that control a terminal are replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import rich.console
+import typer
+from rich.console import ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from socialbot.core.terminal import without_controls
+
+
+class Console(rich.console.Console):
+    """Console of rich that prints only its own control sequences, not those in texts."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(without_controls(segment.text), segment.style)
+
+
+def print_line(text: Any = "", *, nl: bool = True, err: bool = False) -> None:
+    """Print text on stdout, or on stderr."""
+    typer.echo(without_controls(str(text)), nl=nl, err=err)

@@ -1,0 +1,106 @@
+"""Texts of strangers on a terminal: in runs, files, names and messages."""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import logging
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+import socialbot.cli
+from socialbot.cli._console import Console
+from socialbot.core.terminal import TerminalFormatter, without_controls
+from tests.system.running import socialbot_here
+
+RUN = Path(__file__).parents[1] / "data" / "run_0_1"
+HOSTILE = "\x1b]52;c;eA==\x07\x1b[2J\x9b2J\r\u202egnp.exe\u2066\u2028"
+"""Sequences that write the clipboard, clear the screen, and exchange the order of a line."""
+
+
+def hostile(value: object) -> object:
+    """The value with `HOSTILE` at the end of all texts below it."""
+    if isinstance(value, dict):
+        return {name: hostile(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [hostile(part) for part in value]
+    return value + HOSTILE if isinstance(value, str) else value
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hostile") / "run"
+    shutil.copytree(RUN, folder)
+    with (folder / "trace.jsonl").open("w", encoding="utf-8") as file:
+        for line in (RUN / "trace.jsonl").read_text("utf-8").splitlines():
+            record = json.loads(line)
+            record["what"] += HOSTILE
+            record["detail"] = hostile(record["detail"])
+            file.write(json.dumps(record) + "\n")
+    return folder
+
+
+def controls(text: str) -> list[str]:
+    return [letter for letter in text if not letter.isprintable() and letter not in "\n\t"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("ask", "{run}", "What did you believe?"),
+        ("ask", "{run}", f"Why did you greet {HOSTILE}?"),
+        ("ask", "{run}", "--json", "What did you believe?"),
+        ("why", "{run}"),
+        ("diff", "{run}", str(RUN)),
+        ("ask", f"{{run}}/{HOSTILE}", "Why?"),
+        ("bag", "info", HOSTILE),
+        ("graph", HOSTILE),
+    ],
+)
+def test_commands_print_no_control_characters(arguments: tuple[str, ...], run: Path) -> None:
+    done = socialbot_here(*(each.replace("{run}", str(run)) for each in arguments))
+    assert done.stdout or done.stderr
+    assert controls(done.stdout + done.stderr) == []
+
+
+def test_json_keeps_its_values(run: Path) -> None:
+    found = json.loads(socialbot_here("ask", run, "--json", f"Why did you greet {HOSTILE}?").stdout)
+    assert "\x9b2J" in json.dumps(found, ensure_ascii=False)
+
+
+def test_a_terminal_gets_only_the_sequences_of_the_console() -> None:
+    def printed(text: str) -> str:
+        file = io.StringIO()
+        console = Console(file=file, force_terminal=True, width=60)
+        table = Table("a header wider than the texts")
+        table.add_row(Text(text, "bold red"))
+        console.print(table, f"[red]{text}[/]", Text(text))
+        with Live(Text(text), console=console):
+            pass
+        return file.getvalue()
+
+    assert "\x1b[" in printed("plain")
+    assert printed("a\x1bb\x9bc\u202ed") == printed("a?b?c?d")
+
+
+def test_log_records_have_no_control_characters() -> None:
+    record = logging.LogRecord("socialbot", logging.WARNING, "", 0, "from %s", (HOSTILE,), None)
+    assert controls(TerminalFormatter().format(record)) == []
+    assert without_controls("Ärger\t日本\u200d\n") == "Ärger\t日本\u200d\n"
+
+
+def test_commands_print_by_this_console_only() -> None:
+    def others(tree: Any) -> list[str]:
+        names = (ast.unparse(node) for node in ast.walk(tree) if isinstance(node, (ast.Attribute, ast.ImportFrom)))
+        return [name for name in names if name == "typer.echo" or "rich.console import Console" in name]
+
+    for path in Path(socialbot.cli.__file__).parent.glob("*.py"):
+        if path.name != "_console.py":
+            assert others(ast.parse(path.read_text("utf-8"))) == [], path.name
