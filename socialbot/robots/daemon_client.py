@@ -10,6 +10,7 @@ import http.client
 import json
 import logging
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -19,7 +20,13 @@ from urllib.parse import urlsplit
 from socialbot.core.errors import DeviceError, ParameterError
 
 TIMEOUT_S = 2.0
-"""Time limit of a request."""
+"""Time limit of a request, with the whole answer."""
+
+MAX_ANSWER_BYTES = 1 << 20
+"""Largest answer."""
+
+LONGEST_REASON = 200
+"""Characters of the texts of a daemon in errors."""
 
 UPLOAD_TIMEOUT_S = 15.0
 """Time limit of the upload of a sound, which the daemon examines."""
@@ -33,6 +40,19 @@ RETRY_S = (0.25, 4.0)
 START = "start reachy-mini-daemon, or give its address as url"
 
 log = logging.getLogger("socialbot.reachy_mini")
+
+
+class _TimedSocket(socket.socket):
+    """Socket with one time limit for all that it receives: an answer may come byte by byte."""
+
+    deadline = 0.0
+
+    def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:
+        left_s = self.deadline - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError("timed out")
+        self.settimeout(left_s)
+        return super().recv_into(buffer, nbytes, flags)
 
 
 class DaemonClient:
@@ -53,6 +73,7 @@ class DaemonClient:
                 f"{url!r} is not the address of a daemon", where="url", remedy="write it as in http://127.0.0.1:8000"
             )
         self.url = url.rstrip("/")
+        self._timeout_s = timeout_s
         self._connection = http.client.HTTPConnection(parts.hostname, port, timeout=timeout_s)
 
     def close(self) -> None:
@@ -110,22 +131,28 @@ class DaemonClient:
         answer = self._request(method, path, body, "application/json")
         try:
             page = json.loads(answer)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise DeviceError(f"no valid answer to {path}", where=self.url, remedy=START) from error
         return page if isinstance(page, dict) else {}
 
     def _request(self, method: str, path: str, body: bytes | None = None, kind: str = "") -> bytes:
         headers = {"Content-Type": kind} if body is not None else {}
         try:
+            connected = self._connected()
             self._connection.request(method, path, body, headers)
+            connected.deadline = time.monotonic() + self._timeout_s
             answer = self._connection.getresponse()
-            text = answer.read()
+            text = answer.read(MAX_ANSWER_BYTES + 1)
         except (OSError, http.client.HTTPException) as error:
             self.close()
             raise DeviceError(
                 f"the daemon does not answer: {error or type(error).__name__}", where=self.url, remedy=START
             ) from error
-        if answer.status >= 400:
+        if len(text) > MAX_ANSWER_BYTES:
+            self.close()
+            what = f"the answer to {path} is larger than {MAX_ANSWER_BYTES >> 20} MiB"
+            raise DeviceError(what, where=self.url, remedy=START)
+        if not 200 <= answer.status < 300:
             raise DeviceError(
                 f"{method} {path} was refused with {answer.status}: {_detail(text)}",
                 where=self.url,
@@ -133,13 +160,20 @@ class DaemonClient:
             )
         return text
 
+    def _connected(self) -> _TimedSocket:
+        if not isinstance(self._connection.sock, _TimedSocket):
+            self._connection.connect()
+            self._connection.sock = _TimedSocket(fileno=self._connection.sock.detach())
+        self._connection.sock.settimeout(self._timeout_s)
+        return self._connection.sock
+
 
 def _detail(text: bytes) -> str:
     try:
         found = json.loads(text)["detail"]
-    except (ValueError, KeyError, TypeError):
-        return text[:200].decode("utf-8", "replace")
-    return str(found)[:200]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return text[:LONGEST_REASON].decode("utf-8", "replace")
+    return str(found)[:LONGEST_REASON]
 
 
 class TargetStream:
@@ -216,10 +250,16 @@ class TargetStream:
         status = self._client.status()
         if status.get("state") != "running":
             reason = status.get("error") or f"it is {status.get('state')}"
-            raise DeviceError(f"the robot cannot move: {reason}", where=self._client.url, remedy="start the robot")
+            raise DeviceError(
+                f"the robot cannot move: {str(reason)[:LONGEST_REASON]}",
+                where=self._client.url,
+                remedy="start the robot",
+            )
         mode = self._client.motor_mode()
         if mode != "enabled":
-            raise DeviceError(f"the motors are {mode or 'off'}", where=self._client.url, remedy="wake up the robot")
+            raise DeviceError(
+                f"the motors are {mode[:LONGEST_REASON] or 'off'}", where=self._client.url, remedy="wake up the robot"
+            )
 
     def _note_down(self, error: DeviceError) -> None:
         reason = f"{error.what} ({error.remedy})"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -41,6 +40,7 @@ ROLL_RAD, RISE_M, ANTENNA_RAD = 0.35, 0.02, 1.5
 
 _SPEEDS = {"roll": 1.0, "z": 0.05, "left": 4.0, "right": 4.0}  # rad/s and m/s; pan and tilt have those of the profile
 _STILL = 1e-4  # smaller changes are not sent
+_FARTHEST = 10.0  # rad or m: no head is so far from its rest
 _REPEAT_S = 1.0  # a resting head is sent again after this time
 
 
@@ -141,7 +141,7 @@ class ReachyHead(RobotHead):
         """Continue from the pose of the robot."""
         try:
             self._present = present_pose(state)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             self.report_health("degraded", f"the daemon at {self.url} reports no pose: is its version known?")
             return
         self._motion = None if self._motion is None else self._motion_from(self._present)
@@ -213,7 +213,7 @@ def gestures_of(text: str, *, where: str) -> dict[str, str]:
 
 
 def present_pose(state: Mapping[str, Any]) -> dict[str, float]:
-    """Return the channels of the pose that a daemon reports. Raises KeyError, TypeError or ValueError."""
+    """Return the channels of the reported pose. Raises KeyError, TypeError, ValueError or OverflowError."""
     head = state["head_pose"]
     right, left = state["antennas_position"]
     pose = {
@@ -224,8 +224,8 @@ def present_pose(state: Mapping[str, Any]) -> dict[str, float]:
         "left": float(left),
         "right": float(right),
     }
-    if not all(map(math.isfinite, pose.values())):
-        raise ValueError(f"no finite pose: {pose}")
+    if not all(abs(value) <= _FARTHEST for value in pose.values()):
+        raise ValueError(f"no pose of a head: {pose}")
     return pose
 
 
