@@ -10,13 +10,15 @@ import numpy as np
 
 from socialbot.core import paths
 from socialbot.core.errors import ImageError
-from socialbot.core.limits import IMAGE_PIXELS
+from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Suffixes of images in a folder."""
 
 _REMEDY = "remove or replace this image"
 _PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+_SCAN = b"\xff\xda"
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -35,6 +37,8 @@ def decode_image(data: bytes, *, where: str) -> np.ndarray:
     """Decode the content of an image file as `read_image` does. Errors name ``where``."""
     if data.startswith(_PNG) and not is_complete_png(data):
         raise ImageError("the file is truncated", where=where, remedy=_REMEDY)
+    if has_too_many_scans(data):
+        raise ImageError(f"more than {JPEG_SCANS} scans", where=where, remedy=_REMEDY)
     try:
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
@@ -55,6 +59,11 @@ def is_complete_png(data: bytes) -> bool:
         length, kind = struct.unpack_from(">I4s", data, at)
         at += 12 + length
     return kind == b"IEND" and at <= len(data)
+
+
+def has_too_many_scans(data: bytes) -> bool:
+    """Whether a JPEG has more than `JPEG_SCANS`."""
+    return data.startswith(_JPEG) and data.count(_SCAN) > JPEG_SCANS
 
 
 def open_video(path: str | Path) -> cv2.VideoCapture:

@@ -11,6 +11,9 @@ DATA_BYTES = 1 << 30
 IMAGE_PIXELS = 1 << 25
 """Most pixels of an image or a frame of a video (8K): a small file may claim gigabytes of pixels."""
 
+JPEG_SCANS = 64
+"""Most scans of a JPEG: a progressive one has about ten, and each may take time for all of its pixels."""
+
 IMAGE_VARIABLE = "OPENCV_IO_MAX_IMAGE_PIXELS"
 """Variable that gives this limit to OpenCV, which reads it when it is imported."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from array import array
 from typing import Protocol
 
 import cv2
@@ -132,33 +133,51 @@ def _rvl(data: bytes, refused: _Refusal) -> np.ndarray:
     count = width * height
     if not 0 < count <= IMAGE_PIXELS:
         raise refused(f"{width}x{height} pixels cannot be")
-    words = np.frombuffer(data[8 : 8 + (len(data) - 8) // 4 * 4], "<u4").byteswap().view(np.uint8)
-    nibbles = np.empty(2 * words.size, np.uint8)
-    nibbles[0::2], nibbles[1::2] = words >> 4, words & 15
-    # Each number ends at a nibble without the continuation bit.
-    ends = np.flatnonzero(nibbles < 8)
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    if not ends.size or (ends - starts).max() > 10:
+    if len(data) > _RVL_HEAD + _RVL_PIXEL * count:
+        raise refused(f"{len(data)} bytes of RVL data are too many for {width}x{height} pixels")
+    numbers = _rvl_numbers(data[8 : 8 + (len(data) - 8) // 4 * 4])
+    if numbers is None:
         raise refused("the RVL data is damaged")
-    places = np.arange(ends[-1] + 1) - np.repeat(starts, ends - starts + 1)
-    numbers = np.add.reduceat((nibbles[: ends[-1] + 1] & 7).astype(np.int64) << (3 * places), starts)
-    pixels = np.zeros(count, np.int64)
-    at = index = 0
-    last = 0
-    while at < count and index + 1 < numbers.size:
-        zeros, filled = int(numbers[index]), int(numbers[index + 1])
+    # Runs of pixels with depth: number of their first code, of their first pixel, and of their pixels.
+    runs = array("q")
+    values, at, index = numbers.data, 0, 0
+    while at < count and index + 1 < len(values):
+        at, filled = at + values[index], values[index + 1]
         index += 2
-        at += zeros
-        codes = numbers[index : index + filled]
-        if codes.size < filled or at + filled > count:
+        if at + filled > count or index + filled > len(values) or (not filled and at < count):
             break
-        values = last + np.cumsum((codes >> 1) ^ -(codes & 1))
-        pixels[at : at + filled] = values
-        last = int(values[-1]) if filled else last
-        index, at = index + filled, at + filled
-    if at < count:
+        runs.extend((index, at, filled))
+        at, index = at + filled, index + filled
+    if at != count:
         raise refused("the RVL data is damaged")
-    return pixels.astype(np.uint16).reshape(height, width)
+    first, place, filled = np.frombuffer(runs, np.int64).reshape(-1, 3).T
+    within = np.arange(filled.sum()) - np.repeat(np.cumsum(filled) - filled, filled)
+    codes = numbers[np.repeat(first, filled) + within]
+    pixels = np.zeros(count, np.uint16)
+    pixels[np.repeat(place, filled) + within] = np.cumsum((codes >> 1) ^ -(codes & 1)).astype(np.uint16)
+    return pixels.reshape(height, width)
+
+
+_RVL_HEAD, _RVL_PIXEL = 32, 4
+"""Most bytes of RVL data: a pixel has up to 6 groups of 4 bits, and its run 2."""
+_LONGEST_NUMBER = 11  # groups
+
+
+def _rvl_numbers(data: bytes) -> np.ndarray | None:
+    """Numbers of RVL data: each ends at a group without the continuation bit. None if one has too many groups."""
+    words = np.frombuffer(data, "<u4").byteswap().view(np.uint8)
+    groups = np.empty(2 * words.size, np.uint8)
+    groups[0::2], groups[1::2] = words >> 4, words & 15
+    ends = np.flatnonzero(groups < 8)
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    lengths = (ends - starts + 1).astype(np.uint8) if ends.size and (ends - starts).max() < _LONGEST_NUMBER else None
+    if lengths is None:
+        return None
+    numbers = np.zeros(ends.size, np.int64)
+    for group in range(int(lengths.max())):
+        longer = np.flatnonzero(lengths > group)
+        numbers[longer] |= (groups[starts[longer] + group] & 7).astype(np.int64) << (3 * group)
+    return numbers
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:

@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from socialbot.bags.image_files import is_complete_png
+from socialbot.bags.image_files import has_too_many_scans, is_complete_png
 from socialbot.core.errors import ImageError
-from socialbot.core.limits import IMAGE_PIXELS
+from socialbot.core.limits import IMAGE_PIXELS, JPEG_SCANS
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.graph.health import SILENT_S
 from socialbot.graph.node import Node
@@ -121,6 +121,8 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
         raise refused(f"{width}x{height} pixels are too many", remedy)
     if width * height and not (is_complete_png if file.startswith(_PNG) else _is_complete_jpeg)(file):
         raise refused("the file is truncated", "check the camera's cable and bandwidth")
+    if has_too_many_scans(file):
+        raise refused(f"more than {JPEG_SCANS} scans", "have the camera publish baseline JPEG")
     pixels, why = None, ""
     try:
         if width * height:

@@ -14,7 +14,10 @@ import pytest
 from socialbot.bags.conversion import import_bag
 from socialbot.bags.image_files import SUFFIXES, open_video, read_image
 from socialbot.core.errors import BagError, ImageError
+from socialbot.core.limits import JPEG_SCANS
+from socialbot.core.messages import CompressedImage
 from socialbot.vision.camera_node import open_frames
+from socialbot.vision.images import bgr_from_compressed
 from socialbot.vision.metrics.formats._labels import image_size
 
 SIDE = 60_000  # 3.6 gigapixels
@@ -101,3 +104,36 @@ def test_a_video_of_huge_frames_is_refused(tmp_path: Path) -> None:
         open_video(large)
     with pytest.raises(ImageError, match="cannot be opened"):
         open_video(tmp_path / "none.avi")
+
+
+def jpeg_of_scans(scans: int) -> bytes:
+    """A progressive JPEG of 640x480 whose scans repeat the first one; each is a few bytes."""
+
+    def segment(marker: int, content: bytes) -> bytes:
+        return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
+
+    blocks = 80 * 60
+    one_code = bytes([1]) + bytes(15)
+    head = segment(0xDB, bytes(1) + bytes([1] * 64)) + segment(
+        0xC2, struct.pack(">BHHBBBB", 8, 480, 640, 1, 1, 0x11, 0)
+    )
+    tables = segment(0xC4, bytes([0]) + one_code + bytes([0])) + segment(0xC4, bytes([0x10]) + one_code + bytes([0xE0]))
+    dc = segment(0xDA, bytes([1, 1, 0, 0, 0, 0])) + bytes(blocks // 8)
+    ac = segment(0xDA, bytes([1, 1, 0, 1, 63, 0])) + bytes(2)  # one run of empty blocks
+    return b"\xff\xd8" + head + tables + dc + ac * (scans - 1) + b"\xff\xd9"
+
+
+def test_a_jpeg_of_many_scans_is_refused(tmp_path: Path) -> None:
+    """Each scan takes time for all pixels: a megabyte of them minutes."""
+
+    def message(data: bytes) -> CompressedImage:
+        return CompressedImage(stamp=0, frame_id="", format="jpeg", data=np.frombuffer(data, np.uint8))
+
+    path = tmp_path / "image.jpg"
+    path.write_bytes(jpeg_of_scans(JPEG_SCANS))
+    assert read_image(path).shape == bgr_from_compressed(message(path.read_bytes())).shape == (480, 640, 3)
+    path.write_bytes(jpeg_of_scans(JPEG_SCANS + 1))
+    with pytest.raises(ImageError, match="scans"):
+        read_image(path)
+    with pytest.raises(ImageError, match="scans"):
+        bgr_from_compressed(message(path.read_bytes()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import struct
+import time
 from typing import Any
 
 import cv2
@@ -153,12 +154,24 @@ def test_rvl(values: list[int], width: int) -> None:
         ("16UC1; compressedDepth", bytes(12) + png(MILLIMETRES)[:60] + b"IEND" + bytes(4), "damaged"),
         ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 4, 4) + b"\xff" * 8, "damaged"),
         ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 1 << 30, 4), "cannot be"),
+        ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 4, 4) + bytes(200), "too many"),
+        ("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 4, 4) + bytes(64), "damaged"),
         ("32FC1; compressedDepth", bytes(12) + png(MILLIMETRES), "quantisation"),
     ],
 )  # fmt: skip
 def test_refuses_damaged_compressed_depth(form: str, data: bytes, what: str) -> None:
     with pytest.raises(ImageError, match=what):
         depth_from_compressed(compressed(form, data))
+
+
+@pytest.mark.parametrize("groups", [b"\0\0\0\0", b"\x10\x10\x10\x10", b"\x11\x01\x11\x01"])
+def test_runs_of_rvl_take_little_time(groups: bytes) -> None:
+    """Runs without pixels, and runs of one."""
+    image = compressed("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 640, 480) + groups * 300_000)
+    begin = time.process_time()
+    with contextlib.suppress(ImageError):
+        depth_from_compressed(image)
+    assert time.process_time() - begin < 1.0
 
 
 @given(st.binary(max_size=80), st.sampled_from(["16UC1; compressedDepth rvl", "32FC1; compressedDepth", "png", ""]))
