@@ -139,8 +139,11 @@ class MobileAgent(AgentNode):
                 raise ParameterError("is empty", where=f"{self.name}.area", remedy="write x_min y_min x_max y_max")
 
     @tf
-    @tf_static
     def on_transforms(self, message: Transforms) -> None:
+        self._frames.add(message.transforms, moving=True)
+
+    @tf_static
+    def on_static_transforms(self, message: Transforms) -> None:
         self._frames.add(message.transforms)
 
     def note_people(self, message: PersonDetections) -> None:

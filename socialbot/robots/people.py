@@ -41,15 +41,15 @@ class RobotPeople(Node):
     def __init__(self, name: str, context: Context, parameters: Mapping[str, object] | None = None) -> None:
         super().__init__(name, context, parameters)
         self._frames = TransformTree()
-        self._seen: dict[str, int] = {}
-        """Stamp (ns) of the newest frame of each person."""
         self._paths: dict[str, deque[tuple[int, float]]] = {}
 
     @tf
-    @tf_static
     def on_transforms(self, message: Transforms) -> None:
+        self._frames.add(message.transforms, moving=True)
+
+    @tf_static
+    def on_static_transforms(self, message: Transforms) -> None:
         self._frames.add(message.transforms)
-        self._seen |= {each.child: each.stamp for each in message.transforms if each.child.startswith("body_")}
 
     @bodies
     def on_bodies(self, message: RosMessage) -> None:
@@ -63,7 +63,8 @@ class RobotPeople(Node):
     def _person(self, body: str, stamp: int) -> PersonDetection:
         frame = f"body_{body}"
         matrix = None
-        if abs(stamp - self._seen.get(frame, -(2**62))) <= self.oldest_s * SECOND:
+        newest = self._frames.newest(frame)
+        if newest is not None and abs(stamp - newest) <= self.oldest_s * SECOND:
             matrix = self._frames.lookup(self.robot_frame, frame, stamp)
         if matrix is None:
             return PersonDetection(x=0.0, y=0.0, w=0.0, h=0.0, score=1.0, track_id=body)

@@ -69,10 +69,10 @@ class DepthSensors:
         """
         self._pose = parse_pose(text) if text else None
 
-    def take(self, message: Message) -> None:
-        """Keep a message of a sensor, or transforms."""
+    def take(self, message: Message, *, moving: bool = False) -> None:
+        """Keep a message of a sensor, or transforms, which may be ``moving`` as those of /tf."""
         if isinstance(message, Transforms):
-            self._transforms.add(message.transforms)
+            self._transforms.add(message.transforms, moving=moving)
         elif isinstance(message, DepthInfo):
             self._info = message
         elif isinstance(message, (DepthImage, CompressedDepth)):

@@ -273,10 +273,13 @@ class PersonDetector(Node):
     @depth_compressed
     @depth_info
     @points
-    @tf
     @tf_static
     def on_sensor(self, message: Message) -> None:
         self._sensors.take(message)
+
+    @tf
+    def on_transforms(self, message: Transforms) -> None:
+        self._sensors.take(message, moving=True)
 
     @image
     def on_image(self, image: Image) -> None:

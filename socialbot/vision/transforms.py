@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
 from socialbot.core.messages import Transform
 
@@ -24,20 +25,58 @@ OPTICAL = re.compile(r"optical")
 _KEPT = 200
 """Transforms kept of each frame."""
 
+_FORGET_NS = 60 * SECOND
+"""Time after which a frame that moves is forgotten, such as that of a person who left."""
+
+_CHECKED_FRAMES, _MOST_FRAMES = 200, 2000
+"""Numbers of frames from which frames are forgotten, and above which new ones are ignored."""
+
+_FARTHEST_M = 1e9
+"""Largest coordinate of a transform: products of larger ones have no finite value."""
+
 
 class TransformTree:
     """Tree of frames, with the latest transforms of each by stamp."""
 
     def __init__(self) -> None:
         self._parents: dict[str, deque[Transform]] = {}
+        self._moving: set[str] = set()
+        self._check_at = _CHECKED_FRAMES
 
-    def add(self, transforms: Iterable[Transform]) -> None:
-        """Add transforms. One with another parent replaces those of its frame."""
+    def add(self, transforms: Iterable[Transform], *, moving: bool = False) -> None:
+        """Add transforms. One with another parent replaces those of its frame.
+
+        A transform to its own frame, or whose numbers are not finite, is ignored, as in tf2.
+
+        Args:
+            transforms: The transforms.
+            moving: Whether they are repeated, as those of /tf: their frames are forgotten some time after the last.
+        """
         for each in transforms:
+            if each.child == each.parent or not _is_usable(each):
+                continue
             known = self._parents.get(each.child)
+            if known is None and len(self._parents) >= self._check_at:
+                self._forget(each.stamp)
+                if len(self._parents) >= _MOST_FRAMES:
+                    continue
             if known is None or known[-1].parent != each.parent:
                 known = self._parents[each.child] = deque(maxlen=_KEPT)
             known.append(each)
+            (self._moving.add if moving else self._moving.discard)(each.child)
+
+    def _forget(self, now: int) -> None:
+        """Forget moving frames of the past, if there are many frames."""
+        for frame in tuple(self._moving):
+            if self._parents[frame][-1].stamp < now - _FORGET_NS:
+                del self._parents[frame]
+                self._moving.discard(frame)
+        self._check_at = min(max(2 * len(self._parents), _CHECKED_FRAMES), _MOST_FRAMES)
+
+    def newest(self, frame: str) -> int | None:
+        """Stamp (ns) of the newest transform of ``frame``; None if there is none."""
+        known = self._parents.get(frame)
+        return None if known is None else known[-1].stamp
 
     def lookup(self, target: str, source: str, stamp: int) -> Matrix | None:
         """Transform of points from frame ``source`` to frame ``target`` at about ``stamp`` (ns); None if unknown."""
@@ -61,6 +100,11 @@ class TransformTree:
                 break
             chain[frame] = matrix
         return chain
+
+
+def _is_usable(transform: Transform) -> bool:
+    numbers = (*transform.translation, *transform.rotation)
+    return all(-_FARTHEST_M <= number <= _FARTHEST_M for number in numbers)
 
 
 def matrix_of(translation: tuple[float, float, float], rotation: tuple[float, float, float, float]) -> Matrix:

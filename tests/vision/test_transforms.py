@@ -1,0 +1,62 @@
+"""Transforms of strangers and of people who left."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import Transform
+from socialbot.vision.transforms import TransformTree
+
+STILL = (0.0, 0.0, 0.0, 1.0)
+
+
+def link(parent: str, child: str, x: float = 1.0, stamp: int = 0, rotation: tuple[float, ...] = STILL) -> Transform:
+    turn = rotation[0], rotation[1], rotation[2], rotation[3]
+    return Transform(stamp=stamp, parent=parent, child=child, translation=(x, 0.0, 0.0), rotation=turn)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e308])
+def test_a_transform_without_finite_numbers_changes_nothing(value: float) -> None:
+    tree = TransformTree()
+    tree.add([link("base", "camera")])
+    tree.add([link("base", "camera", value), link("base", "camera", rotation=(0.0, 0.0, value, 1.0))])
+    tree.add([link("base", "hand", value)])
+    assert tree.lookup("base", "camera", 0) == pytest.approx(np.eye(4) + np.eye(4, k=3))
+    assert tree.frames() == {"base", "camera"}
+
+
+def test_circles_of_frames_end() -> None:
+    tree = TransformTree()
+    tree.add([link("a", "b"), link("b", "c"), link("c", "a"), link("d", "d")])
+    assert tree.lookup("a", "c", 0) is not None
+    assert tree.lookup("base", "c", 0) is None
+    assert tree.frames() == {"a", "b", "c"}
+
+
+def test_frames_of_people_who_left_are_forgotten() -> None:
+    tree = TransformTree()
+    tree.add([link("base", "camera")])
+    for number in range(5000):
+        stamp = number * SECOND
+        tree.add([link("base", f"body_{number}", 1.0, stamp), link("odom", "base", 2.0, stamp)], moving=True)
+    assert len(tree.frames()) < 300
+    assert tree.newest("body_0") is None
+    assert tree.newest("body_4999") == 4999 * SECOND
+    assert tree.lookup("odom", "camera", 0) is not None
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_flood_of_frames_is_bounded_and_replaces_none(moving: bool) -> None:
+    tree = TransformTree()
+    tree.add([link("base", "camera")])
+    tree.add([link(f"{number}", f"{number + 1}") for number in range(20_000)], moving=moving)
+    assert len(tree.frames()) < 3000
+    assert tree.lookup("base", "camera", 0) is not None
+    begin = time.process_time()
+    tree.lookup("0", "1500", 0)
+    assert time.process_time() - begin < 1.0
