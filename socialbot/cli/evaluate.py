@@ -39,7 +39,10 @@ def evaluate(
     ] = None,
     format: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Format of the labels: socialbot, coco, mot, kitti, yolo, voc or cvat."),
+        typer.Option(
+            metavar="NAME",
+            help="Format of the labels: socialbot, coco, mot, kitti, yolo, voc, cvat, or module:NAME of your own.",
+        ),
     ] = None,
     people: Annotated[
         list[str] | None, typer.Option(metavar="CLASS", help="Further class names of people; repeatable.")

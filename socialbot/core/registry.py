@@ -24,12 +24,15 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata, resources
+from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol
 
-from socialbot.core.errors import GraphError
+from socialbot.core.errors import GraphError, SocialbotError, suggestion
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
 from socialbot.core.vocabulary import Vocabulary
 
@@ -182,6 +185,59 @@ def resolve(reference: str) -> Any:
     """Import the object of a reference ``module:attribute``."""
     module, _, attribute = reference.partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+def load_reference(
+    reference: str,
+    what: str,
+    fits: Callable[[object], bool],
+    *,
+    name: str = "",
+    where: str = "",
+    error: type[SocialbotError] = GraphError,
+) -> Any:
+    """Import the object of a reference ``module:attribute`` that a user wrote.
+
+    Installed modules take precedence over those in the working directory.
+
+    Args:
+        reference: Reference.
+        what: Noun of the object for error messages, such as "node type".
+        fits: Whether an object of the module could be meant, for suggestions.
+        name: Name of the object for error messages; default: the reference.
+        where: Place of the reference, for error messages.
+        error: Class of the error that is raised if the module or the attribute cannot be loaded.
+    """
+    module, _, attribute = reference.partition(":")
+    if module.partition(".")[0] != "socialbot":
+        look_in(Path.cwd())
+    failure = f"cannot load {what} {name or reference!r}"
+    try:
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as missing:
+        if missing.name is None or not f"{module}.".startswith(f"{missing.name}."):
+            remedy = f"install {missing.name}, which {module} imports, where socialbot is installed"
+            raise error(f"{failure}: {missing}", where=where, remedy=remedy) from missing
+        remedy = "it has to be installed, or stand beside the graph file or in the working directory"
+        raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
+    except Exception as mistake:
+        text = f"{failure}: {type(mistake).__name__}: {mistake}"
+        raise error(text, where=where, remedy=f"mend the module {module}") from mistake
+    if not hasattr(loaded, attribute):
+        own = [key for key, value in vars(loaded).items() if fits(value) and _is_of(loaded, value)]
+        raise error(f"{failure}: {module} has no {attribute!r}", where=where, remedy=suggestion(attribute, own))
+    return getattr(loaded, attribute)
+
+
+def _is_of(module: ModuleType, value: object) -> bool:
+    """Whether a class is defined in ``module``; other values count as its own."""
+    return not isinstance(value, type) or value.__module__ == module.__name__
+
+
+def look_in(folder: Path) -> None:
+    """Let modules in ``folder`` be imported, after those that are installed."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
 
 
 @functools.cache

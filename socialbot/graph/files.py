@@ -21,13 +21,10 @@
 
 from __future__ import annotations
 
-import importlib
 import io
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 from ruamel.yaml import YAML
 
@@ -63,7 +60,7 @@ def load_graph(name: str, *, robot: str = "") -> Graph:
     text = paths.read_text(path, GraphError, remedy=suggestion(name, registry.graph_names()))
     folder = path.resolve().parent
     paths.allow(folder)
-    _look_in(folder)
+    registry.look_in(folder)
     return parse_graph(text, where=str(path), robot=robot, folder=folder)
 
 
@@ -160,6 +157,10 @@ def _page(configs: Sequence[NodeConfig]) -> dict[str, object]:
     }
 
 
+def _is_node(value: object) -> bool:
+    return isinstance(value, type) and issubclass(value, Node)
+
+
 def node_type(name: str, *, where: str = "") -> type[Node]:
     """Return the class of a registered node type, or of package.module:Class. Raises GraphError."""
     module, _, attribute = (name if ":" in name else registry.node_reference(name) or name).partition(":")
@@ -169,42 +170,10 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
             where=where,
             remedy=f"{suggestion(name, registry.node_types())}; or package.module:Class of your own",
         )
-    found = _found(name, module, attribute, where)
-    if not (isinstance(found, type) and issubclass(found, Node)):
+    found = registry.load_reference(f"{module}:{attribute}", "node type", _is_node, name=name, where=where)
+    if not _is_node(found):
         raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.node.Node")
     return found
-
-
-def _found(name: str, module: str, attribute: str, where: str) -> object:
-    """Import an attribute. Installed modules take precedence over those in the graph folder or working directory."""
-    if module.partition(".")[0] != "socialbot":
-        _look_in(Path.cwd())
-    what = f"cannot load node type {name!r}"
-    try:
-        loaded = importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            remedy = f"install {error.name}, which {module} imports, where socialbot is installed"
-            raise GraphError(f"{what}: {error}", where=where, remedy=remedy) from error
-        remedy = "it has to be installed, or stand beside the graph file or in the working directory"
-        raise GraphError(f"{what}: there is no module {error.name!r}", where=where, remedy=remedy) from error
-    except Exception as error:
-        mistake = f"{what}: {type(error).__name__}: {error}"
-        raise GraphError(mistake, where=where, remedy=f"mend the module {module}") from error
-    if not hasattr(loaded, attribute):
-        remedy = suggestion(attribute, _nodes_of(loaded))
-        raise GraphError(f"{what}: {module} has no {attribute!r}", where=where, remedy=remedy)
-    return getattr(loaded, attribute)
-
-
-def _nodes_of(module: ModuleType) -> list[str]:
-    classes = [value for value in vars(module).values() if isinstance(value, type) and issubclass(value, Node)]
-    return [one.__name__ for one in classes if one.__module__ == module.__name__]
-
-
-def _look_in(folder: Path) -> None:
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))
 
 
 def _config(name: str, section: YamlSection, where: str) -> NodeConfig:

@@ -58,6 +58,48 @@ def test_labels_and_images_in_different_folders(tmp_path, name):
     assert all(Path(image).parent == shown for image in source.images.images)
 
 
+OWN = """
+from pathlib import Path
+
+from socialbot.vision.metrics import LabelFormat, Labels, labelled_images
+
+CSV = LabelFormat(
+    "csv",
+    "people.csv",
+    lambda path, images, people: read(path, images, people),
+    lambda folder: sorted(folder.glob("people.csv")),
+    lambda path: path.suffix == ".csv",
+)
+
+
+def read(path, images, people):
+    labels = Labels(path, people)
+    for line in path.read_text().splitlines():
+        name, kind, *box = line.split(",")
+        labels.add(name, kind, tuple(map(float, box)), str(path))
+    return [labelled_images(labels, "csv", images or path.parent)]
+"""
+
+
+def test_a_format_of_a_module_in_the_working_directory(tmp_path, monkeypatch):
+    images = ("shown.png", "without_people.png")
+    box = ",".join(str(value) for value in BOX)
+    folder = write(tmp_path / "images", {"people.csv": f"shown.png,visitor,{box}\n"}, images)
+    write(tmp_path, {"own_csv.py": OWN})
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    source = one(folder, format="own_csv:CSV", people=["visitor"])
+    assert source.format == "csv"
+    assert [len(frame.persons) for frame in source.frames] == [1, 0]
+    assert source.frames[0].persons[0].box == pytest.approx(BOX, abs=0.01)
+    assert {frame.stamp for frame in source.frames} == {each.stamp for each in source.images.read()}
+    with pytest.raises(ParameterError, match="own_csv has no 'CVS'") as error:
+        labelled_sources(folder, format="own_csv:CVS")
+    assert "did you mean 'CSV'" in str(error.value)
+    with pytest.raises(ParameterError, match="'own_csv:read' is no format"):
+        labelled_sources(folder, format="own_csv:read")
+
+
 def test_unknown_format(tmp_path):
     write(tmp_path, {"notes.md": "x"})
     assert sniff(tmp_path) is None

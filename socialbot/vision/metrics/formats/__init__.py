@@ -1,4 +1,7 @@
-"""Read labelled data sets in the common formats: COCO, MOTChallenge, KITTI, YOLO, Pascal VOC and CVAT."""
+"""Read labelled data sets in the common formats: COCO, MOTChallenge, KITTI, YOLO, Pascal VOC and CVAT.
+
+Each format is a `LabelFormat`, which its module declares. Formats outside socialbot are given as ``module:NAME``.
+"""
 
 from __future__ import annotations
 
@@ -6,87 +9,61 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from socialbot.core.errors import ParameterError
-from socialbot.vision.metrics.formats._labels import fault, is_number
-from socialbot.vision.metrics.formats._xml import root_tag
-from socialbot.vision.metrics.formats.coco import coco_files, is_coco, read_coco
-from socialbot.vision.metrics.formats.cvat import cvat_file, read_cvat
-from socialbot.vision.metrics.formats.kitti import kitti_folders, read_kitti
-from socialbot.vision.metrics.formats.mot import read_mot, sequences, unlabelled_note
-from socialbot.vision.metrics.formats.voc import read_voc, voc_folders
-from socialbot.vision.metrics.formats.yolo import is_yolo, read_yolo
+from socialbot.core.errors import ParameterError, suggestion
+from socialbot.core.registry import load_reference
+from socialbot.vision.metrics.formats._format import LabelFormat
+from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
+from socialbot.vision.metrics.formats.coco import COCO
+from socialbot.vision.metrics.formats.cvat import CVAT
+from socialbot.vision.metrics.formats.kitti import KITTI
+from socialbot.vision.metrics.formats.mot import MOT
+from socialbot.vision.metrics.formats.voc import VOC
+from socialbot.vision.metrics.formats.yolo import YOLO
 from socialbot.vision.metrics.frames import LABELS_FILE, LabelledSource, image_sources
 
-FORMATS = ("socialbot", "coco", "mot", "kitti", "yolo", "voc", "cvat")
-"""Names of the formats."""
+__all__ = ["FORMATS", "LabelFormat", "Labels", "label_format", "labelled_images", "labelled_sources", "sniff"]
 
-_READERS = {
-    "coco": read_coco, "mot": read_mot, "kitti": read_kitti, "yolo": read_yolo, "voc": read_voc, "cvat": read_cvat,
-}  # fmt: skip
+SOCIALBOT = LabelFormat(
+    "socialbot",
+    LABELS_FILE,
+    lambda path, images, _: _own_labels(path, images),
+    lambda folder: [folder] if (folder / LABELS_FILE).is_file() else [],
+    lambda path: path.suffix.lower() == ".json" and not COCO.is_file(path),
+)
 
-_EXPECTED = {
-    "socialbot": LABELS_FILE,
-    "coco": "a JSON file with images and annotations",
-    "mot": "gt/gt.txt",
-    "kitti": "label_2 or label_02",
-    "yolo": "labels/NAME.txt for images/NAME.jpg",
-    "voc": "Annotations/NAME.xml",
-    "cvat": "annotations.xml",
-}
+FORMATS = {each.name: each for each in (SOCIALBOT, COCO, MOT, KITTI, YOLO, VOC, CVAT)}
+"""Formats by name, in the order in which they are tried."""
+
+
+def _own_labels(path: Path, images: Path | None) -> list[LabelledSource]:
+    if path.is_dir():
+        return image_sources(path if images is None else images, None if images is None else path)
+    return image_sources(path.parent if images is None else images, path)
 
 
 def sniff(path: Path) -> str | None:
     """Format of a label file or of the labels in a folder; None if it is not known."""
-    if path.is_dir():
-        return next((name for name in FORMATS if _places(path, name)), None)
-    suffix = path.suffix.lower()
-    if suffix == ".json":
-        return "coco" if is_coco(path) else "socialbot"
-    if suffix == ".xml":
-        return {"annotation": "voc", "annotations": "cvat"}.get(root_tag(path))
-    if suffix in (".yaml", ".yml"):
-        return "yolo"
-    return _text_format(path) if suffix == ".txt" else None
+    is_folder = path.is_dir()
+    known = (name for name, each in FORMATS.items() if (each.places(path) if is_folder else each.is_file(path)))
+    return next(known, None)
 
 
-def _places(folder: Path, format: str) -> list[Path]:
-    """What the reader of a format is to be called with for ``folder``; empty if there is nothing of that format."""
-    if format == "socialbot":
-        return [folder] if (folder / LABELS_FILE).is_file() else []
-    if format == "coco":
-        return coco_files(folder)
-    if format == "mot":
-        return sequences(folder)
-    if format == "kitti":
-        flat = [place for place in (folder, folder / "labels") if _first_text(place) == "kitti"]
-        return kitti_folders(folder) or flat[:1]
-    if format == "yolo":
-        return [folder] if is_yolo(folder) or _first_text(folder) == "yolo" else []
-    if format == "voc":
-        return voc_folders(folder)
-    found = cvat_file(folder)
-    return [] if found is None else [found]
+def label_format(name: str) -> LabelFormat:
+    """Return the format ``name``, or that of a reference ``module:NAME``. Raises ParameterError."""
+    if name in FORMATS:
+        return FORMATS[name]
+    if ":" not in name:
+        remedy = f"{suggestion(name, FORMATS)}; or module:NAME, a LabelFormat of your own"
+        raise ParameterError(f"unknown format {name!r}", where="--format", remedy=remedy)
+    found = load_reference(name, "format", _is_format, where="--format", error=ParameterError)
+    if not _is_format(found):
+        remedy = "give an instance of socialbot.vision.metrics.LabelFormat"
+        raise ParameterError(f"{name!r} is no format", where="--format", remedy=remedy)
+    return found
 
 
-def _first_text(folder: Path) -> str | None:
-    """Format of the first text file in ``folder`` that has one."""
-    known = (_text_format(path) for path in sorted(folder.glob("*.txt"))[:20] if path.name != "classes.txt")
-    return next((format for format in known if format), None)
-
-
-def _text_format(path: Path) -> str | None:
-    """Format of a text file by its first line."""
-    try:
-        with path.open("rb") as file:
-            line = next((each for each in (file.readline(4096) for _ in range(5)) if each.strip()), b"")
-    except OSError:
-        return None
-    words = line.decode("utf-8", "replace").replace(",", " ").split()
-    if b"," in line:
-        return "mot" if len(words) >= 6 else None
-    if len(words) in (15, 16, 17, 18) and not all(is_number(word) for word in words[:3]):
-        return "kitti"
-    return "yolo" if len(words) >= 5 and all(map(is_number, words)) else None
+def _is_format(value: object) -> bool:
+    return isinstance(value, LabelFormat)
 
 
 def labelled_sources(
@@ -97,7 +74,7 @@ def labelled_sources(
     Args:
         images: Folder of the data set, or, with ``truth``, of its images; may be a label file or a video.
         truth: Label file or folder, relative to the working directory or to ``images``; default: found in ``images``.
-        format: One of `FORMATS`; default: recognised by the files.
+        format: A name in `FORMATS`, or ``module:NAME`` of a `LabelFormat`; default: recognised by the files.
         people: Further names of classes of people.
 
     Raises:
@@ -105,22 +82,21 @@ def labelled_sources(
         TruthError: The labels are invalid.
         ImageError: There are no images.
     """
-    if format is not None and format not in FORMATS:
-        raise ParameterError(f"unknown format {format!r}", where="--format", remedy=f"one of {', '.join(FORMATS)}")
+    chosen = None if format is None else label_format(format)
     if truth is not None and images is not None and not truth.exists() and (images / truth).exists():
         truth = images / truth
     labels = truth or images
     assert labels is not None
     if not labels.exists():
         raise fault("there is no such file or folder", labels, "check the path")
+    if chosen is None:
+        name = sniff(labels)
+        if name is None:
+            expected = "; ".join(f"{each.name}: {each.expected}" for each in FORMATS.values())
+            raise fault("no labels of a known format", labels, f"expected is {expected}. Or name one with --format")
+        chosen = FORMATS[name]
     place = images if truth is not None else None
-    format = format or sniff(labels)
-    if format is None:
-        expected = "; ".join(f"{name}: {what}" for name, what in _EXPECTED.items())
-        raise fault("no labels of a known format", labels, f"expected is {expected}. Or name one with --format")
-    if format == "socialbot":
-        return image_sources(images if images is not None else labels.parent, truth)
-    places = (_places(labels, format) if labels.is_dir() else [labels]) or [labels]
-    sources = [source for each in places for source in _READERS[format](each, place, people)]
-    note = unlabelled_note(labels) if format == "mot" and labels.is_dir() else ""
-    return [replace(sources[0], notes=(*sources[0].notes, note)), *sources[1:]] if note else sources
+    places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]
+    sources = [source for each in places for source in chosen.read(each, place, people)]
+    note = chosen.note(labels) if labels.is_dir() else ""
+    return [replace(sources[0], notes=(*sources[0].notes, note)), *sources[1:]] if note and sources else sources

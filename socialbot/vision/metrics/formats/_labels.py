@@ -86,6 +86,23 @@ def read_text(path: Path) -> str:
         raise fault(f"not a text file: {error.reason} at byte {error.start}", path, "save it as UTF-8") from error
 
 
+def first_line(path: Path) -> str:
+    """First line of a ``.txt`` file that is not empty, among its first five; empty for other files."""
+    if path.suffix.lower() != ".txt":
+        return ""
+    try:
+        with path.open("rb") as file:
+            line = next((each for each in (file.readline(4096) for _ in range(5)) if each.strip()), b"")
+    except OSError:
+        return ""
+    return line.decode("utf-8", "replace")
+
+
+def text_files(folder: Path) -> list[Path]:
+    """The first text files in ``folder`` that may hold labels, not names of classes."""
+    return [path for path in sorted(folder.glob("*.txt"))[:20] if path.name != "classes.txt"]
+
+
 def is_number(word: str) -> bool:
     """Whether a word is a number, which may be infinite."""
     try:
@@ -338,6 +355,27 @@ def missing_images(missing: Sequence[str], total: int, where: Path, labels: Labe
 def single_images(paths: Sequence[Path]) -> tuple[FolderImages, tuple[int, ...]]:
     """Independent images, and their stamps."""
     return FolderImages("", tuple(map(str, paths))), tuple(number * IMAGE_NS for number in range(len(paths)))
+
+
+def labelled_images(labels: Labels, format: str, folder: Path) -> LabelledSource:
+    """Return a source of the independent images in ``folder``.
+
+    Args:
+        labels: Labels, whose keys are names of files in ``folder``.
+        format: Name of the format.
+        folder: Folder of the images.
+
+    Raises:
+        ImageError: None of the labelled images is there.
+        TruthError: The labels have no class of people.
+    """
+    files = {path.name: path for path in image_files(folder)}
+    labelled = {str(key) for key in (*labels.persons, *labels.regions)}
+    missing_images(sorted(labelled - files.keys()), len(labelled), folder, labels)
+    labels.check_people(())
+    images, stamps = single_images(list(files.values()))
+    entries = [Entry(name, name, stamp) for name, stamp in zip(files, stamps, strict=True)]
+    return labels.source(folder.resolve().name, format, images, entries)
 
 
 def sequence(paths: Sequence[Path], stamps: Sequence[int]) -> FolderImages:

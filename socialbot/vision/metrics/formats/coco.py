@@ -11,6 +11,7 @@ import msgspec
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.paths import read_bytes
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,
     Entry,
@@ -241,3 +242,12 @@ def _parsed(entries: list[msgspec.Raw], kind: type[Any], path: Path, name: str) 
         parse_json(entry, kind, where=f"{path}: {name}[{number}]", remedy=REMEDY)
         for number, entry in enumerate(entries)
     ]
+
+
+COCO = LabelFormat(
+    "coco",
+    "a JSON file with images and annotations",
+    read_coco,
+    coco_files,
+    lambda path: path.suffix.lower() == ".json" and is_coco(path),
+)

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,
     VIDEO_SUFFIXES,
@@ -35,10 +36,10 @@ MAX_GAP = 1000  # Longer gaps between key frames are not filled.
 OUTLINES = ("polygon", "polyline", "skeleton")
 
 
-def cvat_file(folder: Path) -> Path | None:
-    """The CVAT file in ``folder``: annotations.xml or another one."""
+def cvat_files(folder: Path) -> list[Path]:
+    """The CVAT file in ``folder``: annotations.xml or another one; none if there is none."""
     files = sorted(folder.glob("*.xml"), key=lambda path: (path.name != "annotations.xml", path.name))
-    return next((path for path in files[:20] if root_tag(path) == "annotations"), None)
+    return [path for path in files[:20] if root_tag(path) == "annotations"][:1]
 
 
 def read_cvat(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -258,3 +259,12 @@ def _name(root: Element, path: Path) -> str:
 
 def _is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES
+
+
+CVAT = LabelFormat(
+    "cvat",
+    "annotations.xml",
+    read_cvat,
+    cvat_files,
+    lambda path: path.suffix.lower() == ".xml" and root_tag(path) == "annotations",
+)

@@ -13,11 +13,13 @@ from pathlib import Path
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     Entry,
     ImageFinder,
     Labels,
     fault,
+    first_line,
     image_files,
     is_number,
     lines_of,
@@ -26,6 +28,7 @@ from socialbot.vision.metrics.formats._labels import (
     numbers,
     sequence,
     single_images,
+    text_files,
 )
 from socialbot.vision.metrics.frames import LabelledSource
 
@@ -39,11 +42,12 @@ OBJECTS, TRACKS = ("label_2", "label_3"), ("label_02", "label_03")
 
 
 def kitti_folders(folder: Path) -> list[Path]:
-    """Folders of labels in ``folder``, or in its folder ``training``."""
+    """Folder of labels in ``folder``, or in its folder ``training``; else ``folder`` or its ``labels`` with labels."""
     if folder.name in (*OBJECTS, *TRACKS):
         return [folder]
     places = [base / name for base in (folder, folder / "training") for name in (*OBJECTS, *TRACKS)]
-    return [place for place in places if place.is_dir()][:1]
+    flat = (place for place in (folder, folder / "labels") if any(map(_is_kitti, text_files(place))))
+    return [*(place for place in places if place.is_dir()), *flat][:1]
 
 
 def read_kitti(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -133,3 +137,13 @@ def _add(labels: Labels, key: int | str, words: Sequence[str], where: str, id: s
         ignore=poor,
         distance_m=math.hypot(x, z) if z > 0 else None,
     )
+
+
+def _is_kitti(path: Path) -> bool:
+    """Whether the columns of a text file begin with a type, or with frame, id and type."""
+    line = first_line(path)
+    words = line.split()
+    return "," not in line and len(words) in (15, 16, 17, 18) and not all(map(is_number, words[:3]))
+
+
+KITTI = LabelFormat("kitti", "label_2 or label_02", read_kitti, kitti_folders, _is_kitti)

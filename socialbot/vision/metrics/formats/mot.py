@@ -13,6 +13,7 @@ from pathlib import Path
 from socialbot.bags.reader import natural
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ImageError
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     DEFAULT_RATE_HZ,
     VIDEO_SUFFIXES,
@@ -20,6 +21,7 @@ from socialbot.vision.metrics.formats._labels import (
     Labels,
     fault,
     first_folder,
+    first_line,
     image_files,
     lines_of,
     number_in,
@@ -204,3 +206,12 @@ def _images(
     if length and length != str(len(paths)):
         labels.notes.append(f"{len(paths)} images, but seqinfo.ini says {length}")
     return sequence([paths[number] for number in order], stamps), entries
+
+
+def _is_mot(path: Path) -> bool:
+    """Whether a text file has six or more columns with commas."""
+    words = first_line(path)
+    return "," in words and len(words.replace(",", " ").split()) >= 6
+
+
+MOT = LabelFormat("mot", "gt/gt.txt", read_mot, sequences, _is_mot, unlabelled_note)

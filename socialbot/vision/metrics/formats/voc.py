@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from socialbot.bags.reader import natural
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     Entry,
     ImageFinder,
@@ -100,3 +101,12 @@ def _size(root: ElementTree.Element) -> tuple[int, int] | None:
     if not all(word.isdecimal() and 0 < int(word[:9]) < 1_000_000 and len(word) < 9 for word in words):
         return None
     return int(words[0]), int(words[1])
+
+
+VOC = LabelFormat(
+    "voc",
+    "Annotations/NAME.xml",
+    read_voc,
+    voc_folders,
+    lambda path: path.suffix.lower() == ".xml" and root_tag(path) == "annotation",
+)

@@ -16,17 +16,21 @@ from ruamel.yaml.error import YAMLError
 from socialbot.bags.reader import natural
 from socialbot.core.errors import ImageError
 from socialbot.core.yaml import load_yaml
+from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import (
     IMAGE_SUFFIXES,
     Entry,
     Labels,
     fault,
+    first_line,
     image_files,
     image_size,
+    is_number,
     lines_of,
     numbers,
     read_text,
     single_images,
+    text_files,
 )
 from socialbot.vision.metrics.frames import Box, LabelledSource
 
@@ -242,3 +246,19 @@ def _existing(name: str, bases: Iterable[Path]) -> Path | None:
         return next((place.resolve() for place in places if place.is_file() or _images(place)), None)
     except OSError:
         return None
+
+
+def _is_labels(path: Path) -> bool:
+    """Whether a text file has five or more columns of numbers."""
+    line = first_line(path)
+    words = line.split()
+    return "," not in line and len(words) >= 5 and all(map(is_number, words))
+
+
+YOLO = LabelFormat(
+    "yolo",
+    "labels/NAME.txt for images/NAME.jpg",
+    read_yolo,
+    lambda folder: [folder] if is_yolo(folder) or any(map(_is_labels, text_files(folder))) else [],
+    lambda path: path.suffix.lower() in (".yaml", ".yml") or _is_labels(path),
+)
