@@ -33,7 +33,7 @@ from socialbot.bridge.transport import message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, RosMessage, Structured, ros_message
-from socialbot.core.registry import message_types
+from socialbot.core.registry import load_reference, message_types
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.calls import fill_message
 from socialbot.graph.node import WireForm
@@ -319,18 +319,24 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured | RosMess
     """Parse a message from YAML or JSON. ``stamp`` (ns) is the default stamp.
 
     Args:
-        schema: Message of socialbot, such as DesireItem, or ROS type, such as std_msgs/msg/Float32.
+        schema: Message of an agent package, such as DesireItem; ``module:Class`` of another `Structured` class; or
+            ROS type, such as std_msgs/msg/Float32.
         text: Fields with their values.
         stamp: Stamp of a message that states none, ns.
 
     Raises:
-        MessageError: The schema is unknown, or the text does not fit it.
+        MessageError: The schema is unknown or cannot be loaded, or the text does not fit it.
         GraphError: The schema is no valid name of a ROS type.
         InstallationError: The package of the ROS type is not installed.
     """
     kinds = {kind.__name__: kind for kind in message_types()}
-    if schema not in kinds and "/" not in schema:
-        remedy = f"{suggestion(schema, kinds)}; or a ROS type, such as std_msgs/msg/Float32"
+    if ":" in schema:
+        kinds[schema] = _own_message(schema)
+    elif schema not in kinds and "/" not in schema:
+        remedy = (
+            f"{suggestion(schema, kinds)}; or module:Class for a message of your own; "
+            "or a ROS type, such as std_msgs/msg/Float32"
+        )
         raise MessageError(f"there is no schema {schema!r}", remedy=remedy)
     try:
         fields = load_yaml(YAML(typ="safe", pure=True), text)
@@ -349,8 +355,20 @@ def parse_message(schema: str, text: str, *, stamp: int) -> Structured | RosMess
         message = msgspec.convert({"stamp": stamp, **fields, "schema": kind.__struct_config__.tag}, kind)
         msgspec.json.encode(message)  # the text may hold lone surrogates
     except (msgspec.ValidationError, UnicodeError) as error:
-        raise MessageError(str(error), where=schema, remedy=f"see docs/schemas/{schema}.json") from error
+        remedy = f"see the class {kind.__name__}" if ":" in schema else f"see docs/schemas/{schema}.json"
+        raise MessageError(str(error), where=schema, remedy=remedy) from error
     return message
+
+
+def _own_message(reference: str) -> type[Structured]:
+    found = load_reference(reference, "message", _is_message, error=MessageError)
+    if not _is_message(found):
+        raise MessageError(f"{reference!r} is no message", remedy="give a subclass of socialbot.Structured")
+    return found
+
+
+def _is_message(value: object) -> bool:
+    return isinstance(value, type) and issubclass(value, Structured)
 
 
 def _ros_message(kind: type[RosMessage], fields: dict[Any, Any], stamp: int) -> RosMessage:

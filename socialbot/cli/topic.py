@@ -112,7 +112,8 @@ def pub(
         str,
         typer.Argument(
             metavar="TYPE",
-            help="ROS type, such as std_msgs/msg/Float32, or message of docs/schemas, such as DesireItem.",
+            help="Message of docs/schemas, such as DesireItem; module:Class of a message of your own; "
+            "or ROS type, such as std_msgs/msg/Float32.",
         ),
     ],
     fields: Annotated[str, typer.Argument(metavar="FIELDS", help="Fields of the message as YAML or JSON.")],

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -142,6 +143,24 @@ def test_parses_any_ros_type_and_adds_the_stamp_to_its_header():
     level = parse_message("std_msgs/msg/Float32", "{data: 0.25}", stamp=7)
     assert isinstance(level, RosMessage)
     assert (level.stamp, level.data) == (7, 0.25)
+
+
+def test_parses_a_message_of_a_module_in_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = "from socialbot import Structured\n\n\nclass Lux(Structured, frozen=True, kw_only=True):\n    lux: float\n"
+    (tmp_path / "own_light.py").write_text(code, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    message = parse_message("own_light:Lux", "{lux: 3}", stamp=7)
+    assert (type(message).__name__, message.stamp, getattr(message, "lux", None)) == ("Lux", 7, 3.0)
+    for schema, fields, complaint in (
+        ("own_light:Luks", "{lux: 3}", "own_light has no 'Luks'.*known: Lux"),
+        ("own_dark:Lux", "{lux: 3}", "cannot load message 'own_dark:Lux': there is no module 'own_dark'"),
+        ("pathlib:Path", "{lux: 3}", "'pathlib:Path' is no message"),
+        ("own_light:Lux", "{lux: bright}", "see the class Lux"),
+        ("Lux", "{lux: 3}", "module:Class for a message of your own"),
+    ):
+        with pytest.raises(MessageError, match=f"(?s){complaint}"):
+            parse_message(schema, fields, stamp=7)
 
 
 @pytest.mark.parametrize(
