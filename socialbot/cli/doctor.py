@@ -21,7 +21,7 @@ from socialbot.bridge.ros_checks import Check, Finding
 from socialbot.cli._console import Console
 from socialbot.cli._options import JsonOption, RobotOption, graph_names, many
 from socialbot.cli._runs import print_json
-from socialbot.core.errors import DeviceError, InstallationError, ParameterError, SocialbotError
+from socialbot.core.errors import DeviceError, GraphError, InstallationError, ParameterError, SocialbotError
 from socialbot.core.installation import extra_command, installed_version, pip_command
 from socialbot.graph.files import load_graph
 
@@ -79,7 +79,12 @@ def examine_robot(name: str) -> Iterator[Finding]:
         yield Finding(answer.part, state, answer.problem or answer.text, answer.remedy if answer.problem else "")
     if profile.camera is not None and profile.camera.device:
         yield _robot_camera(profile.camera.device)
-    if needed := tuple(requirements(profile)):
+    try:
+        needed = tuple(requirements(profile))
+    except GraphError as error:
+        yield Finding("profile", "error", f"{error.where}: {error.what}", error.remedy or "")
+        return
+    if needed:
         ros = ros_checks.ros()
         if ros.state == "error":
             yield ros

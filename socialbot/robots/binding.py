@@ -39,6 +39,10 @@ NODE_TYPES: Mapping[type[Node], Mapping[str, str]] = {
 """Node types by base class and type of a part."""
 
 
+PART_BASES: Mapping[str, type[Node]] = {"camera": Camera, "head": RobotHead, "speech": Speaker, "people": Node}
+"""Base classes of the nodes of parts."""
+
+
 def bind(graph: Graph, robot: str | YamlSection, *, where: str, folder: Path | None = None) -> Graph:
     """Return ``graph`` on a robot: the name or file of a profile, or a section of a graph file with a profile.
 
@@ -84,7 +88,7 @@ def _with_camera(graph: Graph, camera: CameraProfile, profile: RobotProfile) -> 
                 continue
             config = _changed(config, {"source": camera.device, "hfov_rad": camera.hfov_rad})
             if camera.type:
-                config = replace(config, type=_node_type(camera, Camera, profile))
+                config = replace(config, type=part_class(camera, Camera, profile))
         elif issubclass(config.type, ImageConverter) and not camera.device:
             config = _changed(config, remap={"image_raw": camera.image, "image_compressed": camera.compressed})
         elif issubclass(config.type, PersonDetector):
@@ -108,7 +112,7 @@ _UNKNOWN_PITCH_RAD = 2.0
 def _with_people(graph: Graph, people: Part, profile: RobotProfile) -> Graph:
     if people.type == "detector":
         return graph
-    kind = _node_type(people, Node, profile)
+    kind = part_class(people, Node, profile)
     detections = next((port for port in kind.outputs().values() if port.message_type is PersonDetections), None)
     if detections is None:
         raise GraphError(f"{people.type} publishes no people", where=profile.where, remedy="name a node that does")
@@ -135,7 +139,7 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
     turned = [config for config in graph.nodes if issubclass(config.type, Head)]
     if not turned:
         return graph
-    kind = _node_type(head, RobotHead, profile)
+    kind = part_class(head, RobotHead, profile)
     if head.type == "ros2_control" and "action" in head.names:
         kind = node_type("robot_head_action", where=profile.where)
     joints: dict[str, Any] = {}
@@ -162,7 +166,7 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
 def _with_speech(graph: Graph, speech: Part, profile: RobotProfile) -> Graph:
     if speech.type == "speaker":
         return graph
-    kind = _node_type(speech, Speaker, profile)
+    kind = part_class(speech, Speaker, profile)
     keys = {"action": next(iter(kind.clients()), ""), "topic": "text"}
     nodes, robots = [], []
     for config in graph.nodes:
@@ -200,7 +204,8 @@ _CHANGES: Mapping[str, Callable[[Graph, Any, RobotProfile], Graph]] = {
 """Changes of a graph by part, in their order."""
 
 
-def _node_type(part: Part | CameraProfile, base: type[Node], profile: RobotProfile) -> type[Node]:
+def part_class(part: Part | CameraProfile, base: type[Node], profile: RobotProfile) -> type[Node]:
+    """Return the node class of a part. Raises GraphError if it cannot be loaded, or is no subclass of ``base``."""
     kind = node_type(NODE_TYPES[base].get(part.type, part.type), where=profile.where)
     if not issubclass(kind, base):
         remedy = f"give a subclass of {base.__module__}.{base.__qualname__}"

@@ -286,7 +286,7 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
              for key in names}  # fmt: skip
     if own:
         remap = section.section("remap", {})
-        found = {str(port): remap.text(port) for port in remap.page}
+        found = {**(usual.names if usual else {}), **{str(port): remap.text(port) for port in remap.page}}
     for key in _NEEDED.get(chosen, ()):
         if not found[key]:
             raise GraphError(f"{key!r} is missing", where=section.where, remedy=f"give the {key} of the robot's driver")

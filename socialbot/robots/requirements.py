@@ -8,9 +8,11 @@ from typing import Any, Literal
 
 from socialbot.bags.codec import ros_type
 from socialbot.core.errors import DeviceError, SocialbotError
-from socialbot.graph.node import Graph
+from socialbot.core.messages import PersonDetections
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.robots.binding import NODE_TYPES, PART_BASES, part_class
 from socialbot.robots.daemon_client import DaemonClient
-from socialbot.robots.profile import CameraProfile, HeadProfile, Part, RobotProfile
+from socialbot.robots.profile import NAMES, CameraProfile, HeadProfile, Part, RobotProfile
 from socialbot.vision.camera_node import is_device
 
 Kind = Literal["publisher", "subscriber", "service", "action"]
@@ -39,7 +41,11 @@ class Requirement:
 
 
 def requirements(profile: RobotProfile) -> Iterator[Requirement]:
-    """Yield the topics and actions that a profile needs, part by part."""
+    """Yield the topics and actions that a profile needs, part by part.
+
+    Raises:
+        GraphError: A node class of one's own cannot be loaded, or does not fit its part.
+    """
     if profile.camera is not None:
         yield from _camera(profile.camera)
     if profile.head is not None:
@@ -47,6 +53,26 @@ def requirements(profile: RobotProfile) -> Iterator[Requirement]:
     for name, part in (("speech", profile.speech), ("people", profile.people), ("base", profile.base)):
         if part is not None:
             yield from _part(name, part)
+    for name, base in PART_BASES.items():
+        part: Part | CameraProfile | None = getattr(profile, name)
+        if part is not None and part.type and part.type not in {*NAMES.get(name, ()), *NODE_TYPES[base]}:
+            remap = part.names if isinstance(part, Part) else {}
+            yield from _own_node(NodeConfig(name, part_class(part, base, profile), remap=remap), base)
+
+
+def _own_node(config: NodeConfig, base: type[Node]) -> Iterator[Requirement]:
+    """Yield what a node of one's own uses beyond the ports of its base class; people are for the agent."""
+    known = {**base.inputs(), **base.outputs(), **base.clients()}
+    for topic, port in config.subscriptions:
+        if port.name not in known:
+            yield Requirement(config.name, "publisher", topic, ros_type(port.message_type), needed=False)
+    for topic, port in config.publications:
+        if port.name not in known and port.message_type is not PersonDetections:
+            yield Requirement(config.name, "subscriber", topic, ros_type(port.message_type), needed=False)
+    for topic, port in config.clients:
+        if port.name not in known:
+            kind = "action" if port.interface.is_action else "service"
+            yield Requirement(config.name, kind, topic, port.interface.name, needed=not port.optional)
 
 
 def graph_requirements(graph: Graph) -> Iterator[Requirement]:

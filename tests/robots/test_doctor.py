@@ -78,6 +78,67 @@ def test_an_unknown_robot_is_refused():
     assert "did you mean 'reachy_mini'?" in done.stderr
 
 
+OWN_HEAD = """
+from socialbot import Output, Structured
+from socialbot.robots import RobotHead
+
+
+class Neck(Structured, frozen=True, kw_only=True):
+    positions: tuple[float, ...]
+
+
+class OwnHead(RobotHead):
+    neck = Output(Neck, "/own/neck")
+
+    def send(self, positions, duration_s):
+        self.neck.publish(Neck(stamp=self.clock.now(), positions=tuple(positions.values())))
+
+
+class NoHead:
+    pass
+"""
+
+
+def own_head(folder: Path, kind: str) -> Path:
+    profile = folder / "own.yaml"
+    joint = "lower_rad: -1, upper_rad: 1, speed_rad_s: 1"
+    profile.write_text(
+        "name: own\n"
+        "camera: {image: /image, info: /info}\n"
+        f"head: {{type: '{kind}', remap: {{neck: /neck}}, pan: {{joint: a, {joint}}}, tilt: {{joint: b, {joint}}}}}\n",
+        "utf-8",
+    )
+    (folder / "own_head.py").write_text(OWN_HEAD, "utf-8")
+    return profile
+
+
+def test_a_profile_with_a_node_of_ones_own_needs_its_topics(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    profile = load_profile(str(own_head(tmp_path, "own_head:OwnHead")))
+    assert [each for each in requirements(profile) if each.part == "head"] == [
+        Requirement("head", "subscriber", "/neck", "std_msgs/msg/String", needed=False)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("own_head:OwnHeads", "own_head has no 'OwnHeads'"),
+        ("own_heads:OwnHead", "there is no module 'own_heads'"),
+        ("own_head:NoHead", "is no node"),
+        ("camera", "does not fit this part of a robot"),
+    ],
+)
+def test_a_node_of_ones_own_that_cannot_be_loaded_is_an_error(tmp_path, monkeypatch, kind, text):
+    monkeypatch.syspath_prepend(tmp_path)
+    done = socialbot_here("doctor", "--robot", own_head(tmp_path, kind), "--json")
+    assert done.returncode == 5
+    *_, found = json.loads(done.stdout)["findings"]
+    assert (found["name"], found["state"]) == ("profile", "error")
+    assert text in found["text"]
+    assert found["remedy"]
+
+
 def test_a_profile_needs_its_topics_and_actions():
     needed = {(each.part, each.kind, each.name) for each in requirements(load_profile("tiago"))}
     assert needed == {

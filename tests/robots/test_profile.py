@@ -94,6 +94,18 @@ def test_a_profile_can_change_another(tmp_path):
     assert mine.camera == usual.camera
 
 
+def test_a_changed_head_of_ones_own_keeps_its_topics(tmp_path: Path):
+    joint = "lower_rad: -1, upper_rad: 1, speed_rad_s: 1"
+    (tmp_path / "base.yaml").write_text(
+        f"name: own\nhead: {{type: 'own:Head', remap: {{neck: /neck, arm: /arm}}, pan: {{joint: a, {joint}}}, "
+        f"tilt: {{joint: b, {joint}}}}}\n",
+        "utf-8",
+    )
+    mine = parse_profile("like: base.yaml\nhead: {remap: {arm: /b}}\n", "mine.yaml", folder=tmp_path)
+    assert mine.head is not None
+    assert mine.head.names == {"neck": "/neck", "arm": "/b"}
+
+
 def test_a_profile_that_changes_itself_is_refused(tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"like: {own}\n")
