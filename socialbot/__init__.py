@@ -68,7 +68,7 @@ if TYPE_CHECKING:
         VoiceActivity,
         ros_message,
     )  # fmt: skip
-    from socialbot.core.registry import AgentPackage
+    from socialbot.core.registry import AgentPackage, Film, WorldView
     from socialbot.deliberation.actions import PlanAction
     from socialbot.deliberation.sensing import FactSensor, fluent, instance, predicate
     from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
@@ -89,15 +89,15 @@ __version__ = "0.1.0"
 __all__ = [
     "ANYTHING", "Action", "ActionClient", "ActionRequest", "ActionServer", "AgentNode", "AgentPackage", "Atom",
     "AudioData", "Bag", "BagWriter", "Belief", "CallResult", "CameraInfo", "Client", "Clock", "CompressedImage",
-    "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "ForeignNodeState", "Goal", "GoalHandle",
-    "Graph", "GraphError", "HeadCommand", "Health", "HeardSpeech", "Image", "InlineRunner", "Input", "Library",
-    "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output", "Parameter",
-    "ParameterError", "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction", "Record",
-    "RecordedRun", "RosAction", "RosMessage", "RunResult", "SECOND", "Sensor", "Service", "SingletonBelief",
+    "Context", "Deliberating", "Delivery", "Engine", "Event", "FactSensor", "Film", "ForeignNodeState", "Goal",
+    "GoalHandle", "Graph", "GraphError", "HeadCommand", "Health", "HeardSpeech", "Image", "InlineRunner", "Input",
+    "Library", "Literal", "LongAction", "ManualClock", "Message", "MessageError", "Node", "NodeConfig", "Output",
+    "Parameter", "ParameterError", "PendingCall", "PersonDetection", "PersonDetections", "Plan", "PlanAction",
+    "Record", "RecordedRun", "RosAction", "RosMessage", "RunResult", "SECOND", "Sensor", "Service", "SingletonBelief",
     "SocialbotError", "Society", "SpeechStatus", "StopSpeech", "Structured", "TaskPlanner", "ThreadAction",
-    "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance", "Variable", "VoiceActivity", "action", "dump_graph",
-    "fluent", "instance", "load_graph", "make_planner", "nanoseconds", "open_bag", "open_run", "parse_graph",
-    "predicate", "read_domain", "read_problem", "replay", "ros_message", "variables",
+    "ThreadSensor", "Timer", "Trace", "TraceRecord", "Utterance", "Variable", "VoiceActivity", "WorldView", "action",
+    "dump_graph", "fluent", "instance", "load_graph", "make_planner", "nanoseconds", "open_bag", "open_run",
+    "parse_graph", "predicate", "read_domain", "read_problem", "replay", "ros_message", "variables",
 ]  # fmt: skip
 
 __getattr__ = _lazy_exports(__name__)

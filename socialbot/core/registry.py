@@ -98,11 +98,36 @@ class AgentPackage:
         return any(f"{base.__module__}.".startswith(f"{self.module}.") for one in types for base in one.__mro__)
 
 
+@dataclass(frozen=True)
+class Film:
+    """Animation of a world: a drawing with named groups, and their changes over a run.
+
+    A group is an SVG element with the attribute ``data-name``. A track is a sequence of tuples, in order of time.
+
+    Args:
+        picture: Drawing (SVG).
+        moves: Track of the place of a group, by its name: time (s), x and y (pixels), and optionally the height.
+            The page interpolates. Groups with a height are drawn from the lowest to the highest.
+        contents: Track of the content of a group, by its name: time (s) and index in ``drawings``.
+        drawings: Contents of groups (SVG).
+        classes: Track of a CSS class of a group, by its name and the class: time (s), and 1 or 0.
+    """
+
+    picture: str
+    moves: Mapping[str, Sequence[tuple[float, ...]]] = field(default_factory=dict)
+    contents: Mapping[str, Sequence[tuple[float, ...]]] = field(default_factory=dict)
+    drawings: Sequence[str] = ()
+    classes: Mapping[str, Mapping[str, Sequence[tuple[float, ...]]]] = field(default_factory=dict)
+
+
 class WorldView(Protocol):
     """World state of a run, collected from its messages: drawings, figures and results."""
 
     file: str
     """File name for the drawing of the final state, such as ``floor.svg``."""
+
+    kinds: tuple[type[Message], ...]
+    """Message classes of interest. The record of a run keeps them; of other messages, only those of simulators."""
 
     def take(self, message: Message) -> None:
         """Update the world from a message; ignore messages of other types."""
@@ -120,8 +145,8 @@ class WorldView(Protocol):
         """Draw the state at ``stamp`` (ns) as SVG."""
         ...
 
-    def film(self, start: int) -> dict[str, Any]:
-        """Return the animation from ``start`` (ns): ``picture`` (SVG with named groups), ``crane`` and tracks."""
+    def film(self, start: int) -> Film:
+        """Return the animation; its times count from ``start`` (ns)."""
         ...
 
     def figures(self, start: int, end: int) -> list[tuple[str, str]]:

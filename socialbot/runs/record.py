@@ -31,7 +31,7 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
-from socialbot.core.registry import event_log_of
+from socialbot.core.registry import event_log_of, world_view_of
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
 from socialbot.vision.metrics.scores import ScoredFrame
@@ -134,6 +134,7 @@ class RunTrace:
         self._graph = ""
         self._told = ""
         self._world_topics: frozenset[str] = frozenset()
+        self._world_kinds: tuple[type[Message], ...] = ()
         self._last: dict[tuple[str, str], Message] = {}
         self._listeners: tuple[RunListener, ...] = ()
 
@@ -166,7 +167,14 @@ class RunTrace:
         self._listeners = (*self._listeners, listener)
 
     def describe(self, graph: Graph) -> None:
-        """Write graph.yaml, and record structured messages of simulators and node health in seen.jsonl from now on."""
+        """Write graph.yaml, and record what the world view needs, and node health, in seen.jsonl from now on.
+
+        Raises:
+            ParameterError: A parameter of a node does not fit the world view.
+            SocialbotError: The folder cannot be written.
+        """
+        view = world_view_of(graph)
+        self._world_kinds = () if view is None else view.kinds
         worlds = (config for config in graph.nodes if config.type.is_simulator)
         self._world_topics = frozenset(topic for world in worlds for topic, _ in world.publications)
         try:
@@ -203,7 +211,9 @@ class RunTrace:
         record = trace_record(topic, message)
         if record is not None:
             self._write(self._trace, self._encoder.encode(record))
-        elif isinstance(message, Structured) and (topic in self._world_topics or isinstance(message, Health)):
+        elif isinstance(message, Structured) and (
+            topic in self._world_topics or isinstance(message, (Health, *self._world_kinds))
+        ):
             self._see(topic, message)
 
     def write_results(self, results: dict[str, Any]) -> Path:

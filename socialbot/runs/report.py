@@ -132,14 +132,16 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
     verdict, good = verdict_of(run)
     if story.desires:
         verdict, good = ("goal reached", True) if story.reached else ("goal not reached", False)
-    tiles = [*_story_tiles(story), *(world.figures(story.start, story.end) if world else [])] if story.desires else []
+    tiles = [*(_story_tiles(story) if story.desires else _figures(run))]
+    if world:
+        tiles += world.figures(*((story.start, story.end) if story.desires else (run.history.start, run.end)))
     report = Page(
         title=title or run.title,
         lead=story.lead() if story.desires else _lead(run),
         verdict=verdict,
         good=good,
         warnings=run.problems,
-        tiles=tiles or _figures(run),
+        tiles=tiles,
         sections=[section for section in sections if section.content],
     )
     return render(

@@ -49,8 +49,10 @@ def test_its_page_has_the_film_and_the_plans(second_run):
     page = (second_run[1] / "report.html").read_text("utf-8")
     assert "<title>The warehouse, run 2</title>" in page
     data = unfrozen(page)
-    assert set(data["film"]["robots"]) == {"gripper_a", "carrier_a", "carrier_b", "carrier_c"}
-    assert len(data["film"]["boxes"]) == 6
+    moves = data["film"]["moves"]
+    flat = {name for name, track in moves.items() if len(track[0]) == 3}
+    assert flat == {"gripper_a", "bridge", "carrier_a", "carrier_b", "carrier_c"}
+    assert len(moves.keys() - flat) == 6
 
 
 def test_replayed_bag_gives_the_same_decisions(second_run, tmp_path):

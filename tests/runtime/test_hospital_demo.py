@@ -82,8 +82,8 @@ def test_the_page_contains_the_whole_run():
 
 def test_the_film_shows_rooms_and_robots():
     film = unfrozen(page_of(paper_run(100.0)))["film"]
-    assert set(film["robots"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
-    looks = [film["drawings"][int(face)] for _, face in film["faces"]["room1"]]
+    assert set(film["moves"]) == {"spotrobot1", "uvdrobot1", "nurse_disinfected1"}
+    looks = [film["drawings"][int(face)] for _, face in film["contents"]["room1"]]
     assert any("door closed, dirty" in look for look in looks)
     assert any("door open, dirty, to be disinfected" in look for look in looks)
     assert "door open, tidy, disinfected" in looks[-1]

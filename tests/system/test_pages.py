@@ -128,7 +128,7 @@ def test_a_node_an_agent_and_a_command_are_added(corridor: Path, tmp_path: Path)
     terminal = Terminal(tmp_path, PYTHONPATH=str(tmp_path))
     assert follow(told[: project + 1], terminal) == 2
     install(told[project].text, tmp_path)
-    assert follow(told[project + 1 :], terminal) == 3
+    assert follow(told[project + 1 :], terminal) == 4
 
 
 BEGIN = [". .venv/bin/activate", "socialbot new my_robot", "cd my_robot"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from socialbot.agents.base import _svg as svg
+from socialbot.agents.base import svg
 from socialbot.agents.warehouse.gripper import GripperAgent, LayoutGripper
 from socialbot.agents.warehouse.layout import load_layout
 from socialbot.agents.warehouse.messages import BoxPosition, BoxPositions, MoveStatus, Point
@@ -22,6 +22,7 @@ from socialbot.agents.warehouse.scenario import (
 )
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
+from socialbot.core.registry import Film
 from socialbot.graph.node import Graph
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
 
@@ -30,6 +31,8 @@ BOX = 34.0  # width of a box, pixels; not to scale, so that its name can be read
 LIFT = 15.0  # upward shift of a box on another one, pixels
 HEAD = 58.0  # height of the title, pixels
 MARGIN_M = 0.55
+BRIDGE, HOLDING = "bridge", "holding"
+"""Group that spans the rails, and class of a gripper with a box."""
 RAIL = 26.0  # distance from the left edge to the first rail of the crane, pixels
 
 COLOURS = ("#3f74a8", "#d9695f", "#3d8f5f", "#c79a2c", "#8a5fa8", "#4aa3a8")
@@ -43,7 +46,7 @@ TONES = {
     "plate": ("#dfe3e6", "#2f363d"),
 }
 
-_RULES = ".floor .closed,.floor .holding .open{display:none}.floor .holding .closed{display:inline}"
+_RULES = f".floor .closed,.floor .{HOLDING} .open{{display:none}}.floor .{HOLDING} .closed{{display:inline}}"
 _STYLE = svg.style("floor", TONES, _RULES)
 
 
@@ -139,7 +142,7 @@ class FloorDrawing:
             yield svg.line(rail, self.head + 4, rail, self.height - 20, "s-soft", width=4)
         beams = "".join(svg.line(RAIL, side, right, side, "s-ink", width=5, opacity=0.55) for side in (-24, 24))
         ends = "".join(svg.rectangle(rail - 7, -32, 14, 64, "f-ink", rx=4) for rail in (RAIL, right))
-        yield svg.group(beams + ends, (0.0, y), name="bridge")
+        yield svg.group(beams + ends, (0.0, y), name=BRIDGE)
         frame = '<rect x="-24" y="-28" width="48" height="56" rx="6" fill="none" class="s-ink" stroke-width="4"/>'
         jaws = "".join(
             f'<g class="{kind}">'
@@ -148,7 +151,7 @@ class FloorDrawing:
             for kind, reach in (("open", 12), ("closed", 18))
         )
         name = svg.text(0, -34, GRIPPER, size=11, weight=600)
-        yield svg.group(frame + jaws + name, (x, y), name=GRIPPER, kind="holding" if holding else "")
+        yield svg.group(frame + jaws + name, (x, y), name=GRIPPER, kind=HOLDING if holding else "")
 
 
 def _area(x: float, y: float, wide: float, high: float, colour: str) -> str:
@@ -163,6 +166,7 @@ class FloorView:
     """World view of a warehouse run, from the messages of its sensors."""
 
     file = "floor.svg"
+    kinds = (MoveStatus, BoxPositions)
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -196,14 +200,8 @@ class FloorView:
         drawing = FloorDrawing(self.scenario) if title else self._drawing
         return drawing.draw(robots, self.boxes(stamp), title)
 
-    def film(self, start: int) -> dict[str, Any]:
-        """The animation of the run from ``start`` (ns).
-
-        Returns:
-            ``picture`` (SVG with named groups), ``crane`` (its name) and tracks. ``robots`` and ``boxes`` hold tuples
-            of time (s), x and y (pixels) by name; for boxes also the height (m). ``holding`` holds times, and 1 while
-            the gripper has a box.
-        """
+    def film(self, start: int) -> Film:
+        """The animation from ``start`` (ns). The bridge follows the gripper, which has the class "holding"."""
         robots = {
             name: thinned([((stamp - start) / SECOND, *self._drawing.at(point)) for stamp, point in track])
             for name, track in self._robots.items()
@@ -217,8 +215,9 @@ class FloorView:
             held = float(any(box.holder == GRIPPER for box in found))
             if not holding or holding[-1][1] != held:
                 holding.append((round(second, 2), held))
-        tracks = {"robots": robots, "boxes": {name: thinned(track) for name, track in boxes.items()}}
-        return {"picture": self.picture(start), "crane": GRIPPER, **tracks, "holding": holding}
+        bridge = {BRIDGE: [(second, 0.0, y) for second, _, y in robots[GRIPPER]]} if GRIPPER in robots else {}
+        moves = {**robots, **bridge, **{name: thinned(track) for name, track in boxes.items()}}
+        return Film(self.picture(start), moves, classes={GRIPPER: {HOLDING: holding}})
 
     def figures(self, start: int, end: int) -> list[tuple[str, str]]:
         """Number of boxes in their deposits."""

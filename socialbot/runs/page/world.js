@@ -4,7 +4,7 @@ import { film, Unreachable, worldAt } from './api.js';
 import { find, seconds } from './dom.js';
 
 let groups = null;
-const faces = {};
+const contents = {};
 let order = '';
 
 /** Preloaded map at a time. */
@@ -37,34 +37,35 @@ function stage() {
 
 function paint(t) {
   if (!groups) stage();
-  for (const [name, track] of Object.entries(film.robots ?? {})) {
-    const [, x, y] = between(track, t);
-    place(name, x, y);
-    if (name === film.crane) place('bridge', 0, y);
-  }
-  for (const [name, track] of Object.entries(film.faces ?? {})) {
-    const face = track[last(track, t)][1];
-    if (groups.has(name) && faces[name] !== face) {
-      faces[name] = face;
-      groups.get(name).innerHTML = film.drawings[face];
+  for (const [name, track] of Object.entries(film.contents)) {
+    const content = track[last(track, t)][1];
+    if (groups.has(name) && contents[name] !== content) {
+      contents[name] = content;
+      groups.get(name).innerHTML = film.drawings[content];
     }
   }
-  paintBoxes(t);
-}
-
-function paintBoxes(t) {
-  const heights = Object.entries(film.boxes ?? {}).map(([name, track]) => {
+  for (const [name, classes] of Object.entries(film.classes)) {
+    for (const [kind, track] of Object.entries(classes)) {
+      if (track.length) groups.get(name)?.classList.toggle(kind, Boolean(track[last(track, t)][1]));
+    }
+  }
+  const heights = [];
+  for (const [name, track] of Object.entries(film.moves)) {
     const [, x, y, z] = between(track, t);
     place(name, x, y);
-    return [z, name];
-  }).sort((one, other) => one[0] - other[0] || (one[1] < other[1] ? -1 : 1));
+    if (z !== undefined) heights.push([z, name]);
+  }
+  stack(heights);
+}
+
+/** Draws the groups with a height in the order of their heights. */
+function stack(heights) {
+  heights.sort((one, other) => one[0] - other[0] || (one[1] < other[1] ? -1 : 1));
   const now = heights.map(height => height[1]).join();
   if (now !== order) {
     order = now;
     for (const [, name] of heights) groups.get(name)?.parentNode.append(groups.get(name));
   }
-  const held = film.holding ?? [];
-  if (held.length) groups.get(film.crane)?.classList.toggle('holding', Boolean(held[last(held, t)][1]));
 }
 
 function place(name, x, y) {

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from socialbot.agents.warehouse.drawing import FloorDrawing, FloorView
+from socialbot.agents.warehouse.drawing import BRIDGE, HOLDING, FloorDrawing, FloorView
 from socialbot.agents.warehouse.messages import BoxPosition, GripperPose, GripperStatus, MoveCommand, Point
 from socialbot.agents.warehouse.scenario import GRIPPER, SIX, scenario_of
 from socialbot.agents.warehouse.world import Warehouse
@@ -141,19 +141,21 @@ def test_view_knows_holders_at_any_time(film):
 def test_tracks_match_pictures(film, second):
     shown = places(film.picture(START + round(second * SECOND)))
     tracks = film.film(START)
-    for name, track in (tracks["robots"] | tracks["boxes"]).items():
+    assert tracks.moves.keys() <= shown.keys()
+    for name, track in tracks.moves.items():
         x, y = (float(word) for word in shown[name].removeprefix("translate(").rstrip(")").split())
-        assert at(track, second)[:2] == pytest.approx([x, y], abs=8.0 if name in (GRIPPER, "box_a2") else 4.0), name
+        near = 8.0 if name in (GRIPPER, BRIDGE, "box_a2") else 4.0
+        assert at(track, second)[:2] == pytest.approx([x, y], abs=near), name
 
 
 def test_tracks_omit_points_on_straight_lines(film, hall):
     tracks = film.film(START)
-    assert len(tracks["boxes"]["box_b1"]) == 2
-    assert len(tracks["robots"][GRIPPER]) < 60
+    assert len(tracks.moves["box_b1"]) == 2
+    assert len(tracks.moves[GRIPPER]) < 60
 
 
 def test_film_has_holding_times(film):
-    (_, before), (taken, held), (put, after) = film.film(START)["holding"]
+    (_, before), (taken, held), (put, after) = film.film(START).classes[GRIPPER][HOLDING]
     assert (before, held, after) == (0.0, 1.0, 0.0)
     assert 7.0 <= taken < 8.0
     assert 18.0 <= put < 19.0

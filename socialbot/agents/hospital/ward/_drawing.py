@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
 
-from socialbot.agents.base import _svg as svg
+from socialbot.agents.base import svg
 from socialbot.agents.hospital.ward.messages import AWAY, CORRIDOR, AgentState, RoomState, WardState
 from socialbot.agents.hospital.ward.ward import CORRIDOR_M, NURSE, ROOM_M, SPOT, UVD, Position, Room, Ward
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
+from socialbot.core.registry import Film
 from socialbot.runs.tracks import Moment, add, forget, latest, thinned
 
 WIDE = 1180.0
@@ -328,6 +328,8 @@ def _sign(word: str, x: float, y: float, size: float) -> str:
 class WardAnimation:
     """States of a ward over a run, as drawings and as an animation."""
 
+    kinds = (WardState,)
+
     def __init__(self, ward: Ward) -> None:
         self._drawing = WardDrawing(ward)
         self._states: list[tuple[int, WardState]] = []
@@ -354,37 +356,28 @@ class WardAnimation:
         """The ward at ``stamp`` (ns) as SVG."""
         return self._drawing.draw(self.state(stamp), title)
 
-    def film(self, start: int) -> dict[str, Any]:
-        """The animation of the run from ``start`` (ns).
-
-        Returns:
-            ``picture``: SVG with a named group for each room, robot and nurse. ``robots``: tuples of time (s), x and y
-            (pixels) by name. ``faces``: tuples of time and index in ``drawings`` by name. ``drawings``: contents of
-            groups. ``crane`` is empty.
-        """
+    def film(self, start: int) -> Film:
+        """The animation from ``start`` (ns): a group for each room, robot and nurse."""
         seen = list(self._drawing.groups(self.state(start)))
         missing = set(self._drawing.ward.member_by_name) - {group.name for group in seen}
         groups = [*seen, *(DrawingGroup(name, "") for name in sorted(missing))]
         picture = self._drawing.framed("The ward", [group.svg() for group in groups])
-        return {"picture": picture, "crane": "", **self._tracks(start)}
-
-    def _tracks(self, start: int) -> dict[str, Any]:
-        places: dict[str, list[Moment]] = {}
-        faces: dict[str, list[Moment]] = {}
+        moves: dict[str, list[Moment]] = {}
+        contents: dict[str, list[Moment]] = {}
         drawings: dict[str, int] = {"": 0}
         for stamp, state in self._states:
             second = round((stamp - start) / SECOND, 3)
             groups = {group.name: group for group in self._drawing.groups(state)}
             for name, group in groups.items():
                 if group.place is not None:
-                    places.setdefault(name, []).append((second, *group.place))
-                _add_face(faces.setdefault(name, []), second, drawings.setdefault(group.drawing, len(drawings)))
-            for name in faces.keys() - groups.keys():
-                _add_face(faces[name], second, 0)
-        robots = {name: thinned(track) for name, track in places.items()}
-        return {"robots": robots, "faces": faces, "drawings": list(drawings)}
+                    moves.setdefault(name, []).append((second, *group.place))
+                index = drawings.setdefault(group.drawing, len(drawings))
+                _add_content(contents.setdefault(name, []), second, index)
+            for name in contents.keys() - groups.keys():
+                _add_content(contents[name], second, 0)
+        return Film(picture, {name: thinned(track) for name, track in moves.items()}, contents, tuple(drawings))
 
 
-def _add_face(track: list[Moment], second: float, face: int) -> None:
-    if not track or track[-1][1] != face:
-        track.append((second, face))
+def _add_content(track: list[Moment], second: float, index: int) -> None:
+    if not track or track[-1][1] != index:
+        track.append((second, index))

@@ -13,6 +13,7 @@ from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
 from socialbot.core.clock import SECOND
+from socialbot.core.registry import Film
 from tests.agents.hospital.listings import NURSE, SPOT, UVD
 from tests.agents.warehouse.test_drawing import shapes
 
@@ -150,33 +151,33 @@ def film() -> WardAnimation:
     return film
 
 
-def face(tracks: dict, name: str, second: float) -> str:
-    number = [face for since, face in tracks["faces"][name] if since <= second][-1]
-    return tracks["drawings"][number]
+def content(tracks: Film, name: str, second: float) -> str:
+    number = [index for since, index in tracks.contents[name] if since <= second][-1]
+    return tracks.drawings[int(number)]
 
 
 def test_film_shows_past_states_of_rooms(film):
     tracks = film.film(0)
-    assert "room1: door closed, tidy, disinfected" in face(tracks, "room1", 0.9)
-    assert "room1: door closed, tidy, to be disinfected" in face(tracks, "room1", 1.0)
-    assert "1 room to be disinfected" in face(tracks, TALLY, 2.0)
+    assert "room1: door closed, tidy, disinfected" in content(tracks, "room1", 0.9)
+    assert "room1: door closed, tidy, to be disinfected" in content(tracks, "room1", 1.0)
+    assert "1 room to be disinfected" in content(tracks, TALLY, 2.0)
 
 
 def test_film_has_track_of_moving_robot(film):
-    track = film.film(0)["robots"][SPOT]
+    track = film.film(0).moves[SPOT]
     assert track[0][1:] != track[-1][1:]
     assert 2 < len(track) < 30, "what lies on a straight way is left out"
 
 
 def test_absent_agent_has_empty_drawing(film):
     tracks = film.film(0)
-    assert face(tracks, NURSE, 2.9)
-    assert face(tracks, NURSE, 3.0) == ""
+    assert content(tracks, NURSE, 2.9)
+    assert content(tracks, NURSE, 3.0) == ""
 
 
 def test_film_picture_has_group_for_every_agent(film):
     for second in (0, 4):
-        stage = ElementTree.fromstring(film.film(second * SECOND)["picture"])
+        stage = ElementTree.fromstring(film.film(second * SECOND).picture)
         named = {part.attrib["data-name"] for part in stage.iter() if "data-name" in part.attrib}
         assert named == {TALLY, *paper_ward().room_by_name, *paper_ward().member_by_name}
 
