@@ -8,17 +8,29 @@ from typing import Any
 import rich.console
 import typer
 from rich.console import ConsoleOptions, RenderableType
+from rich.errors import MarkupError
 from rich.segment import Segment
+from rich.text import Text
 
 from socialbot.core.terminal import without_controls
 
 
 class Console(rich.console.Console):
-    """Console of rich that prints only its own control sequences, not those in texts."""
+    """Console of rich that prints only its own control sequences, not those in texts.
+
+    Text with invalid markup is printed as it is, and markup makes no links, whose address would not be seen.
+    """
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(without_controls(segment.text), segment.style)
+            style = segment.style.update_link(None) if segment.style and segment.style.link else segment.style
+            yield segment if segment.control else Segment(without_controls(segment.text), style)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        try:
+            return super().render_str(text, **options)
+        except MarkupError:
+            return super().render_str(text, **{**options, "markup": False})
 
 
 def print_line(text: Any = "", *, nl: bool = True, err: bool = False) -> None:

@@ -46,7 +46,9 @@ def monitor(expectations: list[Expectation], file: str, machine: str | None, cha
         diagnostics = BehaviourDiagnostics(ros, watched)
         observe = with_event_log(graph, watched.observe)
         with observe_graph(topics, observe, lambda *_: None, graph.wire), Ending().on_signals() as ending:
-            console.print(f"{options.many(len(expectations), 'expectation')} on {graph.name}, until Ctrl-C")
+            console.print(
+                f"{options.many(len(expectations), 'expectation')} on {graph.name}, until Ctrl-C", markup=False
+            )
             while not ending.asked:
                 now = ros.get_clock().now().nanoseconds
                 for violation in watched.poll(now):

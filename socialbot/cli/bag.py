@@ -273,7 +273,7 @@ def _table(opened: Bag, images: Mapping[str, str], *, checked: bool) -> Table:
     for topic in opened.topics:
         # Short names of known types keep the line within 80 characters.
         known = topic.type in codec.decodable_types()
-        kind = topic.type.rpartition("/")[2] if known else topic.type.replace("/msg/", "/")
+        kind = escape(topic.type.rpartition("/")[2] if known else topic.type.replace("/msg/", "/"))
         rate = opened.rate_hz(topic)
         cells = [f"[bold]{escape(topic.name)}[/]", kind, str(topic.count), "" if rate is None else f"{rate:.1f}"]
         if checked:

@@ -6,6 +6,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 import typer
+from rich.markup import escape
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import plain_table
@@ -35,7 +36,8 @@ def show() -> None:
         nodes = "damaged; written again when it is needed" if entry is None else ", ".join(entry.nodes)
         detector = f" ({entry.detector})" if entry is not None and entry.detector else ""
         used = f"{datetime.fromtimestamp(file.used).astimezone():%Y-%m-%d %H:%M}"
-        table.add_row(file.key[:12] if entry is None else entry.bag, nodes + detector, f"{file.size / 1e3:.0f}", used)
+        bag = file.key[:12] if entry is None else entry.bag
+        table.add_row(escape(bag), escape(nodes + detector), f"{file.size / 1e3:.0f}", used)
     console = Console(highlight=False)
     if table.row_count:
         console.print(table)

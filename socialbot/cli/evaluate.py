@@ -225,7 +225,9 @@ def _report_missing(evaluation: Evaluation, errors: Console) -> None:
     first = next(iter(evaluation.detectors.values()))
     for clip in (clip for scene in first.scenes.values() for clip in scene.clips):
         if clip.outside:
-            errors.print(f"{clip.source.name}: {clip.outside} people outside the image are not scored", style="dim")
+            errors.print(
+                f"{clip.source.name}: {clip.outside} people outside the image are not scored", style="dim", markup=False
+            )
         if clip.missing_frames or clip.damaged:
             what = f"{clip.source.name}: {clip.missing_frames} of {len(clip.source.frames)} frames have no image"
             damage = f"; {clip.damaged} images are damaged, the first: {clip.first_damage}" if clip.damaged else ""

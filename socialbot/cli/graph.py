@@ -53,8 +53,8 @@ def graph(
     for config in loaded.nodes:
         for name, parameter in config.type.parameters().items():
             value = config.parameters.get(name, parameter.default)
-            console.print(f"{config.name}.{name} = {value!r}", style="bold", soft_wrap=True)
-            console.print(f"    {parameter.doc}", style="dim", soft_wrap=True)
+            console.print(f"{config.name}.{name} = {value!r}", style="bold", soft_wrap=True, markup=False)
+            console.print(f"    {parameter.doc}", style="dim", soft_wrap=True, markup=False)
 
 
 def _lacks(graph: Graph) -> Iterator[str]:

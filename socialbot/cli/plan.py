@@ -99,7 +99,7 @@ def _table(shown: PddlPlan) -> Table:
     table.add_column("start, s", justify="right")
     table.add_column("end, s", justify="right")
     for step in shown.steps:
-        table.add_row(step.action, " ".join(step.args), f"{step.start_s:.3f}", f"{step.end_s:.3f}")
+        table.add_row(escape(step.action), escape(" ".join(step.args)), f"{step.start_s:.3f}", f"{step.end_s:.3f}")
     return table
 
 

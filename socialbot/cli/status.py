@@ -193,7 +193,7 @@ def _table(statuses: Sequence[NodeStatus], lasting: Sequence[tuple[str, float]] 
         name = in_the_middle(one.name, TEXTS["node"][1]) if lasting else one.name
         state = lasting[number][0] if lasting else one.condition
         cells = (figures[number][heading] for heading in headings)
-        shown.add_row(Text(name, "bold" if one.is_well else style), one.machine, Text(state, style), *cells)
+        shown.add_row(Text(name, "bold" if one.is_well else style), Text(one.machine), Text(state, style), *cells)
     return shown
 
 

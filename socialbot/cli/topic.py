@@ -54,7 +54,7 @@ def list_topics(
     table = plain_table("topic", "type", right=("pubs", "subs"))
     for each in topics:
         types = ", ".join(name.replace("/msg/", "/") for name in each.types)
-        table.add_row(Text(each.name, "bold"), types, str(each.publishers), str(each.subscribers))
+        table.add_row(Text(each.name, "bold"), Text(types), str(each.publishers), str(each.subscribers))
     Console(highlight=False).print(table if topics else "no topics")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import JsonOption, RunArgument, many, plain_table
@@ -52,12 +53,12 @@ def _table(found: list[Visit]) -> Table:
     for visit in found:
         nearest = "" if visit.nearest_m is None else f"{visit.nearest_m:.1f} m at {visit.nearest_s:.1f} s"
         table.add_row(
-            visit.person,
+            escape(visit.person),
             f"{visit.came_s:.1f} s #{visit.came_frame}",
             nearest,
             "" if visit.faced_s is None else f"{visit.faced_s:.1f} s",
             "" if visit.engaged_s is None else f"{visit.engaged_s:.1f} s",
-            "\n".join(f"{said.at_s:.1f} s {said.text}" for said in visit.said),
+            escape("\n".join(f"{said.at_s:.1f} s {said.text}" for said in visit.said)),
             f"{visit.left_s:.1f} s #{visit.left_frame}",
             visit.outcome if visit.delay_s is None else f"{visit.outcome}, after {visit.delay_s:.1f} s",
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console, print_line
@@ -83,7 +84,7 @@ def whatif(
     else:
         table = options.plain_table("", "as it was", ", ".join(map(str, wanted)))
         for time, before, now in rows:
-            table.add_row(f"{time:.2f} s", before, "the same" if before and before == now else now)
+            table.add_row(f"{time:.2f} s", escape(before), "the same" if before and before == now else escape(now))
         shown = console if sys.stdout.isatty() else Console(highlight=False, width=150)
         shown.print(table if rows else f"No agent acts after {at_s:.2f} s in either run.")
         console.print()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import CompressionType, Writer
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -88,6 +89,31 @@ def test_a_terminal_gets_only_the_sequences_of_the_console() -> None:
 
     assert "\x1b[" in printed("plain")
     assert printed("a\x1bb\x9bc\u202ed") == printed("a?b?c?d")
+
+
+@pytest.mark.parametrize("text", ["[/]", "[/b]", "[link=https://evil.example]x[/link]", "[bold"])
+def test_markup_in_texts_neither_fails_nor_links(text: str) -> None:
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True)
+    table = Table("name")
+    table.add_row(text)
+    console.print(table, f"[red]from[/] {text}")
+    assert "x" in file.getvalue() or text in file.getvalue()
+    assert "evil.example" not in file.getvalue().replace(text, "")
+
+
+def test_names_in_a_bag_are_printed_as_they_are(tmp_path: Path) -> None:
+    """The type of a topic is any text."""
+    with (tmp_path / "bag.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("[/][red]pkg/msg/Kind", "ros2msg", b"")
+        channel = writer.register_channel("/topic", "cdr", schema)
+        writer.add_message(channel, 1, b"\x00\x01\x00\x00", 1)
+        writer.finish()
+    done = socialbot_here("bag", "info", tmp_path / "bag.mcap")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert "[/][red]pkg/Kind" in done.stdout
 
 
 def test_log_records_have_no_control_characters() -> None:
