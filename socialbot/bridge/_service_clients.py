@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import threading
 import uuid
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +26,9 @@ from socialbot.core.errors import MessageError
 from socialbot.graph.calls import Outcome, PendingCall
 
 CHECK_PERIOD_S = 0.05  # period to look for servers while a call is in progress
+
+MAX_FEEDBACK = 16
+"""Most messages of feedback of a goal that wait for the node; older ones are dropped."""
 
 _OUTCOMES: dict[int, Outcome] = {
     GoalStatus.STATUS_SUCCEEDED: "succeeded",
@@ -179,6 +184,29 @@ class ServiceChannel(RosChannel):
             self._client.remove_pending_request(future)
 
 
+class _Feedback:
+    """Feedback of a goal for a node, in whose thread `pass_on` is called."""
+
+    def __init__(self, call: PendingCall, report: Callable[..., None]) -> None:
+        self._call = call
+        self._report = report
+        self._lock = threading.Lock()
+        self._waiting: deque[Any] = deque(maxlen=MAX_FEEDBACK)
+
+    def take(self, message: Any) -> None:
+        """Keep a message in place of the oldest, if as many wait: a server may send without end."""
+        with self._lock:
+            is_new = len(self._waiting) < MAX_FEEDBACK
+            self._waiting.append(message.feedback)
+        if is_new:
+            self._report(self.pass_on)
+
+    def pass_on(self) -> None:
+        with self._lock:
+            message = self._waiting.popleft()
+        self._call.on_feedback(message)
+
+
 class ActionChannel(RosChannel):
     def __init__(self, ros: RosNode, topic: str, kind: Any, report: Callable[..., None]) -> None:
         super().__init__(ros, topic, f"rt{ros.resolve_service_name(topic)}/_action/status", report)
@@ -201,7 +229,7 @@ class ActionChannel(RosChannel):
         self._goals[call] = ClientGoalHandle(self._client, identity, None)
         future = self._client.send_goal_async(
             call.message,
-            feedback_callback=lambda message: self._report(call.on_feedback, message.feedback),
+            feedback_callback=_Feedback(call, self._report).take,
             goal_uuid=identity,
         )
         future.add_done_callback(functools.partial(self._on_answer, call))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -157,6 +158,24 @@ def expect_open(topic: str, port: ServerPort) -> None:
         )
 
 
+MAX_REQUESTS = 100
+"""Most requests or goals of a server that wait for its node. Further goals are rejected, and requests not answered."""
+
+
+class _Waiting:
+    """Number of requests that wait for a node, in each of its threads."""
+
+    def __init__(self) -> None:
+        self._thread: NodeThread | None = None
+        self._places = threading.Semaphore()
+
+    def place(self, thread: NodeThread) -> threading.Semaphore | None:
+        """Take a place, to be released when the request is handled; None if there is none."""
+        if thread is not self._thread:
+            self._thread, self._places = thread, threading.Semaphore(MAX_REQUESTS)
+        return self._places if self._places.acquire(blocking=False) else None
+
+
 class _RosService:
     """Service of a node, which answers in its own thread."""
 
@@ -167,6 +186,7 @@ class _RosService:
         self._ros = ros
         self._port = port
         self._thread = thread
+        self._waiting = _Waiting()
         # rclpy passes the result of the callback to send_response at once. Here it is the request, answered later.
         self._service = ros.create_service(kind, topic, lambda request, _: request)
         self._send = self._service.send_response
@@ -179,10 +199,11 @@ class _RosService:
 
     def _take(self, request: Any, header: Any) -> None:
         thread = self._thread()
-        if thread is not None:
-            thread.queue.call_soon(functools.partial(self._answer, thread, request, header))
+        if thread is not None and (place := self._waiting.place(thread)) is not None:
+            thread.queue.call_soon(functools.partial(self._answer, thread, place, request, header))
 
-    def _answer(self, thread: NodeThread, request: Any, header: Any) -> None:
+    def _answer(self, thread: NodeThread, place: threading.Semaphore, request: Any, header: Any) -> None:
+        place.release()
         response = self._port.answer(thread.node, request)
         expect_valid(response, self._port.topic)
         try:
@@ -202,6 +223,7 @@ class _RosAction:
         self._kind = kind
         self._port = port
         self._thread = thread
+        self._waiting = _Waiting()
         self._new: dict[int, _RosGoal] = {}
         """Goals that the node has accepted, by the id of their message."""
         self._goals: dict[bytes, _RosGoal] = {}
@@ -228,18 +250,19 @@ class _RosAction:
 
     async def _decide(self, request: Any) -> GoalResponse:
         thread = self._thread()
-        if thread is None:
+        if thread is None or (place := self._waiting.place(thread)) is None:
             return GoalResponse.REJECT
         made = self._new[id(request)] = _RosGoal(self._ros, self._port.topic)
         made.goal = GoalHandle(self._port.interface, request, made)
-        thread.queue.call_soon(functools.partial(self._start, thread, made))
+        thread.queue.call_soon(functools.partial(self._start, thread, place, made))
         await made.decided
         if made.goal.rejected:
             del self._new[id(request)]
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _start(self, thread: NodeThread, made: _RosGoal) -> None:
+    def _start(self, thread: NodeThread, place: threading.Semaphore, made: _RosGoal) -> None:
+        place.release()
         try:
             self._port.start(thread.node, made.goal)
         finally:

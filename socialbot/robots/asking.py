@@ -59,12 +59,16 @@ class ask(RosAction):
         if code := getattr(outcome, "error_code", 0):
             raise Failed("refused", getattr(outcome, "error_msg", "") or f"error {code} of the skill")
         try:
-            answers = json.loads(result.answers)
-        except ValueError as error:
+            answers = json.loads(result.answers, parse_constant=_refuse)
+        except (ValueError, RecursionError) as error:
             raise Failed("not_understood", f"the answers are no JSON: {error}") from error
         if not isinstance(answers, Mapping):
             raise Failed("not_understood", f"the answers are no JSON object: {result.answers!r}")
         return [+answered(str(name), _value(value)) for name, value in answers.items()]
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no value")
 
 
 def _value(value: Any) -> str | int | float:

@@ -102,7 +102,7 @@ class move_joints(RosAction):
 
     def feedback(self, feedback: Any) -> Sensed:
         distances = [abs(float(each)) for each in feedback.error.positions]
-        return off_target(round(max(distances), 3)) if distances else None
+        return off_target(round(max(distances), 3)) if distances and all(map(math.isfinite, distances)) else None
 
     def result(self, result: Any) -> Sensed:
         if getattr(result, "error_code", 0):

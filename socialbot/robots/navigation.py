@@ -233,7 +233,8 @@ class _Drive(RosAction):
     client = "navigate"
 
     def feedback(self, feedback: Any) -> Sensed:
-        return distance_left(round(float(feedback.distance_remaining), 2))
+        left_m = float(feedback.distance_remaining)
+        return distance_left(round(left_m, 2)) if math.isfinite(left_m) else None
 
 
 class approach(_Drive):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import PersonDetection, PersonDetections
 
@@ -21,8 +23,9 @@ class SpeakerFinder:
         self._seen = detections
 
     def on_direction(self, stamp: int, bearing_rad: float) -> None:
-        """Set the direction of the sound, positive to the left."""
-        self._sound = (stamp, bearing_rad)
+        """Set the direction of the sound, positive to the left; one that is not finite is ignored."""
+        if math.isfinite(bearing_rad):
+            self._sound = (stamp, bearing_rad)
 
     def find(self, time: int) -> tuple[str, float | None]:
         """Track id and bearing (rad) of the person who speaks at ``time`` (ns); "" or None if unknown."""

@@ -2,7 +2,7 @@
 
 /light is a std_srvs/SetBool that is refused when it is lit already; /deaf answers nothing within a minute. /count is a
 test_msgs/Fibonacci: it counts down from ``order`` with feedback every 50 ms, rejects orders above 100, and aborts
-negative ones. With the mode "stubborn" it refuses to cancel.
+negative ones. With the mode "stubborn" it refuses to cancel; with "hasty" feedback comes every millisecond.
 """
 
 import sys
@@ -41,7 +41,9 @@ class Servers(Node):
                 "/count",
                 self.count,
                 callback_group=group,
-                goal_callback=lambda goal: GoalResponse.REJECT if goal.order > 100 else GoalResponse.ACCEPT,
+                goal_callback=lambda goal: (
+                    GoalResponse.REJECT if goal.order > 100 and mode != "hasty" else GoalResponse.ACCEPT
+                ),
                 cancel_callback=lambda _: CancelResponse.REJECT if mode == "stubborn" else CancelResponse.ACCEPT,
             )
 
@@ -70,7 +72,7 @@ class Servers(Node):
                 return result
             done.append(left)
             goal.publish_feedback(Fibonacci.Feedback(sequence=done))
-            time.sleep(0.05)
+            time.sleep(0.001 if self.mode == "hasty" else 0.05)
         goal.succeed()
         result.sequence = done
         return result

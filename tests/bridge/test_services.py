@@ -14,7 +14,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from socialbot.bridge import _services
-from socialbot.bridge._service_clients import ActionChannel
+from socialbot.bridge._service_clients import MAX_FEEDBACK, ActionChannel
 from socialbot.core.errors import MessageError, NodeError, ParameterError
 from socialbot.graph import calls
 from socialbot.graph.calls import CallResult, GoalHandle, PendingCall
@@ -186,6 +186,26 @@ class TestServices:
             answer = client.call(SetBool.Request(data=True), timeout_sec=10.0)
             assert (answer.message, lamp.node.lit) == ("on", True)
 
+    def test_requests_without_end_do_not_fill_the_memory(self, monkeypatch):
+        """A node that is busy has some of them; it answers again when it is free."""
+        monkeypatch.setattr(_services, "MAX_REQUESTS", 10)
+        with node_hosts(graph_of(NodeConfig("lamp", Lamp))) as host, spinning_nodes("stranger") as (stranger,):
+            lamp = host("lamp")
+            client = stranger.create_client(SetBool, "/light")
+            assert client.wait_for_service(10.0)
+            assert eventually(lambda: lamp.active_thread is not None)
+            free, service = threading.Event(), lamp._services._servers[0]._service
+            taken, take = [], service.send_response
+            service.send_response = lambda request, header: taken.append(take(request, header))
+            lamp.active_thread.queue.call_soon(lambda: free.wait(PATIENCE_S))
+            futures = []
+            for count in range(1, 21):  # DDS keeps ten
+                futures.append(client.call_async(SetBool.Request(data=True)))
+                assert eventually(lambda count=count: len(taken) == count)
+            free.set()
+            assert client.call(SetBool.Request(data=False), timeout_sec=10.0) is not None
+            assert sum(future.done() for future in futures) == 10
+
     def test_node_that_fails_answers_nothing_and_goes_on(self):
         class Broken(Lamp):
             light = Service(SetBool, "/light")
@@ -234,6 +254,21 @@ class TestActions:
             assert result.ok
             assert list(result.message.sequence) == [4, 3, 2, 1]
             assert hosted.node.seen == (4, 3, 2, 1)
+
+    def test_feedback_without_end_does_not_fill_the_memory(self):
+        """A node that is busy gets the newest feedback."""
+        with foreign_servers("hasty"), active(Counter) as hosted:
+            free = threading.Event()
+            in_thread(hosted, lambda node: node.start_count(1000))
+            assert eventually(lambda: hosted.node.seen)
+            hosted.active_thread.queue.call_soon(lambda: free.wait(PATIENCE_S))
+            channel = hosted._services._channels["count"]
+            assert eventually(lambda: not channel._goals)  # the result has arrived
+            seen = len(hosted.node.seen)
+            free.set()
+            assert only_result(hosted).ok
+            assert 0 < len(hosted.node.seen) - seen <= MAX_FEEDBACK
+            assert hosted.node.seen[-1] < 500
 
     @pytest.mark.parametrize(("order", "outcome"), [(101, "rejected"), (-1, "aborted")])
     def test_refusal_and_abort_are_outcomes(self, servers, order, outcome):

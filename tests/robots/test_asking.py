@@ -85,7 +85,14 @@ def test_answers_become_beliefs():
 
 @pytest.mark.parametrize(
     ("answers", "code", "why"),
-    [("{}", 3, "refused"), ("tea", 0, "not_understood"), ("[1]", 0, "not_understood"), (None, 0, "timeout")],
+    [
+        ("{}", 3, "refused"),
+        ("tea", 0, "not_understood"),
+        ("[1]", 0, "not_understood"),
+        (None, 0, "timeout"),
+        ('{"sugar": NaN}', 0, "not_understood"),
+        ("[" * 100_000, 0, "not_understood"),
+    ],
 )
 def test_a_question_that_fails_has_a_reason(answers, code, why):
     assert asked(answers, code)[0] == [f'failed("{why}")']

@@ -63,6 +63,7 @@ class Controller(Node):
         seconds = point.time_from_start.sec + point.time_from_start.nanosec / 1e9
         self.goals += ((dict(zip(trajectory.joint_names, point.positions, strict=True)), seconds),)
         goal.feedback({"error": {"positions": [0.1, -0.4]}})
+        goal.feedback({"error": {"positions": [0.1, math.nan]}})
         if not self.stuck:
             self.call_after(seconds, lambda: goal.succeed({"error_code": 0, "error_string": ""}))
 

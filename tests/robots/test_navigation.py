@@ -38,7 +38,8 @@ class Navigator(Node):
         yaw = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
         self.goals += ((pose.position.x, pose.position.y, yaw),)
         self.frames += (goal.request.pose.header.frame_id,)
-        goal.feedback({"distance_remaining": 2.0})
+        for distance_m in (2.0, math.nan, math.inf):
+            goal.feedback({"distance_remaining": distance_m})
         self.call_after(1.0, goal.succeed)
 
 

@@ -1,6 +1,7 @@
 """The hearing node: what is heard, from whom, and when the robot is interrupted."""
 
 import itertools
+import math
 
 import numpy as np
 import psutil
@@ -12,6 +13,7 @@ from socialbot.core.installation import extra_command
 from socialbot.core.messages import AudioData, Health, HeardSpeech, PersonDetection, PersonDetections, SpeechStatus
 from socialbot.speech.audio import RATE_HZ, chunks_of
 from socialbot.speech.hearing import MOST_WAITING, Hearing, SoundCheck
+from socialbot.speech.hearing_speaker import SpeakerFinder
 from socialbot.speech.voice_activity import SpeechSegmenter, VoiceThresholds
 from tests.speech.sounds import Ear, LengthRecognizer, LoudHearing, silence, spoken, tone
 
@@ -368,3 +370,10 @@ def test_people_who_answer_at_once_do_not_make_the_tail_longer_than_the_limit() 
     sounds, others = utterances(1.9, 3)
     ear.hear(*sounds, silence(1), others=others)
     assert len(ear.heard) == 3
+
+
+@pytest.mark.parametrize("bearing", [math.nan, math.inf])
+def test_a_direction_that_is_not_finite_is_ignored(bearing: float) -> None:
+    finder = SpeakerFinder()
+    finder.on_direction(0, bearing)
+    assert finder.find(0) == ("", None)
