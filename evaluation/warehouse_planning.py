@@ -106,24 +106,26 @@ def first_question(boxes: int) -> Question:
 
 
 def second_question() -> Question:
-    """Return the gripper's problem in run 2 after it finds a carrier missing."""
+    """Return the problem of the gripper's new plan in run 2, after it finds a carrier missing."""
     listener = _Listener(make_planner(PLANNER))
     with mock.patch.object(deliberating, "make_planner", return_value=listener):
         play(Story(run=2))
-    return [question for question in listener.asked if question.domain.name == GRIPPER_DOMAIN_NAME][1]
+    return [question for question in listener.solved if question.domain.name == GRIPPER_DOMAIN_NAME][1]
 
 
 @dataclass
 class _Listener:
     planner: Planner
     name: str = "listener"
-    asked: list[Question] = field(default_factory=list)
+    solved: list[Question] = field(default_factory=list)
 
     def solve(
         self, domain: PddlDomain, problem: PddlProblem, limits: PlannerLimits, cancelled: Event | None = None
     ) -> PlannerAnswer:
-        self.asked.append(Question(domain, problem, limits))
-        return self.planner.solve(domain, problem, limits, cancelled)
+        answer = self.planner.solve(domain, problem, limits, cancelled)
+        if answer.plan is not None:
+            self.solved.append(Question(domain, problem, limits))
+        return answer
 
 
 @dataclass(frozen=True)
