@@ -178,7 +178,7 @@ class WardDrawing:
         half = DOOR_M / 2 * self.scale
         wall = 2.5 if self.is_roomy else 1.6
         gap = svg.line(x - half, y, x + half, y, "s-corridor", wall + 2.5)
-        if state is None or (state.door_open and room.name == self.ward.dock):
+        if state is None or (state.door_open and room.name in self.ward.docks):
             return gap
         if not state.door_open:
             return gap + svg.line(x - half, y, x + half, y, "s-red", wall + 2)

@@ -124,7 +124,7 @@ class WardWorld(SimulatedWorld):
     """Simulated ward. Commands take effect at the time that `advance` reached.
 
     A robot stops before a closed door, and leaves a room through any. An action in a room takes place inside: an agent
-    before an open door enters first. The dock is always open. A joint action begins with the command to the second
+    before an open door enters first. Docks are always open. A joint action begins with the command to the second
     partner. A person who enters stops ultraviolet light, a nurse who leaves the ward stops her action, and a robot with
     a low battery stops an action that needs power. Nurses use a screen in their rooms.
 
@@ -303,15 +303,19 @@ class WardWorld(SimulatedWorld):
         self._end(activity, reason)
 
     def _depart(self, activity: Activity, agent: WardAgent) -> None:
-        """Move to the entrance of a room, or of the dock."""
-        target = activity.args[1] if activity.action == "a_navigate_to" else self.ward.dock
-        if agent.place == target and agent.inside:
+        """Move to the entrance of a room, or of the nearest dock."""
+        is_charge = activity.action == "a_charge"
+        if agent.inside and (agent.place in self.ward.docks if is_charge else agent.place == activity.args[1]):
             self._arrive(activity, agent)
             return
         if agent.place == AWAY:
             agent.position = self.ward.room_by_name[agent.member.home].entrance
         room = agent.place if agent.inside else ""
-        points = self.ward.way(agent.position, room, target)
+        if is_charge:
+            target, points = self.ward.way_to_dock(agent.position, room)
+        else:
+            target = activity.args[1]
+            points = self.ward.way(agent.position, room, target)
         agent.place, agent.inside = CORRIDOR, False
         seconds = self._travel(agent, points)
         self._later(activity, seconds, lambda: self._reach_door(activity, agent, target))
@@ -320,7 +324,7 @@ class WardWorld(SimulatedWorld):
         self._stop(agent)
         agent.place = target
         self.changes += 1
-        if self.rooms[target].door_open or target == self.ward.dock:
+        if self.rooms[target].door_open or target in self.ward.docks:
             seconds = self._go_in(agent)
             self._later(activity, seconds, lambda: self._arrive(activity, agent))
         else:

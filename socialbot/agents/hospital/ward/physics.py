@@ -102,7 +102,7 @@ def scene_xml(ward: Ward, visitors: int, untidy: Sequence[str], speed: float) ->
     bodies: list[str] = []
     actuators: list[str] = []
     for room in ward.rooms:
-        bodies += _room(room, is_dock=room.name == ward.dock)
+        bodies += _room(room, is_dock=room.name in ward.docks)
         actuators.append(servo(f"{room.name} door", 9000, 12 * DOOR_M**2 / 3, limit=SWING * speed))
     for member in ward.members:
         home, name = ward.room_by_name[member.home], member.name

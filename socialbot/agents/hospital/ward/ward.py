@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -24,6 +24,8 @@ CORRIDOR_M = 2.4
 """Width of a corridor."""
 ROOMS_A_SIDE = 9
 """Rooms on each side of a corridor of a large ward."""
+ROOMS_A_DOCK = 1000
+"""Largest number of rooms of a large ward for each dock. The farthest are 0.6 km from it."""
 
 PROBLEMS = ("dirty", "closes", "drains", "enters", "leaves")
 """Kinds of faults that cause a problem in a mission."""
@@ -83,14 +85,14 @@ class Ward:
 
     ``closed`` are the doors that are closed at the start. ``infections`` are times (s) with rooms that need
     disinfection from then on. The problem of an infection is a fault of a kind in ``problems``. It appears
-    ``window_s`` (first, last) after the infection, but not before the start. ``spine_x`` is the corridor that joins the
-    others.
+    ``window_s`` (first, last) after the infection, but not before the start. Robots charge in ``docks``, which are
+    rooms whose doors are always open. ``spine_x`` is the corridor that joins the others.
     """
 
     name: str
     rooms: tuple[Room, ...]
     members: tuple[WardMember, ...]
-    dock: str
+    docks: tuple[str, ...]
     closed: frozenset[str]
     infections: tuple[tuple[float, str], ...]
     problems: tuple[str, ...] = PROBLEMS
@@ -147,6 +149,11 @@ class Ward:
         points.append(end)
         return tuple(points[:1] + [there for here, there in pairwise(points) if here != there])
 
+    def way_to_dock(self, start: Position, room: str) -> tuple[str, tuple[Position, ...]]:
+        """The nearest dock, and the path to its entrance; see `way`."""
+        ways = [(dock, self.way(start, room, dock)) for dock in self.docks]
+        return min(ways, key=lambda way: length(way[1]))
+
     @cached_property
     def corridor_ys(self) -> tuple[float, ...]:
         """The y of the middle of each corridor, sorted."""
@@ -201,7 +208,7 @@ def paper_ward() -> Ward:
         name="paper",
         rooms=tuple(_rooms(4, 2)),
         members=members,
-        dock="room4",
+        docks=("room4",),
         closed=frozenset({"room1"}),
         infections=((1.0, "room1"),),
         problems=("dirty",),
@@ -211,25 +218,38 @@ def paper_ward() -> Ward:
 
 
 def large_ward(rooms: int = 50, spots: int = 4, uvds: int = 4, nurses: int = 0, *, every_s: float = 3.0) -> Ward:
-    """A ward of many rooms and a dock, with a nurse in each of the first ``nurses`` rooms (0: in each).
+    """A ward of many rooms, with a nurse in each of the first ``nurses`` rooms (0: in each).
 
+    There is a dock for each `ROOMS_A_DOCK` rooms or part of them, and each kind of robots starts spread over them.
     Every ``every_s`` from 1 s on, another room with a nurse needs disinfection, always in the same order. A third of
     the doors is closed. Raises ValueError for a ward without rooms, or a negative number.
     """
     nurses = nurses or rooms
     if not (1 <= nurses <= rooms and spots >= 0 and uvds >= 0 and every_s >= 0.0):
         raise ValueError(f"cannot build a ward of {rooms} rooms, {spots} spots, {uvds} uvds and {nurses} nurses")
-    *plain, last = _rooms(rooms + 1, ROOMS_A_SIDE)
+    count = math.ceil(rooms / ROOMS_A_DOCK)
+    places = tuple(_rooms(rooms + count, ROOMS_A_SIDE))
+    at = [(rooms + count) * number // count - 1 for number in range(1, count + 1)]
+    docks = [
+        replace(places[place], name=f"dock{number}" if number > 1 else "dock")
+        for number, place in enumerate(at, start=1)
+    ]
+    plain = [
+        replace(room, name=f"room{number}")
+        for number, room in enumerate((room for place, room in enumerate(places) if place not in at), start=1)
+    ]
     order = [room.name for room in plain[:nurses]]
     members = [WardMember(f"{NURSE}{number}", NURSE, room) for number, room in enumerate(order, start=1)]
-    for kind, count in ((SPOT, spots), (UVD, uvds)):
-        members += [WardMember(f"{kind}{number}", kind, "dock") for number in range(1, count + 1)]
+    for kind, robots in ((SPOT, spots), (UVD, uvds)):
+        members += [
+            WardMember(f"{kind}{number + 1}", kind, docks[number * count // robots].name) for number in range(robots)
+        ]
     random.Random("the order of infections").shuffle(order)
     return Ward(
         name="large",
-        rooms=(*plain, Room("dock", last.corner, last.corridor_y)),
+        rooms=(*plain, *docks),
         members=tuple(members),
-        dock="dock",
+        docks=tuple(dock.name for dock in docks),
         closed=frozenset(room.name for room in plain[::3]),
         infections=tuple((1.0 + number * every_s, room) for number, room in enumerate(order)),
         window_s=(0.0, 10.0),

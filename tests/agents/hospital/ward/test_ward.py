@@ -19,7 +19,7 @@ def test_paper_ward_has_four_rooms_nurse_in_first_robots_in_last():
     assert {member.name: member.home for member in ward.members} == {
         "nurse_disinfected1": "room1", "spotrobot1": "room4", "uvdrobot1": "room4",
     }  # fmt: skip
-    assert (ward.closed, ward.dock) == ({"room1"}, "room4")
+    assert (ward.closed, ward.docks) == ({"room1"}, ("room4",))
 
 
 def test_large_ward_has_requested_size_and_an_infection_for_each_nurse():
@@ -30,6 +30,21 @@ def test_large_ward_has_requested_size_and_an_infection_for_each_nurse():
     assert [time_s for time_s, _ in ward.infections] == [1.0 + 3.0 * number for number in range(50)]
     assert large_ward(50, 4, 5) == ward
     assert len(large_ward(50, nurses=7).infections) == 7
+
+
+@pytest.mark.parametrize("rooms", [999, 1000, 1001, 2500, 10_000])
+def test_every_room_of_a_large_ward_is_in_reach_of_a_dock(rooms: int):
+    ward = large_ward(rooms, 5, 7)
+    names = [room.name for room in ward.rooms]
+    assert names == [f"room{number}" for number in range(1, rooms + 1)] + list(ward.docks)
+    assert {member.home for member in ward.members if member.kind == UVD} <= set(ward.docks)
+    for room in ward.rooms:
+        dock, way = ward.way_to_dock(room.centre, room.name)
+        assert length(way) < 650.0
+        assert length(way) == min(length(ward.way(room.centre, room.name, each)) for each in ward.docks)
+        assert way[-1] == ward.room_by_name[dock].entrance
+    starts = [sum(member.home == dock and member.kind == UVD for member in ward.members) for dock in ward.docks]
+    assert max(starts) - min(starts) <= 1
 
 
 @pytest.mark.parametrize("wrong", [{"rooms": 0}, {"nurses": 51}, {"spots": -1}, {"uvds": -1}, {"every_s": -1.0}])

@@ -416,3 +416,14 @@ def test_time_starts_at_start_and_never_decreases():
     assert not world.rooms[ROOM].infected
     world.advance(start + SECOND)
     assert world.rooms[ROOM].infected
+
+
+def test_robot_charges_in_the_nearest_dock():
+    story = Story(ward=large_ward(1001, 1, 1))
+    assert story.world.ward.docks == ("dock", "dock2")
+    assert story.agent(SPOT).place == "dock"
+    assert story.do("a_charge", SPOT) == ""
+    assert story.agent(SPOT).place == "dock"
+    assert story.do("a_navigate_to", SPOT, "room1001") == ""
+    assert story.do("a_charge", SPOT) == ""
+    assert (story.agent(SPOT).place, story.agent(SPOT).inside, story.agent(SPOT).battery) == ("dock2", True, 1.0)
