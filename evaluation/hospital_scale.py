@@ -1,7 +1,7 @@
 """Large wards: completeness of disinfection under faults, and cost of more rooms and robots.
 
 ``python -m evaluation.hospital_scale`` runs a ward of 50 rooms in simulated time, with 4 robots of each kind, all kinds
-of problems and many seeds. It kills and restarts the coordinator during missions, grows the ward to 1000 rooms and 100
+of problems and many seeds. It kills and restarts the coordinator during missions, grows the ward to 3000 rooms and 200
 robots, plans 1000 rooms at once, and prints the figures with their requirements. An independent check
 (`evaluation.hospital_check`) verifies all actions. The exit code is 1 if a requirement is not met.
 """
@@ -36,7 +36,7 @@ RUNS_S = 720.0
 PLAN_ROOMS, PLAN_S = 1000, 2.0
 """Requirements of the figures."""
 
-SIZES = ((1, 2), (10, 2), (10, 10), (100, 10), (100, 50), (100, 100), (1000, 50), (1000, 100))
+SIZES = ((1, 2), (10, 2), (10, 10), (100, 10), (100, 50), (100, 100), (1000, 50), (1000, 100), (3000, 200))
 """Rooms and robots of the growing wards, half of the robots of each kind."""
 GROWN_RATE = 25.0
 PAUSE_S = 0.2
