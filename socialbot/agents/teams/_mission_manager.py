@@ -303,7 +303,7 @@ class MissionManager:
                 self.release(mission, name)
         mission.active = [name for name in mission.team.values() if name in parts]
         for name in mission.active:
-            self.memory.members[name].mission = mission.id
+            self.memory.members[name].mission = self.memory.members[name].latest = mission.id
             self.send(name, "inform", acl.Plan(label, parts[name]), label, "")
         arguments = tuple(variables.values())
         for name in mission.active:
@@ -415,7 +415,10 @@ class MissionManager:
         return all(state is None or state.is_present for state in states)
 
     def _repair(self, mission: Mission, progress: PlanProgress, failed: TaskNode) -> TaskAnswer | None:
-        """A repaired plan, if the policy allows one and it does not start with the failed action."""
+        """A repaired plan, if the policy allows one and it does not start with the failed action.
+
+        It must not need an agent that has worked for another mission since: what that did before does not count.
+        """
         policy = self.options.policy
         if policy == "replan" or (policy == "auto" and progress.joint_share > MOSTLY_JOINT):
             return None
@@ -424,7 +427,12 @@ class MissionManager:
         if answer is None:
             return None
         self._timed(answer)
-        usable = answer.verdict is TaskVerdict.PLAN and answer.plan[0].item != failed.item
+        elsewhere = {name for name in mission.team.values() if self.memory.members[name].latest != mission.id}
+        usable = (
+            answer.verdict is TaskVerdict.PLAN
+            and answer.plan[0].item != failed.item
+            and elsewhere.isdisjoint(word for node in answer.plan for word in node.item[1:])
+        )
         return answer if usable else None
 
     # Before a problem

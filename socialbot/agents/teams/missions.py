@@ -32,7 +32,7 @@ FOREVER = 2**62
 
 
 class RegisteredAgent(msgspec.Struct):
-    """A registered agent with the number of its mission (0: none).
+    """A registered agent with the number of its mission (0: none), and that of its latest one.
 
     It gets no mission until ``aside_until`` (ns). That is `FOREVER` for an agent that does not answer; any message ends
     it. ``strikes`` counts how often it was set aside since it finished a mission.
@@ -42,6 +42,7 @@ class RegisteredAgent(msgspec.Struct):
     kind: str
     capabilities: frozenset[str]
     mission: int = 0
+    latest: int = 0
     aside_until: int = 0
     strikes: int = 0
 

@@ -110,6 +110,29 @@ def test_repeated_failure_after_repair_leads_to_new_plan():
     assert ward.plan()[0] == LISTING_3[0]
 
 
+def test_repair_does_not_build_on_actions_of_an_agent_that_has_worked_elsewhere_since():
+    ward = Ward(rooms=2, uvds=2, policy="auto")
+    ward.register()
+    ward.infect()
+    ward.do(8)
+    ward.send(SPOT, Finished(), mission=ward.label(), performative="request")
+    ward.infect("room2")
+    assert ward.working()[SPOT] == 2
+    ward.do(9, mission=2)
+    ward.finish(2)
+    ward.room("room2", disinfected=True)
+    ward.fail(LOW_BATTERY)
+    assert ("a_patrol_room", SPOT, ROOM) in ward.plan(), "it has been in room2 since its patrol"
+
+
+def test_repair_builds_on_actions_of_an_agent_that_was_free_since():
+    ward = started(policy="auto")
+    ward.do(8)
+    ward.send(SPOT, Finished(), mission=ward.label(), performative="request")
+    ward.fail(LOW_BATTERY)
+    assert ward.plan()[0] == ("a_authorize_disinfect", UVD, SPOT)
+
+
 def test_mission_with_repeated_failures_waits_and_releases_its_team():
     ward = started(rest_s=5.0)
     for _ in range(4):
