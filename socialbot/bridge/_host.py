@@ -445,8 +445,9 @@ class NodeHost:
         )
         self._reports.forward(String(data=report.encode()))
 
-    def _publish_health(self, health: Health) -> None:
-        for sender in self._health_senders:
+    def _publish_health(self, health: Health, to_all: bool) -> None:
+        # The first topic is that of all nodes.
+        for sender in self._health_senders[0 if to_all else 1 :]:
             if sender.publisher.get_subscription_count():
                 sender.publish(health)
                 self._sent[sender.publisher.topic_name] += 1

@@ -114,7 +114,7 @@ class NodeThread:
         channel: Callable[[ClientPort], Channel],
         connections: Sequence[Connection],
         statistics: NodeStatistics,
-        publish_health: Callable[[Health], None],
+        publish_health: Callable[[Health, bool], None],
         on_alive: Callable[[], None],
     ) -> None:
         self.name = config.name

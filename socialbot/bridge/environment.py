@@ -12,7 +12,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +58,14 @@ TOPIC_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 DATAGRAM_VARIABLE = "SOCIALBOT_DATAGRAM_BYTES"  # variable with the maximum datagram size in the Wi-Fi profile
 PACKET_BYTES, UNBOUNDED_BYTES = 1400, 2**32 - 1
+
+_FAST_WRITER = """<data_writer profile_name="{topic}">
+  <times>
+    <heartbeatPeriod><sec>0</sec><nanosec>20000000</nanosec></heartbeatPeriod>
+    <nackSupressionDuration><sec>0</sec><nanosec>30000000</nanosec></nackSupressionDuration>
+  </times>
+</data_writer>
+"""
 
 _UDP_READER = """<data_reader profile_name="{topic}">
   <unicastLocatorList><locator><udpv4><address>127.0.0.1</address></udpv4></locator></unicastLocatorList>
@@ -112,17 +120,32 @@ def prepare(
         environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "socialbot-ros-log")
 
 
-def read_by_udp(topics: Iterable[str], file: Path, environment: MutableMapping[str, str] = os.environ) -> None:
-    """Receive ``topics`` by UDP in this process; writes a DDS profile to ``file``.
+def use_topics(
+    file: Path,
+    environment: MutableMapping[str, str] = os.environ,
+    *,
+    by_udp: Collection[str] = (),
+    fresh: Collection[str] = (),
+) -> None:
+    """Write the DDS profile of this process to ``file``, with the settings of its topics.
 
-    If a process is killed while others write into its shared memory, they block for a second; UDP never blocks. Only
-    images are worth that risk. Custom profiles are kept. Call this after `prepare` and before rclpy starts.
+    Custom profiles are kept. Call this after `prepare` and before rclpy starts.
+
+    Args:
+        file: The new file, which `PROFILE_VARIABLE` names then.
+        environment: The variables of this process.
+        by_udp: Topics that it receives by UDP on one machine. If a process is killed while others write into its shared
+            memory, they block for a second; UDP never blocks. Only images are worth that risk.
+        fresh: Topics whose messages are soon out of date. On a network, their lost packets are sent again at once.
     """
-    if environment.get(PROFILE_VARIABLE) != str(PROFILE):
+    profile = environment.get(PROFILE_VARIABLE)
+    own = {str(PROFILE): (_UDP_READER, by_udp), str(WIFI_PROFILE): (_FAST_WRITER, fresh)}
+    template, topics = own.get(profile or "", ("", ()))
+    if profile is None or not topics:
         return
-    readers = "".join(_UDP_READER.format(topic=topic) for topic in sorted(set(topics)))
+    entries = "".join(template.format(topic=topic) for topic in sorted(set(topics)))
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(PROFILE.read_text("utf-8").replace("</profiles>", f"{readers}</profiles>"), "utf-8")
+    file.write_text(Path(profile).read_text("utf-8").replace("</profiles>", f"{entries}</profiles>"), "utf-8")
     environment[PROFILE_VARIABLE] = str(file)
 
 

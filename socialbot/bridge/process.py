@@ -15,12 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bridge import environment
+from socialbot.bridge.detached_seals import seal_topic
 from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending, end_within
 from socialbot.core.terminal import without_controls
 from socialbot.graph.node import Graph
+from socialbot.graph.ports import Delivery
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -62,7 +64,7 @@ def run_nodes(
 
     configs = [graph.node(name) for name in names]
     supervisor = own_channel()
-    _read_by_udp(graph, names)
+    _use_topics(graph, names)
     with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
@@ -105,17 +107,27 @@ def run_nodes(
             raise host.failure
 
 
-def _read_by_udp(graph: Graph, names: Collection[str]) -> None:
-    """Receive everything but images by UDP in this process."""
-    topics = {
+def _use_topics(graph: Graph, names: Collection[str]) -> None:
+    """Receive everything but images by UDP in this process; on a network, repair what nodes with images send fast."""
+    configs = [graph.node(name) for name in names]
+    by_udp = {
         topic
-        for name in names
-        for topic, port in graph.node(name).subscriptions
+        for config in configs
+        for topic, port in config.subscriptions
         if not issubclass(port.message_type, (Image, CompressedImage))
+    }
+    # What such a node sends beside its images belongs to these: information on the camera, acknowledgements.
+    fresh = {
+        topic
+        for config in configs
+        if any(port.delivery in (Delivery.NEWEST, Delivery.FRESH) for _, port in config.publications)
+        for topic, _ in config.publications
     }
     environment.prepare()
     folder = Path(os.environ.get("ROS_LOG_DIR") or tempfile.gettempdir())
-    environment.read_by_udp(topics, folder / f"dds_{'_'.join(names)[:80]}.xml")
+    environment.use_topics(
+        folder / f"dds_{'_'.join(names)[:80]}.xml", by_udp=by_udp, fresh=fresh | set(map(seal_topic, fresh))
+    )
 
 
 def _follow_commands(supervisor: SupervisorChannel, hosts: list[NodeHost], executor: Executor, ending: Ending) -> None:

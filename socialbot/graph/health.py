@@ -24,7 +24,10 @@ HEALTH_TOPIC = "/health"
 """Health topic of all nodes. Nodes also publish on `own_health_topic` if a node of the graph subscribes to it."""
 
 BEAT_S = 0.15
-"""Heartbeat period of a node."""
+"""Heartbeat period of a node on its own health topic."""
+
+COMMON_BEATS = 2
+"""Only each second heartbeat goes to `HEALTH_TOPIC` too, for slow networks. A change goes there at once."""
 
 SILENT_S = 0.35
 """Deadline of images and detections. It leaves time to react within half a second."""
@@ -104,10 +107,11 @@ class Watch:
 class HealthMonitor:
     """Health monitor of one node, driven by its runner through `came`, `due` and `look`.
 
-    It sends `Health` messages by ``publish``. Before `begin` only `wait` sends any.
+    It sends `Health` messages by ``publish``, with True for those to all topics, and False for those to the topic of
+    this node only. Before `begin` only `wait` sends any.
     """
 
-    def __init__(self, config: NodeConfig, clock: Clock, publish: Callable[[Health], None]) -> None:
+    def __init__(self, config: NodeConfig, clock: Clock, publish: Callable[[Health, bool], None]) -> None:
         self._name = config.name
         self._clock = clock
         self._publish = publish
@@ -120,6 +124,8 @@ class HealthMonitor:
         self._absent: dict[str, None] = {}
         """Services and actions without a server, in order."""
         self._shown: Health | None = None
+        self._beats = 0
+        """Number of heartbeats."""
         self._node: Node | None = None
 
     def topic(self, port: Input[Any]) -> str:
@@ -139,7 +145,8 @@ class HealthMonitor:
                 self._watch_of[name] = watch
 
         def beat() -> None:
-            self._show(again=True)
+            self._show(beat=True)
+            self._beats += 1
             call_at(self._clock.now() + nanoseconds(BEAT_S), beat)
 
         beat()
@@ -153,7 +160,8 @@ class HealthMonitor:
                 state="waiting",
                 reason=f"unconnected: {lacking}",
                 outputs=self._outputs,
-            )
+            ),
+            True,
         )
 
     def came(self, port: Input[Any], message: Message) -> bool:
@@ -255,13 +263,14 @@ class HealthMonitor:
             return "waiting", f"no message on {topic} yet"
         return "degraded", f"no message on {topic} since {time_of_day(watch.last)}"
 
-    def _show(self, *, again: bool = False) -> None:
+    def _show(self, *, beat: bool = False) -> None:
         if self._node is None:
             return
         health, before = self.health(), self._shown
-        if again or before is None or (health.state, health.reason) != (before.state, before.reason):
+        is_new = before is None or (health.state, health.reason) != (before.state, before.reason)
+        if is_new or beat:
             self._shown = health
-            self._publish(health)
+            self._publish(health, is_new or self._beats % COMMON_BEATS == 0)
 
 
 def own_health_topic(node: str) -> str:

@@ -112,8 +112,9 @@ class _Context:
         if self.alive and not self._runner.heard.isdisjoint(self._health_topics):
             self._runner.schedule(time, beat)
 
-    def _publish_health(self, health: Health) -> None:
-        for topic in self._health_topics:
+    def _publish_health(self, health: Health, to_all: bool) -> None:
+        # The first topic is that of all nodes.
+        for topic in self._health_topics[0 if to_all else 1 :]:
             if self.alive and topic in self._runner.heard:
                 self._runner.enqueue(topic, health)
 

@@ -453,7 +453,7 @@ class Watched:
             self.node.events.append("idle")
 
         self.queue = CallbackQueue(clock.now, simulated=simulated, on_idle=on_idle if reports else None)
-        health = HealthMonitor(NodeConfig("watcher", Watcher), clock, lambda _: None)
+        health = HealthMonitor(NodeConfig("watcher", Watcher), clock, lambda *_: None)
         self.node = Watcher("watcher", SimpleNamespace(clock=clock, health_monitor=health))  # type: ignore[arg-type]
         health.begin(self.node, lambda time, beat: None)
         self.queue.monitor_inputs(health)

@@ -56,7 +56,7 @@ def test_keeps_variables_and_applies_overrides(tmp_path: Path) -> None:
 
 def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     found = prepared()
-    environment.read_by_udp(["/speech/say", "/health", "/health"], tmp_path / "log" / "dds.xml", found)
+    environment.use_topics(tmp_path / "log" / "dds.xml", found, by_udp=["/speech/say", "/health", "/health"])
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml")
     profile = ElementTree.parse(found[PROFILE])
     names = [one.get("profile_name") for one in profile.iter() if one.tag.endswith("data_reader")]
@@ -67,12 +67,33 @@ def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
 
 
-def test_keeps_custom_and_network_profiles(tmp_path: Path) -> None:
+def test_repairs_the_newest_messages_fast_on_a_network(tmp_path: Path) -> None:
+    found = prepared(across=Across(peers=("10.77.0.2",)))
+    environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"], fresh=["/view/link", "/view/link/_seal"])
+    assert found[PROFILE] == str(tmp_path / "dds.xml")
+    periods = heartbeats_s(tmp_path / "dds.xml")
+    assert periods["/view/link"] == periods["/view/link/_seal"] < periods["socialbot_writer"] < periods["/health"]
+    assert {name: each for name, each in periods.items() if "/view" not in name} == heartbeats_s(
+        environment.WIFI_PROFILE
+    )
+
+
+def heartbeats_s(profile: Path) -> dict[str, float]:
+    """Period of the heartbeats by the name of the writers."""
+    space = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
+    return {
+        one.get("profile_name", ""): float(one.findtext(f".//{space}sec", "0"))
+        + float(one.findtext(f".//{space}nanosec", "0")) / 1e9
+        for one in ElementTree.parse(profile).iter(f"{space}data_writer")
+    }
+
+
+def test_keeps_custom_profiles_and_those_without_such_topics(tmp_path: Path) -> None:
     own = prepared({PROFILE: "my.xml"})
     open_ = prepared({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})
     for found in (own, open_):
         before = dict(found)
-        environment.read_by_udp(["/health"], tmp_path / "dds.xml", found)
+        environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"])
         assert found == before
     assert not list(tmp_path.iterdir())
 

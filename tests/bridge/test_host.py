@@ -137,7 +137,9 @@ def test_a_node_starts_without_missing_subscribers_after_a_timeout(monkeypatch: 
 def test_a_waiting_node_reports_missing_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socialbot.bridge._node_thread.QUIET_WAIT_S", 0.1)
     said: list[Health] = []
-    monkeypatch.setattr("socialbot.bridge._host.NodeHost._publish_health", lambda self, health: said.append(health))
+    monkeypatch.setattr(
+        "socialbot.bridge._host.NodeHost._publish_health", lambda self, health, to_all: said.append(health)
+    )
     with node_hosts(GRAPH) as host:
         host("greeter")
         assert eventually(lambda: len(said) > 2)

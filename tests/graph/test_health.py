@@ -6,7 +6,17 @@ import pytest
 
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import Health, Message, Utterance
-from socialbot.graph.health import BEAT_S, FIRST_S, HEALTH_TOPIC, LINK, SILENT_S, HealthReports, ended
+from socialbot.graph.health import (
+    BEAT_S,
+    COMMON_BEATS,
+    FIRST_S,
+    HEALTH_TOPIC,
+    LINK,
+    SILENT_S,
+    HealthReports,
+    ended,
+    own_health_topic,
+)
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input, Output, Parameter
@@ -56,8 +66,10 @@ class Stage:
         graph = Graph("g", (NodeConfig("eye", Eye, parameters),), inputs=frozenset({"/seen", "/heard"}))
         self.runner = InlineRunner(graph)
         self.said: list[Health] = []
+        self.said_on_own_topic: list[Message] = []
         if hears:
             self.runner.tap(HEALTH_TOPIC, self._note)
+            self.runner.tap(own_health_topic("eye"), lambda _, message: self.said_on_own_topic.append(message))
         self.runner.start()
         node = self.runner.nodes["eye"]
         assert isinstance(node, Eye)
@@ -178,8 +190,20 @@ def test_a_node_publishes_its_health_at_changes_and_periodically():
     stage.until(10.0)
     assert stage.states == [(0.0, "ok", ""), (3.25, "degraded", "no message on /seen since 00:00:02.9")]
     stamps = [one.stamp for one in stage.said]
-    assert max(after - before for before, after in itertools.pairwise(stamps)) <= nanoseconds(BEAT_S)
+    gaps = [after - before for before, after in itertools.pairwise(stamps)]
+    assert max(gaps) == nanoseconds(COMMON_BEATS * BEAT_S)
     assert {one.outputs for one in stage.said} == {("/out",)}
+
+
+def test_every_heartbeat_is_on_the_own_topic_of_a_node():
+    stage = Stage()
+    stage.stream(0.0, 3.0)
+    stage.until(10.0)
+    own = stage.said_on_own_topic
+    gaps = [after.stamp - before.stamp for before, after in itertools.pairwise(own)]
+    assert max(gaps) == nanoseconds(BEAT_S)
+    assert all(health in own for health in stage.said)
+    assert len(own) > 1.8 * len(stage.said)
 
 
 def test_own_status_and_silent_inputs_combine_to_the_worse():
