@@ -35,6 +35,9 @@ SILENT_S = 0.35
 BEATLESS_S = 0.45
 """Deadline of heartbeats."""
 
+GONE_S = 0.6
+"""Time without a heartbeat on `HEALTH_TOPIC` after which a node counts as gone."""
+
 FIRST_S = 2.0
 PERIODS = 2.5
 LEAST_PERIODS = 3
@@ -347,7 +350,7 @@ class HealthReports:
         return [said for said in self._reported.values() if topic in said[0].outputs]
 
     def _is_gone(self, received: int, now: int) -> bool:
-        return now - received > nanoseconds(BEATLESS_S)
+        return now - received > nanoseconds(GONE_S)
 
     def _are_gone_together(self, received: int, now: int) -> bool:
         others = [one for health, one in self._reported.values() if health.state != "ended"]
