@@ -27,34 +27,20 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from evaluation.report import JsonOption, QuickOption, Report, run
+from evaluation.waldo_runs import DETECTIONS, START, record_waldo
 from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
-from socialbot.graph.files import load_graph, parse_graph
-from socialbot.graph.inline import InlineRunner
+from socialbot.graph.files import load_graph
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.record import RunRecord
 from socialbot.runs.why import actions, explain, why_not
 from socialbot.runtime.bag_source import BagSource, find_truth
-from socialbot.runtime.run import observed_topics
 from socialbot.runtime.run import run as run_graph
 
 BAG = Path("data/synthetic/corridor")
-DETECTIONS = "/humans/bodies/detections"
-START = 1_700_000_000 * SECOND
 PERIOD_S = 0.1
 RUNS, QUICK_RUNS = 200, 10
-
-GRAPH = """
-name: waldo
-inputs: [/humans/bodies/detections]
-nodes:
-  bdi_engine: {type: waldo}
-  listener: {type: listener}
-  speech: {type: speaker, parameters: {playback: 'off'}}
-  head: {type: head}
-"""
-"""Waldo without a camera that he could miss."""
 
 ROUNDING_M = 0.051
 """Tolerance of a distance with one decimal."""
@@ -331,18 +317,8 @@ def visits(seed: int) -> Iterator[PersonDetections]:
 
 def played(seed: int, folder: Path) -> tuple[RecordedRun, list[PersonDetections]]:
     """Play random visits to Waldo and record the run."""
-    graph = parse_graph(GRAPH, where="evaluation/explanations.py")
-    runner = InlineRunner(graph, start=START)
     seen = list(visits(seed))
-    with RunRecord(folder) as record:
-        record.describe(graph)
-        for topic in observed_topics(graph):
-            runner.tap(topic, record.observe)
-        runner.start()
-        for frame in seen:
-            runner.feed(DETECTIONS, frame)
-        runner.close()
-        record.write_results({"graph": "waldo", "runner": "inline", "parameters": {"bdi_engine": {"range_m": 6.0}}})
+    record_waldo(seen, folder, range_m=6.0)
     return open_run(folder), seen
 
 

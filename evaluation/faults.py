@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,8 +23,6 @@ from evaluation.faults_load import busy_processes
 from evaluation.faults_plan import Plan, Skipped
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError, SocialbotError, suggestion
-
-UNMET_EXIT = 1
 
 
 @dataclass(frozen=True)
@@ -205,8 +202,7 @@ def main(
     with busy_processes(load):
         try_all(rows, report, Plan(folder.resolve(), domain, lambda line: console.print(line, markup=False), quick))
     report.finish(json)
-    if report.unmet:
-        sys.exit(UNMET_EXIT)
+    report.check()
 
 
 if __name__ == "__main__":

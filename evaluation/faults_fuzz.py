@@ -11,7 +11,7 @@ import sys
 import msgspec
 
 from evaluation.faults_plan import Plan
-from evaluation.report import Report
+from evaluation.report import UNMET_EXIT, Report
 from socialbot.core.errors import NodeError
 
 INPUTS, QUICK_INPUTS = 1_000_000, 20_000
@@ -20,7 +20,6 @@ HARM = {
     "hang": "fuzz: inputs that took more than 1 s",
     "memory": "fuzz: inputs after which memory had grown by more than 200 MB",
 }
-UNMET_EXIT = 1
 
 
 def fuzz(report: Report, plan: Plan) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from evaluation.faults_plan import Plan
-from evaluation.faults_scene import ACTIONS, ARRIVED, DETECTIONS, HEAD, SAY, TAKEN, Scene, scene
+from evaluation.faults_scene import ACTIONS, ARRIVED, DETECTIONS, TAKEN, Scene, scene
 from evaluation.faults_watch import DIAGNOSTICS, Heard
 from evaluation.hosts import N
 from evaluation.report import Report, percentile
@@ -108,11 +108,6 @@ def measure(scene: Scene[N], seconds: float) -> Stretch:
         highest(told, "publish_blocked_max_ms", begin, end),
         float(busy[-1]) if busy else 0.0,
     )
-
-
-def own_latencies_ms(scene: Scene[N]) -> list[float]:
-    """Return the times (ms) from Waldo's decision to the command, for speech and head motion."""
-    return [(one.at - one.stamp) / MS for one in scene.heard("robot", SAY, HEAD)]
 
 
 def clear(report: Report, plan: Plan) -> str:

@@ -28,7 +28,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from evaluation.progress import Bar
-from evaluation.report import JsonOption, Report, Value, run
+from evaluation.report import UNMET_EXIT, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError, suggestion
 from tests.fuzz.decoders import Decoder, decoders
 from tests.fuzz.mutations import numbered
@@ -44,7 +44,6 @@ GUARD_MB = 4096
 SLICE = 5000
 """Inputs per child process."""
 LOOK_S = 0.05
-UNMET_EXIT = 1
 
 How = Literal["crash", "hang", "memory"]
 

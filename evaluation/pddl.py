@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,12 +20,11 @@ from rich.console import Console
 
 from evaluation.pddl_runs import Mutant, Outcome, Side, judge, tasks
 from evaluation.progress import Bar
-from evaluation.report import JsonOption, Report, Value, run
+from evaluation.report import JobsOption, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError
 from socialbot.vision.metrics.workers import run_in_processes
 
 UNSOLVED_PERCENT = 5.0
-UNMET_EXIT = 1
 
 FolderArgument = Annotated[Path, typer.Argument(exists=True, file_okay=False, help="Folder of PDDL files.")]
 ValOption = Annotated[Path, typer.Option(exists=True, dir_okay=False, help="VAL's program Validate.")]
@@ -35,7 +33,6 @@ EachOption = Annotated[int, typer.Option(min=1, help="Largest number of problems
 MostOption = Annotated[int, typer.Option(min=1, help="Largest number of problems of a domain.")]
 SecondsOption = Annotated[float, typer.Option(min=0.1, help="Time (s) for a plan.")]
 MutantsOption = Annotated[int, typer.Option(min=0, help="Mutants of each kind for a plan.")]
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
 
 
 def add_figures(report: Report, outcomes: Sequence[Outcome]) -> None:
@@ -149,8 +146,7 @@ def main(
     add_figures(report, outcomes)
     report.finish(json)
     tell_differences(outcomes, Console(stderr=True, highlight=False))
-    if report.unmet:
-        sys.exit(UNMET_EXIT)
+    report.check()
 
 
 if __name__ == "__main__":

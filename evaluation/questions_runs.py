@@ -12,28 +12,13 @@ from pathlib import Path
 
 import msgspec
 
+from evaluation.waldo_runs import START, record_waldo
 from socialbot.bdi import Engine, Record
-from socialbot.core.clock import SECOND, nanoseconds
+from socialbot.core.clock import nanoseconds
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
-from socialbot.graph.files import parse_graph
-from socialbot.graph.inline import InlineRunner
-from socialbot.runs.record import RunRecord
-from socialbot.runtime.run import observed_topics
 from socialbot.testing import ManualClock, run_engine
 
-DETECTIONS = "/humans/bodies/detections"
-START = 1_700_000_000 * SECOND
 GUARD = Path("examples/door_guard.py")
-
-WALDO = """
-name: waldo
-inputs: [/humans/bodies/detections]
-nodes:
-  bdi_engine: {type: waldo}
-  listener: {type: listener}
-  speech: {type: speaker, parameters: {playback: 'off'}}
-  head: {type: head}
-"""
 
 TOWARDS, AWAY = 0.2, 2.9
 VISITS = (
@@ -49,17 +34,7 @@ VISITS_END_S = 65.0
 
 def visits(folder: Path) -> None:
     """Record Waldo with five visitors: a long stay, a short one, one who looks away, and two who come together."""
-    graph = parse_graph(WALDO, where="evaluation/questions_runs.py")
-    runner = InlineRunner(graph, start=START)
-    with RunRecord(folder) as record:
-        record.describe(graph)
-        for topic in observed_topics(graph):
-            runner.tap(topic, record.observe)
-        runner.start()
-        for frame in _frames():
-            runner.feed(DETECTIONS, frame)
-        runner.close()
-        record.write_results({"graph": "waldo", "runner": "inline"})
+    record_waldo(_frames(), folder)
 
 
 def _frames() -> Iterator[PersonDetections]:

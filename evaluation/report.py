@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,9 +26,12 @@ JsonOption = Annotated[
     typer.Option("--json", metavar="FILE", help="Write the figures to FILE and an HTML page to FILE.html."),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
 DomainOption = Annotated[int, typer.Option(min=0, max=101, help="ROS domain of the run; it must be unused.")]
 
 PAGE_WIDTH = 140
+UNMET_EXIT = 1
+"""Exit code if a requirement is not met."""
 
 Value = float | int | bool | str | None
 
@@ -109,6 +112,11 @@ class Report:
             "unmet": self.unmet,
             **self.tables,
         }
+
+    def check(self) -> None:
+        """Exit with `UNMET_EXIT` if a requirement is not met."""
+        if self.unmet:
+            sys.exit(UNMET_EXIT)
 
     def finish(self, file: Path | None) -> None:
         """Print the report and, if ``file`` is given, `write` it.
@@ -210,7 +218,7 @@ def run(command: Callable[..., None]) -> None:
         sys.exit(error.exit_code)
 
 
-def percentile(values: list[float], share: float) -> float | None:
+def percentile(values: Sequence[float], share: float) -> float | None:
     """Return the smallest value not exceeded by ``share`` of all; None for an empty list."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None

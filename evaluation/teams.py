@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Annotated
@@ -19,14 +18,12 @@ import typer
 from rich.console import Console
 
 from evaluation.progress import Bar
-from evaluation.report import JsonOption, QuickOption, Report, Value, run
+from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run
 from evaluation.teams_runs import KINDS, Outcome, Schedule, play, schedules
 
 SCHEDULES, QUICK_SCHEDULES = 200, 10
 DONE_PERCENT = 99.0
-UNMET_EXIT = 1
 
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
 CountOption = Annotated[int | None, typer.Option(min=1, help="Number of schedules; default: 200.")]
 
 
@@ -100,8 +97,7 @@ def main(
     for one in outcomes:
         for target in sorted(one.missed | one.unexplained):
             console.print(f"{one.schedule}: {target}: {one.reasons.get(target, 'no reason')}", soft_wrap=True)
-    if report.unmet:
-        sys.exit(UNMET_EXIT)
+    report.check()
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
+from evaluation.report import percentile
 from socialbot.agents.dialogue import Script, load_script
 from socialbot.agents.reception import load_building
 from socialbot.agents.waldo import small_talk
@@ -27,9 +28,6 @@ class Timing:
 
     first_s: tuple[float, ...]
     per_second: float
-
-    def percentile(self, share: float) -> float:
-        return self.first_s[min(int(share * len(self.first_s)), len(self.first_s) - 1)]
 
 
 def sentences() -> list[str]:
@@ -69,7 +67,7 @@ def main() -> None:
     print(f"{'voice':24} {'first p50':>9} {'p95':>6} {'most':>6} {'per s of sound':>15}")
     for name in parser.parse_args().voices:
         found = measure(open_voice(name), texts)
-        p50, p95, most = (found.percentile(share) for share in (0.5, 0.95, 1.0))
+        p50, p95, most = (percentile(found.first_s, share) or 0.0 for share in (0.5, 0.95, 1.0))
         print(f"{name:24} {p50:9.3f} {p95:6.3f} {most:6.3f} {found.per_second:15.3f}")
 
 
