@@ -23,18 +23,14 @@ are two anchors in each cell of 8 pixels, and six in each cell of 16, row by row
 
 from __future__ import annotations
 
-import argparse
 import base64
-import hashlib
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from onnx import NodeProto, TensorProto, helper, numpy_helper
+from onnx import NodeProto, helper
 
-from tools.convert_nanodet import IR_VERSION, OPSET, Operation, read_source, read_weights
+from tools.convert_nanodet import Operation, convert_file, model
 
 SIZE = 128
 """Width and height of the input (px)."""
@@ -132,33 +128,9 @@ def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> byte
     work = Conversion(weights)
     for item in topology["node"]:
         work.add(item)
-    graph = helper.make_graph(
-        work.nodes,
-        "blazeface",
-        [helper.make_tensor_value_info("input", TensorProto.FLOAT, (1, 3, SIZE, SIZE))],
-        [helper.make_tensor_value_info("faces", TensorProto.FLOAT, (1, CELLS, VALUES))],
-        [numpy_helper.from_array(value, name) for name, value in work.constants.items()],
-    )
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(
-        graph, ir_version=IR_VERSION, opset_imports=opset, producer_name="socialbot", doc_string=TEXT
-    )
-    return model.SerializeToString(deterministic=True)
-
-
-def main() -> None:
-    """Convert the file named on the command line."""
-    parser = argparse.ArgumentParser(description="BlazeFace from TensorFlow.js to ONNX")
-    parser.add_argument("source", type=Path, help="package/models/facemesh-detection-short.json, its .bin beside it")
-    parser.add_argument("target", type=Path, help="the ONNX file to write")
-    arguments = parser.parse_args()
-    description = json.loads(read_source(arguments.source))
-    data = read_source(arguments.source.with_suffix(".bin"))
-    weights = dict(read_weights(description["weightsManifest"], data))
-    result = convert(description["modelTopology"], weights)
-    arguments.target.write_bytes(result)
-    print(f"{arguments.target}: {len(result)} bytes, sha256 {hashlib.sha256(result).hexdigest()}")
+    shapes = {"input": (1, 3, SIZE, SIZE), "faces": (1, CELLS, VALUES)}
+    return model(work.nodes, work.constants, name="blazeface", shapes=shapes, text=TEXT)
 
 
 if __name__ == "__main__":
-    main()
+    convert_file("BlazeFace from TensorFlow.js to ONNX", "package/models/facemesh-detection-short.json", convert)

