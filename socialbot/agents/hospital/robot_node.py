@@ -1,21 +1,44 @@
-"""Nodes of the robots and nurses of a hospital."""
+"""Nodes of the robots and nurses of a hospital: their programs, actions and senses."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
-from socialbot.agents.hospital.robots import ACTIONS, PROGRAMS, Senses
-from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, MESSAGES, RESULTS, STATE, WardState
+from socialbot.agents.hospital.ward.messages import CANCELS, COMMANDS, MESSAGES, RESULTS, STATE, AgentState, WardState
 from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS
 from socialbot.agents.teams import messages as acl
 from socialbot.agents.teams.agent import TeamAgent, TeamMember
 from socialbot.agents.teams.messages import AclMessage, ActionCancel, ActionCommand, ActionResult
-from socialbot.bdi import Engine
+from socialbot.bdi import Engine, Sensor
 from socialbot.bdi.literals import literal
-from socialbot.bdi.terms import Variable
+from socialbot.bdi.terms import Atom, Variable
 from socialbot.graph.ports import Delivery, Input, Output
 
+_PROGRAMS = Path(__file__).parent
+ACTIONS = (
+    "a_navigate_to", "a_open_door", "a_approach_nurse", "a_authenticate_nurse", "a_authorize_patrol", "a_patrol_room",
+    "a_adapt_room", "a_authorize_disinfect", "a_disinfect_room", "a_charge",
+)  # fmt: skip
 _X = Variable("X")
+
+
+class Senses(Sensor):
+    """Sensor for the place and the battery of the agent: ``at(room1)``, ``battery_low``."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: tuple[str, bool] | None = None
+
+    def is_news(self, percept: AgentState) -> bool:
+        """Whether the value changed since the last call."""
+        before, self._before = self._before, (percept.place, percept.low_battery)
+        return before != self._before
+
+    def sense(self, percept: AgentState) -> Any:
+        low = literal("battery_low")
+        place = literal("at", (Atom(percept.place),))
+        return [-literal("at", (Variable("_"),)), +place, +low if percept.low_battery else -low]
 
 
 class HospitalMember(TeamMember):
@@ -63,18 +86,18 @@ class Spot(HospitalRobot):
     """A robot that patrols rooms."""
 
     kind = "spot"
-    program: ClassVar = PROGRAMS / "spot.asl"
+    program: ClassVar = _PROGRAMS / "spot.asl"
 
 
 class Uvd(HospitalRobot):
     """A robot that disinfects rooms."""
 
     kind = "uvd"
-    program: ClassVar = PROGRAMS / "uvd.asl"
+    program: ClassVar = _PROGRAMS / "uvd.asl"
 
 
 class Nurse(HospitalAgent):
     """The screen of a nurse in her room."""
 
     kind = "nurse"
-    program: ClassVar = PROGRAMS / "nurse.asl"
+    program: ClassVar = _PROGRAMS / "nurse.asl"

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.agents.hospital.demo import WORLD, hospital
-from socialbot.agents.hospital.robots import ACTIONS
+from socialbot.agents.hospital.robot_node import ACTIONS
 from socialbot.agents.hospital.ward.messages import MESSAGES
 from socialbot.agents.teams.messages import (
     COORDINATOR,

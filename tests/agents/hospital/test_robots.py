@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import logging
+from importlib import resources
 
 import pytest
 
 from socialbot.agents.hospital.robot_node import Nurse, Spot, Uvd
-from socialbot.agents.hospital.robots import program
 from socialbot.agents.hospital.ward.messages import CLOSED_DOOR, DIRTY_ROOM, LOW_BATTERY, PERSON_IN_ROOM
 from socialbot.agents.teams.agent import REGISTER_S
 from socialbot.agents.teams.messages import (
@@ -64,7 +64,8 @@ def going(**parameters) -> Alone:
 
 @pytest.mark.parametrize("kind", ["spot", "uvd", "nurse"])
 def test_programs_pass_the_checker(kind):
-    assert check(program(kind), f"{kind}.asl") == []
+    text = resources.files("socialbot.agents.hospital").joinpath(f"{kind}.asl").read_text("utf-8")
+    assert check(text, f"{kind}.asl") == []
 
 
 @pytest.mark.parametrize(
