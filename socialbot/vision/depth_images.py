@@ -25,16 +25,11 @@ _CONFIG = struct.Struct("<iff")  # Format, and two parameters of the quantisatio
 _POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
-def depth_from_image(image: Image) -> np.ndarray:
-    """Decode a depth image: shape (height, width), float32, metres along the optical axis; NaN: no measurement.
+def raw_depth(image: Image) -> np.ndarray:
+    """Pixels of a depth image in their own type and byte order, without a copy.
 
     Raises ImageError for another encoding, or a size that the data does not fill.
     """
-    return depth_in_metres(raw_depth(image))
-
-
-def raw_depth(image: Image) -> np.ndarray:
-    """Pixels of a depth image in their own type and byte order, without a copy."""
 
     def refused(what: str) -> ImageError:
         return ImageError(
@@ -55,7 +50,7 @@ def raw_depth(image: Image) -> np.ndarray:
 
 
 def depth_in_metres(raw: np.ndarray) -> np.ndarray:
-    """Depth in metres, NaN where there is none, of integers in mm or floats in m."""
+    """Depth along the optical axis in metres (float32), NaN where there is none, of integers in mm or floats in m."""
     if raw.dtype.kind == "u":
         metres = raw.astype(np.float32) * np.float32(_MM)
         metres[raw == _NO_RETURN] = np.nan
@@ -66,19 +61,14 @@ def depth_in_metres(raw: np.ndarray) -> np.ndarray:
     return metres
 
 
-def depth_from_compressed(image: CompressedImage) -> np.ndarray:
-    """Decode a compressed depth image as `depth_from_image` does.
+def unpacked_depth(image: CompressedImage) -> np.ndarray:
+    """Pixels of a compressed depth image: integers in mm, or floats in m.
 
     ``format`` is that of compressed_depth_image_transport ("16UC1; compressedDepth", "32FC1; compressedDepth rvl",
     "passthrough; compressedDepth"), or of a 16-bit PNG ("16UC1; png compressed").
 
     Raises ImageError for another format, a damaged file, and more than `IMAGE_PIXELS`.
     """
-    return depth_in_metres(unpacked_depth(image))
-
-
-def unpacked_depth(image: CompressedImage) -> np.ndarray:
-    """Pixels of a compressed depth image: integers in mm, or floats in m."""
 
     def refused(what: str, remedy: str = "check the depth camera and its driver") -> ImageError:
         return ImageError(what, where=f"depth of format {image.format!r}, {image.data.size} bytes", remedy=remedy)

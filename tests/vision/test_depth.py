@@ -19,7 +19,7 @@ from socialbot.core.errors import ImageError, ParameterError
 from socialbot.core.messages import CompressedDepth, DepthImage, DepthInfo, Message, PointCloud, Transform, Transforms
 from socialbot.vision.camera import Box, CameraModel, CameraPose
 from socialbot.vision.depth import ProjectedPoints, measure_people
-from socialbot.vision.depth_images import depth_from_compressed, depth_from_image, points_of
+from socialbot.vision.depth_images import depth_in_metres, points_of, raw_depth, unpacked_depth
 from socialbot.vision.depth_sensors import DepthSensors
 from socialbot.vision.distance import Estimate
 from tests.vision.depth_scenes import (
@@ -48,7 +48,7 @@ def expected(metres: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("padding", [0, 5])
 def test_raw_depth_in_both_byte_orders(encoding: str, big: bool, padding: int) -> None:
     image = depth_image(METRES, encoding=encoding, big=big, padding=padding)
-    assert depth_from_image(image) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
+    assert depth_in_metres(raw_depth(image)) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
 
 
 def test_invalid_measurements_are_nan() -> None:
@@ -56,10 +56,10 @@ def test_invalid_measurements_are_nan() -> None:
     image = DepthImage(
         stamp=0, frame_id="", height=1, width=7, encoding="32FC1", step=28, data=odd.astype("<f4").view(np.uint8)[0]
     )
-    assert np.isfinite(depth_from_image(image)).tolist() == [[False] * 6 + [True]]
+    assert np.isfinite(depth_in_metres(raw_depth(image))).tolist() == [[False] * 6 + [True]]
     full = np.array([[65535, 2000]], "<u2").view(np.uint8)[0]
     image = DepthImage(stamp=0, frame_id="", height=1, width=2, encoding="16UC1", step=4, data=full)
-    assert np.isfinite(depth_from_image(image)).tolist() == [[False, True]]
+    assert np.isfinite(depth_in_metres(raw_depth(image))).tolist() == [[False, True]]
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_refuses_what_is_no_depth_image(change: dict[str, Any], what: str) -> No
     image = depth_image(METRES)
     fields = {name: getattr(image, name) for name in image.__struct_fields__} | change
     with pytest.raises(ImageError, match=what):
-        depth_from_image(DepthImage(**fields))
+        depth_in_metres(raw_depth(DepthImage(**fields)))
 
 
 def png(pixels: np.ndarray) -> bytes:
@@ -89,20 +89,20 @@ def quantised(metres: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("parameters", [(0.0, 0.0), (3.5, 7.0)])
 def test_compressed_depth_in_millimetres(form: str, parameters: tuple[float, float]) -> None:
     image = compressed(form, struct.pack("<iff", 0, *parameters) + png(MILLIMETRES))
-    assert depth_from_compressed(image) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
+    assert depth_in_metres(unpacked_depth(image)) == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
 
 
 @pytest.mark.parametrize("form", ["32FC1; compressedDepth", "passthrough; compressedDepth"])
 def test_compressed_depth_with_inverse_quantisation(form: str) -> None:
     image = compressed(form, struct.pack("<iff", 0, A, B) + png(quantised(METRES)))
-    found = depth_from_compressed(image)
+    found = depth_in_metres(unpacked_depth(image))
     assert found == pytest.approx(expected(METRES), rel=0.05, nan_ok=True)
 
 
 @pytest.mark.parametrize("form", ["passthrough; compressedDepth", "16UC1; png compressed ", "png", ""])
 def test_bare_png_is_in_millimetres(form: str) -> None:
     header = struct.pack("<iff", 0, 0.0, 0.0) if "compressedDepth" in form else b""
-    found = depth_from_compressed(compressed(form, header + png(MILLIMETRES)))
+    found = depth_in_metres(unpacked_depth(compressed(form, header + png(MILLIMETRES))))
     assert found == pytest.approx(expected(METRES), abs=1e-6, nan_ok=True)
 
 
@@ -140,7 +140,7 @@ def test_rvl(values: list[int], width: int) -> None:
     pixels = np.array(values[: max(len(values) // width, 1) * width][: len(values)], np.uint16)
     pixels = pixels[: len(pixels) // width * width].reshape(-1, width) if len(pixels) >= width else pixels[None]
     image = compressed("16UC1; compressedDepth rvl", struct.pack("<iff", 1, 0, 0) + rvl(pixels))
-    found = depth_from_compressed(image)
+    found = depth_in_metres(unpacked_depth(image))
     assert found == pytest.approx(expected(pixels / 1000), abs=1e-5, nan_ok=True)
 
 
@@ -161,7 +161,7 @@ def test_rvl(values: list[int], width: int) -> None:
 )  # fmt: skip
 def test_refuses_damaged_compressed_depth(form: str, data: bytes, what: str) -> None:
     with pytest.raises(ImageError, match=what):
-        depth_from_compressed(compressed(form, data))
+        depth_in_metres(unpacked_depth(compressed(form, data)))
 
 
 @pytest.mark.parametrize("groups", [b"\0\0\0\0", b"\x10\x10\x10\x10", b"\x11\x01\x11\x01"])
@@ -170,14 +170,14 @@ def test_runs_of_rvl_take_little_time(groups: bytes) -> None:
     image = compressed("16UC1; compressedDepth rvl", bytes(12) + struct.pack("<II", 640, 480) + groups * 300_000)
     begin = time.process_time()
     with contextlib.suppress(ImageError):
-        depth_from_compressed(image)
+        depth_in_metres(unpacked_depth(image))
     assert time.process_time() - begin < 1.0
 
 
 @given(st.binary(max_size=80), st.sampled_from(["16UC1; compressedDepth rvl", "32FC1; compressedDepth", "png", ""]))
 def test_any_bytes_are_decoded_or_refused(data: bytes, form: str) -> None:
     with contextlib.suppress(ImageError):
-        depth_from_compressed(compressed(form, data))
+        depth_in_metres(unpacked_depth(compressed(form, data)))
 
 
 POINTS = np.array([[1.0, 2.0, 3.0], [-4.5, 0.25, 9.0], [0.0, 0.0, 1.0]])

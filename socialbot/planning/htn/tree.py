@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 from socialbot.planning.htn.domain import Item, item_text
 
@@ -81,25 +81,6 @@ class TaskTree:
         beside = self.roots if node.parent is None else self.nodes[node.parent].children
         return beside[beside.index(node.id) + 1 :]
 
-    def as_data(self) -> dict[str, Any]:
-        """Return the tree as data for JSON, if the arguments are."""
-        return {
-            "roots": list(self.roots),
-            "next_id": self.next_id,
-            "nodes": [
-                {name: value for name, value in asdict(node).items() if value not in (None, ())} for node in self.walk()
-            ],
-        }
-
-    @staticmethod
-    def from_data(data: Mapping[str, Any]) -> TaskTree:
-        """Return the tree of `as_data`, with tuples for lists. Raises KeyError, TypeError."""
-        nodes = (
-            TaskNode(**{name: _tuple(value) if isinstance(value, list) else value for name, value in entry.items()})
-            for entry in data["nodes"]
-        )
-        return TaskTree({node.id: node for node in nodes}, tuple(data["roots"]), data["next_id"])
-
     def __str__(self) -> str:
         """Return a drawing with a node per line: ``+`` executed, ``!`` failed, parentheses former."""
         lines, waiting = [], [(self.nodes[root], 0, False) for root in reversed(self.roots)]
@@ -110,10 +91,6 @@ class TaskTree:
             below = [(id, True) for id in node.former] + [(id, former) for id in node.children]
             waiting += [(self.nodes[id], depth + 1, gone) for id, gone in reversed(below)]
         return "".join(lines)
-
-
-def _tuple(value: Any) -> Any:
-    return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
 class TaskVerdict(enum.Enum):
