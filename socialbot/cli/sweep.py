@@ -43,7 +43,9 @@ def sweep(
     ] = None,
     expect: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Python file with expectations, or waldo, warehouse or hospital for theirs."),
+        typer.Option(
+            metavar="FILE", help="Python file with expectations, or an agent package, such as waldo, for its own."
+        ),
     ] = None,
     graph: Annotated[
         str | None,

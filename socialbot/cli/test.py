@@ -33,7 +33,7 @@ _STYLES = {"passed": "green", "failed": "bold red", "open": "yellow", "untested"
 def test(
     context: typer.Context,
     behaviours: Annotated[
-        Path, typer.Argument(help="Python file with expectations, or waldo, warehouse or hospital for theirs.")
+        Path, typer.Argument(help="Python file with expectations, or an agent package, such as waldo, for its own.")
     ],
     sources: Annotated[
         list[str] | None,
