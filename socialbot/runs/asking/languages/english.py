@@ -103,7 +103,7 @@ ENGLISH = Language(
         "group": "pair,couple,duo,two",
         "nobody": "nobody,no one,noone,room empty,place empty,hall empty",
         "me": "me,i,my,myself,us,we,mine",
-        "you": "you,your,yourself,waldo,robot,u,ya,ye",
+        "you": "you,your,yourself,robot,u,ya,ye",
         "them": "him,her,them,they,he,she,that person,this person,that man,that woman,that visitor,it",
         "past": (
             "left,happened,occurred,said,told,spoke,"

@@ -40,7 +40,7 @@ FRENCH = Language(
         "group": "couple,paire",
         "nobody": "personne n,vide",
         "me": "me,m,moi,je,j,nous,mon",
-        "you": "tu,te,t,vous,toi,waldo,robot",
+        "you": "tu,te,t,vous,toi,robot",
         "them": "lui,elle,l,le,la,les,il,ils,eux",
         "past": "aies,ait,as,avez,a,ai,ont,etait,etaient,etais,ete,viens,deja,auparavant,est venu,est elle,est il",
         "future": "vas,allez,feras,ferez,prochaine,ensuite",

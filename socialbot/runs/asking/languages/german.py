@@ -43,7 +43,7 @@ GERMAN = Language(
         "group": "paar",
         "nobody": "niemand,niemanden,leer",
         "me": "mich,mir,ich,uns,wir",
-        "you": "du,dich,dir,waldo,roboter,ihr",
+        "you": "du,dich,dir,roboter,ihr",
         "them": "ihn,ihm,sie,ihnen,er,diesen mann,diese frau",
         "past": (
             "kam,kamen,gekommen,sah,sahst,hast,habe,hat,haben,hattest,war,waren,wart,wurde,wurden,wurdest,bist,schon,"

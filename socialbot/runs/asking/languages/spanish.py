@@ -31,7 +31,7 @@ SPANISH = Language(
         "group": "pareja",
         "nobody": "nadie,vacio,vacia",
         "me": "me,mi,yo,nos,nosotros,conmigo",
-        "you": "tu,te,ti,usted,waldo,robot,vosotros",
+        "you": "tu,te,ti,usted,robot,vosotros",
         "them": "lo,la,le,los,les,ella,el,ellos",
         "past": (
             "vino,vinieron,llego,has,he,ha,han,fue,era,estaba,estaban,estuvo,hiciste,viste,dijiste,habia,ya,antes,"
