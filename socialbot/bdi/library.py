@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -204,6 +205,7 @@ class Triggers(dict[str, Trigger]):
         self._library = library
 
     def __missing__(self, key: str) -> Trigger:
+        key = sys.intern(key)
         trigger = self[key] = Trigger(key)
         for plan in self._library.general:
             self._library.specialise(plan, trigger)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import functools
 import itertools
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -98,7 +99,11 @@ def _make(source: str) -> Any:
 
 
 class Function:
-    """Generated function, built line by line."""
+    """Generated function, built line by line.
+
+    Attributes:
+        event: Arguments of the event of the plan, if its local ``args`` holds their values.
+    """
 
     def __init__(self, unit: Unit, name: str, parameters: tuple[str, ...], scope: Scope) -> None:
         self.unit = unit
@@ -108,6 +113,7 @@ class Function:
         self.lines: list[tuple[int, str, Step | None]] = []
         self.depth = 0
         self.loops = 0
+        self.event: tuple[object, ...] | None = None
 
     def line(self, text: str, step: Step | None = None) -> None:
         """Append a line; its exceptions belong to ``step``."""
@@ -127,10 +133,15 @@ class Function:
     def relation(self, key: str) -> str:
         """Emit the lookup of a relation; return its local."""
         name = self.unit.name("r")
+        known = self.key(key)
         # A plain dictionary is twice as fast as a method that creates missing items.
-        self.line(f"try: {name} = ag.relations[{key!r}]")
-        self.line(f"except KeyError: {name} = ag.beliefs.relation({key!r})")
+        self.line(f"try: {name} = ag.relations[{known}]")
+        self.line(f"except KeyError: {name} = ag.beliefs.relation({known})")
         return name
+
+    def key(self, key: str) -> str:
+        """Return the constant of the key of a relation or trigger; the same object as there is found faster."""
+        return self.unit.constant(sys.intern(key))
 
     def local(self, variable: str) -> str:
         return f"v_{variable}"
