@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import count, repeat, takewhile
+from itertools import count, takewhile
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from socialbot.bdi._explain import failure_of, no_plan, unhandled, waiting_term
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
+    BEGUN,
     DONE,
     EVENT,
     KEPT,
@@ -45,8 +46,8 @@ if TYPE_CHECKING:
 
 _number = attrgetter("number")
 
-MAX_CHAIN = 64
-"""Maximum length of a chain of plans with a single goal that is followed in one step, if no other work waits."""
+CHAIN = range(64)
+"""Plans with a single goal that are followed in one step, if no other work waits."""
 
 
 class IntentionStack:
@@ -160,7 +161,7 @@ class IntentionStack:
 
     def _let_wait(self, intention: Intention, result: Any) -> None:
         """Let the intention of a plan whose first steps were executed in place wait for its next turn."""
-        if result.__class__ is SpecialBody and result.begun and self._interpreter.events:
+        if result.__class__ is BEGUN and self._interpreter.events:
             intention.frames.append((once(None), None, None))
 
     def adopt(
@@ -253,7 +254,9 @@ class IntentionStack:
         self, intention: Intention, body: Body, goal: Request | None, plan: CompiledPlan, ends: Request | None
     ) -> None:
         """Push the body of a plan; its end is that of the goal ``ends``, also for a failure plan."""
-        if body.__class__ is SpecialBody:
+        if body.__class__ is BEGUN:
+            (body,) = body
+        elif body.__class__ is SpecialBody:
             body = body.body
         if self.goal_states is not None and ends is not None:
             body = WatchedBody(body, self.goal_states, ends)
@@ -271,7 +274,7 @@ class IntentionStack:
         ``selected`` is the plan for the request and its result, if already known. Returns the pushed body, if any.
         """
         interpreter, states = self._interpreter, self.goal_states
-        for _ in repeat(None, MAX_CHAIN):
+        for _ in CHAIN:
             kind, trigger, args, notes, cause = request
             goal = None if kind & EVENT else request
             if goal is not None and interpreter.trace.sink is not None:

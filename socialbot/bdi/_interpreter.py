@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator
-from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import failure_of, unhandled
@@ -16,6 +15,7 @@ from socialbot.bdi._messaging import TOLD, Message, Messaging
 from socialbot.bdi._relations import Annotations, Args, Relation
 from socialbot.bdi.belief_base import BeliefBase, is_source
 from socialbot.bdi.intentions import (
+    BEGUN,
     DONE,
     END,
     EVENT,
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from socialbot.bdi.engine import Engine
 
 
-STEPS, STEPS_WITH_TIMERS = 64, 8
-"""Maximum number of steps in a turn of the only runnable intention, without and with timers to check in between.
+STEPS, STEPS_WITH_TIMERS = range(64), range(8)
+"""Steps of a turn of the only runnable intention, without and with timers to check in between.
 
 In a society the turn ends after a step if another agent has work to do.
 """
@@ -99,7 +99,7 @@ class Interpreter:
         # One tuple is read faster than several attributes.
         self._parts = (
             self.inbox, self.events, self.ready, self.heap, self.intentions, waits.events, waits.due, self.trace,
-            self.intentions.numbers,
+            self.intentions.numbers, self.now,
         )  # fmt: skip
 
     # From any thread
@@ -145,33 +145,49 @@ class Interpreter:
     def run_until_idle(self, budget: int = 10_000) -> bool:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
-        inbox, events, ready, heap, intentions, awaited, due, trace, numbers = self._parts
+        inbox, events, ready, heap, intentions, awaited, due, trace, numbers, now = self._parts
         while budget > 0:
             trigger: Trigger | None = None
-            if inbox:
+            begin: int | None = None  # beliefs between two function calls begin at the same time
+            while inbox:
                 item = inbox.popleft()
-                if inbox or events or item.__class__ is not tuple:
-                    inbox.appendleft(item)
-                    self.take_in()
+                if trigger is not None:  # of the item before
+                    events.append((trigger, args, notes, cause))  # noqa: F821
+                    trigger = None
+                if item.__class__ is not tuple:
+                    if not self._take_call(item):
+                        break
+                    begin = None
+                    continue
+                relation, args, notes, cause, since = item
+                if since is not None and since is TOLD and self._read_later(item):
+                    break
+                if relation.care or trace.sink is not None:
+                    if since is None or since is TOLD:
+                        begin = since = now() if begin is None else begin
+                    self._take((relation, args, notes, cause, since))
                 else:
-                    # A single belief (most percepts) skips the queue.
-                    relation, args, notes, cause, since = item
-                    if since is TOLD and self._read_later(item):
-                        pass
-                    elif relation.care or trace.sink is not None:
-                        self._take((relation, args, notes, cause, None if since is TOLD else since))
-                    else:
-                        facts = relation.facts
-                        if args not in facts:
-                            facts[args] = (self.now() if since is None or since is TOLD else since, notes, cause)
-                            if relation.indexes:
-                                relation.enter(args)
-                            trigger = relation.added
+                    facts = relation.facts
+                    if args not in facts:
+                        if since is None or since is TOLD:
+                            if begin is None:
+                                begin = now()
+                            facts[args] = (begin, notes, cause)
                         else:
-                            notes = relation.merge(args, notes)
-                            if notes:
-                                trigger = relation.added
-            if heap and heap[0][0] <= self.now():
+                            facts[args] = (since, notes, cause)
+                        if relation.indexes:
+                            relation.enter(args)
+                        trigger = relation.added
+                    else:
+                        notes = relation.merge(args, notes)
+                        if notes:
+                            trigger = relation.added
+                if since is not None and item[4] is TOLD:
+                    break  # the next message has to wait for a turn, as in Jason
+            if trigger is not None and events:
+                events.append((trigger, args, notes, cause))
+                trigger = None
+            if heap and heap[0][0] <= now():
                 self.timers.run_due()
             if intentions.atomic is not None:
                 if trigger is not None:
@@ -192,8 +208,9 @@ class Interpreter:
                 position = trigger.position
                 plan: Any
                 for plan in trigger.plans if position is None else trigger.by.get(args[position], trigger.rest):
+                    run = plan.run  # a call of the attribute itself takes longer
                     try:
-                        result = plan.run(self, args, notes, cause)
+                        result = run(self, args, notes, cause)
                     except Exception as problem:  # noqa: BLE001 - a condition is user code
                         trace.record_failure(str(plan.plan), cause, problem)
                         continue
@@ -204,6 +221,15 @@ class Interpreter:
                 if result is not DONE:
                     if result.__class__ is GENERATOR:
                         ready.append((result, plan, next(numbers), trigger, args, notes, cause))
+                    elif isinstance(result, BEGUN) and not trigger.goal:
+                        # The step of this turn was executed in place.
+                        if awaited and trigger.key in awaited:
+                            intentions.waits.notify(trigger.key, args, notes)
+                        ready.append((result[0], plan, next(numbers), trigger, args, notes, cause))
+                        if due:
+                            intentions.waits.recheck()
+                        budget -= 1
+                        continue
                     elif trigger.goal:
                         intentions.adopt_with((SUBGOAL, trigger, args, notes, cause), plan, result)
                     elif result is not None:
@@ -213,11 +239,14 @@ class Interpreter:
                 if awaited and trigger.key in awaited and not trigger.goal:
                     intentions.waits.notify(trigger.key, args, notes)
             while ready:
-                item = ready.popleft()
-                intentions.running = item
+                item = intentions.running = ready.popleft()
                 if item.__class__ is tuple:
                     try:
-                        result = next(item[0], END)
+                        # A loop takes less time than a call of next().
+                        for result in item[0]:  # noqa: B007
+                            break
+                        else:
+                            result = END
                     except Exception as problem:  # noqa: BLE001 - actions are user code
                         result = problem
                         intentions.unwound = False
@@ -226,7 +255,8 @@ class Interpreter:
                     elif result is None:
                         ready.append(item)
                     elif result is END and trace.sink is None:
-                        pass  # it is no intention any more, as its body shows
+                        if not ready:  # it is no intention any more, as its body shows
+                            break
                     elif isinstance(result, EventPause) and result.plain and intentions.goal_states is None:
                         intentions.waits.rest(item, result)
                     else:
@@ -238,58 +268,23 @@ class Interpreter:
                 budget -= 1  # without other work, the next turn is a step as well
             if due:
                 intentions.waits.recheck()
-            if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > self.now()):
+            if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > now()):
                 return False
             budget -= 1
         return bool(inbox or events or ready)
 
     def take_in(self) -> None:
-        """Process posted items up to the first message; the next one has to wait for a turn, as in Jason.
+        """Process all posted items."""
+        while self.inbox:
+            self._take(self.inbox.popleft())
 
-        The beliefs between two function calls begin at the same time.
-        """
-        inbox, trace, queue = self.inbox, self.trace, self.events.append
-        sink = trace.sink
-        now: int | None = None
-        while inbox:
-            item = inbox.popleft()
-            if item.__class__ is tuple:
-                relation, args, notes, cause, since = item
-                told = False
-                if since is None or since is TOLD:
-                    told = since is TOLD
-                    if told and self._read_later(item):
-                        return
-                    if now is None:
-                        now = self.now()
-                    since = now
-                if relation.care or sink is not None:
-                    self._take((relation, args, notes, cause, since))
-                    sink = trace.sink
-                else:
-                    facts = relation.facts
-                    trigger = relation.added
-                    if args not in facts:
-                        facts[args] = (since, notes, cause)
-                        if relation.indexes:
-                            relation.enter(args)
-                        if trigger is not None:
-                            queue((trigger, args, notes, cause))
-                    else:
-                        notes = relation.merge(args, notes)
-                        if notes and trigger is not None:
-                            queue((trigger, args, notes, cause))
-                if told:
-                    return
-            else:
-                told = item.__class__ is Message
-                if told and self._read_later(item):
-                    return
-                now = None
-                self._take(item)
-                sink = trace.sink
-                if told:
-                    return
+    def _take_call(self, item: Any) -> bool:
+        """Call a posted function or read a message; return whether the next item may be read in this turn."""
+        told = item.__class__ is Message
+        if told and self._read_later(item):
+            return False
+        self._take(item)
+        return not told
 
     def _read_later(self, message: Any) -> bool:
         """Put a message back if one was read in the last turn and other work waits."""
@@ -301,7 +296,8 @@ class Interpreter:
     def _take(self, item: Any) -> None:
         try:
             if item.__class__ is tuple:
-                self.beliefs.add(*item)
+                relation, args, notes, cause, since = item
+                self.beliefs.add(relation, args, notes, cause, None if since is TOLD else since)
             else:
                 item()
         except Exception as problem:  # noqa: BLE001 - errors from outside must not stop the agent
@@ -313,7 +309,7 @@ class Interpreter:
         """Execute steps of an intention; ``result`` is that of its current step, if it was executed before."""
         if intention.suspended or not intention.active:
             return
-        inbox, events, ready, heap, intentions, awaited, due, trace, _ = self._parts
+        inbox, events, ready, heap, intentions, awaited, due, trace, _, _ = self._parts
         intentions.running = intention
         frames, peers = intention.frames, self.peers
         special = trace.sink is not None or intentions.goal_states is not None
@@ -322,9 +318,12 @@ class Interpreter:
         if result is not NEXT:
             body, intentions.unwound = iter(() if result is END else (result,)), False
         try:
-            for _ in repeat(None, STEPS_WITH_TIMERS if heap else STEPS):
+            for _ in STEPS_WITH_TIMERS if heap else STEPS:
                 try:
-                    result = next(body, END)
+                    for result in body:  # noqa: B007
+                        break
+                    else:
+                        result = END
                 except Exception as problem:  # noqa: BLE001 - actions are user code: they fail their goal, never the agent
                     result = problem
                     intentions.unwound = False
@@ -366,10 +365,8 @@ class Interpreter:
                             else trigger.by.get(args[position], trigger.rest)
                         ):
                             try:
-                                if mode:
-                                    found = (chosen.modes.get(mode) or chosen.in_mode(mode))(self, args, notes, cause)
-                                else:
-                                    found = chosen.run(self, args, notes, cause)
+                                run = (chosen.modes.get(mode) or chosen.in_mode(mode)) if mode else chosen.run
+                                found = run(self, args, notes, cause)
                             except Exception as problem:  # noqa: BLE001 - a condition is user code
                                 trace.record_failure(str(chosen.plan), cause, problem)
                                 free(args)

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
-from socialbot.bdi.literals import Belief, Literal, literal_from_key, source
-from socialbot.bdi.terms import Atom, Cons, Rest, by_order
+from socialbot.bdi.literals import Belief, Literal, literal_from_key
+from socialbot.bdi.terms import Cons, Rest, by_order
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
 if TYPE_CHECKING:
@@ -162,8 +162,7 @@ class NoteSet:
         held = self._notes
         if len(notes) == 1:
             note = notes[0]
-            named = note.__class__ is source and note.args[0].__class__ is Atom and not note.annotations
-            key = note.args[0] if named else _key_of_note(note)
+            key = note.mark if isinstance(note, Literal) else (note,)
             if key in held:
                 return ()
             held[key] = note
@@ -171,29 +170,20 @@ class NoteSet:
         new: list[Any] = []
         for note in notes:
             number = len(held)
-            held.setdefault(_key_of_note(note), note)
+            held.setdefault(note.mark if isinstance(note, Literal) else (note,), note)
             if len(held) > number:
                 new.append(note)
         return notes if len(new) == len(notes) else tuple(new)
 
     def discard(self, note: Any) -> None:
         """Remove an annotation, if it exists."""
-        self._notes.pop(_key_of_note(note), None)
+        self._notes.pop(note.mark if isinstance(note, Literal) else (note,), None)
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self._notes.values())
 
     def __len__(self) -> int:
         return len(self._notes)
-
-
-def _key_of_note(note: Any) -> Any:
-    """Name of a source, since its hash costs less than that of a literal; for other annotations a tuple of them."""
-    if isinstance(note, Literal) and note.functor == "source" and len(note.args) == 1 and not note.annotations:
-        name = note.args[0]
-        if name.__class__ is Atom and not note.negated:
-            return name
-    return (note,)
 
 
 class Relation:

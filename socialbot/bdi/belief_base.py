@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -83,6 +84,7 @@ class BeliefBase:
         """Relation of a key such as ``at/2``; a missing relation is created."""
         relation = self.relations.get(key)
         if relation is None:
+            key = sys.intern(key)
             relation = Relation(key, self)
             self.equip(relation)
             relation = self.relations.setdefault(key, relation)
@@ -115,7 +117,8 @@ class BeliefBase:
         if self.trace.sink is not None:
             cause = self.trace.record("belief", relation.text(args), cause, source=_sources(notes))
         if since is None:
-            since = self._now()
+            now = self._now  # a call of the attribute itself takes longer
+            since = now()
         fact = self._fact
         if fact[0] != since or fact[1] is not notes or fact[2] is not cause:
             fact = self._fact = (since, notes, cause)
@@ -178,7 +181,8 @@ class BeliefBase:
         elif relation.quiet and not relation.care and self.trace.sink is None:
             del facts[before]
             if args not in facts:
-                facts[args] = (self._now(), notes, cause)
+                now = self._now
+                facts[args] = (now(), notes, cause)
                 return None if relation.added is None else (EVENT, relation.added, args, notes, cause)
             return self.add_here(relation, args, notes, cause)
         if before is not None:

@@ -168,10 +168,13 @@ Body = Any
 
 @dataclass(frozen=True, slots=True)
 class SpecialBody:
-    """Body of an atomic plan, or with ``begun`` of a plan whose first steps were executed in place."""
+    """Body of an atomic plan or of a plan for a meta-event."""
 
     body: Body
-    begun: bool
+
+
+BEGUN = list
+"""Class of the result of a plan whose first steps were executed in place: a list with its body."""
 
 
 Frame = tuple["Body | None", "Request | None", "CompiledPlan | None"]

@@ -165,6 +165,20 @@ class _Key:
         return key
 
 
+class _Mark:
+    """Descriptor that computes what distinguishes an annotation from others; it caches the name of a source."""
+
+    def __get__(self, item: Literal | None, owner: type[Literal]) -> Any:
+        if item is None:
+            return owner.__name__
+        if item.functor == "source" and len(item.args) == 1 and not item.annotations and not item.negated:
+            name = item.args[0]
+            if name.__class__ is Atom:
+                item.__dict__["mark"] = name
+                return name
+        return (item,)
+
+
 class Literal(Pattern):
     """Name (functor) with arguments and annotations; ``negated`` is the strong negation of AgentSpeak."""
 
@@ -181,6 +195,9 @@ class Literal(Pattern):
 
     key = _Key()
     """Name and number of arguments, as in ``at/2``; only literals with the same key can match."""
+
+    mark = _Mark()
+    """Key of an annotation among others: the atom of a source, whose hash costs less, or a tuple of the annotation."""
 
     posted: Any = None
     """Inbox item cached by an engine."""
@@ -204,6 +221,7 @@ class Literal(Pattern):
         """Copy with other arguments or annotations."""
         twin = copy.copy(self)
         twin.posted = None
+        twin.__dict__.pop("mark", None)
         if args is not None:
             twin.args = args
             twin.__dict__.pop("key", None)

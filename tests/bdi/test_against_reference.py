@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Goal, Inference, Plan, apart, ask, wait
+from socialbot.bdi import Goal, Inference, Plan, apart, ask, wait, wait_for
 from socialbot.bdi.literals import Change, Event, Literal
 from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Do, For, Forget, If, Update, While
@@ -186,6 +186,33 @@ def test_the_first_steps_of_a_failure_plan_are_a_turn_as_in_the_reference():
     both.post("achieve", sub(0, 0))
     assert both.settle()
     assert both.done == [("f",), ("go",), ("+p",)]
+
+
+def test_an_intention_that_waited_for_an_event_precedes_the_second_step_of_its_plan_as_in_the_reference():
+    program = [
+        +p(X) >> [Update("++", q(X, 0)), do("first"), do("second")],
+        +q(X, Y) >> [do("event")],
+        go(0) >> [wait_for(+p(1)), do("woken")],
+    ]
+    both = Both(program)
+    both.post("achieve", go(0))
+    assert both.settle()
+    both.post("believe", p(1))
+    assert both.settle()
+    assert both.done == [("woken",), ("first",), ("event",), ("second",)]
+
+
+def test_plans_of_queued_events_take_turns_as_in_the_reference():
+    program = [
+        +p(X) / (X < 2) >> [Update("-", p(X)), do(X), do("end", X)],
+        +p(X) >> [do(X), Forget(p(X))],
+        -p(X) >> [do("gone", X)],
+    ]
+    both = Both(program)
+    for number in range(3):
+        both.post("believe", p(number))
+    assert both.settle()
+    assert len(both.done) == 8
 
 
 def test_a_goal_binds_variables_as_in_the_reference():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from socialbot.bdi import Engine, Sensor, ask, library, wait
-from socialbot.bdi._intention_stack import MAX_CHAIN
+from socialbot.bdi._intention_stack import CHAIN
 from socialbot.bdi._interpreter import STEPS
 from socialbot.bdi.compiler._source import Unit
 from socialbot.core.clock import SECOND, ManualClock
@@ -191,7 +191,7 @@ def test_an_endless_intention_starves_no_other():
 def test_the_budget_bounds_the_thinking():
     lab = Lab(go(X) >> [do(X), go(X + 1)])
     lab.post(go(0))
-    turn = (STEPS + 1) * MAX_CHAIN
+    turn = (len(STEPS) + 1) * len(CHAIN)
     for turns in (1, 2, 10):
         before = len(lab.done)
         assert lab.engine.run_until_idle(budget=turns)

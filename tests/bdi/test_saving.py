@@ -26,6 +26,7 @@ from socialbot.bdi import (
 )
 from socialbot.bdi.literals import Literal, literal
 from socialbot.bdi.saving import MindError, restore, save
+from socialbot.bdi.society import Society
 from socialbot.bdi.steps import Update
 from socialbot.core.clock import SECOND, ManualClock
 from tests.bdi.lab import Lab, X, Y, deep, do, go, mood, p, ping, q, sub
@@ -268,6 +269,19 @@ def test_saves_posted_items():
     twin.engine.run_until_idle()
     lab.engine.run_until_idle()
     assert twin.done == lab.done == [1, "gone", 2, 3]
+
+
+def test_saves_all_beliefs_that_were_told():
+    rule = +p(X) >> [do(X)]
+    lab = Lab(rule)
+    society = Society(lab.clock)
+    bob = society.add(Lab(name="bob").engine)
+    society.add(lab.engine)
+    for number in (1, 2):
+        bob.messaging.send("lab", "tell", p(number))
+    twin = again(lab, rule)
+    twin.engine.run_until_idle()
+    assert twin.done == [1, 2]
 
 
 def test_the_ids_of_the_trace_go_on():

@@ -82,25 +82,34 @@ Rest = Callable[[str], str]
 
 
 class Body:
-    """Emitter of the body of one plan: in place, or as a generator."""
+    """Emitter of the body of one plan: in place, or as a generator.
 
-    def __init__(self, unit: Unit, plan: Plan, scope: Scope) -> None:
+    ``event`` are the arguments of its event, if the body gets their values.
+    """
+
+    def __init__(self, unit: Unit, plan: Plan, scope: Scope, event: tuple[object, ...] | None = None) -> None:
         self.unit = unit
         self.plan = plan
         self.scope = scope
+        self.event = event
+        self.given = ["ag", "c"] if event is None else ["ag", "c", "args"]
         self.switch = "yield" if plan.stepwise else SWITCH
 
     def generator(self) -> str:
-        """Emit the body as a generator of engine, cause and variables; return its name."""
-        f = self.unit.function("body", ["ag", "c", *(f"v_{name}" for name in self.scope)], self.scope)
+        """Emit the body as a generator of engine, cause and variables; return its call."""
+        names = [f"v_{name}" for name in self.scope]
+        f = self.unit.function("body", [*self.given, *names], self.scope)
+        f.event = self.event
         self.write_all(f, self.plan.body)
         f.line("if False: yield")
-        return f.name
+        return f"{f.name}({', '.join([*self.given, *names])})"
 
     def resumable(self) -> tuple[Function, list[str]]:
         """Begin a generator of the steps after the first; return it and the names of its variables."""
         names = sorted(set(self.scope) | _assigned(self.plan.body))
-        return self.unit.function("rest", ["ag", "c", "start", "pause", *(f"v_{n}" for n in names)], {}), names
+        f = self.unit.function("rest", [*self.given, "start", "pause", *(f"v_{n}" for n in names)], {})
+        f.event = self.event
+        return f, names
 
     def write_rest(self, f: Function, scope: Scope) -> None:
         """Emit the steps after the first, with the variables after it; `f` begins at any step, maybe after a pause."""

@@ -15,12 +15,13 @@ from socialbot.bdi.compiler._beliefs import loop, match_annotations, needs_unifi
 from socialbot.bdi.compiler._bodies import Body, straight
 from socialbot.bdi.compiler._conditions import Reached, query, write
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Unit
+from socialbot.bdi.compiler._steps import are_same
 from socialbot.bdi.compiler._terms import build, match
 from socialbot.bdi.intentions import SUBGOAL
 from socialbot.bdi.literals import META, Change, Literal
 from socialbot.bdi.plans import Inference, Plan, nodes_of, symbol_variables
 from socialbot.bdi.stdlib import looks_at_goals
-from socialbot.bdi.steps import Achieve, Do
+from socialbot.bdi.steps import Achieve, Do, Forget, Update
 from socialbot.bdi.terms import Call, Comparison, Conjunction, Expression, Variable, names_in
 
 if TYPE_CHECKING:
@@ -112,14 +113,22 @@ def chosen(f: Function, plan: Plan, *, opened: bool) -> None:
     if not plan.body:
         f.line("return DONE")
         return
-    body = Body(f.unit, plan, {name: f.scope[name] for name in sorted(f.scope)})
-    generator = f"{body.generator()}({', '.join(['ag', 'c', *map(f.local, body.scope)])})"
+    event = plan.event.literal.args
+    again = not opened and any(
+        isinstance(step, (Update, Forget))
+        and isinstance(step.literal, Literal)
+        and are_same(f, step.literal.args, event)
+        for step in plan.body
+    )
+    f.event = event if again else None
+    body = Body(f.unit, plan, {name: f.scope[name] for name in sorted(f.scope)}, f.event)
+    generator = body.generator()
     meta = plan.event.change in META
     kept = f.unit.library.keeps_goals and _ends_with_goal(plan)
     if straight(plan.body) and not (plan.atomic or meta or kept or plan.stepwise):
         inline(f, plan, body, generator, opened=opened)
     else:
-        f.line(f"return SpecialBody({generator}, False)" if plan.atomic or meta else f"return {generator}")
+        f.line(f"return SpecialBody({generator})" if plan.atomic or meta else f"return {generator}")
 
 
 def _ends_with_goal(plan: Plan) -> bool:
@@ -136,22 +145,23 @@ def inline(f: Function, plan: Plan, body: Body, generator: str, *, opened: bool)
 
     def rest(start: int, pause: str = "None") -> str:
         state = [f.local(name) if name in f.scope else "None" for name in names]
-        return f"{remainder.name}({', '.join(['ag', 'c', str(start), pause, *state])})"
+        return f"{remainder.name}({', '.join([*body.given, str(start), pause, *state])})"
 
-    # A goal's plan starts in the next cycle. An event's plan may start in this one unless another intention waits; if
-    # more events or posted items do, only a single step is executed in place, since the others would follow after a
-    # switch.
-    goal, single = plan.event.change in GOALS, len(plan.body) == 1
-    begin = "ag.ready or ag.others" if single and not goal else f"{OTHERS} or ag.inbox"
+    # A goal's plan starts in the next cycle. An event's plan starts in this one unless another intention waits; its
+    # second step follows after a switch if more events or posted items wait.
+    goal = plan.event.change in GOALS
+    begin = f"{OTHERS} or ag.inbox" if goal else "ag.ready or ag.others"
     if goal and opened:
-        begin += f" or ag.triggers[{f'-{plan.event.key[1:]}'!r}].plans"
+        begin += f" or ag.triggers[{f.key(f'-{plan.event.key[1:]}')}].plans"
     f.line(f"if {begin}: return {generator}")
     with f.block("try"):
         for i, step in enumerate(plan.body):
             if i:
                 # Only actions can wake another intention.
                 others = OTHERS if isinstance(plan.body[i - 1], Do) else "ag.events"
-                f.line(f"if {others}: return SpecialBody({rest(i)}, True)")
+                if i == 1 and not goal:
+                    others = f"{others} or ag.inbox"
+                f.line(f"if {others}: return [{rest(i)}]")
             body.write_inline(
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )

@@ -291,7 +291,7 @@ def change(f: Function, step: Update) -> None:
             refresh(f, names_in(literal))
             return
         known = settled(f, literal.args) and (anyones or settled(f, literal.annotations))
-        args = build(f, literal.args)
+        args = values(f, literal.args) if known else build(f, literal.args)
         if known and not anyones:
             remove_held(f, step, literal, relation, args)
             return
@@ -307,7 +307,7 @@ def change(f: Function, step: Update) -> None:
         refresh(f, names_in(literal))
         return
     know(f, literal.args, step)
-    args = value(f, literal.args)
+    args = values(f, literal.args)
     if type(literal) is not Structure:
         f.unit.library.declare(type(literal))
     if sign == "++":
@@ -330,11 +330,25 @@ def remove_held(f: Function, step: Update, literal: Literal, relation: str, args
     f.line(f"else: r = ag.beliefs.remove_known({relation}, {known}, {notes}, c, {step.sign == '-'})", step)
 
 
+def values(f: Function, args: tuple[object, ...]) -> str:
+    """Return the expression of arguments with values; those of the event of the plan exist already."""
+    return "args" if f.event is not None and are_same(f, args, f.event) else value(f, args)
+
+
+def are_same(f: Function, args: tuple[object, ...], event: tuple[object, ...]) -> bool:
+    """Check whether arguments are the variables of an event, in their order."""
+    return len(args) == len(event) and all(
+        isinstance(one, Variable) and isinstance(other, Variable) and one.name == other.name != "_"
+        and one.name not in f.unit.symbols
+        for one, other in zip(args, event, strict=True)
+    )  # fmt: skip
+
+
 def forget(f: Function, step: Forget) -> None:
     literal = step.literal
     relation = f.relation(literal.key)
     if settled(f, literal) and not literal.annotations:
-        args = value(f, literal.args)
+        args = values(f, literal.args)
         # Without observers no call is needed.
         f.line(f"if {relation}.quiet and ag.trace.sink is None:")
         f.line(f"    {relation}.facts.pop({args}, None)", step)
@@ -363,7 +377,7 @@ def request(f: Function, step: Achieve, kind: int) -> str:
 
 def goal_parts(f: Function, goal: Literal) -> tuple[str, str, str, str]:
     """Return the expressions of the trigger, the arguments, the annotations and the record of a goal."""
-    return (f"ag.triggers[{'+!' + goal.key!r}]", build(f, goal.args), notes_of(f, goal), "c")
+    return (f"ag.triggers[{f.key('+!' + goal.key)}]", build(f, goal.args), notes_of(f, goal), "c")
 
 
 def expressions(term: object) -> Iterator[Expression]:
@@ -416,7 +430,7 @@ def ask(f: Function, step: Ask) -> None:
         if isinstance(query_, Literal) and "." not in query_.functor:
             scope = dict(f.scope)
             args = build(f, query_.args)
-            trigger = f"ag.triggers[{'+?' + query_.key!r}]"
+            trigger = f"ag.triggers[{f.key('+?' + query_.key)}]"
             notes = marked(f, notes_of(f, query_), step.marks)
             f.line(f"yield question(ag, {trigger}, {args}, {notes}, c)", step)
             for variable in sorted(names_in(query_) - {"_"}):

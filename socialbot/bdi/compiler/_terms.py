@@ -206,8 +206,10 @@ def _is_annotated(pattern: object) -> bool:
 
 def match_literal(f: Function, pattern: Literal, subject: str, fail: str, step: Step | None = None) -> None:
     """Emit a match with a literal that may have more annotations than the pattern, which has none."""
-    item = f.unit.name("t")
-    f.line(f"{item} = {subject}")
+    item = subject
+    if not subject.isidentifier():
+        item = f.unit.name("t")
+        f.line(f"{item} = {subject}")
     f.line(f"if not isinstance({item}, Literal) or {item}.key != {pattern.key!r}: {fail}", step)
     for i, arg in enumerate(pattern.args):
         part = f"{item}.args[{i}]"
