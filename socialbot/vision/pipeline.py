@@ -131,6 +131,7 @@ class PersonPipeline:
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
         self._camera_motion = CameraMotion()
+        self._is_direction_stated = False
         self._static_objects = StaticObjectFilter(spec.certain)
         self._spec = spec
         self._detector = detector
@@ -226,8 +227,11 @@ class PersonPipeline:
         camera = self._located(camera)
         looks = looks_of(image_bgr, found.boxes) if self.tracker.remember_s > 0 else None
         size = image_bgr.shape[1], image_bgr.shape[0]
-        if self._camera_motion.contradicted:
+        # A camera without a stated direction looks into the same one until the image shows a motion.
+        stated, moved = camera.yaw_rad is not None, turn is not None
+        if self._camera_motion.contradicted or stated is not self._is_direction_stated or (moved and not stated):
             self.tracker.forget_places()
+        self._is_direction_stated = stated
         tracks = self.tracker.update(stamp_ns, found.boxes, found.scores, size, looks, turn, self._locate(camera))
         if stamp_ns < self._stamp:
             self._known = {}
@@ -247,17 +251,14 @@ class PersonPipeline:
         tracks = self._with_hidden_feet(tracks)
         return self._persons(tracks, stamp_ns, self._learn_pose(tracks, camera, stamp_ns, depth), depth)
 
-    def _locate(self, camera: CameraModel) -> Locate | None:
-        """Locate boxes of people on the floor, if the direction of the camera is known."""
-        yaw_rad = camera.yaw_rad
-        if yaw_rad is None:
-            return None
+    def _locate(self, camera: CameraModel) -> Locate:
+        """Locate boxes of people on the floor."""
 
         def locate(box: np.ndarray, cut: Cut) -> FloorPoint | None:
             x, y, w, h = box.tolist()
             seen = measure(camera, (x, y, w, h), self._anybody(), cut)
             bearing, _ = camera.direction(x + w / 2, y)
-            return seen and FloorPoint.at(seen.distance, bearing + yaw_rad)
+            return seen and FloorPoint.at(seen.distance, bearing + (camera.yaw_rad or 0.0))
 
         return locate
 
@@ -333,7 +334,7 @@ class PersonPipeline:
         if track.id and distance is not None and not track.unseen_s:
             direction = bearing + (camera.yaw_rad or 0.0)
             attention.walk(stamp_ns, distance.value, direction)
-            if camera.yaw_rad is not None and self.tracker is not None:
+            if self.tracker is not None:
                 point = FloorPoint.at(distance, direction)
                 self.tracker.place(track.id, LastSeen(stamp_ns, point, attention.velocity() or (0.0, 0.0)))
         return PersonDetection(

@@ -1,4 +1,4 @@
-"""Re-identification of people: by the colours of their clothes, and by where a turning camera left them."""
+"""Re-identification of people: by the colours of their clothes, and by where they were last seen."""
 
 from __future__ import annotations
 
@@ -136,12 +136,14 @@ class LostPeople:
 
         People who are present in the image or predicted in it may be lost, too.
         """
-        known = [*self.people, *(each for each in present if each.id and each is not person)]
+        others = [each for each in present if each.id and each is not person]
+        known = [*self.people, *others]
         far = {each.id: _distance(each, person) for each in known}
-        lost = [each for each in known if each.last < person.begun and each.id not in person.met]
-        away = _misfits(person, [each for each in lost if each.turned], stamp, locate)
-        # While a camera looks elsewhere, people stay where they were, or walk on.
-        here = [each for each in lost if each.turned and _is_here(each, person, far[each.id], away.get(each.id))]
+        missed = [each for each in others if each.misses]
+        lost = [each for each in (*self.people, *missed) if each.id not in person.met]
+        away = _misfits(person, lost, stamp, locate)
+        # Out of view, people stay where they were, or walk on.
+        here = [each for each in lost if _is_here(each, person, far[each.id], away.get(each.id))]
         alike = min((far[each.id] for each in lost), default=math.inf)
         if alike <= _RETURNED:
             here = [each for each in here if far[each.id] == math.inf or _CLEARER * far[each.id] <= alike]
@@ -187,7 +189,7 @@ def _misfits(
 
 def _is_here(before: TrackedPerson, person: TrackedPerson, far: float, away: float | None) -> bool:
     """Whether a track is where a lost person may be, and does not look like somebody else."""
-    stays = before.motion.is_at(person.box, person.cut)
+    stays = before.turned and before.motion.is_at(person.box, person.cut)
     # Colours that are not known agree with anybody's.
     if far == math.inf:
         return stays and (away is None or away <= 1)

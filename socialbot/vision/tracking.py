@@ -196,7 +196,7 @@ class Tracker:
         for index in [index for index in left if self.weak <= scores[index] < self.sure]:
             self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=False)
         self._drop([person for person in self._persons if not self._kept(person, size)])
-        self._meet([person for person in self._persons if person.id and not person.misses])
+        self._meet([person for person in self._persons if not person.misses])
         return self._published(size)
 
     def place(self, track: str, seen: LastSeen) -> None:
@@ -307,10 +307,16 @@ class Tracker:
         return any(near and not UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
 
     def _meet(self, present: Sequence[TrackedPerson]) -> None:
-        """Note who is in view at once, and so not the same person."""
-        names = {person.id for person in present}
+        """Note who is in view at once, and so not the same person. A track without id may be a second box around one."""
+        known = [person for person in present if person.id]
+        names = {person.id for person in known}
+        boxes = np.array([person.box for person in known]).reshape(-1, 4)
         for person in present:
-            person.met |= names - {person.id}
+            if person.id:
+                person.met |= names - {person.id}
+            else:
+                apart = iou(person.box, boxes) < _TOUCHING
+                person.met.update(each.id for each, aside in zip(known, apart.tolist(), strict=True) if aside)
 
     def _look(self, person: TrackedPerson, look: np.ndarray, *, touched: bool) -> None:
         """Learn the ``look`` of a track, or notice that it shows somebody else since it was lost or touched."""

@@ -162,6 +162,16 @@ def test_stated_turn_of_the_camera_keeps_neighbours_apart():
     assert [ids(yaw) for yaw in (0.0, 0.0, 0.2, 0.0, -0.2, 0.0)] == [["t1", "t2"]] * 6
 
 
+def _dress(image: np.ndarray, box: tuple[float, ...], *, striped: bool) -> None:
+    """Draw the clothes of a person, who looks a bit different with stripes."""
+    x, y, w, h = box
+    person = image[round(y) : round(y + h), round(x) : round(x + w)]
+    person[:] = (60, 50, 190)
+    stripe = round(h / 36)
+    for row in range(0, len(person), 6 * stripe) if striped else ():
+        person[row : row + stripe] = (70, 150, 60)
+
+
 def found_after_a_turn(there: tuple[float, float], step_rad: float = 0.15, base_turns: float = 0.0) -> set[str]:
     """Ids of a person 4 m ahead whom a camera leaves for 3 s, and who is then at a distance and bearing.
 
@@ -175,12 +185,8 @@ def found_after_a_turn(there: tuple[float, float], step_rad: float = 0.15, base_
         rig.stamp += SECOND // 5
         left = round(4000 - 525 * (yaw + base_turns * rig.stamp / SECOND * 5))
         image = cv2.cvtColor(np.ascontiguousarray(room[:, left : left + 640]), cv2.COLOR_GRAY2BGR)
-        for (x, y, w, h), _ in rig.detector.found:
-            person = image[round(y) : round(y + h), round(x) : round(x + w)]
-            person[:] = (60, 50, 190)
-            stripe = round(h / 36)
-            for row in range(0, len(person), 6 * stripe) if striped else ():
-                person[row : row + stripe] = (70, 150, 60)
+        for box, _ in rig.detector.found:
+            _dress(image, box, striped=striped)
         people = rig.finder.find(image, rig.stamp, replace(CAMERA, yaw_rad=yaw))
         return [person.track_id for person in people]
 
@@ -201,6 +207,27 @@ def test_person_out_of_view_is_expected_near_their_place(there: tuple[float, flo
 def test_places_are_forgotten_when_the_base_turns():
     assert found_after_a_turn((4.1, 0.22), step_rad=0.05) == {"t1"}
     assert found_after_a_turn((4.1, 0.22), step_rad=0.05, base_turns=0.04) == {"t2"}
+
+
+@pytest.mark.parametrize(("step_px", "expected"), [(0, "t1"), (40, "t2")])
+def test_place_of_a_person_counts_while_a_camera_without_transforms_stands_still(step_px: int, expected: str):
+    rig = Rig()
+    room = np.kron(np.random.default_rng(0).integers(60, 150, (24, 400)), np.ones((20, 20))).astype(np.uint8)
+
+    def ids(left: int, *, striped: bool, seen: bool = True) -> list[str]:
+        rig.detector.found = [at(4.0)] if seen else []
+        rig.stamp += SECOND // 5
+        image = cv2.cvtColor(np.ascontiguousarray(room[:, left : left + 640]), cv2.COLOR_GRAY2BGR)
+        for box, _ in rig.detector.found:
+            _dress(image, box, striped=striped)
+        return [person.track_id for person in rig.finder.find(image, rig.stamp, CAMERA)]
+
+    for _ in range(10):
+        ids(4000, striped=False)
+    for step in range(16):
+        ids(4000 + step_px * step, striped=False, seen=False)
+    again = {each for _ in range(5) for each in ids(4000 + step_px * 15, striped=True)}
+    assert again == {expected}
 
 
 def test_new_recording_resets_the_tracks():

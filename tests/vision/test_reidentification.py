@@ -1,4 +1,4 @@
-"""People whom a turning camera left are known again by where they were and by their colours."""
+"""Lost people are known again by where they were and by their colours."""
 
 from __future__ import annotations
 
@@ -92,18 +92,33 @@ def found_again(far: float, left_m: float, **how: bool) -> str:
         (0.02, 20.0, "t2"),
     ],
 )
-def test_person_whom_a_camera_left_is_known_by_place_and_look(far: float, left_m: float, expected: str):
-    assert found_again(far, left_m) == expected
+@pytest.mark.parametrize("turns", [True, False])
+def test_lost_person_is_known_by_place_and_look(far: float, left_m: float, expected: str, turns: bool):
+    assert found_again(far, left_m, turns=turns) == expected
 
 
 @pytest.mark.parametrize(("far", "expected"), [(0.02, "t1"), (0.17, "t2")])
-@pytest.mark.parametrize("how", [{"turns": False}, {"knows_places": False}])
-def test_look_alone_counts_without_a_turn_or_places(far: float, expected: str, how: dict[str, bool]):
-    assert found_again(far, 0.2, **how) == expected
+def test_look_alone_counts_without_places(far: float, expected: str):
+    assert found_again(far, 0.2, knows_places=False) == expected
 
 
-def test_person_without_known_colours_is_not_taken_for_a_lost_one_nearby():
-    view = TurningView()
+def test_second_box_around_a_person_that_outlives_the_first_one_keeps_the_id():
+    view = TurningView(knows_places=False)
+    view.stay((300, RED, 0.0))
+    assert view.show((300, RED, 0.0), (360, RED, 0.0)) == ["t1"]
+    assert [view.show((x, RED, 0.0)) for x in (380, 400, 420, 440)][1:] == [["t1"]] * 3
+
+
+def test_neighbour_in_the_same_clothes_keeps_their_own_id():
+    view = TurningView(knows_places=False)
+    view.stay((100, RED, 0.0))
+    assert view.show((100, RED, 0.0), (360, RED, 0.0)) == ["t1"]
+    assert [view.show((x, RED, 0.0)) for x in (380, 400, 420, 440)][1:] == [["t2"]] * 3
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_person_without_known_colours_is_not_taken_for_a_lost_one_nearby(turns: bool):
+    view = TurningView(turns=turns)
     view.stay((300, RED, 0.0))
     view.look_away()
     assert view.stay((100, UNKNOWN, 0.2)) == ["t2"]
