@@ -307,7 +307,10 @@ class Tracker:
         return any(near and not UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
 
     def _meet(self, present: Sequence[TrackedPerson]) -> None:
-        """Note who is in view at once, and so not the same person. A track without id may be a second box around one."""
+        """Note who is in view at once, and so not the same person.
+
+        A track without id may be a second box around a person whom it touches.
+        """
         known = [person for person in present if person.id]
         names = {person.id for person in known}
         boxes = np.array([person.box for person in known]).reshape(-1, 4)
