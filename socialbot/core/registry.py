@@ -219,6 +219,7 @@ def load_reference(
     *,
     name: str = "",
     where: str = "",
+    places: str = "into the working directory",
     error: type[SocialbotError] = GraphError,
 ) -> Any:
     """Import the object of a reference ``module:attribute`` that a user wrote.
@@ -231,6 +232,7 @@ def load_reference(
         fits: Whether an object of the module could be meant, for suggestions.
         name: Name of the object for error messages; default: the reference.
         where: Place of the reference, for error messages.
+        places: Where a module may lie that is not installed, for error messages.
         error: Class of the error that is raised if the module or the attribute cannot be loaded.
     """
     module, _, attribute = reference.partition(":")
@@ -243,11 +245,11 @@ def load_reference(
         if missing.name is None or not f"{module}.".startswith(f"{missing.name}."):
             remedy = f"install {missing.name}, which {module} imports, where socialbot is installed"
             raise error(f"{failure}: {missing}", where=where, remedy=remedy) from missing
-        remedy = "it has to be installed, or stand beside the graph file or in the working directory"
+        remedy = f"install it, or put it {places}"
         raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
     except Exception as mistake:
         text = f"{failure}: {type(mistake).__name__}: {mistake}"
-        raise error(text, where=where, remedy=f"mend the module {module}") from mistake
+        raise error(text, where=where, remedy=f"fix the module {module}") from mistake
     if not hasattr(loaded, attribute):
         own = [key for key, value in vars(loaded).items() if fits(value) and _is_of(loaded, value)]
         raise error(f"{failure}: {module} has no {attribute!r}", where=where, remedy=suggestion(attribute, own))

@@ -170,7 +170,9 @@ def node_type(name: str, *, where: str = "") -> type[Node]:
             where=where,
             remedy=f"{suggestion(name, registry.node_types())}; or package.module:Class of your own",
         )
-    found = registry.load_reference(f"{module}:{attribute}", "node type", _is_node, name=name, where=where)
+    places = "beside the graph file or into the working directory"
+    reference = f"{module}:{attribute}"
+    found = registry.load_reference(reference, "node type", _is_node, name=name, where=where, places=places)
     if not _is_node(found):
         raise GraphError(f"{name!r} is no node", where=where, remedy="give a subclass of socialbot.graph.node.Node")
     return found

@@ -48,7 +48,6 @@ RANGE_SLACK_M = 1.0
 RECENT_S = 1.0
 
 DETECTIONS = "/humans/bodies/detections"
-ACTIONS = "/waldo/actions"
 
 Deed = Literal["greeting", "offer"]
 
@@ -190,11 +189,13 @@ def _acts(graph: Graph, messages: Iterable[PersonDetections]) -> dict[Deed, list
             deed: Deed = "offer" if str(message.arguments[0]).startswith("offer") else "greeting"
             times[deed].append(message.stamp)
 
+    topics = [topic for topic, port in graph.nodes[0].publications if port.message_type is ActionRequest]
     runner = None
     for message in messages:
         if runner is None:
             runner = InlineRunner(graph, start=message.stamp)
-            runner.tap(ACTIONS, note)
+            for topic in topics:
+                runner.tap(topic, note)
             runner.start()
         runner.feed(DETECTIONS, message)
     if runner is not None:

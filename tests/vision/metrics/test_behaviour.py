@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from socialbot.graph.files import load_graph
@@ -163,3 +165,11 @@ def test_hardly_visible_people_are_not_present():
 def test_empty_recording():
     acted = behaviour(WALDO, [], [])
     assert (acted.acts, acted.visits) == ((), ())
+
+
+def test_the_actions_may_have_another_topic():
+    node = replace(WALDO.nodes[0], name="robby", remap={"actions": "/robby/deeds"})
+    stays = story(6.0, ("ann", 0.0, 6.0, 3.0)), sight(6.0, ("t1", 0.0, 6.0, 3.0))
+    expected = behaviour(WALDO, *stays)
+    assert expected.count("greeting")["in time"] == 1
+    assert behaviour(replace(WALDO, nodes=(node,)), *stays) == expected
