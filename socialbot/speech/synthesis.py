@@ -22,6 +22,7 @@ import numpy as np
 
 from socialbot.core.errors import InstallationError, MessageError, ParameterError
 from socialbot.core.installation import extra_command
+from socialbot.core.paths import replace_file
 
 # From espeak-ng's speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2
@@ -85,13 +86,7 @@ class Sound:
 
     def write_wav(self, path: str | os.PathLike[str]) -> None:
         """Write a 16-bit mono .wav file atomically. Raises OSError."""
-        target = Path(path)
-        part = target.with_name(f".{target.name}.part")
-        try:
-            part.write_bytes(self.wav())
-            part.replace(target)
-        finally:
-            part.unlink(missing_ok=True)
+        replace_file(Path(path), self.wav())
 
 
 class Synthesizer:
