@@ -39,6 +39,8 @@ COMES, LEFT_AT = 5.0, 37.0
 """Beginning in the source, and time in the bag at which the visitor leaves, in s."""
 
 VOICE, RATE_WPM, RATE_HZ, CHUNK_S = "en-us+f3", 150, 16000, 0.2
+SILENCE_S = 0.5
+"""Silence after which speech is recognized, as that of the node `hearing`."""
 SENTENCES = (
     (16.0, "Yes, please. Where is the library?"),
     (24.5, "Why did you greet me?"),
@@ -101,7 +103,9 @@ def messages() -> Iterator[tuple[str, Message]]:
 
 
 def arrival(message: Message) -> int:
-    """Time (ns) at which a message was received: sound arrives at the end of its samples."""
+    """Time (ns) at which a message was received: sound at the end of its samples, speech after a silence."""
+    if isinstance(message, HeardSpeech):
+        return message.stamp + nanoseconds(SILENCE_S)
     if isinstance(message, AudioData):
         return message.stamp + len(message.samples) // 2 * SECOND // message.sample_rate
     return message.stamp

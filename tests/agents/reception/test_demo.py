@@ -11,7 +11,7 @@ from socialbot.core.messages import AudioData, HeardSpeech
 from socialbot.runs.folder import open_run
 from tests.system.running import socialbot
 
-ANSWER = "22 seconds ago I greeted you because you paid attention to me; 23 seconds ago nobody was near me."
+ANSWER = "23 seconds ago I greeted you because you paid attention to me; 24 seconds ago nobody was near me."
 SAID = [
     "Hello! Nice to see you.",
     "Can I help you with anything?",
