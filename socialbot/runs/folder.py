@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
@@ -65,8 +65,8 @@ class RecordedRun(RunView):
         path = self.folder / SOUNDS / name
         if not _SOUND.fullmatch(name) or not path.is_file():
             return None
-        if not path.resolve().is_relative_to(self.folder.resolve()):
-            return None  # a link to a file elsewhere
+        if not leads_inside(self.folder, path):
+            return None
         return paths.read_bytes(path)
 
     # Reading
@@ -77,8 +77,10 @@ class RecordedRun(RunView):
             self.damage.append("results.json is missing: the run has not ended, or was broken off")
             return {}
         try:
-            return msgspec.json.decode(paths.read_bytes(path), type=dict[str, Any])
-        except (OSError, msgspec.MsgspecError) as error:
+            data = paths.read_bytes(path)
+            msgspec.json.decode(data, type=_Results)
+            return msgspec.json.decode(data, type=dict[str, Any])
+        except (OSError, msgspec.MsgspecError, RecursionError) as error:
             self.damage.append(f"results.json cannot be read: {error}")
             return {}
 
@@ -140,9 +142,71 @@ class RecordedRun(RunView):
                         self.damage.append(f"{part.name}:{number}: {error}")
 
 
+class _Bag(msgspec.Struct, frozen=True):
+    path: Annotated[str, msgspec.Meta(pattern=r"^[^\x00]*$")] = ""
+    start: int | None = None
+    duration_s: float | None = None
+
+
+class _Totals(msgspec.Struct):
+    calls: int | None = None
+    failures: int | None = None
+    skipped: int | None = None
+    cpu_s: float | None = None
+    peak_rss_mb: float | None = None
+    first_failure: str | None = None
+
+
+class _Band(msgspec.Struct):
+    tp: int
+    fp: int
+    fn: int
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+class _Scores(msgspec.Struct):
+    frames: int = 0
+    bands: dict[str, _Band] = {}
+
+
+class _Results(msgspec.Struct):
+    """Types of the values in results.json that are read; others may have any type."""
+
+    graph: str | None = None
+    ended: str = ""
+    privacy: str = "none"
+    bag: _Bag = _Bag()
+    nodes: dict[str, _Totals] = {}
+    parameters: dict[str, dict[str, Any]] = {}
+    labels: dict[str, str] = {}
+    versions: dict[str, Any] = {}
+    scores: _Scores | None = None
+    wall_s: float = 0.0
+    seconds: float | None = None
+    simulated_s: float = 0.0
+
+
 class _Line(msgspec.Struct):
     topic: str
     message: msgspec.Raw
+
+
+def leads_inside(folder: Path, path: Path) -> bool:
+    """Whether ``path`` is in ``folder``, and is no link to elsewhere."""
+    return path.resolve().is_relative_to(folder.resolve())
+
+
+def expect_inside(folder: Path, path: Path) -> Path:
+    """Return ``path``, which is to be written in the folder of a run.
+
+    Raises:
+        RunError: It is a link that leads out of the folder.
+    """
+    if not leads_inside(folder, path):
+        raise RunError("is a link that leads out of the folder of the run", where=str(path), remedy="remove the link")
+    return path
 
 
 def open_run(folder: Path, images: ImageSource | None = None) -> RecordedRun:

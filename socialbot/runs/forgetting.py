@@ -15,7 +15,7 @@ from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import TraceRecord
 from socialbot.core.paths import replace_file
-from socialbot.runs.folder import open_run
+from socialbot.runs.folder import expect_inside, leads_inside, open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
 AFTER_S = 10.0
@@ -87,6 +87,9 @@ class _Forgetting:
         self._made = Forgotten()
 
     def run(self) -> Forgotten:
+        for name in (TRACE, SEEN, "results.json"):
+            for path in (*parts(self._folder / name), self._folder / name):
+                expect_inside(self._folder, path)
         records = [record for path in parts(self._folder / TRACE) for record in self._records(path)]
         alone = self._alone(records)
         for path in parts(self._folder / TRACE):
@@ -181,6 +184,9 @@ class _Forgetting:
         for path in sorted(self._folder.rglob("*")):
             name = str(path.relative_to(self._folder))
             if not path.is_file() or path in known:
+                continue
+            if not leads_inside(self._folder, path):
+                self._made.left.append(name)
                 continue
             if path.name == SCORED or path.suffix in PICTURES or path.suffix == ".wav":
                 in_bag = path.suffix == ".mcap" and (path.parent / "metadata.yaml").exists()

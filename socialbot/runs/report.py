@@ -24,7 +24,7 @@ from socialbot.runs._report_tables import (
 from socialbot.runs._streams import detections_of
 from socialbot.runs.bag_images import BlurredPictures, boxes_of, pictures_of
 from socialbot.runs.difference import Difference, Side
-from socialbot.runs.folder import RecordedRun, newest_run, open_run
+from socialbot.runs.folder import RecordedRun, expect_inside, newest_run, open_run
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_file
 from socialbot.runs.record import ENDED_WELL, STOPPED
@@ -75,14 +75,15 @@ def write_report(folder: Path, title: str = "", world: WorldView | None = None) 
         world: World view of the run; read from the record by default.
 
     Raises:
-        RunError: The folder holds no run.
+        RunError: The folder holds no run, or a file is a link that leads out of it.
         SocialbotError: A file cannot be written.
     """
     with recorded(folder) as run:
         world = run.world_view if world is None else world
-        path = write_file(folder / PAGE, report_html(run, title, world))
+        path = write_file(expect_inside(folder, folder / PAGE), report_html(run, title, world))
         if world:
-            write_file(folder / world.file, world.picture(run.end, f"{title or run.title}, at the end"))
+            picture = world.picture(run.end, f"{title or run.title}, at the end")
+            write_file(expect_inside(folder, folder / world.file), picture)
     return path
 
 

@@ -126,6 +126,25 @@ def test_another_run_in_the_folder_is_named_as_left(run):
     assert forget_person(run, "t1").left == ["unchanged/trace.jsonl"]
 
 
+def test_files_outside_of_the_folder_stay_as_they_are(run, tmp_path):
+    """A run from somebody else may hold links."""
+    outside = tmp_path / "notes.log"
+    outside.write_text("t1 came\n")
+    (run / "notes.log").symlink_to(outside)
+    assert forget_person(run, "t1").left == ["notes.log"]
+    assert outside.read_text() == "t1 came\n"
+
+
+@pytest.mark.parametrize("name", ["trace.jsonl", "seen.jsonl", "results.json"])
+def test_a_record_that_is_a_link_to_elsewhere_is_refused(run, tmp_path, name):
+    outside = (run / name).rename(tmp_path / name)
+    before = outside.read_bytes()
+    (run / name).symlink_to(outside)
+    with pytest.raises(RunError, match="link"):
+        forget_person(run, "t1")
+    assert outside.read_bytes() == before
+
+
 def test_everything_of_the_others_is_left(run):
     forget_person(run, "t1")
     records = list(open_run(run).history)

@@ -100,6 +100,15 @@ def test_report_begins_with_how_the_run_ended(folder, tmp_path, ended, verdict, 
     assert re.findall(r'<p class="warning">(.*?)</p>', html) == ([warning] if warning else [])
 
 
+def test_report_is_not_written_through_a_link_out_of_the_folder(tmp_path):
+    run, outside = greeting(tmp_path / "run"), tmp_path / "outside.txt"
+    outside.write_text("mine")
+    (run / "report.html").symlink_to(outside)
+    with pytest.raises(RunError, match="link"):
+        write_report(run)
+    assert outside.read_text() == "mine"
+
+
 def test_report_of_a_broken_off_run_says_so(folder, tmp_path):
     copy = changed(folder, tmp_path / "run")
     (copy / "results.json").unlink()

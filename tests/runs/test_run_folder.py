@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import functools
+import json
+import operator
 import os
 
 import msgspec
@@ -10,7 +13,8 @@ from socialbot.core.messages import Health, State
 from socialbot.graph.files import load_graph
 from socialbot.runs.folder import newest_run, open_run
 from socialbot.runs.record import SOUNDS, RunRecord, RunTrace
-from socialbot.runs.run import Picture, wording_of
+from socialbot.runs.report import report_html
+from socialbot.runs.run import NoCommands, Picture, overview, wording_of
 from tests.runs.deliberating_runs import record
 from tests.runs.runs import START, greeting, long_run
 
@@ -25,6 +29,47 @@ def test_run_is_opened(tmp_path):
     assert {node.name for node in view.nodes} >= {"person_detector", "bdi_engine", "speech"}
     assert view.topics["/speech/say"] == "Utterance"
     assert (run.world(START), run.trees(START), run.picture(START)) == (None, (), None)
+
+
+BAND = {"tp": 1, "fp": 0, "fn": 0, "precision": 1.0, "recall": 1.0, "f1": 1.0}
+RESULTS = {
+    "graph": "waldo",
+    "ended": "well",
+    "bag": {"path": "film", "start": 1, "duration_s": 2.0},
+    "nodes": {"head": {"calls": 1, "cpu_s": 0.1, "peak_rss_mb": 50.0, "first_failure": ""}},
+    "parameters": {"head": {"range_m": 3.0}},
+    "labels": {"visitor": "t1"},
+    "versions": {"python": "3"},
+    "scores": {"frames": 1, "bands": {"0-2 m": BAND}},
+    "wall_s": 1.0,
+}
+
+
+def places(value, *path):
+    yield path
+    for key, part in value.items() if isinstance(value, dict) else ():
+        yield from places(part, *path, key)
+
+
+@pytest.mark.parametrize("wrongs", [("x\0",), pytest.param((5, [1], {"a": 1}, None, -1.5), marks=pytest.mark.slow)])
+def test_results_of_any_types_are_shown_or_refused(tmp_path, wrongs):
+    """The file may be damaged, or from somebody else."""
+    folder = greeting(tmp_path / "run")
+    refused = 0
+    for *path, last in filter(None, places(RESULTS)):
+        for wrong in wrongs:
+            results = json.loads(json.dumps(RESULTS))
+            functools.reduce(operator.getitem, path, results)[last] = wrong
+            (folder / "results.json").write_text(json.dumps(results))
+            run = open_run(folder)
+            refused += any("results.json" in each for each in run.damage)
+            assert run.title
+            overview(run, NoCommands("it has ended"))
+            if len(wrongs) > 1:
+                report_html(run)
+    assert refused > 10 * len(wrongs)
+    (folder / "results.json").write_text(json.dumps(RESULTS))
+    assert open_run(folder).damage == []
 
 
 NODES = """
