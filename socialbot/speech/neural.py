@@ -239,7 +239,7 @@ def _read_config(path: Path) -> dict[str, Any]:
         needed = [config["phoneme_id_map"][symbol] for symbol in (_BEGIN, _END, _PAD)]
         if not all(needed) or not (config["espeak"]["voice"] and config["audio"]["sample_rate"]):
             raise ValueError("a value is empty")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         what = f"no configuration of a Piper voice ({type(error).__name__}: {error})"
         raise ParameterError(what, where=str(path), remedy="give the .onnx.json file of the voice") from error
     return config

@@ -89,7 +89,16 @@ def test_unknown_voices_and_files_are_named(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["{", "[]", "{}", '{"phoneme_id_map": {}}', '{"phoneme_type": "pinyin"}', '{"espeak": {"voice": ""}}', "\udcff"],
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"phoneme_id_map": {}}',
+        '{"phoneme_type": "pinyin"}',
+        '{"espeak": {"voice": ""}}',
+        "\udcff",
+        "[" * 100_000,
+    ],
 )
 def test_invalid_configurations_are_refused(tmp_path, text):
     (tmp_path / "voice.onnx").write_bytes(b"no network")
