@@ -78,7 +78,7 @@ class Interpreter:
         self.engine, self.trace = engine, engine.trace
         self.timers, self.heap, self.now = engine.timers, engine.timers.heap, engine.clock.now
         self.library, self.triggers = library, library.triggers
-        self.inbox: deque[Any] = deque()
+        self.inbox = engine.timers.posted
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
         self.others: Collection[Any] = ()
         self.peers: deque[Engine] = deque()

@@ -5,8 +5,10 @@ from __future__ import annotations
 import heapq
 import os
 import select
+from collections import deque
 from collections.abc import Callable
 from itertools import count
+from typing import Any
 
 from socialbot.bdi.trace import TraceWriter
 from socialbot.core.clock import Clock, nanoseconds
@@ -19,13 +21,18 @@ class Timers:
     """Callbacks by due time, for the engine's thread. A callback has no effect once its function ``over`` returns True.
 
     Actions driven by these timers behave the same in every simulated run.
+
+    Attributes:
+        posted: Items posted to the agent. They are not empty while more callbacks are due, so that a plan that the
+            current one starts takes turns with theirs.
     """
 
-    __slots__ = ("_most", "_sequence", "_trace", "heap", "now")
+    __slots__ = ("_most", "_sequence", "_trace", "heap", "now", "posted")
 
     def __init__(self, clock: Clock, trace: TraceWriter) -> None:
         self.now = clock.now
         self.heap: list[tuple[int, int, Callable[[], object], Callable[[], bool] | None]] = []
+        self.posted: deque[Any] = deque()
         self._trace = trace
         self._most = FEW_TIMERS
         self._sequence = count()
@@ -59,14 +66,22 @@ class Timers:
 
     def run_due(self) -> None:
         """Call the due callbacks; their exceptions are written to the trace."""
-        heap, now = self.heap, self.now()
+        heap, posted, now = self.heap, self.posted, self.now()
         while heap and heap[0][0] <= now:
             _, _, callback, over = heapq.heappop(heap)
+            if heap and heap[0][0] <= now:
+                posted.appendleft(_nothing)
             try:
                 if over is None or not over():
                     callback()
             except Exception as problem:  # noqa: BLE001 - a sensor or a step behind a timer is user code
                 self._trace.record_failure("timer", "", problem)
+            if posted and posted[0] is _nothing:
+                posted.popleft()
+
+
+def _nothing() -> None:
+    """Posted item without effect."""
 
 
 class Wakeup:

@@ -202,6 +202,23 @@ def test_an_intention_that_waited_for_an_event_precedes_the_second_step_of_its_p
     assert both.done == [("woken",), ("first",), ("event",), ("second",)]
 
 
+@pytest.mark.parametrize("later", [go(2), sub(2, 0)], ids=["limit", "time"])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_waits_that_end_at_the_same_time_take_turns_as_in_the_reference(later, swapped):
+    program = [
+        go(X) >> [wait_for(+p(X), 2)],
+        -go(X) >> [do("first", X), do("second", X), do("third", X)],
+        sub(X, Y) >> [nap(2), do("first", X), do("second", X)],
+    ]
+    both = Both(program)
+    for goal in (later, go(1)) if swapped else (go(1), later):
+        both.post("achieve", goal)
+    assert both.settle()
+    both.advance(2)
+    assert both.settle()
+    assert {what for what, _ in both.done[:2]} == {"first"}
+
+
 def test_plans_of_queued_events_take_turns_as_in_the_reference():
     program = [
         +p(X) / (X < 2) >> [Update("-", p(X)), do(X), do("end", X)],
