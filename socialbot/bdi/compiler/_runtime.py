@@ -191,6 +191,13 @@ def holds(solutions: Iterator[Any], trail: Trail) -> bool:
     return found
 
 
+def number(result: Any, symbol: str, expression: str) -> Any:
+    """Return the result of an expression with ``+`` or ``*``. Raises Failed for a list or a repeated string."""
+    if isinstance(result, tuple) or (isinstance(result, str) and symbol == "*"):
+        raise Failed("wrong_arguments", f"{expression} needs numbers; join lists and strings with .concat")
+    return result
+
+
 def div(left: Any, right: Any) -> int:
     """Divide integers, rounding towards zero."""
     quotient = abs(math.trunc(left)) // abs(math.trunc(right))
@@ -429,6 +436,7 @@ NAMES: dict[str, Any] = {
     "by_order": by_order,
     "chosen": chosen, "closed": closed, "cons": cons, "div": div, "failure_of": failure_of, "goal_of": goal_of,
     "holds": holds, "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod,
+    "number": number,
     "open_goal": open_goal, "order": order, "outcome": outcome, "perform": perform, "plain": plain,
     "question": question, "question_of": question_of, "record_action": record_action, "renew": renew,
     "resolve": resolve, "same": same,

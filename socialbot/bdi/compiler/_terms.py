@@ -93,7 +93,20 @@ def arithmetic(f: Function, term: Expression) -> str:
     left, right = value(f, term.left), value(f, term.right)
     if term.symbol in ("div", "mod"):
         return f"{term.symbol}({left}, {right})"
-    return f"({left} {term.symbol} {right})"
+    result = f"({left} {term.symbol} {right})"
+    if not f.unit.lenient or not _may_join(term):
+        return result
+    item = f.unit.name("t")
+    return (
+        f"({item} if ({item} := {result}).__class__ is int or {item}.__class__ is float "
+        f"else number({item}, {term.symbol!r}, {str(term)!r}))"
+    )
+
+
+def _may_join(term: Expression) -> bool:
+    """Check whether Python would join lists, or repeat lists or strings."""
+    numeric = [isinstance(part, (int, float, Expression)) for part in (term.left, term.right)]
+    return (term.symbol == "+" and not any(numeric)) or (term.symbol == "*" and not all(numeric))
 
 
 def call(f: Function, term: Call) -> str:
