@@ -11,6 +11,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import Message
 from socialbot.graph.files import load_graph
+from socialbot.runs.report import write_report
 from socialbot.runtime.bag_source import replay
 from socialbot.runtime.run import RunResult
 from socialbot.runtime.simulated_source import replay_topics
@@ -65,6 +66,17 @@ def test_writes_trace_results_page_and_ward(shown):
     [mission] = found["missions"]
     assert (mission["status"], mission["problems"], mission["recoveries"]) == ("finished", ["dirty room"], 1)
     assert found["infected"] == []
+
+
+def test_the_page_is_written_again_with_the_same_figures(shown):
+    folder = shown[1]
+    first = figures_of(folder / "report.html")
+    assert ("1 of 1", "missions done") in first
+    assert figures_of(write_report(folder)) == first
+
+
+def figures_of(page: Path) -> list[tuple[str, str]]:
+    return re.findall(r"<b>([^<]*)</b><span>([^<]*)</span>", page.read_text("utf-8"))
 
 
 def test_the_page_contains_the_whole_run():

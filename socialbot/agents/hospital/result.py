@@ -71,6 +71,7 @@ class HospitalView(WardAnimation):
     """World view of a hospital run: its ward and its missions."""
 
     file = "ward.svg"
+    kinds = (WardState, Missions)
 
     def __init__(self, ward: Ward) -> None:
         super().__init__(ward)

@@ -328,8 +328,6 @@ def _sign(word: str, x: float, y: float, size: float) -> str:
 class WardAnimation:
     """States of a ward over a run, as drawings and as an animation."""
 
-    kinds = (WardState,)
-
     def __init__(self, ward: Ward) -> None:
         self._drawing = WardDrawing(ward)
         self._states: list[tuple[int, WardState]] = []
