@@ -12,7 +12,7 @@ import msgspec
 from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
-from socialbot.core.messages import Health, Message, TraceRecord
+from socialbot.core.messages import Health, Message, PersonDetection, TraceRecord
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
@@ -100,7 +100,16 @@ class RecordedRun(RunView):
             raise RunError("there is no run", where=str(self.folder), remedy=remedy)
         if not is_whole(path):
             self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
-        return list(self._lines(path, TraceRecord))
+        return [record for record in self._lines(path, TraceRecord) if self._has_people(record)]
+
+    def _has_people(self, record: TraceRecord) -> bool:
+        """Whether the people of a record, if it has any, can be read; note others."""
+        try:
+            msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
+        except msgspec.ValidationError as error:
+            self.damage.append(f"{TRACE}: record {record.id}: persons: {error}")
+            return False
+        return True
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Message]]:
         """Yield the recorded messages of simulators on ``topics``, in order."""

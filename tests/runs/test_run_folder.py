@@ -11,6 +11,8 @@ import pytest
 from socialbot.core.errors import RunError
 from socialbot.core.messages import Health, State
 from socialbot.graph.files import load_graph
+from socialbot.runs.asking import answer
+from socialbot.runs.distances import distances_of
 from socialbot.runs.folder import newest_run, open_run
 from socialbot.runs.record import SOUNDS, RunRecord, RunTrace
 from socialbot.runs.report import report_html
@@ -70,6 +72,27 @@ def test_results_of_any_types_are_shown_or_refused(tmp_path, wrongs):
     assert refused > 10 * len(wrongs)
     (folder / "results.json").write_text(json.dumps(RESULTS))
     assert open_run(folder).damage == []
+
+
+@pytest.mark.parametrize("persons", [5, "x", None, [1], [{}], {"a": 1}, [{"x": "left"}], True])
+def test_record_with_unreadable_people_is_left_out_and_reported(tmp_path, persons):
+    folder = greeting(tmp_path / "run")
+    lines = [json.loads(line) for line in (folder / "trace.jsonl").read_text().splitlines()]
+    seen = next(line for line in lines if line.get("detail", {}).get("persons"))
+    seen["detail"]["persons"] = persons
+    (folder / "trace.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    run = open_run(folder)
+    assert len(run.history) == len(lines) - 1
+    assert run.damage[0].startswith(f"trace.jsonl: record {seen['id']}: persons: ")
+    assert answer(run, "Who was there?").known
+    assert distances_of(run)
+
+
+def test_record_without_a_source_can_be_asked(tmp_path):
+    folder = greeting(tmp_path / "run")
+    with (folder / "trace.jsonl").open("ab") as file:
+        file.write(msgspec.json.encode(record(9.0, "", "belief", "b")) + b"\n")
+    assert answer(open_run(folder), "Why did you greet me?").known
 
 
 NODES = """

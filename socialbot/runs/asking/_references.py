@@ -302,7 +302,8 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
             reading.found.setdefault(f"person {name}", []).append((1.0, places))
     for name, phrases in subjects.agent_words().items():
         for n, word in enumerate(words):
-            if n not in reading.taken and len(word) > 2 and len(phrases[-1]) == 1 and phrases[-1][0].startswith(word):
+            single = phrases[-1] if phrases else ()
+            if n not in reading.taken and len(word) > 2 and len(single) == 1 and single[0].startswith(word):
                 reading.taken.add(n)
                 agents.append((name, n))
     return things, agents
