@@ -148,45 +148,48 @@ class Interpreter:
         inbox, events, ready, heap, intentions, awaited, due, trace, numbers, now = self._parts
         while budget > 0:
             trigger: Trigger | None = None
-            begin: int | None = None  # beliefs between two function calls begin at the same time
-            while inbox:
-                item = inbox.popleft()
-                if trigger is not None:  # of the item before
-                    events.append((trigger, args, notes, cause))  # noqa: F821
-                    trigger = None
-                if item.__class__ is not tuple:
-                    if not self._take_call(item):
-                        break
-                    begin = None
-                    continue
-                relation, args, notes, cause, since = item
-                if since is not None and since is TOLD and self._read_later(item):
-                    break
-                if relation.care or trace.sink is not None:
-                    if since is None or since is TOLD:
-                        begin = since = now() if begin is None else begin
-                    self._take((relation, args, notes, cause, since))
-                else:
-                    facts = relation.facts
-                    if args not in facts:
-                        if since is None or since is TOLD:
-                            if begin is None:
-                                begin = now()
-                            facts[args] = (begin, notes, cause)
+            if inbox:
+                begin: int | None = None  # beliefs between two function calls begin at the same time
+                while True:
+                    item = inbox.popleft()
+                    if trigger is not None:  # of the item before
+                        events.append((trigger, args, notes, cause))  # noqa: F821
+                        trigger = None
+                    if item.__class__ is tuple:
+                        relation, args, notes, cause, since = item
+                        if since is not None and since is TOLD and self._read_later(item):
+                            break
+                        if relation.care or trace.sink is not None:
+                            if since is None or since is TOLD:
+                                begin = since = now() if begin is None else begin
+                            self._take((relation, args, notes, cause, since))
                         else:
-                            facts[args] = (since, notes, cause)
-                        if relation.indexes:
-                            relation.enter(args)
-                        trigger = relation.added
+                            facts = relation.facts
+                            if args not in facts:
+                                if since is None or since is TOLD:
+                                    if begin is None:
+                                        begin = now()
+                                    facts[args] = (begin, notes, cause)
+                                else:
+                                    facts[args] = (since, notes, cause)
+                                if relation.indexes:
+                                    relation.enter(args)
+                                trigger = relation.added
+                            else:
+                                notes = relation.merge(args, notes)
+                                if notes:
+                                    trigger = relation.added
+                        if since is not None and item[4] is TOLD:
+                            break  # the next message has to wait for a turn, as in Jason
+                    elif self._take_call(item):
+                        begin = None
                     else:
-                        notes = relation.merge(args, notes)
-                        if notes:
-                            trigger = relation.added
-                if since is not None and item[4] is TOLD:
-                    break  # the next message has to wait for a turn, as in Jason
-            if trigger is not None and events:
-                events.append((trigger, args, notes, cause))
-                trigger = None
+                        break
+                    if not inbox:
+                        break
+                if trigger is not None and events:
+                    events.append((trigger, args, notes, cause))
+                    trigger = None
             if heap and heap[0][0] <= now():
                 self.timers.run_due()
             if intentions.atomic is not None:
@@ -221,11 +224,12 @@ class Interpreter:
                 if result is not DONE:
                     if result.__class__ is GENERATOR:
                         ready.append((result, plan, next(numbers), trigger, args, notes, cause))
-                    elif isinstance(result, BEGUN) and not trigger.goal:
+                    elif result.__class__ is BEGUN and not trigger.goal:
                         # The step of this turn was executed in place.
                         if awaited and trigger.key in awaited:
                             intentions.waits.notify(trigger.key, args, notes)
-                        ready.append((result[0], plan, next(numbers), trigger, args, notes, cause))
+                        (body,) = result  # pyright: ignore[reportGeneralTypeIssues]
+                        ready.append((body, plan, next(numbers), trigger, args, notes, cause))
                         if due:
                             intentions.waits.recheck()
                         budget -= 1

@@ -116,13 +116,16 @@ class Body:
         f.scope = dict(scope)
         with f.block("if pause is not None"):
             f.line("yield pause")
+            f.line(f"if start == {len(self.plan.body)}: return")
             # After a pause this plan continues; after a plan for an event other intentions run first.
-            f.line(f"if start < {len(self.plan.body)} and pause.__class__ is tuple: yield")
-        for i, step in list(enumerate(self.plan.body))[1:]:
+            f.line("if pause.__class__ is tuple: yield")
+        *others, last = enumerate(self.plan.body)
+        for i, step in others[1:]:
             with f.block(f"if start <= {i}"):
-                last = i == len(self.plan.body) - 1
-                if not self.write(f, step, last=last) and not last:
+                if not self.write(f, step):
                     f.line(SWITCH)
+        if others:
+            self.write(f, last[1], last=True)
 
     def write_all(
         self,
