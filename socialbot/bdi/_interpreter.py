@@ -63,7 +63,7 @@ class Interpreter:
         cause: Trace record of the current internal action.
         action: Trace record of the last action.
         heap: Timers, for the code of plans.
-        peers: Queue of the agents of the society that have work to do.
+        peers: Queue of the agents of the society that have work to do; a list for a single agent.
         reading: Whether a message was read in the last turn.
         signalled: Whether the wake-up of the engine was called since the last turn.
     """
@@ -81,7 +81,7 @@ class Interpreter:
         self.inbox = engine.timers.posted
         self.events: deque[tuple[Trigger, Args, Annotations, Any]] = deque()
         self.others: Collection[Any] = ()
-        self.peers: deque[Engine] = deque()
+        self.peers: Any = []  # a queue of its own would take a sixth of the memory of an agent
         self.reading = False
         self.beliefs = BeliefBase(library, self.events, self.timers, self.trace)
         self.relations = self.beliefs.relations

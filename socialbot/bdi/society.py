@@ -91,7 +91,7 @@ class Society:
         agent = self.agents.pop(name, None)
         if agent is not None:
             agent.messaging.society = agent.wake = None
-            agent.interpreter.peers = deque()
+            agent.interpreter.peers = []
             self._asleep.discard(agent)
             for names in (*self.services.values(), *self.subscribers.values()):
                 names.pop(name, None)
