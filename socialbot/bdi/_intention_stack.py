@@ -12,7 +12,6 @@ from socialbot.bdi._explain import failure_of, no_plan, unhandled, waiting_term
 from socialbot.bdi._goal_states import GoalStates, WatchedBody
 from socialbot.bdi._waits import Waits
 from socialbot.bdi.intentions import (
-    BEGUN,
     DONE,
     EVENT,
     KEPT,
@@ -161,7 +160,7 @@ class IntentionStack:
 
     def _let_wait(self, intention: Intention, result: Any) -> None:
         """Let the intention of a plan whose first steps were executed in place wait for its next turn."""
-        if result.__class__ is BEGUN and self._interpreter.events:
+        if result is not None and result is self._interpreter.begun and self._interpreter.events:
             intention.frames.append((once(None), None, None))
 
     def adopt(
@@ -254,9 +253,7 @@ class IntentionStack:
         self, intention: Intention, body: Body, goal: Request | None, plan: CompiledPlan, ends: Request | None
     ) -> None:
         """Push the body of a plan; its end is that of the goal ``ends``, also for a failure plan."""
-        if body.__class__ is BEGUN:
-            (body,) = body
-        elif body.__class__ is SpecialBody:
+        if body.__class__ is SpecialBody:
             body = body.body
         if self.goal_states is not None and ends is not None:
             body = WatchedBody(body, self.goal_states, ends)

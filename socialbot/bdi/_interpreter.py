@@ -15,7 +15,6 @@ from socialbot.bdi._messaging import TOLD, Message, Messaging
 from socialbot.bdi._relations import Annotations, Args, Relation
 from socialbot.bdi.belief_base import BeliefBase, is_source
 from socialbot.bdi.intentions import (
-    BEGUN,
     DONE,
     END,
     EVENT,
@@ -25,6 +24,7 @@ from socialbot.bdi.intentions import (
     OPEN,
     SUBGOAL,
     TAIL,
+    Body,
     EventPause,
     Intention,
     TimedRequest,
@@ -62,6 +62,7 @@ class Interpreter:
         others: Queued events, but empty while the plan of an event is chosen: its first step belongs to the same turn.
         cause: Trace record of the current internal action.
         action: Trace record of the last action.
+        begun: Body of the last plan whose first steps were executed in place.
         heap: Timers, for the code of plans.
         peers: Queue of the agents of the society that have work to do; a list for a single agent.
         reading: Whether a message was read in the last turn.
@@ -69,7 +70,7 @@ class Interpreter:
     """
 
     __slots__ = (
-        "_parts", "action", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
+        "_parts", "action", "begun", "beliefs", "cause", "engine", "events", "heap", "inbox", "intentions", "library",
         "messaging", "now", "others", "peers", "pool", "random", "reading", "ready", "relations", "signalled", "stage",
         "timers", "trace", "triggers",
     )  # fmt: skip
@@ -92,6 +93,7 @@ class Interpreter:
         self.stage: str | None = None
         self.cause: Any = ""
         self.action = ""
+        self.begun: Body = None
         self.signalled = False
         self.pool: Pool | None = None
         self.random: Random | None = None
@@ -224,16 +226,16 @@ class Interpreter:
                 if result is not DONE:
                     if result.__class__ is GENERATOR:
                         ready.append((result, plan, next(numbers), trigger, args, notes, cause))
-                    elif result.__class__ is BEGUN and not trigger.goal:
-                        # The step of this turn was executed in place.
-                        if awaited and trigger.key in awaited:
-                            intentions.waits.notify(trigger.key, args, notes)
-                        (body,) = result  # pyright: ignore[reportGeneralTypeIssues]
-                        ready.append((body, plan, next(numbers), trigger, args, notes, cause))
-                        if due:
-                            intentions.waits.recheck()
-                        budget -= 1
-                        continue
+                        if result is self.begun:
+                            # The step of this turn was executed in place.
+                            if awaited and trigger.key in awaited and not trigger.goal:
+                                item = ready.pop()
+                                intentions.waits.notify(trigger.key, args, notes)
+                                ready.append(item)
+                            if due:
+                                intentions.waits.recheck()
+                            budget -= 1
+                            continue
                     elif trigger.goal:
                         intentions.adopt_with((SUBGOAL, trigger, args, notes, cause), plan, result)
                     elif result is not None:

@@ -173,10 +173,6 @@ class SpecialBody:
     body: Body
 
 
-BEGUN = list
-"""Class of the result of a plan whose first steps were executed in place: a list with its body."""
-
-
 Frame = tuple["Body | None", "Request | None", "CompiledPlan | None"]
 """Active plan: its steps, its goal, and the plan. A frame without steps keeps a goal for its failure plans."""
 

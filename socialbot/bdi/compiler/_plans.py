@@ -161,7 +161,9 @@ def inline(f: Function, plan: Plan, body: Body, generator: str, *, opened: bool)
                 others = OTHERS if isinstance(plan.body[i - 1], Do) else "ag.events"
                 if i == 1 and not goal:
                     others = f"{others} or ag.inbox"
-                f.line(f"if {others}: return [{rest(i)}]")
+                with f.block(f"if {others}"):
+                    f.line(f"ag.begun = r = {rest(i)}")
+                    f.line("return r")
             body.write_inline(
                 f, step, last=i == len(plan.body) - 1, rest=lambda pause, i=i: f"return {rest(i + 1, pause)}"
             )

@@ -1,8 +1,9 @@
 """Runtime library of generated code: its global names, and the operations of plan steps.
 
 Generated functions receive the interpreter as ``ag`` and use `NAMES` beside it. They read ``ag.stage``,
-``ag.relations``, ``ag.triggers``, ``ag.ready``, ``ag.events``, ``ag.others``, ``ag.inbox`` and ``ag.trace.sink``, and
-call public methods of ``ag``, ``ag.beliefs``, ``ag.intentions`` and ``ag.messaging``. Actions receive ``ag.engine``.
+``ag.relations``, ``ag.triggers``, ``ag.ready``, ``ag.events``, ``ag.others``, ``ag.inbox`` and ``ag.trace.sink``, set
+``ag.begun``, and call public methods of ``ag``, ``ag.beliefs``, ``ag.intentions`` and ``ag.messaging``. Actions receive
+``ag.engine``.
 """
 
 from __future__ import annotations
