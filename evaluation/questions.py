@@ -1,8 +1,9 @@
 """Questions to recorded runs: do the answers reach the right records, and does the trace support every clause?
 
-``python -m evaluation.questions`` asks the questions of questions.yaml about six runs: Waldo on a recorded corridor and
-with five visitors, two warehouses, a hospital, and an agent without vocabulary. `questions_check` re-evaluates each
-clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a neural voice and recognises them first.
+``python -m evaluation.questions`` asks the questions of questions.yaml about eight runs: Waldo on a recorded corridor
+and with five visitors, a reception, two warehouses, a hospital, a cleaner, and an agent without vocabulary.
+`questions_check` re-evaluates each clause from trace.jsonl alone. ``--spoken`` speaks the English questions with a
+neural voice and recognises them first.
 """
 
 from __future__ import annotations

@@ -95,6 +95,8 @@ RUNS: Mapping[str, Callable[[Path], None]] = {
     "hospital": _made_by("demo", "hospital", "--problems", "100", "--seed", "3"),
     "warehouse": _made_by("demo", "warehouse"),
     "warehouse2": _made_by("demo", "warehouse", "--run", "2"),
+    "cleaner": _made_by("demo", "cleaner"),
+    "reception": _made_by("demo", "reception"),
     "corridor": _made_by("replay", "data/synthetic/corridor", "--no-video"),
 }
 """Functions that record each run into a folder, the cheapest ones first."""
@@ -105,6 +107,8 @@ NAMES: Mapping[str, str] = {
     "hospital": "spot, UVD, nurse, room 1, disinfect, patrol, tidy",
     "warehouse": "gripper A, carrier A, carrier B, carrier C, box A1, box B2, base 1, pick up, unload",
     "warehouse2": "gripper A, carrier A, carrier B, carrier C, base B, unload",
+    "cleaner": "kitchen, bathroom, bedroom, dock, battery",
+    "reception": "greet, offer help, library",
     "corridor": "greet, offer help, visitor",
 }
 """Words that the recogniser of each robot expects, as the parameter ``vocabulary`` of the node ``hearing``."""

@@ -106,7 +106,7 @@ def test_denials_of_goals_are_unsupported(guard, change):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["visits", "guard", "hospital"])
+@pytest.mark.parametrize("name", ["visits", "guard", "hospital", "warehouse", "cleaner", "reception"])
 def test_answers_reach_the_right_records(name, tmp_path):
     parts = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
     questions = [line for by_run in parts.values() for line in by_run.get(name, [])]

@@ -17,8 +17,9 @@ from socialbot.runs.asking._facts import near, record_agent
 from socialbot.runs.asking._people import count_people, has_frames, seen, stay, visitors
 from socialbot.runs.asking._questions import NEAR_S, SURE, understand, with_time
 from socialbot.runs.asking._scope import MOST_NAMED, NOBODY, Scope, Told
-from socialbot.runs.asking._sentences import Claim, Clause, infinitive
+from socialbot.runs.asking._sentences import Claim, Clause, infinitive, kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES, Language
 from socialbot.runs.history import History
 from socialbot.runs.run import RunView
@@ -114,7 +115,9 @@ class _Answering(Scope):
         if not len(self.history):
             return self._unknown(text, self.speech.say("not_recorded"))
         if question.kind is None or question.confidence < SURE:
-            return self._unknown(text, self.speech.say("unclear"), understood=False)
+            is_asked = question.verb in tokens(text) and question.verb not in LANGUAGES[question.language].known_words
+            why = self.speech.say("no_deed", word=question.verb) if is_asked else self.speech.say("unclear")
+            return self._unknown(text, why, understood=False)
         asked_s = question.at_s if question.span_s is None else question.span_s[0]
         if asked_s is not None and not 0.0 <= asked_s <= self.history.duration_s + NEAR_S:
             return self._unknown(text, self.speech.say("not_recorded"))
@@ -210,12 +213,21 @@ class _Answering(Scope):
         return self._left_undone()
 
     def _left_undone(self) -> Told | None:
-        """Return that the deed was not done and why; None if a deed has to do with the same things in another way."""
+        """Return that the deed was not done and why; None if the words may mean another deed.
+
+        They may if the deed was done to the same things in another way, if it is done to other kinds of things only,
+        and if they are synonyms and only other agents do it: a carrier that "drops off" does not put boxes down.
+        """
         things = set(self.question.things)
-        done = self.subjects.done(self.topic) if things and self.topic is not None else ()
-        for each in done:
-            if self.agent in ("", record_agent(self.history, each)) and things <= self.things_behind(each):
-                return None
+        done = self.subjects.done(self.topic) if self.topic is not None else []
+        by_agent = [each for each in done if self.agent in ("", record_agent(self.history, each))]
+        if things and any(things <= self.things_behind(each) for each in by_agent):
+            return None
+        if done and not by_agent and self.question.is_synonym:
+            return None
+        kinds = {kind_of_name(one) for each in done for one in (*arguments_of(each.what), each.source)}
+        if done and not kinds.issuperset(kind for one in things if (kind := kind_of_name(one)) != one):
+            return None
         return self._undone()
 
     def _undone(self) -> Told:

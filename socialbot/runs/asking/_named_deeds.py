@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic
@@ -32,56 +33,106 @@ _FORM = 0.96
 """Least similarity of two forms of a word; synonyms are not recognised by their sound."""
 _SYNONYM = 0.96
 """Fit of a synonym."""
+_BY_NAME = 0.9
+"""Share of the fit of a deed that is named by its argument only."""
 _MOST_BETWEEN = 3
 """Most words between the parts of a synonym: ``let the visitor in``."""
 _VERB = 0.78
 """Share of the first word of a loose phrase in its fit."""
 
-_Fit = tuple[float, int, Topic, tuple[int, ...], bool]
-"""Fit, number of words, deed, places of the words, and whether they name its opposite."""
+
+@dataclass(frozen=True)
+class _Fit:
+    """How words name a deed.
+
+    Args:
+        alike: How well they fit.
+        places: Their places.
+        topic: The deed.
+        fixed: The places of words that name it together, as ``drop off`` does.
+        is_opposite: Whether they name its opposite.
+        is_synonym: Whether they are no words of the agent.
+    """
+
+    alike: float
+    places: tuple[int, ...]
+    topic: Topic
+    fixed: tuple[int, ...] = ()
+    is_opposite: bool = False
+    is_synonym: bool = False
+
+    def outdoes(self, other: _Fit) -> bool:
+        """Return whether the other one knows only some words of a phrase: "go ahead" is not to go."""
+        return len(self.fixed) > 1 and set(other.places) < set(self.fixed)
 
 
-def named_deeds(reading: Reading, subjects: Subjects) -> tuple[tuple[Topic, ...], float, bool]:
-    """Return the deeds that the words name, how well the first one fits, and whether they name its opposite."""
+@dataclass(frozen=True)
+class Named:
+    """Deeds that the words of a question name.
+
+    Args:
+        topics: The deeds; those that were done come first.
+        fit: How well the first one fits.
+        is_opposite: Whether they name its opposite.
+        is_synonym: Whether they are no words of the agent.
+    """
+
+    topics: tuple[Topic, ...] = ()
+    fit: float = 1.0
+    is_opposite: bool = False
+    is_synonym: bool = False
+
+
+def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -> Named:
+    """Return the deeds that the words name.
+
+    Of deeds that fit, those that the ``verb`` at that place names come first: "empty its load" is to unload.
+    """
     code, words = reading.language.code, reading.words
     free = set(reading.free())
     # Verbs of every agent may be parts of a deed: "do nothing", "say hello", "come to base".
-    soft = {place for name in _SOFT for _, places in reading.found.get(name, ()) for place in places}
+    soft = {place for name in _SOFT for place in reading.places(name)}
     found: list[_Fit] = []
     for topic in subjects.topics:
-        fits: list[_Fit] = [
-            (alike, len(places), topic, places, opposite)
+        fits = [
+            _Fit(alike, places, topic, places, opposite)
             for opposite, table in ((False, topic.words), (True, topic.opposites))
             for phrase in table.get(code, ())
             for alike, places in [likeness(phrase, words, 4)]
             if places and (set(places) & free or len(places) > 1) and _is_whole(phrase, places, words, free, soft)
         ]
         for phrase in topic.loose:
-            fit, places = _loosely(phrase, words, free, soft)
+            if verb is not None and verb not in reading.places("say") and phrase in topic.named_by_argument:
+                continue  # "Did you meet Bob?" is not about every deed to Bob
+            alike, places = _loosely(phrase, words, free, soft)
             if places:
-                fits.append((fit, len(places), topic, places, False))
+                fits.append(_Fit(alike * (_BY_NAME if phrase in topic.named_by_argument else 1.0), places, topic))
         if topic.declared is not None or subjects.done(topic):
             fits += _by_synonyms(topic, reading, free, soft)
+        fits = [each for each in fits if not any(other.outdoes(each) for other in fits)]
         if fits:
             # "Skip greeting" is the opposite, too.
-            best = max(fits, key=lambda each: each[:2])
-            found.append((*best[:4], any(opposite and alike >= ALIKE for alike, _, _, _, opposite in fits)))
+            is_opposite = any(each.is_opposite and each.alike >= ALIKE for each in fits)
+            best = max(fits, key=lambda each: (each.alike, len(each.places), each.is_opposite))
+            found.append(replace(best, is_opposite=is_opposite))
+    found = [each for each in found if not any(other.outdoes(each) for other in found)]
     if not found:
-        return (), 1.0, False
-    # Deeds that were done come first among those of the same fit.
-    found.sort(key=lambda each: (-each[0], -each[1]))
-    near = [each for each in found if each[0] >= found[0][0] - _SAME]
-    near.sort(key=lambda each: (not subjects.done(each[2]), -each[1], -each[0]))
-    fit, _, _, places, opposite = near[0]
-    if fit < ALIKE - 0.04:
-        return (), 1.0, False
-    reading.found["topic"] = [(fit, places)]
-    reading.taken |= set(places)
-    named = {word for phrase in (*near[0][2].words.get(code, ()), *near[0][2].loose) for word in phrase}
-    reading.taken |= {at for at in free if any(similarity(words[at], word) >= ALIKE for word in named)}
+        return Named()
+    most = max(each.alike for each in found)
+    near = [each for each in found if each.alike >= most - _SAME]
+    near.sort(key=lambda each: (verb not in each.places, not subjects.done(each.topic), -len(each.places), -each.alike))
+    first = near[0]
+    if first.alike < ALIKE - 0.04:
+        return Named()
+    places = set(first.places)
+    reading.found["topic"] = [(first.alike, first.places)]
+    reading.taken |= places
+    named = {word for phrase in (*first.topic.words.get(code, ()), *first.topic.loose) for word in phrase}
+    reading.found["deed"] = [(1.0, (at,)) for at in free if any(similarity(words[at], word) >= ALIKE for word in named)]
+    reading.taken |= set(reading.places("deed"))
     # Other deeds have the same words, or some of them: "Bob" alone is no other deed for "let in".
-    same = [each[2] for each in near if set(each[3]) & set(places)]
-    return tuple(same), min(1.0, fit), opposite
+    same = tuple(each.topic for each in near if places.intersection(each.places))
+    return Named(same, min(1.0, first.alike), first.is_opposite, first.is_synonym)
 
 
 def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int]) -> Iterator[_Fit]:
@@ -99,8 +150,8 @@ def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int])
     for opposite, table in ((False, topic.words), (True, topic.opposites)):
         for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
             if places := places_of(other):
-                yield _SYNONYM, len(places), topic, places, opposite
-    if code != "en":
+                yield _Fit(_SYNONYM, places, topic, places, opposite, is_synonym=True)
+    if code != "en" or topic.is_saying:
         return  # names of goals and actions are English
     for phrase in topic.loose:
         for other in synonyms(phrase[:1], code):
@@ -108,7 +159,7 @@ def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int])
                 rest = (free | soft) - set(places)
                 objects = tuple(at for at in rest if any(similarity(words[at], one) >= ALIKE for one in phrase[1:]))
                 share = 1.0 if len(phrase) == 1 else _VERB + (1.0 - _VERB) * len(objects) / len(phrase[1:])
-                yield _SYNONYM * min(1.0, share), len(places) + len(objects), topic, (*places, *objects), False
+                yield _Fit(_SYNONYM * min(1.0, share), (*places, *objects), topic, places, is_synonym=True)
 
 
 def _is_whole(phrase: Phrase, places: Sequence[int], words: Sequence[str], free: set[int], soft: set[int]) -> bool:

@@ -15,6 +15,7 @@ from socialbot.runs.asking._clauses import (
     without_event,
     without_matrix,
 )
+from socialbot.runs.asking._coverage import coverage
 from socialbot.runs.asking._kinds import Kind, kind_of
 from socialbot.runs.asking._named_deeds import named_deeds
 from socialbot.runs.asking._references import (
@@ -27,11 +28,18 @@ from socialbot.runs.asking._references import (
     take_span,
     take_time,
 )
-from socialbot.runs.asking._roles import ADDRESSING, FORM, acting_agent, addressee, is_for_robot
+from socialbot.runs.asking._roles import (
+    ADDRESSING,
+    acting_agent,
+    addressee,
+    clause_verb,
+    is_explained,
+    is_for_robot,
+)
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
-from socialbot.runs.asking._words import NUMBER_WORDS, quoted_tokens, stem, tokens
+from socialbot.runs.asking._words import NUMBER_WORDS, is_ordinary_verb, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
 from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
 
@@ -44,21 +52,14 @@ NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
+_ALL_SAID = 0.99
 _MOST_CONFUSED = 2
 """Most words that a recogniser confused with words of the same sound."""
 _LONG = 5
 """Least length of a word that is heard as two."""
 _LONG_PHRASE, _ASKING = 3, 3
 """Least words of a phrase, and least letters of a word of a short one, that is expected in a question."""
-_UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
-"""What an unknown word costs: near the deed, behind a preposition, and far away."""
-_GUESSED = 0.24
-"""What a word costs that only resembles one of the grammar."""
-_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
-_PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _INDEFINITE = {"anybody", "anyone", "somebody", "someone", "jemand", "jemanden", "quelqu", "alguien"}
-_NEAR = 3
-"""Most words between a deed and an unknown word near it."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +85,12 @@ class Question:
         extreme: Whether it asks for the longest or the shortest visit.
         about_left_out: Whether it asks for people for whom the deed was not done.
         about_speech: Whether it is about speaking in general.
+        asks: Whether it is about asking somebody.
         contrast: Question about those with whom the deed is contrasted: ``and not t2``.
         event: Question about the event that tells the time: ``after t2 had left``.
         unknown: Its words that nothing explains.
+        verb: Its verb, if nothing explains it.
+        is_synonym: Whether it names the deed by a synonym that the agent does not declare.
     """
 
     kind: Kind | None
@@ -108,9 +112,12 @@ class Question:
     extreme: Literal["longest", "shortest", ""] = ""
     about_left_out: bool = False
     about_speech: bool = False
+    asks: bool = False
     contrast: Question | None = None
     event: Event | None = None
     unknown: tuple[str, ...] = ()
+    verb: str = ""
+    is_synonym: bool = False
 
 
 @dataclass(frozen=True)
@@ -143,12 +150,14 @@ def understand(text: str, subjects: Subjects, language: str = "") -> Question:
     for _ in range(_MOST_CONFUSED):
         if (best.kind is not None and best.confidence >= SURE) or best.language != ENGLISH.code:
             break
+        known = ENGLISH.known_words | words_of_deeds(subjects, ENGLISH.code)
         strange = {*best.unknown, *(set(words) - ENGLISH.known_words - subjects.names)}
         variants = [
             [*words[:n], one, *words[n + 1 :]]
             for n, word in enumerate(words)
-            if word in strange
+            if word in strange and not is_ordinary_verb(word) and {*words[:n][-1:]}.isdisjoint(subjects.kinds)
             for one in homophones(word)
+            if one in known
         ]
         read = [(_understood(each, quoted, subjects, ENGLISH.code), each) for each in variants]
         better, words = max(read, key=lambda each: _certainty(each[0]), default=(best, words))
@@ -181,7 +190,7 @@ def _prepared(words: Sequence[str], subjects: Subjects, language: Language, *, i
     spelled = [corrected(word, known, subjects.names, asking) for word in words]
     result = without_matrix(_joined(spelled, subjects, language), language)
     if language is ENGLISH and is_plain:
-        deeds = words_of_deeds(subjects, language.code)
+        deeds = words_of_deeds(subjects, language.code, with_opposites=True)
         result = paraphrased(result, deeds=deeds, has_people=bool(subjects.persons))
         result = addressed(caused(result, subjects, language), language)
     return result
@@ -281,7 +290,9 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     if person is None and reading.has("me"):
         person = PersonReference(me=True)
     ordinal = take_ordinal(reading, referred) if span_s is None else None
-    topics, fit, is_opposite = named_deeds(reading, subjects)
+    verb = clause_verb(reading, referred)
+    named = named_deeds(reading, subjects, verb)
+    topics, fit, is_opposite = named.topics, named.fit, named.is_opposite
     if topics and topics[0].declared is None:
         # "Why did you let Ann in?" is about Ann, even if the name belongs to another deed.
         for place in reading.free():
@@ -332,45 +343,17 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
         at_s = person.at_s
     unknown = tuple(reading.words[place] for place in reading.free())
-    confidence = min(sure, fit) * _coverage(
-        reading, topic, subjects.known_words | words_of_deeds(subjects, language.code)
-    )
+    known = subjects.known_words | words_of_deeds(subjects, language.code)
+    verb = None if verb is None or is_explained(reading, verb) else verb
+    confidence = min(sure, fit) * coverage(reading, topic, known, subjects.kinds, verb)
     return Question(
         kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), says=says, is_opposite=is_opposite,
         is_negative=reading.has("not", "nobody"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say"),
-        unknown=unknown,
+        asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
+        unknown=unknown, verb="" if verb is None else reading.words[verb], is_synonym=named.is_synonym,
     )  # fmt: skip
-
-
-def _coverage(reading: Reading, topic: Topic | None, known: Set[str]) -> float:
-    """Return how much of the question is explained.
-
-    An unknown object of the deed counts most; less count words behind a preposition, adverbs, and words far away.
-    """
-    places: tuple[int, ...] = reading.found["topic"][0][1] if topic is not None else ()
-    aside = {one[0] for name in ("at", "here") for one in reading.language.phrases[name]} | _PREPOSITIONS
-    stems = {stem(word) for word in known}
-    penalty = 0.0
-    for place in reading.free():
-        word = reading.words[place]
-        if stem(word) in stems:
-            continue
-        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
-        is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
-        near = not places or any(abs(place - at) <= _NEAR for at in places)
-        far = word.endswith("ly") or len(word) < 3 or not near
-        penalty += _UNKNOWN_FAR if far else _UNKNOWN_ASIDE if is_aside else _UNKNOWN_NEAR
-    guessed = {
-        place
-        for name, found in reading.found.items()
-        if name not in (*INTERROGATIVES, "topic", "past", "present", "future")
-        for alike, places in found
-        for place in places
-        if alike < FORM
-    }
-    return 1.0 / (1.0 + penalty + _GUESSED * len(guessed))
 
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
@@ -424,12 +407,20 @@ def _words_said(
     if vague.issuperset(said):
         said = ()  # "speak with t3", "say anything"
     is_quoted = subjects.is_quoted(said)
-    if not said or (topic is not None and (topic.declared is not None or not is_quoted)):
+    if not said or (topic is not None and not is_quoted):
+        return ()
+    if topic is not None and topic.declared is not None and not _is_whole_quotation(said, reading, subjects):
         return ()
     if not is_quoted and reading.taken.issuperset(range(begin, end)):
         return ()
     reading.taken.update(range(begin, end))
     return said
+
+
+def _is_whole_quotation(said: Sequence[str], reading: Reading, subjects: Subjects) -> bool:
+    """Return whether somebody said all of several words: "say you are welcome" is no question about a welcome."""
+    names_saying = set(reading.places("say")).intersection(reading.places("topic"))
+    return len(said) > 2 and not names_saying and subjects.is_quoted(said, _ALL_SAID)
 
 
 def with_time(question: Question, now_s: float) -> Question:

@@ -49,6 +49,9 @@ class Reading:
     def place(self, name: str) -> int:
         return self.found[name][0][1][0]
 
+    def places(self, name: str) -> list[int]:
+        return [place for _, places in self.found.get(name, ()) for place in places]
+
     def free(self) -> list[int]:
         return [place for place in range(len(self.words)) if place not in self.taken]
 
@@ -131,7 +134,7 @@ def take_span(reading: Reading) -> tuple[float, float] | None:
     """
     units, words = reading.language.units, reading.words
     for n in range(1, len(words)):
-        first = number_at(words, n)
+        first = number_at(words, n) or fraction_at(words, n, units)
         order = _order(words[n - 1], reading.language)
         if first is None and words[n] in units and order in (1, -1):
             reading.taken |= {n - 1, n}  # the first minute

@@ -11,7 +11,6 @@ from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Question
 from socialbot.runs.asking._sentences import Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
-from socialbot.runs.asking._words import ALIKE, similarity, tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of
@@ -114,11 +113,9 @@ class Scope:
 
     def quoted(self, deeds: Sequence[TraceRecord], words: Sequence[str], least: float = 0.5) -> list[TraceRecord]:
         """Return the utterances with the largest share of ``words``, at least ``least`` of them."""
-        shares = []
-        for each in deeds:
-            said = set(tokens(self.subjects.words_said(each)))
-            shared = sum(max((similarity(one, other) for other in said), default=0.0) > ALIKE for one in words)
-            shares.append(shared / len(words) if said else 0.0)
+        if self.question.asks:
+            deeds = [each for each in deeds if self.subjects.asks(each)] or deeds
+        shares = [self.subjects.share_said(words, each) for each in deeds]
         most = max([least, *shares])
         return [each for each, share in zip(deeds, shares, strict=True) if share >= most]
 

@@ -201,7 +201,9 @@ class Speech:
             return f"does {topic.name}" + (f" with {', '.join(things)}" if things else "")
         done = self.facts.subjects.done(topic)
         example = list(arguments_of(done[-1].what)) if done else []
-        values = {n: thing for thing in things for n, one in enumerate(example) if _kind(one) == _kind(thing)}
+        values = {
+            n: thing for thing in things for n, one in enumerate(example) if kind_of_name(one) == kind_of_name(thing)
+        }
         unfit = [thing for thing in things if thing not in values.values()]
         told = re.split(
             r"\s+\w+\s+\{(?!(?:%s)\})\d\}|\s*\{(?!(?:%s)\})\d\}" % (("|".join(map(str, values)) or "x",) * 2), sentence
@@ -223,7 +225,12 @@ class Speech:
             text, value, more = self._measured(text, persons, stamp, belief.agent)
             records += more
         if text is None:
-            text = self._perceived(belief.record) or self.say("belief", what=belief.what)
+            percept = self._percept(belief.record)
+            if percept is None:
+                text = self.say("belief", what=belief.what)
+            else:
+                text = f'my sensor noted "{percept.what}"'
+                records = [*records, percept.id]
         if not self.is_single and text == self.say("belief", what=belief.what):
             text = f"{self.subject(belief.agent)} believed {belief.what}"
         return Clause(
@@ -269,12 +276,12 @@ class Speech:
         seconds = self.facts.seconds(stamp) - self.facts.seconds(held.begin)
         return text.replace(found[0], number(seconds)), round(seconds, 6), [held.record.id]
 
-    def _perceived(self, belief: TraceRecord) -> str | None:
+    def _percept(self, belief: TraceRecord) -> TraceRecord | None:
         """Return what the sensor of a belief noted, in English and in the past; None without a note."""
         percept = self.facts.history.cause(belief)
         if self.language != "en" or percept is None or percept.kind != "percept":
             return None
-        return f'my sensor noted "{percept.what}"'
+        return percept
 
     def narrated(self, record: TraceRecord, kind: ClaimKind) -> Clause:
         """Return the clause that explanations have for a record."""
@@ -286,7 +293,7 @@ class Speech:
         return Clause(text, (record.id,), Claim(kind, record.source, (record.what,), seconds))
 
 
-def _kind(name: str) -> str:
+def kind_of_name(name: str) -> str:
     """Return the first word of a name: box_a1 and box_b2 are of one kind."""
     return re.split(r"[_\d]", name)[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Set
 
-from socialbot.runs.asking._words import stem
+from socialbot.runs.asking._words import is_ordinary_verb, stem
 
 _SHORT = 6
 """Length from which on a word may have a wrong letter or one too many."""
@@ -22,7 +22,7 @@ def corrected(word: str, known: Set[str], names: Set[str], asking: Set[str] = fr
         names: Words of names, which are never changed.
         asking: Words of questions, which are expected most: short ones may have a wrong letter, too.
     """
-    if len(word) < _LEAST or not word.isalpha() or word in known or word in names:
+    if len(word) < _LEAST or not word.isalpha() or word in known or word in names or is_ordinary_verb(word):
         return word
     swapped = {each for each in _swapped(word) if each in known}
     if swapped:

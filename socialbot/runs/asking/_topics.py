@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
-from socialbot.runs.asking._words import folded, name_tokens, tokens
+from socialbot.runs.asking._words import ALIKE, folded, name_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH
+from socialbot.runs.asking.languages.synonyms import synonyms
 from socialbot.runs.history import History
 from socialbot.runs.narration import Wording, plan_name, rejected_plans
 from socialbot.runs.why import actions, call_of
@@ -55,6 +56,12 @@ _CONTROL = {
     "error_msg",
     "call",
 }
+_FORM = 0.96
+"""Least similarity of two forms of a word."""
+_REQUESTING = {"please", "can", "could", "may", "would", "need", "want", "bitte", "por", "plait"}
+"""Words of requests."""
+_UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
+"""Words of a quotation in other words: ``ask for the door to be closed``."""
 _SAYING = {"say", "speak", "tell", "utter", "announce"}
 MOST_DEEDS = 2000
 """Distinct calls of a run that can be asked about; a run with more has lost its oldest ones."""
@@ -82,6 +89,17 @@ class Topic:
         return not told or any(
             "{person}" in one for pair in told for one in ([pair] if isinstance(pair, str) else pair)
         )
+
+    @property
+    def is_saying(self) -> bool:
+        """Whether the deed is to say words that its name has: ``say("Come in")``."""
+        return bool(_SAYING.intersection(name_tokens(_name(self.name)))) and "(" in self.name
+
+    @property
+    def named_by_argument(self) -> Set[Phrase]:
+        """Phrases that have only the argument of its call: Bob, of ``check("Bob")``."""
+        texts = () if self.is_saying or self.declared is not None else arguments_of(self.name)
+        return {tuple(tokens(text)) for text in texts}
 
     def covers(self, call: str) -> bool:
         """Return whether ``call`` (``name(argument, ...)``, quotes do not count) is this deed."""
@@ -139,6 +157,10 @@ class Subjects:
         self.known_words = (heads | named) - {one[0] for topic in self.topics for one in topic.loose}
         """Words of things and beliefs: they are no deeds, but no unknown words either."""
         spoken = (*self.things, *self.agents, *self.persons, *map(wording.name, self.agents))
+        self.kinds = frozenset(
+            words[0] for name in (*self.things, *self.agents) for words in [tokens(name)] if len(words) > 1
+        )
+        """First words of names with several words: room, of room1."""
         self.names = frozenset(word for name in spoken for word in tokens(name)) | self.known_words
         """Words of the names of things, agents and persons."""
 
@@ -245,10 +267,31 @@ class Subjects:
         texts = re.findall(r'"([^"]*)"', record.what) if named else ()
         return " ".join(text for text in texts if text not in self.agents)
 
-    def is_quoted(self, words: Sequence[str]) -> bool:
-        """Return whether an utterance has most of ``words``."""
-        said = (set(tokens(self.words_said(each))) for each in self.deeds)
-        return any(2 * len(set(words) & each) > len(set(words)) for each in said)
+    def asks(self, record: TraceRecord) -> bool:
+        """Return whether the words of an utterance ask for something."""
+        said = self.words_said(record)
+        return "?" in said or bool(_REQUESTING.intersection(tokens(said)))
+
+    def share_said(self, words: Sequence[str], record: TraceRecord, alike: float = ALIKE) -> float:
+        """Return the share of ``words`` that an utterance has, as they are or by a synonym; articles do not count.
+
+        Words that are not synonyms are the same if their similarity is above ``alike``.
+        """
+        said = set(tokens(self.words_said(record)))
+        counted = [word for word in words if word not in _UNCOUNTED] or list(words)
+        if not said or not counted:
+            return 0.0
+        stems = set(map(stem, said))
+        shared = (
+            max(similarity(word, other) for other in said) > alike
+            or any(len(one) == 1 and stem(one[0]) in stems for one in synonyms((word,), ENGLISH.code))
+            for word in counted
+        )
+        return sum(shared) / len(counted)
+
+    def is_quoted(self, words: Sequence[str], least: float = 0.5) -> bool:
+        """Return whether an utterance has more than the share ``least`` of ``words``."""
+        return any(self.share_said(words, each, _FORM) > least for each in self.deeds)
 
     def topic_of(self, record: TraceRecord) -> Topic | None:
         """Return the deed of a record of an action; None without one."""

@@ -6,7 +6,9 @@ import re
 import unicodedata
 from collections.abc import Container, Iterable, Iterator, Sequence
 from difflib import SequenceMatcher
-from functools import lru_cache
+from functools import cache, lru_cache
+
+from socialbot.runs.asking._verbs import ORDINARY_VERBS
 
 ALIKE = 0.72
 """Least similarity of a word that a person wrote or a recogniser heard to a known word."""
@@ -118,6 +120,17 @@ def stem(word: str) -> str:
     return word
 
 
+@cache
+def _ordinary_stems() -> frozenset[str]:
+    return frozenset(map(stem, ORDINARY_VERBS))
+
+
+@lru_cache(maxsize=10_000)
+def is_ordinary_verb(word: str) -> bool:
+    """Return whether a word is a form of an ordinary English verb, which resembles other words by chance only."""
+    return stem(word) in _ordinary_stems()
+
+
 _SOUNDS = (
     ("sch", "x"), ("tch", "x"), ("ch", "x"), ("sh", "x"), ("ph", "f"), ("gh", ""), ("th", "t"), ("wh", "w"),
     ("ck", "k"), ("qu", "k"), ("kn", "n"), ("wr", "r"),
@@ -142,14 +155,17 @@ def _most_alike(one: str, other: str) -> float:
 
 @lru_cache(maxsize=50_000)
 def similarity(one: str, other: str) -> float:
-    """Return how alike two words are, from 0 to 1: equal, of one stem, written alike, or sounding alike."""
+    """Return how alike a word of a question is to a known one, from 0 to 1.
+
+    They are equal, of one stem, written alike, or sound alike; an ordinary verb is only like its own forms.
+    """
     if one == other:
         return 1.0
     if one.isdigit() or other.isdigit():
         return 0.0
     if stem(one) == stem(other):
         return 0.97
-    if min(len(one), len(other)) < _SHORTEST_STEM:
+    if min(len(one), len(other)) < _SHORTEST_STEM or is_ordinary_verb(one):
         return 0.0
     pairs = ((one, other), (stem(one), stem(other)))
     if sum(_most_alike(*pair) for pair in pairs) < 2 * _LEAST_WRITTEN:

@@ -85,7 +85,7 @@ ENGLISH = Language(
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "say": (
-            "say,said,speak,spoke,tell,told,utter,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
+            "say,said,speak,spoke,tell,told,utter,complain,comment,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
             "statement,utterance,utterances"
         ),
         "here": (
@@ -94,7 +94,7 @@ ENGLISH = Language(
             "hang around,nearby,close to you,near you,next to you,beside you,around you,close by,near the camera"
         ),
         "people": (
-            "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,lady,child,men,women,"
+            "people,person,persons,visitor,visitors,man,woman,guest,guests,human,humans,guy,chap,fellow,bloke,lad,lady,child,men,women,"
             "anybody,anyone,somebody,someone,everybody,one,faces,folk,folks,individual,individuals,children,kid,kids,"
             "boy,girl,ladies,"
             "couple,pair,duo,group,gentleman,customer,customers,passer by,passers by,"
@@ -163,8 +163,8 @@ ENGLISH = Language(
             "whether,if,true that,case that,correct that,right that,sure that,certain that,fact that,think that"
         ),
         "filler": (
-            "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,print,"
-            "return,decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,"
+            "passed,elapsed,um,uh,uhm,today,tonight,this morning,this afternoon,log,record,trace,footage,output,"
+            "decision,erm,er,hm,hmm,huh,eh,oh,ah,yeah,yes,listen,basically,you know,i mean,let me think,"
             "let me see,"
             "by the way,out of curiosity,just wondering,curiosity,come on,issue,issued,make,made,making,took place,"
             "might,may,track,mark,show me,take place,taken place,taking place,carry out,carried out,perform,performed,"
@@ -206,6 +206,7 @@ ENGLISH = Language(
         "no": "No",
         "unknown": "I don't know",
         "unclear": "I am not sure what you ask",
+        "no_deed": 'I do not know "{word}" as a deed',
         "able": (
             "I can tell why I did something or left it undone, what I saw, said, did and intended, and "
             "who was here when"

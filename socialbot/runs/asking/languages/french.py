@@ -110,6 +110,7 @@ FRENCH = Language(
         "no": "Non",
         "unknown": "Je ne sais pas",
         "unclear": "Je ne suis pas sûr de comprendre la question",
+        "no_deed": "je ne connais pas « {word} » comme action",
         "able": (
             "Je peux dire pourquoi j'ai fait quelque chose ou non, ce que j'ai vu, dit, fait et prévu, "
             "et qui était là et quand"

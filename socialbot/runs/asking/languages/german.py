@@ -118,6 +118,7 @@ GERMAN = Language(
         "no": "Nein",
         "unknown": "Das weiß ich nicht",
         "unclear": "Ich verstehe die Frage nicht sicher",
+        "no_deed": '"{word}" kenne ich nicht als Tat',
         "able": (
             "Ich kann sagen, warum ich etwas tat oder ließ, was ich sah, sagte, tat und vorhatte, und wer wann hier war"
         ),

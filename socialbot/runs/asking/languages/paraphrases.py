@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence, Set
 from functools import cache
 
 from socialbot.runs.asking._words import stem
+from socialbot.runs.asking.languages.synonyms import synonyms
 
 Phrase = tuple[str, ...]
 
 _MEANINGS = """
-    say: open mouth, come out of mouth, leave lips, cross lips, put into words, blurt out, voice
+    say: open mouth, come out of mouth, out of mouth, leave lips, cross lips, put into words, blurt out, voice
     view: field of view, field of vision, line of sight, range of vision, eyesight
     see: make out, lay eyes on, set eyes on, clap eyes on, get look at, have look at, pick out, catch glimpse of,
         become aware of, take notice of
@@ -39,6 +40,8 @@ _MEANINGS = """
     why when: what be on mind when, what go through mind when, what go through head when
     why: for what cause, whatever for, to what end, with what aim, how do it come, what be you think, what be behind
 """
+_DEEDS = {"greet", "help", "ignore"}
+"""Meanings that are deeds of some agents only."""
 _MOTION = "walk,come,step,stroll,wander,pop,drop,swing,roll,run,rush,march,saunter,breeze,file,drift,amble"
 _TOWARDS, _AWAY = "in,by,over,along,around,round,past,inside,through", "away,off,out"
 _BETWEEN = frozenset(("a", "an", "the", "him", "her", "them", "me", "my", "your", "his", "their", "its", "just", "any"))
@@ -101,6 +104,8 @@ def paraphrased(words: Sequence[str], *, deeds: Set[str], has_people: bool) -> l
                 continue
             if not is_motion and len(phrase) == 1 and phrase[0] in stems:
                 continue
+            if meant[0] in _DEEDS and not stems.intersection(_named_by(meant)):
+                continue
             is_past = words[place] in _BASES or words[place].endswith("ed") or words[place] == "came"
             result += [_PAST.get(word, word) if is_past else word for word in meant]
             place = end
@@ -109,6 +114,11 @@ def paraphrased(words: Sequence[str], *, deeds: Set[str], has_people: bool) -> l
             result.append(words[place])
             place += 1
     return result
+
+
+@cache
+def _named_by(meant: Phrase) -> frozenset[str]:
+    return frozenset(stem(one[0]) for one in (meant, *synonyms(meant, "en")) if len(one) == 1)
 
 
 def _end(phrase: Phrase, words: Sequence[str], place: int) -> int:

@@ -103,6 +103,7 @@ SPANISH = Language(
         "no": "No",
         "unknown": "No lo sé",
         "unclear": "No estoy seguro de entender la pregunta",
+        "no_deed": "no conozco «{word}» como acción",
         "able": (
             "Puedo decir por qué hice o no hice algo, qué vi, dije, hice y pensaba hacer, y quién estuvo aquí y cuándo"
         ),

@@ -16,24 +16,27 @@ Phrase = tuple[str, ...]
 _GROUPS: Mapping[str, str] = {
     "en": """
         greet, greeting, welcome, salute, say hello, say hi, hello, address, acknowledge, hail, say good day
-        help, assist, assistance, aid, support, lend hand, give hand, offer help, offer, of service
+        help, assist, assistance, aid, support, lend hand, give hand, offer help, offer hand, offer, of service
         ignore, overlook, neglect, disregard, skip, snub, pass over, leave alone, shun, cold shoulder
         wait, pause, hesitate, linger, stand by, hold on
         idle, stay idle, be idle, rest, do nothing, stand still, stand around, inactive
         pick, pick up, pickup, grab, grasp, grip, lift, take, collect, fetch, seize, clutch, get hold of, take hold of
-        put, place, load, lay, set down, put down, deposit, stow, stack, position, drop off
+        put, place, load, lay, set down, put down, put on, put in, put away, deposit, stow, stack, position, drop off
         drop, let fall, let go of, lose hold of
         move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return,
-            pull out, pull away, take off, roll out, set out, get going, relocate, cruise
-        unload, discharge, empty, offload, unpack, dump
+            reach, get to, get round to, get around to, pull out, pull away, take off, roll out, set out, get going,
+            relocate, cruise
+        unload, discharge, empty, offload, unpack, dump, drop off, get rid of
         call, request, summon, order, beckon, send for, call for, ask for, ask to come,
             ask over, call over, call in, bring in, page, req
-        open, unlock, unlatch
-        close, shut, lock
+        open, open up
+        close, shut
+        lock, lock up, bolt
+        unlock, unbolt
         disinfect, disinfection, sanitize, sanitise, sterilize, sterilise, decontaminate
         tidy, tidy up, clean, clean up, clear up, adapt, straighten up, put in order
         patrol, inspect, survey, tour, scout, monitor, look around
-        check, verify, examine, inspect, validate, test, look over
+        check, verify, examine, inspect, validate, test, look over, check on, check up on, take a look at, take look at
         authenticate, identify, verify, establish identity
         authorize, authorise, permit, allow, approve, clearance, permission, go ahead, green light
         approach, walk up to, go up to, come up to, go over to, walk over to, move up to, draw near, close in on

@@ -1,0 +1,136 @@
+"""Questions about deeds in words that the agents do not have: they are not denied and not taken for other deeds."""
+
+from __future__ import annotations
+
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.messages import TraceRecord
+from socialbot.runs.asking import answer
+from socialbot.runs.asking._spelling import corrected
+from socialbot.runs.asking._words import ALIKE, similarity
+from socialbot.runs.history import History
+from socialbot.runs.run import RunView
+from tests.runs.asking.waldo_run import two_visitors
+
+DEEDS = (
+    ("gripper_a", "pickup(gripper_a, box_a1, base_1)"),
+    ("gripper_a", "put(gripper_a, box_a1, carrier_a)"),
+    ("carrier_a", "drive(carrier_a, base_1, deposit_a)"),
+    ("carrier_a", "unload(carrier_a, deposit_a)"),
+    ("guard_a", 'check("Bob")'),
+    ("guard_a", 'say("Please close the door.")'),
+)
+
+
+@pytest.fixture(scope="module")
+def yard() -> RunView:
+    """Return a run of three agents without vocabulary and phrases, a deed each second."""
+    return RunView(
+        None,
+        History(
+            TraceRecord(stamp=n * SECOND, id=f"{source}-{n}", source=source, kind="action", what=what)
+            for n, (source, what) in enumerate(DEEDS)
+        ),
+        None,
+    )
+
+
+@pytest.fixture(scope="module")
+def waldo() -> RunView:
+    return two_visitors()
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s"),
+    [
+        ("Did carrier A drop off its load?", 3),
+        ("Did carrier a get rid of its boxes?", 3),
+        ("When did carrier a empty its load?", 3),
+        ("Did guard a take a look at Bob?", 4),
+        ("Did guard a ask for the door to be shut?", 5),
+        ("Did the gripper put the box on carrier a?", 1),
+    ],
+)
+def test_synonym_reaches_the_deed_of_the_agent_in_question(yard, question, at_s):
+    found = answer(yard, question)
+    assert [clause.claim.at_s for clause in found.clauses[:1]] == [at_s], found.text
+    assert not found.text.startswith("No")
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did carrier a throw its load?",
+        "Did carrier a lay down its load?",  # a synonym of what only the gripper does
+        "Did the gripper drive with box a1?",
+        "Did guard a frisk Bob?",
+        "Did guard a throw Bob out?",
+        "Did guard a give up Bob?",
+        "Did guard a meet Bob?",
+        "Did guard a check in?",
+        "Did guard a lock the door?",
+        "Did the gripper fill box a1?",
+        "Did the gripper put off box a1?",
+    ],
+)
+def test_unknown_deed_is_neither_denied_nor_another_one(yard, question):
+    found = answer(yard, question)
+    assert not found.known, found.text
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did the gripper put box a1 on carrier b?",
+        "When did carrier d unload?",
+        "Did the gripper put box 7 on carrier a?",
+    ],
+)
+def test_deed_is_not_told_of_another_thing_than_the_one_in_question(yard, question):
+    assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize("question", ["Did carrier a pickup box a1?", "Did the gripper drive to base 1?"])
+def test_deed_in_words_of_the_agents_is_denied(yard, question):
+    assert answer(yard, question).text.startswith("No: ")
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did you wash t2?",
+        "Did you fill t2?",
+        "Did you shut down t2?",
+        "What did you hear at 22 s?",
+        "Did you kick out t2?",
+    ],
+)
+def test_ordinary_verb_is_no_misheard_word(waldo, question):
+    assert not answer(waldo, question).known
+
+
+def test_answer_names_the_verb_that_is_unknown(waldo):
+    assert 'I do not know "kick" as a deed' in answer(waldo, "Why did you kick t1?").text
+    assert '"kicked"' not in answer(waldo, "Have you noticed anybody?").text
+
+
+@pytest.mark.parametrize(("word", "known"), [("fill", "follow"), ("throws", "through"), ("heated", "head")])
+def test_ordinary_verbs_resemble_their_own_forms_only(word, known):
+    assert similarity(word, known) < ALIKE
+    assert corrected(word, {known}, set()) == word
+    assert similarity("throwing", "throw") > ALIKE
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Did you manage to greet t1?",
+        "Did you, you know, greet t1?",
+        "Could it be that you greeted t1?",
+        "Did you give t1 a greeting?",
+        "Have you really greeted t1?",
+    ],
+)
+def test_verbs_with_another_verb_or_noun_are_understood(waldo, question):
+    assert "at 2.2 s I greeted person t1" in answer(waldo, question).text
