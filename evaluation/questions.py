@@ -22,6 +22,7 @@ from ruamel.yaml import YAML
 from evaluation.questions_check import Verifier, covers
 from evaluation.questions_runs import NAMES, RUNS
 from evaluation.report import JsonOption, QuickOption, Report, run
+from socialbot.core.errors import ParameterError
 from socialbot.runs.asking import Answer, answer
 from socialbot.runs.folder import RecordedRun, open_run
 
@@ -128,18 +129,24 @@ def questions(
         bool, typer.Option("--spoken", help="Speak and recognise those in English (extras hear, voices).")
     ] = False,
     runs: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder that keeps the runs.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--part", metavar="LIST", help="A list of questions.yaml; by default all.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Ask recorded runs questions, and check the records and clauses of the answers."""
     report = Report("Questions", quick)
-    parts: Mapping[str, Mapping[str, list[str]]] = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
+    lists: Mapping[str, Mapping[str, list[str]]] = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
+    if unknown := set(only or ()) - set(lists):
+        raise ParameterError(f"there is no list {sorted(unknown)[0]!r}", remedy=f"give one of {', '.join(lists)}")
+    parts = {name: lists[name] for name in only or lists}
     counts: dict[str, list[int]] = {part: [0, 0, 0] for part in parts}
     rows: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     kinds: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as temporary:
         for name, make in RUNS.items():
-            if quick and name in SLOW_RUNS:
+            if (quick and name in SLOW_RUNS) or not any(name in by_run for by_run in parts.values()):
                 continue
             folder = (runs or Path(temporary)) / name
             if not (folder / "trace.jsonl").exists():

@@ -20,6 +20,8 @@ def said(scope: Scope) -> Told | None:
     at_s = scope.question.at_s
     if at_s is not None:
         spoken = near(spoken, scope.history.stamp(at_s), NEAR_S)
+    elif scope.question.event is not None and scope.question.event.heard is not None:
+        spoken = spoken[:1] if scope.question.event.relation != "before" else spoken[-1:]  # the reply
     elif scope.question.ordinal is not None or not scope.persons:
         spoken = [one for one in [scope.numbered(spoken)] if one is not None]
     if not spoken and scope.question.things:

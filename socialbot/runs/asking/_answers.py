@@ -28,6 +28,9 @@ from socialbot.runs.why import call_of, decided_at
 ALL_WORDS = 0.8
 """Least share of the words in question that an utterance has to have to be told as said."""
 
+SOME_WORDS = 0.3
+"""Share of the words in question from which on an utterance may have asked for the same thing."""
+
 _TOLD: Mapping[str, Callable[[Scope], Told | None]] = {"see": seen, "said": said, "doing": doing, "next": ahead}
 """Functions that answer kinds of questions about a state."""
 
@@ -355,6 +358,8 @@ class _Answering(Scope):
         if said:
             clause = self.speech.did(said[-1], None)
             return f"{self.speech.say('yes')}: {clause.text}", [clause]
+        if self.question.asks and self.quoted(self.up_to_now(), self.question.says, SOME_WORDS):
+            return None  # "Did you ask to see a badge?": in other words, perhaps
         text = self.speech.about(self.agent, self.speech.say("said_no_words", what=" ".join(self.question.says)))
         claim = Claim("said_not", self.agent, self.question.says, 0.0, self.now_s, tuple(self.persons))
         clause = Clause(text, (), claim)

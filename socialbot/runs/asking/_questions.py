@@ -48,6 +48,8 @@ SURE = 0.68
 _AWAY = {"away", "off", "weg", "fort"}
 """Particles of verbs of leaving."""
 _BEFORE_SAID = {"for", "about", "a", "an", "the"}
+_BEFORE_ASKED = _BEFORE_SAID | {"to", "see", "have", "get"}
+"""Words behind a verb of asking that need not be said: ``ask to see a badge``."""
 NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
@@ -128,11 +130,13 @@ class Event:
         relation: Whether the time is after it, before it, or that of the event.
         what: The people and the deed, as a question.
         leaves: Whether the person leaves.
+        heard: Words that the person said: ``when I asked about the library``; None for another event.
     """
 
     relation: Relation
     what: Question
     leaves: bool
+    heard: tuple[str, ...] | None = None
 
 
 def understand(text: str, subjects: Subjects, language: str = "") -> Question:
@@ -243,6 +247,11 @@ def _read(words: Sequence[str], quoted: Sequence[str], subjects: Subjects, langu
 def _event(parts: Parts, main: Question, subjects: Subjects, language: Language) -> Event | None:
     what = _read_clause(parts.event, subjects, language)
     leaves, comes = tells(parts.event, language, "leaves"), tells(parts.event, language, "comes")
+    first = (parts.event[0],)
+    is_by_person = what.person is not None or first in (*language.phrases["me"], *language.phrases["them"])
+    if what.about_speech and is_by_person and first not in language.phrases["you"]:
+        heard = tuple(word for word in parts.event if word not in language.known_words)
+        return Event(parts.relation, what, leaves=False, heard=heard)
     if main.topics and not what.topics and (what.things or what.agent):
         # The same deed with another thing or of another agent: "before carrier b"
         things = {name: before for name, before in what.things.items() if name not in subjects.agents}
@@ -343,9 +352,9 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     if person is not None and person.at_s is not None and (kind == "said" or reading.has("how_far")):
         at_s = person.at_s
     unknown = tuple(reading.words[place] for place in reading.free())
-    known = subjects.known_words | words_of_deeds(subjects, language.code)
+    deeds = words_of_deeds(subjects, language.code)
     verb = None if verb is None or is_explained(reading, verb) else verb
-    confidence = min(sure, fit) * coverage(reading, topic, known, subjects.kinds, verb)
+    confidence = min(sure, fit) * coverage(reading, topic, subjects, deeds, verb)
     return Question(
         kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), says=says, is_opposite=is_opposite,
@@ -395,7 +404,8 @@ def _words_said(
     begin = last + 1
     while begin < end and (reading.words[begin] in spoken_to or (begin > last + 1 and reading.words[begin] == "to")):
         begin += 1  # "tell Ann to ..."
-    while end - begin > 1 and not quoted and reading.words[begin] in _BEFORE_SAID:
+    aside = _BEFORE_ASKED if stem(reading.words[last]) == "ask" else _BEFORE_SAID
+    while end - begin > 1 and not quoted and reading.words[begin] in aside:
         begin += 1  # "ask for a badge"
     if begin == len(reading.words) and not reading.has("you"):  # "Was "come in" said?"
         verbs = [place for place in range(last) if reading.words[place] in reading.language.auxiliaries]

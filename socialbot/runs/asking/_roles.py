@@ -34,6 +34,8 @@ _BEFORE_INFINITIVE = _stems(
     "intend continue end have get wish like love neglect omit prefer hesitate"
 )
 _BEFORE_GERUND = _stems("start begin stop keep end continue avoid go finish")
+_IN_LY = _stems("reply apply supply rely fly comply")
+"""Verbs that end as adverbs do."""
 _LIGHT = _stems(
     "get give make take receive have had do perform carry provide show let keep stay remain stand spend need "
     "obtain pay experience be become seem appear use issue know tell remember recall"
@@ -77,7 +79,7 @@ def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
             following.endswith("ing") and stem(words[place]) in _BEFORE_GERUND
         )
         goes_and = words[place] in ("go", "come", "try") and following in ("and", "ahead")
-        is_adverb = words[place] in _BEFORE_VERB or words[place].endswith("ly")
+        is_adverb = words[place] in _BEFORE_VERB or (words[place].endswith("ly") and stem(words[place]) not in _IN_LY)
         if not (is_auxiliary or goes_and or is_adverb):
             return None if stem(words[place]) in _LIGHT and following not in _PARTICLES else place
         place += 1

@@ -11,6 +11,7 @@ from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Question
 from socialbot.runs.asking._sentences import Clause, Speech
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
+from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES
 from socialbot.runs.run import RunView
 from socialbot.runs.why import call_of
@@ -78,10 +79,18 @@ class Scope:
         return Speech(self.facts, self.language, you, len(agents) == 1 and not self.question.agent, asked_at_s)
 
     def _deeds(self) -> list[TraceRecord]:
-        """Return the records of the deed of the question, of its agent and things: up to now, or else later ones."""
+        """Return the records of the deed of the question, of its agent and things: up to now, or else later ones.
+
+        Of several deeds with the same words, that at the time in question is meant.
+        """
         later: list[TraceRecord] = []
-        for topic in self.question.topics:
-            found = [each for each in self.subjects.done(topic) if self.is_meant(each)]
+        meant = [
+            (topic, [one for one in self.subjects.done(topic) if self.is_meant(one)]) for topic in self.question.topics
+        ]
+        if self.question.at_s is not None:
+            at = self.history.stamp(self.question.at_s)
+            meant.sort(key=lambda each: min((abs(one.stamp - at) for one in near(each[1], at, NEAR_S)), default=at))
+        for topic, found in meant:
             before = [each for each in found if each.stamp <= self.now]
             if before or (found and not later):
                 self.topic, later = topic, found
@@ -96,6 +105,10 @@ class Scope:
             return None
         scope = Scope(self.run, self.subjects, event.what, self.now_s, self.speaker, "", spoken=False)
         self.event_persons = scope.persons
+        if event.heard is not None:
+            heard = [each for each in self.history if each.kind == "hearing" and each.stamp <= self.now]
+            fitting = [each for each in heard if set(event.heard) <= set(tokens(each.what))]
+            return self.history.seconds(fitting[-1].stamp) if fitting else None
         if event.what.says:
             said = [each for each in self.subjects.deeds if each.stamp <= self.now]
             self.event_deed = next(reversed(self.quoted(said, event.what.says)), None)

@@ -51,6 +51,7 @@ _PARTS = (
     "silent", "request", "end", "overall", "talk", "group",
 )  # fmt: skip
 """Classes of words that only divide a question into clauses."""
+_VERBS = {"see", "do", "say", "here", "plan"}
 _WRITTEN_ALIKE = 0.88
 _SOUNDS_LIKE, _GUESSED = 0.6, 0.8
 
@@ -97,6 +98,8 @@ def classify(reading: Reading, domain: Set[str]) -> None:
         others = {claimed[place] for place in places if place in claimed}
         if "polite" in others or (alike < _STEM and deeds & set(places)):
             continue
+        if name in _VERBS and set(places) <= reading.taken:
+            continue  # "spot" is a robot
         is_part = len(places) == 1 and places[0] in reading.taken and len(reading.words[places[0]]) == 1  # t, of t2
         if is_part or (reading.taken & set(places) and alike < _EXACT) or (alike < _EXACT and others):
             continue

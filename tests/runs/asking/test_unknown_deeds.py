@@ -20,7 +20,10 @@ DEEDS = (
     ("carrier_a", "unload(carrier_a, deposit_a)"),
     ("guard_a", 'check("Bob")'),
     ("guard_a", 'say("Please close the door.")'),
+    ("spot_a", "go(spot_a, room_1)"),
+    ("spot_a", "go_home(spot_a)"),
 )
+HEARD = ("Where is the library?", "Thank you.")
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +92,33 @@ def test_unknown_deed_is_neither_denied_nor_another_one(yard, question):
 )
 def test_deed_is_not_told_of_another_thing_than_the_one_in_question(yard, question):
     assert not answer(yard, question).known
+
+
+@pytest.mark.parametrize(
+    ("question", "at_s"),
+    [
+        ("What was spot doing at six seconds?", 6),  # no verb of seeing
+        ("Did spot go at seven seconds?", 7),  # the deed of these words at that time
+        ("Did spot go at six seconds?", 6),
+        ("What did guard a reply?", 5),  # no adverb in -ly
+    ],
+)
+def test_words_with_two_roles_are_understood_by_their_place(yard, question, at_s):
+    assert [clause.claim.at_s for clause in answer(yard, question).clauses[:1]] == [at_s]
+
+
+def test_time_is_told_by_what_a_person_said():
+    records = []
+    for n, (heard, reply) in enumerate(zip(HEARD, ("Upstairs.", "You are welcome."), strict=True)):
+        stamp = 20 * n * SECOND
+        records += [
+            TraceRecord(stamp=stamp, id=f"heard-{n}", source="/speech", kind="hearing", what=heard),
+            TraceRecord(stamp=stamp + SECOND, id=f"said-{n}", source="robot", kind="action", what=f'say("{reply}")'),
+        ]
+    run = RunView(None, History(records), None)
+    assert answer(run, "What did you say when I asked about the library?").text == 'At 1 s I said "Upstairs.".'
+    assert answer(run, "What did you say when I said thank you?").text == 'At 21 s I said "You are welcome.".'
+    assert not answer(run, "What did you say when I asked about the toilet?").known
 
 
 @pytest.mark.parametrize("question", ["Did carrier a pickup box a1?", "Did the gripper drive to base 1?"])

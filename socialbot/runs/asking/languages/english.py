@@ -85,7 +85,7 @@ ENGLISH = Language(
             "your plan,are you about,about to,trying to,shall you,aiming"
         ),
         "say": (
-            "say,said,speak,spoke,tell,told,utter,complain,comment,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
+            "say,said,speak,spoke,tell,told,utter,complain,comment,reply,replied,ask,asked,mention,shout,pronounce,words,talk,sentence,sentences,phrase,remark,"
             "statement,utterance,utterances"
         ),
         "here": (

@@ -35,7 +35,8 @@ _MEANINGS = """
         once this be over, when this be over, after this be over, once i leave, when i leave, after i leave
     first: earliest, very first
     last: final, very last
-    greet: say hey, say good morning, say good afternoon, say good evening, make welcome, bid welcome, wish good day
+    greet: say hey, say good morning, say good afternoon, say good evening, make welcome, bid welcome, wish good day,
+        bid good day
     help: be of use, come to aid, do favour, do favor, be of assistance, come to rescue, need anything, need something
     why when: what be on mind when, what go through mind when, what go through head when
     why: for what cause, whatever for, to what end, with what aim, how do it come, what be you think, what be behind
@@ -44,7 +45,12 @@ _DEEDS = {"greet", "help", "ignore"}
 """Meanings that are deeds of some agents only."""
 _MOTION = "walk,come,step,stroll,wander,pop,drop,swing,roll,run,rush,march,saunter,breeze,file,drift,amble"
 _TOWARDS, _AWAY = "in,by,over,along,around,round,past,inside,through", "away,off,out"
-_BETWEEN = frozenset(("a", "an", "the", "him", "her", "them", "me", "my", "your", "his", "their", "its", "just", "any"))
+_BETWEEN = frozenset(
+    (
+        "a", "an", "the", "him", "her", "them", "me", "my", "your", "his", "their", "its", "just", "any",
+        "anybody", "anyone", "somebody", "someone", "everybody",
+    )
+)  # fmt: skip
 _PAST = {"come": "came", "leave": "left", "say": "said", "see": "saw"}
 _BASES = {
     form: verb
