@@ -33,7 +33,7 @@ from socialbot.bridge._service_clients import (
     in_executor,
 )
 from socialbot.bridge.environment import KEYS_VARIABLE
-from socialbot.bridge.transport import message_class
+from socialbot.bridge.transport import is_power_of_ten, message_class
 from socialbot.core.errors import InstallationError, ParameterError
 from socialbot.graph.calls import SERVER_WAIT_S, Channel, GoalHandle, Outcome
 from socialbot.graph.node import NodeConfig
@@ -163,9 +163,11 @@ MAX_REQUESTS = 100
 
 
 class _Waiting:
-    """Number of requests that wait for a node, in each of its threads."""
+    """Requests on a topic that wait for a node, in each of its threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._refused = 0
         self._thread: NodeThread | None = None
         self._places = threading.Semaphore()
 
@@ -173,7 +175,13 @@ class _Waiting:
         """Take a place, to be released when the request is handled; None if there is none."""
         if thread is not self._thread:
             self._thread, self._places = thread, threading.Semaphore(MAX_REQUESTS)
-        return self._places if self._places.acquire(blocking=False) else None
+        if self._places.acquire(blocking=False):
+            return self._places
+        self._refused += 1
+        if is_power_of_ten(self._refused):
+            text = "%s: %d requests refused, as %d wait"
+            logging.getLogger(f"socialbot.{thread.name}").warning(text, self._topic, self._refused, MAX_REQUESTS)
+        return None
 
 
 class _RosService:
@@ -186,7 +194,7 @@ class _RosService:
         self._ros = ros
         self._port = port
         self._thread = thread
-        self._waiting = _Waiting()
+        self._waiting = _Waiting(topic)
         # rclpy passes the result of the callback to send_response at once. Here it is the request, answered later.
         self._service = ros.create_service(kind, topic, lambda request, _: request)
         self._send = self._service.send_response
@@ -223,7 +231,7 @@ class _RosAction:
         self._kind = kind
         self._port = port
         self._thread = thread
-        self._waiting = _Waiting()
+        self._waiting = _Waiting(topic)
         self._new: dict[int, _RosGoal] = {}
         """Goals that the node has accepted, by the id of their message."""
         self._goals: dict[bytes, _RosGoal] = {}

@@ -186,7 +186,7 @@ class TestServices:
             answer = client.call(SetBool.Request(data=True), timeout_sec=10.0)
             assert (answer.message, lamp.node.lit) == ("on", True)
 
-    def test_requests_without_end_do_not_fill_the_memory(self, monkeypatch):
+    def test_requests_without_end_do_not_fill_the_memory(self, monkeypatch, caplog):
         """A node that is busy has some of them; it answers again when it is free."""
         monkeypatch.setattr(_services, "MAX_REQUESTS", 10)
         with node_hosts(graph_of(NodeConfig("lamp", Lamp))) as host, spinning_nodes("stranger") as (stranger,):
@@ -203,8 +203,11 @@ class TestServices:
                 futures.append(client.call_async(SetBool.Request(data=True)))
                 assert eventually(lambda count=count: len(taken) == count)
             free.set()
+            assert eventually(lambda: sum(future.done() for future in futures) == 10)
             assert client.call(SetBool.Request(data=False), timeout_sec=10.0) is not None
             assert sum(future.done() for future in futures) == 10
+        refusals = [record.getMessage() for record in caplog.records if "requests refused" in record.getMessage()]
+        assert refusals == [f"/light: {count} requests refused, as 10 wait" for count in (1, 10)]
 
     def test_node_that_fails_answers_nothing_and_goes_on(self):
         class Broken(Lamp):
