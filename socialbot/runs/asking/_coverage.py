@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Set
 
 from socialbot.runs.asking._references import Reading
-from socialbot.runs.asking._roles import FORM
+from socialbot.runs.asking._roles import ARTICLES
 from socialbot.runs.asking._topics import Subjects, Topic
-from socialbot.runs.asking._words import stem
+from socialbot.runs.asking._words import FORM, stem
 from socialbot.runs.asking.languages import INTERROGATIVES
 
 _UNKNOWN_NEAR, _UNKNOWN_ASIDE, _UNKNOWN_FAR = 0.5, 0.25, 0.1
@@ -16,7 +16,6 @@ _OTHER_DEED = 0.25
 """What a word costs that belongs to other deeds."""
 _GUESSED = 0.24
 """What a word costs that only resembles one of the grammar."""
-_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
 _PREPOSITIONS = {"behind", "with", "during", "through", "auf", "mit", "dans", "sur", "avec", "con", "sobre"}
 _POSSESSIVE = {"its", "their", "his", "her"}
 _SHORTEST_NAME = 3
@@ -45,7 +44,7 @@ def coverage(reading: Reading, topic: Topic | None, subjects: Subjects, deeds: S
         if stem(word) in known | of_deeds:
             penalty += 0.0 if stem(word) in known else _OTHER_DEED
             continue
-        before = [each for each in reading.words[max(0, place - 2) : place] if each not in _ARTICLES]
+        before = [each for each in reading.words[max(0, place - 2) : place] if each not in ARTICLES]
         is_aside = bool(before) and before[-1] in aside and reading.words[place - 1] != "to"
         is_aside |= topic is not None and reading.words[max(0, place - 1)] in _POSSESSIVE  # "empty its load"
         near = not places or any(abs(place - at) <= _NEAR for at in places)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Phrase, Subjects, Topic
-from socialbot.runs.asking._words import ALIKE, likeness, similarity
+from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity
 from socialbot.runs.asking.languages.synonyms import synonyms
 
 _SOFT = (
@@ -29,8 +29,6 @@ _SOFT = (
 )
 _SAME = 0.06
 """Difference of fit within which several deeds have the same words."""
-_FORM = 0.96
-"""Least similarity of two forms of a word; synonyms are not recognised by their sound."""
 _SYNONYM = 0.96
 """Fit of a synonym."""
 _BY_NAME = 0.9
@@ -145,7 +143,7 @@ def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int])
     def places_of(other: Phrase) -> tuple[int, ...]:
         alike, places = likeness(other, words, _MOST_BETWEEN)
         is_named = bool(places) and (set(places) & free or len(places) > 1)
-        return places if alike >= _FORM and is_named and _is_whole(other, places, words, free, soft) else ()
+        return places if alike >= FORM and is_named and _is_whole(other, places, words, free, soft) else ()
 
     for opposite, table in ((False, topic.words), (True, topic.opposites)):
         for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:

@@ -1,4 +1,4 @@
-"""Roles in a question: who acts, with which verb, and who is addressed."""
+"""Who acts in a question, what the verb is, and who is addressed."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from collections.abc import Sequence, Set
 from socialbot.runs.asking._references import Reading
 from socialbot.runs.asking._topics import Topic, arguments_of
 from socialbot.runs.asking._word_classes import places_of_class
-from socialbot.runs.asking._words import similarity, stem, tokens
+from socialbot.runs.asking._words import FORM, similarity, stem, tokens
 from socialbot.runs.asking.languages import INTERROGATIVES
 
 ADDRESSING = {"to", "zu", "a", "an", "for"}
 """Words that stand before the person whom the robot spoke to."""
-FORM = 0.96
-"""Least similarity of two forms of a word."""
 _AGENT_OF_PASSIVE = {"by", "from", "von", "par", "por"}
 _PASSIVE = {"was", "were", "been"}
-_ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
+ARTICLES = {"the", "a", "an", "my", "your", "its", "der", "die", "das", "dem", "den", "la", "le", "les", "el", "los"}
 _BEFORE_SUBJECT = {"did", "does", "do", "will", "would", "can", "could", "have", "has", "had"}
 _BEFORE_VERB = {
     "ever", "also", "just", "still", "already", "even", "then", "again", "both", "once", "twice", "please", "at",
@@ -43,7 +41,7 @@ _LIGHT = _stems(
 """Verbs whose object says what is done: ``Did you give t1 a greeting?``, ``Do you know why ...?``"""
 _PARTICLES = {"up", "down", "off", "out", "over", "away", "back", "in", "on", "through", "along", "apart", "around"}
 _WITH_PARTICLES = _stems(
-    "give get take put turn set look shut break bring hold call throw make run cut pass hand work check let  ask see"
+    "give get take put turn set look shut break bring hold call throw make run cut pass hand work check let ask see"
 )
 """Verbs to which a particle gives another meaning."""
 _ASKING = {"can", "could", "will", "would"}
@@ -58,7 +56,7 @@ _VERB_CLASSES = (
 def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
     """Return the place of the verb behind the first auxiliary and its subject in an English question; None without one.
 
-    ``subjects`` are the places of names. Verbs whose object says what is done do not count.
+    ``subjects`` are the places of names. A verb such as *give* does not count, as its object says what is done.
     """
     if reading.language.code != "en":
         return None
@@ -69,9 +67,9 @@ def clause_verb(reading: Reading, subjects: Set[int]) -> int | None:
     nouns = {at for name in ("people", "nobody", "named", "me", "them") for at in reading.places(name)}
     nouns |= {at for at, word in enumerate(words) if (word,) in reading.language.phrases["you"]}
     place = start + 1
-    while place < len(words) and (place in subjects | nouns or words[place] in _ARTICLES):
+    while place < len(words) and (place in subjects | nouns or words[place] in ARTICLES):
         place += 1
-    if place == start + 1 or (words[place - 1] in _ARTICLES and place - 1 not in subjects):
+    if place == start + 1 or (words[place - 1] in ARTICLES and place - 1 not in subjects):
         return None
     while place < len(words):
         following = next(iter(words[place + 1 : place + 2]), "")
@@ -135,7 +133,7 @@ def acting_agent(reading: Reading, agents: Sequence[tuple[str, int]], has_topic:
     verbs = [at for key in keys for _, places in reading.found.get(key, ()) for at in places[:1]]
     if reading.has("you") and has_topic and verbs and place > min(verbs):
         return ""
-    before = next((word for word in reversed(reading.words[:place]) if word not in _ARTICLES), "")
+    before = next((word for word in reversed(reading.words[:place]) if word not in ARTICLES), "")
     if (
         before in _PASSIVE
         and name not in does

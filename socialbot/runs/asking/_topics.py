@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from socialbot.core.messages import TraceRecord
 from socialbot.core.vocabulary import Deed, Vocabulary
-from socialbot.runs.asking._words import ALIKE, folded, name_tokens, similarity, stem, tokens
+from socialbot.runs.asking._words import ALIKE, FORM, folded, name_tokens, similarity, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH
 from socialbot.runs.asking.languages.synonyms import synonyms
 from socialbot.runs.history import History
@@ -56,8 +56,6 @@ _CONTROL = {
     "error_msg",
     "call",
 }
-_FORM = 0.96
-"""Least similarity of two forms of a word."""
 _REQUESTING = {"please", "can", "could", "may", "would", "need", "want", "bitte", "por", "plait"}
 """Words of requests."""
 _UNCOUNTED = {"the", "a", "an", "to", "be", "that"}
@@ -291,7 +289,7 @@ class Subjects:
 
     def is_quoted(self, words: Sequence[str], least: float = 0.5) -> bool:
         """Return whether an utterance has more than the share ``least`` of ``words``."""
-        return any(self.share_said(words, each, _FORM) > least for each in self.deeds)
+        return any(self.share_said(words, each, FORM) > least for each in self.deeds)
 
     def topic_of(self, record: TraceRecord) -> Topic | None:
         """Return the deed of a record of an action; None without one."""

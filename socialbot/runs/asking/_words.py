@@ -12,6 +12,8 @@ from socialbot.runs.asking._verbs import ORDINARY_VERBS
 
 ALIKE = 0.72
 """Least similarity of a word that a person wrote or a recogniser heard to a known word."""
+FORM = 0.96
+"""Least similarity of two forms of a word."""
 
 HEARD = 0.8
 """Similarity of words that sound alike."""
