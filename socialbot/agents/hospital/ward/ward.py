@@ -220,7 +220,7 @@ def paper_ward() -> Ward:
 def large_ward(rooms: int = 50, spots: int = 4, uvds: int = 4, nurses: int = 0, *, every_s: float = 3.0) -> Ward:
     """A ward of many rooms, with a nurse in each of the first ``nurses`` rooms (0: in each).
 
-    There is a dock for each `ROOMS_A_DOCK` rooms or part of them, and each kind of robots starts spread over them.
+    There is a dock for each `ROOMS_A_DOCK` rooms or part of them; the robots of each kind start in all of them.
     Every ``every_s`` from 1 s on, another room with a nurse needs disinfection, always in the same order. A third of
     the doors is closed. Raises ValueError for a ward without rooms, or a negative number.
     """
@@ -228,16 +228,12 @@ def large_ward(rooms: int = 50, spots: int = 4, uvds: int = 4, nurses: int = 0, 
     if not (1 <= nurses <= rooms and spots >= 0 and uvds >= 0 and every_s >= 0.0):
         raise ValueError(f"cannot build a ward of {rooms} rooms, {spots} spots, {uvds} uvds and {nurses} nurses")
     count = math.ceil(rooms / ROOMS_A_DOCK)
-    places = tuple(_rooms(rooms + count, ROOMS_A_SIDE))
-    at = [(rooms + count) * number // count - 1 for number in range(1, count + 1)]
-    docks = [
-        replace(places[place], name=f"dock{number}" if number > 1 else "dock")
-        for number, place in enumerate(at, start=1)
-    ]
-    plain = [
-        replace(room, name=f"room{number}")
-        for number, room in enumerate((room for place, room in enumerate(places) if place not in at), start=1)
-    ]
+    places = list(_rooms(rooms + count, ROOMS_A_SIDE))
+    # From the last one, as each leaves the places before it where they are.
+    ends = [places.pop((rooms + count) * number // count - 1) for number in range(count, 0, -1)]
+    names = ["dock", *(f"dock{number}" for number in range(2, count + 1))]
+    docks = [replace(place, name=name) for name, place in zip(names, reversed(ends), strict=True)]
+    plain = [replace(place, name=f"room{number}") for number, place in enumerate(places, start=1)]
     order = [room.name for room in plain[:nurses]]
     members = [WardMember(f"{NURSE}{number}", NURSE, room) for number, room in enumerate(order, start=1)]
     for kind, robots in ((SPOT, spots), (UVD, uvds)):
