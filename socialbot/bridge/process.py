@@ -108,7 +108,7 @@ def run_nodes(
 
 
 def _use_topics(graph: Graph, names: Collection[str]) -> None:
-    """Receive everything but images by UDP in this process; on a network, repair what nodes with images send fast."""
+    """Receive everything but images by UDP in this process; on a network, repair what nodes with streams send fast."""
     configs = [graph.node(name) for name in names]
     by_udp = {
         topic
@@ -116,7 +116,7 @@ def _use_topics(graph: Graph, names: Collection[str]) -> None:
         for topic, port in config.subscriptions
         if not issubclass(port.message_type, (Image, CompressedImage))
     }
-    # What such a node sends beside its images belongs to these: information on the camera, acknowledgements.
+    # What such a node sends beside its stream belongs to that: information on the camera, acknowledgements of images.
     fresh = {
         topic
         for config in configs

@@ -307,9 +307,9 @@ class Tracker:
         return any(near and not UNLIKE < far < math.inf for near, far in zip(shared, looks, strict=True))
 
     def _meet(self, present: Sequence[TrackedPerson]) -> None:
-        """Note who is in view at once, and so not the same person.
+        """Note which tracks are in view together: they are different people.
 
-        A track without id may be a second box around a person whom it touches.
+        A track without id may be a second box around a person whose box it touches.
         """
         known = [person for person in present if person.id]
         names = {person.id for person in known}

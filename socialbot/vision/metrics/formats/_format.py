@@ -1,4 +1,4 @@
-"""What a label format declares, and its lookup by name."""
+"""What a label format declares."""
 
 from __future__ import annotations
 
