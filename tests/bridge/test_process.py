@@ -1,4 +1,4 @@
-"""Channel between a process and its supervisor, and run locks."""
+"""Channel between a process and its supervisor, run locks, and the DDS profile of a process."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from socialbot.bridge import environment, process
 from socialbot.bridge.process import CHANNEL_VARIABLE, SupervisorChannel, channel_pair, own_channel
 from socialbot.bridge.run_announcer import locked_runs, run_lock
+from socialbot.graph.node import Graph, NodeConfig
+from socialbot.speech.speaker import Speaker
+from socialbot.vision.image_transport import ImageReceiver, ImageSender
 from tests.system.running import next_line
 
 
@@ -90,3 +95,23 @@ def test_the_lock_of_a_killed_process_is_released():
     holder.kill()
     holder.wait()
     assert locked_runs() == before
+
+
+def test_lost_packets_of_nodes_with_streams_are_sent_again_at_once_on_a_network(tmp_path, monkeypatch):
+    link = {"link": "/view/link", "ack": "/view/link/ack"}
+    nodes = {
+        "sender": NodeConfig("sender", ImageSender, remap={"image": "/view", **link}),
+        "receiver": NodeConfig("receiver", ImageReceiver, remap={"image": "/view/there", **link}),
+        "speech": NodeConfig("speech", Speaker),
+    }
+    graph = Graph("g", tuple(nodes.values()), inputs=frozenset({"/view", "/speech/say"}))
+    found = {}
+    for name in nodes:
+        monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.WIFI_PROFILE))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+        process._use_topics(graph, [name])
+        profile = Path(os.environ[environment.PROFILE_VARIABLE]).read_text("utf-8")
+        found[name] = [topic for topic in ("/view/link", "/view/link/ack", "/view/there") if f'"{topic}"' in profile]
+        assert all(f'"{topic}/_seal"' in profile for topic in found[name])
+    assert found == {"sender": ["/view/link"], "receiver": ["/view/link/ack", "/view/there"], "speech": []}
