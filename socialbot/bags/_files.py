@@ -67,9 +67,10 @@ def open_file(path: Path, damage: list[str]) -> Reader:
 
 def _open(path: Any) -> Reader:
     try:
-        if isinstance(path, Path) and path.is_dir():
+        is_folder = isinstance(path, Path) and path.is_dir()
+        if is_folder:
             check_depth(decoded(read_bytes(path / "metadata.yaml", TEXT_BYTES)))
-        reader = Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
+        reader = Ros2Reader(path) if is_folder or path.suffix != ".bag" else Ros1Reader(path)
         reader.open()
         # Rosbags does not check the types.
         texts = [text for each in reader.connections for text in (each.topic, each.msgtype)]

@@ -26,7 +26,7 @@ from socialbot.bags._files import Reader, broken, open_file, open_folder
 from socialbot.bags._files import natural as natural
 from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets
-from socialbot.bags.types import RosbagsTypes, deserialize, is_known, to_cdr
+from socialbot.bags.types import RosbagsTypes, TypeProblem, deserialize, to_cdr, type_problem
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, suggestion
@@ -248,7 +248,10 @@ class Bag(AbstractContextManager["Bag"]):
             raise self._refused(f"{wanted} has depth images, not pictures", remedy)
         if not names:
             depth = " but those of depth" if self.depth_topics else ""
+            empty = [topic.name for topic in self.topics if topic.type in IMAGE_TYPES and not topic.count]
             remedy = f"record an image topic; the bag has {', '.join(self._names())}"
+            if empty:
+                remedy = f"record while the camera publishes: no messages on {', '.join(empty)}"
             raise self._refused(f"the bag has no images{depth}", remedy)
         assert wanted is not None
         known = wanted in self._names()
@@ -332,9 +335,9 @@ class Bag(AbstractContextManager["Bag"]):
             BagError: A topic is missing, its type is unknown, or the file is truncated.
         """
         for name in topics:
-            if self.topic(name).type not in codec.decodable_types() and not self._is_readable(name):
-                remedy = "record the bag with the definitions of its types (mcap does), or install them"
-                raise self._refused(f"the type of {name}, {self.topic(name).type}, is unknown", remedy)
+            problem = None if self.topic(name).type in codec.decodable_types() else self._type_problem(name)
+            if problem is not None:
+                raise self._refused(f"the type of {name}, {self.topic(name).type}, {problem.what}", problem.remedy)
         decoded = self._decoded(topics, kinds or {})
         depth = {topic for topic in topics.values() if (kinds or {}).get(topic) in MEASURED}
         if not depth:
@@ -342,10 +345,10 @@ class Bag(AbstractContextManager["Bag"]):
         pictures = {topic for name, topic in topics.items() if self.topic(name).type in IMAGE_TYPES} - depth
         return depth_first(decoded, lambda each: (each[0], each[1].stamp), depth, pictures)
 
-    def _is_readable(self, name: str) -> bool:
-        """Whether the type of a topic is defined in the bag or by ROS."""
-        found = [one for reader in self._readers for one in reader.connections if one.topic == name]
-        return bool(found) and all(map(is_known, found))
+    def _type_problem(self, name: str) -> TypeProblem | None:
+        """Reason why messages of a topic cannot be read."""
+        found = [type_problem(one) for reader in self._readers for one in reader.connections if one.topic == name]
+        return next(filter(None, found), None)
 
     def locations(self, name: str) -> Iterator[MessageLocation]:
         """Yield the locations of intact messages of a topic with headers, with the stamps of `messages`.
@@ -421,7 +424,7 @@ class Bag(AbstractContextManager["Bag"]):
     def check(self) -> Mapping[str, Skipped]:
         """Read all messages, and return the damaged ones by topic. Raises BagError if a file is truncated."""
         for connection, _, data in self._read(self._names()):
-            read = deserialize if is_known(connection) else to_cdr
+            read = deserialize if type_problem(connection) is None else to_cdr
             self._attempt(connection, functools.partial(read, connection, data))
         return self.skipped
 

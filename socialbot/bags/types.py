@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from msgspec import inspect as structs
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -25,7 +25,7 @@ from socialbot.core.messages import Structured
 from socialbot.core.registry import message_types
 
 if TYPE_CHECKING:
-    from rosbags.interfaces.typing import Typesdict
+    from rosbags.interfaces.typing import Fielddefs, Typesdict
 
 PACKAGE = "socialbot_msgs"
 HEADER = ("stamp", "frame_id")
@@ -242,6 +242,7 @@ DEFINITIONS: Mapping[str, str] = MappingProxyType(
 
 
 _HEADER = "std_msgs/msg/Header"
+_WIDE = frozenset({"wchar", "wstring"})
 
 
 @functools.cache
@@ -303,9 +304,50 @@ def deserialize(connection: Connection, data: bytes) -> Any:
     return _read_cdr(types, data, connection.msgtype)
 
 
-def is_known(connection: Connection) -> bool:
-    """Whether the type of ``connection`` is defined in the bag or by ROS."""
-    return connection.msgtype in _types(connection.msgtype, connection.msgdef, _is_ros1(connection)).fielddefs
+@dataclass(frozen=True)
+class TypeProblem:
+    """Reason why messages of a type cannot be read, as a predicate of the type, and the remedy."""
+
+    what: str
+    remedy: str
+
+
+def type_problem(connection: Connection) -> TypeProblem | None:
+    """Return why messages of ``connection`` cannot be read; None if the bag or ROS defines its type and all parts."""
+    return _type_problem(connection.msgtype, connection.msgdef, _is_ros1(connection))
+
+
+@functools.lru_cache(maxsize=512)
+def _type_problem(name: str, definition: MessageDefinition, ros1: bool) -> TypeProblem | None:
+    missing = _undefined(name, _types(name, definition, ros1).fielddefs)
+    if missing is None:
+        return None
+    if (wide := missing.rpartition("/")[2]) in _WIDE:
+        return TypeProblem(f"has a {wide}, which socialbot does not read", "leave out the topic, or use a string")
+    what = "is unknown" if missing == name else f"needs {missing}, which is unknown"
+    return TypeProblem(what, "record the bag with the definitions of its types (mcap does), or install them")
+
+
+def _undefined(name: str, types: Typesdict) -> str | None:
+    """Return the first type without fields among ``name`` and its parts, recursively."""
+    seen, pending = set[str](), [name]
+    while pending:
+        each = pending.pop(0)
+        if each not in types:
+            return each
+        seen.add(each)
+        pending += [part for part in _parts(types[each][1]) if part not in seen]
+    return None
+
+
+def _parts(fields: Fielddefs) -> Iterator[str]:
+    """Types of fields that need a definition: messages, and basic types that rosbags cannot decode."""
+    for _, field in fields:
+        item = field[1][0] if field[0] == Nodetype.ARRAY or field[0] == Nodetype.SEQUENCE else field
+        if item[0] is Nodetype.NAME:
+            yield item[1]
+        elif item[1][0] in _WIDE:
+            yield item[1][0]
 
 
 def _is_ros1(connection: Connection) -> bool:
@@ -352,6 +394,9 @@ def _types(name: str, definition: MessageDefinition, ros1: bool) -> Typestore:
                 types.register(get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part)))
     except TypesysError:
         return known if name in known.fielddefs or ros1 else _installed_types(name)
+    # Some writers leave out the definitions of types that ROS has.
+    while (missing := _undefined(name, types.fielddefs)) in known.fielddefs and missing != name:
+        types.register({missing: known.fielddefs[missing]})
     # rosbag2 stores no usable definition of the events of services.
     return types if name in types.fielddefs or ros1 else _installed_types(name)
 

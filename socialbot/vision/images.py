@@ -100,7 +100,8 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
 
     ``format`` is that of image_transport or others: "jpeg", "jpg", "png", "rgb8; jpeg compressed bgr8", "bgr8; png
     compressed ". With "compressed rgb", red and blue are exchanged in the file, and exchanged again here. An
-    orientation in the file is ignored, since CameraInfo describes the sensor.
+    orientation in the file is ignored, since CameraInfo describes the sensor. A file without a known ``format`` is
+    recognised by its first bytes.
 
     Raises ImageError for another format, no data, a damaged or truncated file, and more than `IMAGE_PIXELS`.
     """
@@ -109,12 +110,15 @@ def bgr_from_compressed(image: CompressedImage) -> Pixels:
         return ImageError(what, where=f"image of format {image.format!r}, {image.data.size} bytes", remedy=remedy)
 
     words = image.format.lower()
-    if not any(kind in words for kind in ("jpeg", "jpg", "png")) or "compresseddepth" in words:
-        raise refused("unknown format", "have the camera publish jpeg or png")
+    if "compresseddepth" in words:
+        raise refused("a depth image, not a picture", "connect a topic with pictures")
     data = np.ascontiguousarray(image.data, dtype=np.uint8).reshape(-1)
     if not data.size:
         raise refused("no data", "check the camera and its driver")
     file = data.tobytes()
+    # Some drivers leave the format empty, or give only the encoding.
+    if not any(kind in words for kind in ("jpeg", "jpg", "png")) and not file.startswith((_PNG, _JPEG)):
+        raise refused("unknown format", "have the camera publish jpeg or png")
     width, height = _size(file)
     if width * height > IMAGE_PIXELS:
         remedy = f"send images of {IMAGE_PIXELS / 1e6:.0f} million pixels at most"

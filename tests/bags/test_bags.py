@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.codec import encode
 from socialbot.bags.reader import open_bag
@@ -176,6 +177,26 @@ def test_bag_without_images(tmp_path: Path) -> None:
     assert SAY in str(caught.value.remedy)
 
 
+def test_image_topics_without_messages_are_named(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.write(writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store), START, bytes(8))
+        for topic in ("/left/image_raw", "/right/image_raw"):
+            writer.add_connection(topic, "sensor_msgs/msg/Image", typestore=store)
+    with open_bag(tmp_path / "bag") as bag, pytest.raises(BagError, match="the bag has no images") as caught:
+        bag.choose_image_topic()
+    assert "no messages on /left/image_raw, /right/image_raw" in str(caught.value)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_folders_may_be_named_like_files(tmp_path: Path, suffix: str, storage: str) -> None:
+    path = make(tmp_path / f"visit{suffix}", storage=storage)
+    with open_bag(path) as bag:
+        assert bag.damage == ()
+    check_pictures(path)
+
+
 def test_camera_info_is_in_the_namespace_of_the_images(tmp_path: Path) -> None:
     with open_bag(make(tmp_path / "bag")) as bag:
         for name in (RAW, f"{RAW}/compressed"):
@@ -199,6 +220,38 @@ def test_refuses_missing_and_unknown_topics(tmp_path: Path) -> None:
         assert list(bag.messages({"/imu": "/imu"})) == []
         assert bag.skipped["/imu"].count == 1
         assert list(bag.raw_messages({"/odd": "/odd"})) == [("/odd", 1, "nobody_msgs/msg/Thing", b"\0\1\0\0abcd")]
+
+
+def defined(path: Path, **definitions: str) -> Path:
+    """A bag with one message on a topic for each definition, 64 bytes of zeros."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for name, text in definitions.items():
+            kind = f"odd_msgs/msg/{name}"
+            topic = writer.add_connection(f"/{name}", kind, msgdef=text, rihs01=f"RIHS01_{0:064}")
+            writer.write(topic, START, b"\0\1\0\0" + bytes(64))
+    return path
+
+
+def test_types_that_cannot_be_read_are_not_damage(tmp_path: Path) -> None:
+    path = defined(tmp_path / "bag", Wide="wstring text\n", Torn="int32 a\nother_msgs/Lost[] parts\n")
+    reasons = {
+        "/Wide": "the type of /Wide, odd_msgs/msg/Wide, has a wstring",
+        "/Torn": "the type of /Torn, odd_msgs/msg/Torn, needs other_msgs/msg/Lost, which is unknown",
+    }
+    with open_bag(path) as bag:
+        assert bag.check() == {}
+        for topic, reason in reasons.items():
+            with pytest.raises(BagError, match=reason) as caught:
+                bag.messages({topic: topic})
+            assert caught.value.remedy
+            assert len(list(bag.raw_messages({topic: topic}))) == 1
+
+
+def test_parts_of_ros_that_a_definition_leaves_out_are_known(tmp_path: Path) -> None:
+    path = defined(tmp_path / "bag", Stamped="builtin_interfaces/Time stamp\ngeometry_msgs/Pose[] poses\n")
+    with open_bag(path) as bag:
+        assert len(list(bag.messages({"/Stamped": "/Stamped"}))) == 1
+        assert bag.skipped == {}
 
 
 # Writing

@@ -254,6 +254,15 @@ def test_thumbnail_does_not_hide_that_a_jpeg_is_cut():
         bgr_from_compressed(compressed(whole[:2] + header + whole[2:-200], "jpeg"))
 
 
+@pytest.mark.parametrize("extension", [".jpg", ".png"])
+@pytest.mark.parametrize("form", ["", "bgr8", "mjpg", "rgb8; compressed"])
+def test_files_without_the_name_of_their_format_are_decoded(extension, form):
+    scene = smooth(48, 64)
+    result = bgr_from_compressed(compressed(encoded(extension, scene), form))
+    assert result.shape == scene.shape
+    assert np.abs(result.astype(int) - scene).mean() < 3
+
+
 @pytest.mark.parametrize(
     ("data", "form", "words"),
     [
@@ -263,7 +272,8 @@ def test_thumbnail_does_not_hide_that_a_jpeg_is_cut():
         (b"\x89PNG\r\n", "png", "decoded"),
         (b"1234", "tiff", "unknown format"),
         (b"1234", "", "unknown format"),
-        (b"1234", "16UC1; compressedDepth png", "unknown format"),
+        (b"1234", "16UC1; compressedDepth png", "depth"),
+        (b"\xff\xd8\xff\xe0", "16UC1; compressedDepth", "depth"),
     ],
 )
 def test_bad_compressed_images_are_named(data, form, words):
