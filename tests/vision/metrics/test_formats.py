@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,21 @@ def test_a_format_of_a_module_in_the_working_directory(tmp_path, monkeypatch):
         labelled_sources(folder, format="own_csv:read")
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"version": "5.0", "shapes": [{"label": "person", "points": [[1, 2], [3, 4]]}], "imagePath": "a.jpg"},
+        [{"name": "a.jpg", "labels": [{"category": "pedestrian", "box2d": {"x1": 1}}]}],
+        [{"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.9}],
+    ],
+)
+def test_json_of_other_formats_is_not_taken_for_the_own_one(tmp_path, content):
+    write(tmp_path, {"labels.json": json.dumps(content)}, ("a.jpg",))
+    with pytest.raises(TruthError, match="no labels of a known format") as error:
+        labelled_sources(tmp_path, tmp_path / "labels.json")
+    assert "convert others to COCO" in str(error.value.remedy)
+
+
 def test_unknown_format(tmp_path):
     write(tmp_path, {"notes.md": "x"})
     assert sniff(tmp_path) is None
@@ -167,6 +183,12 @@ def test_impossible_box_of_another_class_is_counted_with_its_class(tmp_path):
     assert "1 boxes of class cat are not used" in one(tmp_path).notes
 
 
+def test_coco_image_named_by_its_address_alone(tmp_path):
+    listed = [{"id": 7, "coco_url": "http://images.cocodataset.org/val2017/a.jpg"}, {"id": 9, "file_name": "b.jpg"}]
+    source = one(write(tmp_path, {"lvis.json": coco(images=listed)}))
+    assert [frame.name for frame in source.frames] == ["a.jpg", "b.jpg"]
+
+
 def test_coco_videos_are_sequences(tmp_path):
     images = [
         {"id": 10 + number, "file_name": f"{number}.jpg", "video_id": 1, "frame_id": 2 - number} for number in range(3)
@@ -203,6 +225,7 @@ def test_missing_images_are_reported_and_none_is_an_error(tmp_path):
         ),
         ({"annotations": [{"image_id": 7, "category_id": 3, "bbox": "1 2 3 4"}]}, r"annotations\[0\]: Expected `array"),
         ({"images": [{"id": 7, "file_name": "a.jpg"}] * 2}, "two images have the id 7"),
+        ({"images": [{"id": 7, "width": 3}]}, r"images\[0\]: no file_name"),
     ],
 )
 def test_broken_coco(tmp_path, change, message):
@@ -237,6 +260,19 @@ def test_yolo_outlines_and_key_points(tmp_path):
     files = {"data.yaml": "names: [person]\nkpt_shape: [2, 3]\n", "labels/a.txt": points}
     source = one(write(tmp_path / "points", files, ("images/a.jpg",)))
     assert source.frames[0].persons[0].box == pytest.approx(BOX, abs=0.01)
+
+
+def test_yolo_classes_with_numbers_as_text(tmp_path):
+    files = {"data.yaml": "names: {'0': person, '1': dog, '2': cat}\n", "labels/a.txt": YOLO}
+    assert len(one(write(tmp_path, files, ("images/a.jpg",))).frames[0].persons) == 1
+
+
+def test_yolo_key_points_without_their_shape(tmp_path):
+    files = {"data.yaml": "names: [person]\n", "labels/a.txt": f"0 0.5 0.5 0.1 0.2{' 0.5 0.5 2' * 17}\n"}
+    write(tmp_path, files, ("images/a.jpg",))
+    with pytest.raises(TruthError, match="56 columns") as error:
+        labelled_sources(tmp_path)
+    assert "kpt_shape" in str(error.value.remedy)
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,8 @@ def test_mot_beside_a_video(tmp_path):
 def test_many_mot_sequences(tmp_path):
     for name in ("MOT-02", "MOT-10"):
         write(tmp_path / "train" / name, {"gt/gt.txt": MOT}, ("img1/000001.jpg", "img1/000002.jpg"))
-    assert [source.name for source in labelled_sources(tmp_path)] == ["MOT-02", "MOT-10"]
+    for folder in (tmp_path, tmp_path / "train"):
+        assert [source.name for source in labelled_sources(folder)] == ["MOT-02", "MOT-10"]
     # Test sequences come without labels.
     write(tmp_path / "test" / "MOT-01", {"seqinfo.ini": SEQINFO}, ("img1/000001.jpg",))
     first, second = labelled_sources(tmp_path)
@@ -106,6 +107,26 @@ def test_broken_mot(tmp_path, line, message):
         labelled_sources(tmp_path)
     assert "gt.txt" in str(error.value)
     assert error.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("1,0,59,43,17,19,1,4,0,0\n1,1,40,20,30,80,1,1,0,2\n", "class, truncation and occlusion, as in VisDrone"),
+        ("84,8,27,11,0,0,0,0\n55,22,19,28,1,1,0,0\n", "no box is wider than one pixel"),
+        ("1,1,0.25,0.17,0.19,0.67,1,1,1\n", "no box is wider than one pixel"),
+    ],
+)
+def test_tables_with_other_columns_are_not_mot(tmp_path, lines, message):
+    write(tmp_path, {"gt/gt.txt": lines}, EXAMPLES["mot"][2])
+    with pytest.raises(TruthError, match=message) as error:
+        labelled_sources(tmp_path)
+    assert "confidence, class, visibility" in str(error.value.remedy)
+
+
+def test_mot15_places_on_whole_metres(tmp_path):
+    source = one(write(tmp_path, {"gt/gt.txt": "1,1,40,20,30,80,1,0,0,0\n"}, EXAMPLES["mot"][2]))
+    assert len(source.frames[0].persons) == 1
 
 
 def test_broken_seqinfo(tmp_path):
@@ -166,6 +187,35 @@ def test_cvat_images(tmp_path):
     assert [person.box for person in first.persons] == [BOX, (90, 20, 20, 40)]
     assert second.persons == ()
     assert source.notes == ("1 boxes of class car are not used", "1 boxes of shape points are not used")
+
+
+@pytest.mark.parametrize(
+    ("shape", "box"),
+    [
+        ('<box label="person" xtl="20" ytl="50" xbr="100" ybr="70" rotation="90.00"></box>', (50, 20, 20, 80)),
+        ('<box label="person" xtl="20" ytl="50" xbr="100" ybr="70" rotation="180"></box>', (20, 50, 80, 20)),
+        ('<box label="person" xtl="40" ytl="40" xbr="80" ybr="80" rotation="45"></box>', (31.72, 31.72, 56.57, 56.57)),
+        ('<ellipse label="person" cx="60" cy="60" rx="10" ry="40"></ellipse>', (50, 20, 20, 80)),
+        ('<ellipse label="person" cx="60" cy="60" rx="10" ry="40" rotation="270"></ellipse>', (20, 50, 80, 20)),
+        (
+            """<skeleton label="person"><points label="1" outside="0" points="50,20"></points>
+            <points label="2" outside="0" points="70,100"></points>
+            <points label="3" outside="1" points="0,0"></points></skeleton>""",
+            (50, 20, 20, 80),
+        ),
+    ],
+)
+def test_cvat_box_around_other_shapes(tmp_path, shape, box):
+    head, _, rest = CVAT_IMAGES.partition("    <box")
+    source = one(write(tmp_path, {"annotations.xml": head + shape + rest[rest.index("</image>") :]}, ("images/a.jpg",)))
+    assert source.frames[0].persons[0].box == pytest.approx(box, abs=0.01)
+
+
+def test_cvat_skeleton_without_visible_points_is_told(tmp_path):
+    shape = '<skeleton label="person"><points label="1" outside="1" points="50,20"></points></skeleton>'
+    text = CVAT_IMAGES.replace("  </image>", f"{shape}</image>", 1)
+    source = one(write(tmp_path, {"annotations.xml": text}, ("images/a.jpg", "images/b.jpg")))
+    assert "1 boxes of shape skeleton are not used" in source.notes
 
 
 def test_cvat_images_of_a_video(tmp_path):

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from socialbot.core.errors import ParameterError, suggestion
+from socialbot.core.paths import read_bytes
 from socialbot.core.registry import load_reference
 from socialbot.vision.metrics.formats._format import LabelFormat
 from socialbot.vision.metrics.formats._labels import Labels, fault, labelled_images
@@ -28,7 +31,7 @@ SOCIALBOT = LabelFormat(
     LABELS_FILE,
     lambda path, images, _: _own_labels(path, images),
     lambda folder: [folder] if (folder / LABELS_FILE).is_file() else [],
-    lambda path: path.suffix.lower() == ".json" and not COCO.is_file(path),
+    lambda path: _is_own(path),
 )
 
 FORMATS = {each.name: each for each in (SOCIALBOT, COCO, MOT, KITTI, YOLO, VOC, CVAT)}
@@ -39,6 +42,20 @@ def _own_labels(path: Path, images: Path | None) -> list[LabelledSource]:
     if path.is_dir():
         return image_sources(path if images is None else images, None if images is None else path)
     return image_sources(path.parent if images is None else images, path)
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a JSON file has entries of the own format, or is damaged: its reader names the damage."""
+    if path.suffix.lower() != ".json" or COCO.is_file(path):
+        return False
+    try:
+        content = msgspec.json.decode(read_bytes(path))
+    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        return True
+    entries = content if isinstance(content, list) else []
+    return path.name == LABELS_FILE or any(
+        isinstance(each, dict) and {"image", "boxes"} & each.keys() for each in entries
+    )
 
 
 def sniff(path: Path) -> str | None:
@@ -93,7 +110,8 @@ def labelled_sources(
         name = sniff(labels)
         if name is None:
             expected = "; ".join(f"{each.name}: {each.expected}" for each in FORMATS.values())
-            raise fault("no labels of a known format", labels, f"expected is {expected}. Or name one with --format")
+            remedy = f"expected is {expected}. Name one with --format, or convert others to COCO"
+            raise fault("no labels of a known format", labels, remedy)
         chosen = FORMATS[name]
     place = images if truth is not None else None
     places = (chosen.places(labels) if labels.is_dir() else [labels]) or [labels]

@@ -34,7 +34,8 @@ Key = int | str
 
 class _Image(msgspec.Struct):
     id: Key
-    file_name: str
+    file_name: str = ""
+    coco_url: str = ""  # LVIS has no file names.
     width: float | None = None
     height: float | None = None
     video_id: Key | None = None
@@ -117,6 +118,10 @@ def read_coco(path: Path, images: Path | None = None, people: Sequence[str] = ()
     categories = {each.id: each.name for each in _parsed(data.categories, _Category, path, "categories")}
     videos = {each.id: each for each in _parsed(data.videos, _Video, path, "videos")}
     labels = Labels(path, people)
+    for number, image in enumerate(listed):
+        image.file_name = image.file_name or image.coco_url.rpartition("/")[2]
+        if not image.file_name:
+            raise fault("no file_name", f"{path}: images[{number}]", REMEDY)
     by_id = {image.id: image for image in listed}
     if len(by_id) < len(listed):
         twice = next(image.id for number, image in enumerate(listed) if listed[number] is not by_id[image.id])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -212,17 +213,37 @@ def _box(shape: ElementTree.Element, path: Path) -> Box | None:
     """Box of a shape, or around it; None for shapes without one."""
     if shape.tag == "box":
         left, top, right, bottom = (attribute(shape, side, path) for side in ("xtl", "ytl", "xbr", "ybr"))
-        return left, top, right - left, bottom - top
+        width, height, (cos, sin) = right - left, bottom - top, _rotation(shape, path)
+        if not sin:
+            return left, top, width, height
+        return _centred((left + right) / 2, (top + bottom) / 2, width * cos + height * sin, width * sin + height * cos)
+    if shape.tag == "ellipse":
+        x, y, across, down = (attribute(shape, name, path) for name in ("cx", "cy", "rx", "ry"))
+        cos, sin = _rotation(shape, path)
+        return _centred(x, y, 2 * math.hypot(across * cos, down * sin), 2 * math.hypot(across * sin, down * cos))
     if shape.tag == "mask":
         left, top, width, height = (attribute(shape, side, path) for side in ("left", "top", "width", "height"))
         return left, top, width, height
-    if shape.tag in OUTLINES and shape.get("points"):
-        words = re.split(r"[;,]", shape.get("points") or "")
+    if shape.tag in OUTLINES:
+        parts = [shape, *(point for point in shape.iterfind("points") if point.get("outside") != "1")]
+        words = [word for part in parts if part.get("points") for word in re.split(r"[;,]", part.get("points") or "")]
+        if not words:
+            return None
         values = numbers(words, f"{at(path, shape)}, points", "write x,y;x,y;...")
         across, down = values[::2], values[1::2]
         if len(across) == len(down):
             return min(across), min(down), max(across) - min(across), max(down) - min(down)
     return None
+
+
+def _rotation(shape: ElementTree.Element, path: Path) -> tuple[float, float]:
+    """Absolute cosine and sine of the rotation of a shape about its middle."""
+    angle = math.radians(attribute(shape, "rotation", path)) if shape.get("rotation") else 0.0
+    return abs(math.cos(angle)), abs(math.sin(angle))
+
+
+def _centred(x: float, y: float, width: float, height: float) -> Box:
+    return x - width / 2, y - height / 2, width, height
 
 
 def _frame(shape: ElementTree.Element, path: Path) -> int:

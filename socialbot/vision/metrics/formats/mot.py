@@ -38,6 +38,9 @@ CLASSES = (
 )  # fmt: skip
 """Names of the classes 1 to 13."""
 
+VISDRONE = 11, 1, 2
+"""Largest class, truncation and occlusion in the last columns of VisDrone."""
+
 REMEDY = "write frame, id, x, y, width, height, confidence, class, visibility, separated by commas"
 MAX_FRAME = 10_000_000
 MAX_NAME = 200
@@ -69,7 +72,8 @@ def _all_sequences(folder: Path) -> list[Path]:
     if is_sequence(folder):
         return [folder]
     below = [path for pattern in ("*", "*/*") for path in folder.glob(pattern) if path.is_dir() and is_sequence(path)]
-    return sorted(below, key=lambda path: natural(path))
+    # The folder gt of a sequence looks like a sequence, too.
+    return sorted((path for path in below if path.parent not in below), key=lambda path: natural(path))
 
 
 def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ()) -> list[LabelledSource]:
@@ -108,13 +112,15 @@ def read_mot(path: Path, images: Path | None = None, people: Sequence[str] = ())
 
 def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
     """Add all boxes; returns whether people have ids."""
-    identities = False
+    identities, widest, rows = False, 0.0, list[list[float]]()
     for where, line in lines_of(labels.path):
         words = [word.strip() for word in line.split(",")] if "," in line else line.split()
         if not 6 <= len(words) <= 10:
             raise fault(f"{len(words)} columns", where, REMEDY)
         values = numbers(words, where, REMEDY)
         frame, id, x, y, w, h = values[:6]
+        widest = max(widest, w)
+        rows.append(values[7:] if len(values) == 10 else [])
         if frame != int(frame) or id != int(id) or not 0 <= frame <= MAX_FRAME:
             raise fault(f"frame {words[0][:20]} and id {words[1][:20]} must be whole numbers", where, REMEDY)
         confidence = values[6] if len(words) > 6 else 1.0
@@ -132,7 +138,18 @@ def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
             visible=visible if visible >= 0 else 1.0,
         )
         identities |= id >= 0
+    if rows and widest <= 1:
+        raise fault(
+            "no box is wider than one pixel: the columns are others, or shares of the image", labels.path, REMEDY
+        )
+    if all(_is_visdrone(row) for row in rows) and any(row[0] for row in rows):
+        raise fault("the last columns are class, truncation and occlusion, as in VisDrone", labels.path, REMEDY)
     return identities
+
+
+def _is_visdrone(row: Sequence[float]) -> bool:
+    """Whether the last three of ten columns are class, truncation and occlusion, not the place of MOT15."""
+    return len(row) == 3 and all(value in range(most + 1) for value, most in zip(row, VISDRONE, strict=True))
 
 
 def _info(path: Path) -> dict[str, str]:

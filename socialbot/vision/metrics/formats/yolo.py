@@ -148,7 +148,8 @@ def _box(words: Sequence[str], size: tuple[int, int], keypoints: int, where: str
     values = numbers(words, where, REMEDY)
     outline = not keypoints and len(values) >= 6 and len(values) % 2 == 0
     if len(values) < 4 or (len(values) > 5 and not outline and not keypoints):
-        raise fault(f"{len(values) + 1} columns", where, REMEDY)
+        remedy = f"{REMEDY}; for key points, set kpt_shape in data.yaml" if len(values) > 5 else REMEDY
+        raise fault(f"{len(values) + 1} columns", where, remedy)
     shares = values if outline else values[:4]
     if not all(-SLACK <= value <= 1 + SLACK for value in shares):
         worst = max(shares, key=abs)
@@ -215,9 +216,11 @@ def _description(path: Path | None, folder: Path) -> tuple[tuple[dict[int, str],
         raise fault(
             f"cannot be read: {' '.join(str(error).split())[:200]}", path, "write names: [person, ...]"
         ) from error
-    names = loaded.get("names") if isinstance(loaded, dict) else None
+    names: Any = loaded.get("names") if isinstance(loaded, dict) else None
     if isinstance(names, list):
         names = dict(enumerate(names))
+    if isinstance(names, dict):
+        names = {int(key) if isinstance(key, str) and key.isdecimal() else key: name for key, name in names.items()}
     if not isinstance(names, dict) or not all(isinstance(key, int) for key in names):
         raise fault("no names of classes", path, "write names: [person, ...], or names: {0: person}")
     shape = loaded.get("kpt_shape")
