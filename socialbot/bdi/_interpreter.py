@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from socialbot.bdi._explain import failure_of, unhandled
 from socialbot.bdi._intention_stack import IntentionStack
 from socialbot.bdi._messaging import TOLD, Message, Messaging
-from socialbot.bdi._relations import Annotations, Args, Relation
-from socialbot.bdi.belief_base import BeliefBase, is_source
+from socialbot.bdi._notes import Annotations
+from socialbot.bdi._relations import Args, Relation
+from socialbot.bdi.belief_base import BeliefBase
 from socialbot.bdi.intentions import (
     DONE,
     END,
@@ -31,7 +32,7 @@ from socialbot.bdi.intentions import (
     subgoal,
 )
 from socialbot.bdi.library import CompiledPlan, Library, Trigger
-from socialbot.bdi.literals import ANYTHING, SELF, Computed, Event, Literal, Reactor, Structure
+from socialbot.bdi.literals import ANYTHING, SELF, Computed, Event, Literal, Reactor, Structure, distinct, is_source
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.unification import Trail, annotations_match, closed, free, has_unbound, resolve, undo, unify
 from socialbot.core.errors import RuleError
@@ -133,7 +134,7 @@ class Interpreter:
             if kind is not Structure and not belief.negated and belief.posted is None:
                 # Useful for a class of new beliefs, not for a constant shared by agents.
                 beliefs.know(kind, len(belief.args), relation)
-        belief.posted = item = (relation, belief.args, belief.annotations + SELF, "", None)
+        belief.posted = item = (relation, belief.args, distinct(belief.annotations + SELF), "", None)
         return item
 
     def forget(self, belief: Literal, cause: str) -> None:
@@ -148,7 +149,9 @@ class Interpreter:
         """Run turns while work is pending, at most ``budget``; return whether any remains."""
         self.signalled = False
         inbox, events, ready, heap, intentions, awaited, due, trace, numbers, now = self._parts
-        while budget > 0:
+        while True:
+            if budget < 1:  # this takes less time than as a condition of a long loop
+                return bool(inbox or events or ready)
             trigger: Trigger | None = None
             if inbox:
                 begin: int | None = None  # beliefs between two function calls begin at the same time
@@ -277,7 +280,6 @@ class Interpreter:
             if not (events or ready or inbox or intentions.atomic) and (not heap or heap[0][0] > now()):
                 return False
             budget -= 1
-        return bool(inbox or events or ready)
 
     def take_in(self) -> None:
         """Process all posted items."""

@@ -12,9 +12,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._open_beliefs import add_belief, remove_belief
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import EVENT, OPEN, Failed, Failure, Intention, Pause, subgoal
-from socialbot.bdi.literals import SELF, Event, Literal, literal_from_key, source_notes
+from socialbot.bdi.literals import SELF, Event, Literal, is_source, literal_from_key, source_notes
 from socialbot.bdi.plans import Plan
 from socialbot.bdi.stdlib.registry import detached, each_of, literal_of, wrong
 from socialbot.bdi.steps import message

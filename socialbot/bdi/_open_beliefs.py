@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import EVENT, OPEN, Failed
-from socialbot.bdi.literals import SELF, Literal, literal_from_key
+from socialbot.bdi.literals import SELF, Literal, is_source, literal_from_key
 from socialbot.bdi.plans import Inference
 from socialbot.bdi.stdlib.registry import detached, opened
 from socialbot.bdi.terms import NOTHING, Atom, Variable
@@ -15,7 +14,8 @@ from socialbot.bdi.unification import Trail, Var, annotations_match, closed, res
 
 if TYPE_CHECKING:
     from socialbot.bdi._interpreter import Interpreter
-    from socialbot.bdi._relations import Annotations, Args, Relation
+    from socialbot.bdi._notes import Annotations
+    from socialbot.bdi._relations import Args, Relation
 
 
 def add_belief(ag: Interpreter, sign: str, key: str, args: Args, notes: Annotations, cause: Any) -> Any:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
-from socialbot.bdi.literals import Belief, Literal, literal_from_key
+from socialbot.bdi._notes import MANY_NOTES, Annotations, NoteSet
+from socialbot.bdi.literals import Belief, KnownSource, Literal, literal_from_key
 from socialbot.bdi.terms import Cons, Rest, by_order
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from socialbot.bdi.library import CompiledPlan, Trigger
 
 Args = tuple[Any, ...]
-
-Annotations = tuple[Any, ...]
 
 Fact = tuple[int, Any, Any]
 """Held belief: its begin (ns), its annotations (a tuple or a `NoteSet`), and the trace record of its begin."""
@@ -36,9 +35,6 @@ of items before the tail.
 
 MOST_INDEXES = 16
 """Number of indexes of a relation beyond which queries with other known parts search all its beliefs."""
-
-MANY_NOTES = 16
-"""Number of annotations from which a belief has a `NoteSet` of them."""
 
 _NONE: dict[Any, Any] = {}
 """Shared empty dictionary of relations without indexes or timers; it saves memory."""
@@ -148,44 +144,6 @@ class Index:
             bucket.update(dict.fromkeys((args, *others)))
 
 
-class NoteSet:
-    """Annotations of a belief that has many of them, in order; a further one costs no copy of the others."""
-
-    __slots__ = ("_notes",)
-
-    def __init__(self, notes: Annotations) -> None:
-        self._notes: dict[Any, Any] = {}
-        self.add(notes)
-
-    def add(self, notes: Annotations) -> Annotations:
-        """Add annotations; return the new ones. Raises TypeError for a value that cannot be hashed."""
-        held = self._notes
-        if len(notes) == 1:
-            note = notes[0]
-            key = note.mark if isinstance(note, Literal) else (note,)
-            if key in held:
-                return ()
-            held[key] = note
-            return notes
-        new: list[Any] = []
-        for note in notes:
-            number = len(held)
-            held.setdefault(note.mark if isinstance(note, Literal) else (note,), note)
-            if len(held) > number:
-                new.append(note)
-        return notes if len(new) == len(notes) else tuple(new)
-
-    def discard(self, note: Any) -> None:
-        """Remove an annotation, if it exists."""
-        self._notes.pop(note.mark if isinstance(note, Literal) else (note,), None)
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._notes.values())
-
-    def __len__(self) -> int:
-        return len(self._notes)
-
-
 class Relation:
     """Beliefs of one name and arity, indexed by the parts of arguments that plans query.
 
@@ -244,21 +202,32 @@ class Relation:
 
     def merge(self, args: Args, notes: Annotations) -> Annotations:
         """Add annotations to a held belief; return those that it did not have yet."""
-        since, held, begin = self.facts[args]
+        held = self.facts[args][1]
         if held is notes:
             return ()
-        if held.__class__ is NoteSet:
-            notes = held.add(notes)
+        if held.__class__ is not NoteSet:
+            notes = self._merge_few(args, notes)
+        elif len(notes) == 1 and notes[0].__class__ is KnownSource:
+            name = notes[0].args[0]
+            if name in held.marks:
+                return ()
+            held.marks[name] = notes[0]
         else:
-            notes = tuple(note for note in notes if note not in held)
-            if notes:
-                held += notes
-                if len(held) >= MANY_NOTES:
-                    with contextlib.suppress(TypeError):  # Some values cannot be hashed.
-                        held = NoteSet(held)
-                self.facts[args] = (since, held, begin)
+            notes = held.add(notes)
         if notes and self.indexes:
             self.touch(args)
+        return notes
+
+    def _merge_few(self, args: Args, notes: Annotations) -> Annotations:
+        """Variant of `merge` for a belief without a `NoteSet`, which gets one with many annotations."""
+        since, held, begin = self.facts[args]
+        notes = tuple(note for note in notes if note not in held)
+        if notes:
+            held += notes
+            if len(held) >= MANY_NOTES:
+                with contextlib.suppress(TypeError):  # Some values cannot be hashed.
+                    held = NoteSet(held)
+            self.facts[args] = (since, held, begin)
         return notes
 
     def touch(self, args: Args) -> None:
@@ -330,10 +299,10 @@ def known_parts(args: Args, path: tuple[Any, ...] = ()) -> tuple[tuple[Path, ...
     return tuple(paths), tuple(parts)
 
 
-def choices(pattern: Annotations, held: Annotations, trail: Trail, used: Annotations = ()) -> Iterator[None]:
+def choices(pattern: Annotations, held: Any, trail: Trail, used: Annotations = ()) -> Iterator[None]:
     """Bind the annotations of the pattern to those held; yield once for each solution.
 
-    ``used`` are the held ones that earlier annotations matched.
+    Those held are a tuple or a `NoteSet`. ``used`` are the ones that earlier annotations matched.
     """
     if not pattern:
         yield None
@@ -345,7 +314,12 @@ def choices(pattern: Annotations, held: Annotations, trail: Trail, used: Annotat
             yield None
         undo(trail, mark)
         return
-    for candidate in held if closed(pattern[0]) else by_order(held):
+    known = closed(pattern[0])
+    if known and held.__class__ is NoteSet:
+        found = held.candidates(pattern[0])
+    else:
+        found = held if known else by_order(held)
+    for candidate in found:
         if unify(pattern[0], candidate, trail):
             yield from choices(pattern[1:], held, trail, (*used, candidate))
         undo(trail, mark)

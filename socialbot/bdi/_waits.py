@@ -208,6 +208,19 @@ class Waits:
         self._interpreter.intentions.running = None
         pause.interpreter = self._interpreter
         pause.intention = queued
+        index = self.events.get(pause.key)
+        if index is None or not index.only_exact:
+            self.await_event(pause)
+            return
+        for term in pause.args:
+            if term.__class__ not in ATOMIC:
+                break
+        else:
+            # The most frequent case: no other intention waits for just these arguments.
+            if index.exact.setdefault(pause.args, pause) is pause:
+                pause.number = next(self._numbers)
+                pause.place = index.exact, pause.args
+                return
         self.await_event(pause)
 
     def queued(self) -> list[EventPause]:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._hold_timers import HoldTimer
-from socialbot.bdi._relations import Annotations, Args, Fact, NoteSet, Relation, Watcher
+from socialbot.bdi._notes import Annotations, NoteSet, is_source_of
+from socialbot.bdi._relations import Args, Fact, Relation, Watcher
 from socialbot.bdi._rule_checks import mismatch
 from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library
-from socialbot.bdi.literals import ATOMIC, SELF, Computed, Literal, Reactor, ground, source
+from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, is_source, source
 from socialbot.bdi.trace import TraceWriter, log
 from socialbot.bdi.unification import Var, resolve
 from socialbot.core.clock import nanoseconds
@@ -204,15 +205,16 @@ class BeliefBase:
         return None if found is None else self._remove_held(relation, found, notes, cause, here)
 
     def _remove_held(self, relation: Relation, found: Args, notes: Annotations, cause: Any, here: bool) -> Any:
-        held, taken = relation.facts[found][1], notes if notes is SELF else resolve(notes)
-        left = () if held == taken else tuple(note for note in held if note not in taken and not _nested(note, taken))
-        if any(map(is_source, left)):
-            since, _, begin = relation.facts[found]
-            if held.__class__ is NoteSet:
-                for note in [*taken, *(note for note in held if _nested(note, taken))]:
-                    held.discard(note)
-            else:
-                relation.facts[found] = (since, left, begin)
+        since, held, begin = relation.facts[found]
+        taken = notes if notes is SELF else resolve(notes)
+        if held.__class__ is NoteSet:
+            left, remains = held, held.remove(taken)
+        else:
+            alone = held == taken
+            left = () if alone else tuple(n for n in held if n not in taken and not is_source_of(n, taken))
+            remains = any(map(is_source, left))
+        if remains:
+            relation.facts[found] = (since, left, begin)
             relation.touch(found)
         else:
             del relation.facts[found]
@@ -339,18 +341,6 @@ class BeliefBase:
         relation.special = watched or (kind is not None and (kind.singleton or issubclass(kind, (Reactor, Computed))))
         changed = triggers.get(f"changed {key}")
         relation.care = relation.special or relation.held is not None or changed is not None
-
-
-def _nested(note: Any, taken: Annotations) -> bool:
-    """Whether an annotation is a source with sources of its own, as ``source(a)[source(b)]``, and is taken."""
-    if note.__class__ in ATOMIC or not is_source(note) or not note.annotations:
-        return False
-    return any(is_source(other) and not other.annotations and other.args == note.args for other in taken)
-
-
-def is_source(note: object) -> bool:
-    """Whether an annotation is ``source(S)``."""
-    return isinstance(note, Literal) and note.functor == "source" and len(note.args) == 1
 
 
 def _held(relation: Relation, args: Args) -> HeldBelief:

@@ -17,7 +17,7 @@ from socialbot.bdi._rule_checks import check_belief, check_goal, check_running
 from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
-from socialbot.bdi.literals import SELF, SOURCES, Belief, Change, Goal, Literal, source_notes
+from socialbot.bdi.literals import SELF, Belief, Change, Goal, Literal, distinct, known_notes, source_notes
 from socialbot.bdi.plans import Inference, Plan, contents_of, flat
 from socialbot.bdi.sensors import Sensor, take_percept
 from socialbot.bdi.steps import Action
@@ -214,8 +214,10 @@ class Engine:
         if source != "self" or cause or since is not None:
             if source.__class__ is not str and not isinstance(source, (str, Atom)):
                 raise RuleError(f"{source!r} is not a source", where=self.name, remedy="give the name of an agent")
-            notes = SOURCES.get(source) or source_notes(source)
-            item = (item[0], item[1], belief.annotations + notes if belief.annotations else notes, cause, since)
+            if item[2] is SELF:
+                item = (item[0], item[1], known_notes(source) or source_notes(source), cause, since)
+            else:
+                item = (item[0], item[1], distinct(belief.annotations + source_notes(source)), cause, since)
         self._inbox.append(item)
         if self.wake is not None and not self.interpreter.signalled:
             self.interpreter.signal()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi.engine import Engine, MindChange
-from socialbot.bdi.literals import PERCEPT, Literal, literal_from_key
+from socialbot.bdi.literals import PERCEPT, Literal, distinct, literal_from_key
 from socialbot.bdi.stdlib.actions import import_module
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.unification import Trail, undo, unify
@@ -206,7 +206,7 @@ def _matches(pattern: Literal, belief: Literal) -> bool:
 
 def _believe(agent: Engine, belief: Literal) -> None:
     relation, args, *_ = agent.interpreter.admit(belief)
-    agent.interpreter.post((relation, args, belief.annotations + PERCEPT, "", None))
+    agent.interpreter.post((relation, args, distinct(belief.annotations + PERCEPT), "", None))
 
 
 def _forget(agent: Engine, belief: Literal) -> None:

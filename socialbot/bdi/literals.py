@@ -161,22 +161,8 @@ class _Key:
         if item is None:
             return owner.__name__
         key = f"{'~' if item.negated else ''}{item.functor}/{len(item.args)}"
-        item.__dict__["key"] = key
+        item.key = key  # type: ignore[misc]  # not in `__dict__`, whose creation takes memory
         return key
-
-
-class _Mark:
-    """Descriptor that computes what distinguishes an annotation from others; it caches the name of a source."""
-
-    def __get__(self, item: Literal | None, owner: type[Literal]) -> Any:
-        if item is None:
-            return owner.__name__
-        if item.functor == "source" and len(item.args) == 1 and not item.annotations and not item.negated:
-            name = item.args[0]
-            if name.__class__ is Atom:
-                item.__dict__["mark"] = name
-                return name
-        return (item,)
 
 
 class Literal(Pattern):
@@ -195,9 +181,6 @@ class Literal(Pattern):
 
     key = _Key()
     """Name and number of arguments, as in ``at/2``; only literals with the same key can match."""
-
-    mark = _Mark()
-    """Key of an annotation among others: the atom of a source, whose hash costs less, or a tuple of the annotation."""
 
     posted: Any = None
     """Inbox item cached by an engine."""
@@ -221,12 +204,11 @@ class Literal(Pattern):
         """Copy with other arguments or annotations."""
         twin = copy.copy(self)
         twin.posted = None
-        twin.__dict__.pop("mark", None)
         if args is not None:
             twin.args = args
             twin.__dict__.pop("key", None)
         if annotations is not None:
-            twin.annotations = annotations
+            twin.annotations = distinct(annotations)
         return twin
 
     def __getitem__(self: T, annotations: object) -> T:
@@ -278,7 +260,7 @@ def literal(
     made = Structure(*args)
     made.functor = functor
     if annotations:
-        made.annotations = annotations
+        made.annotations = distinct(annotations)
     if negated:
         made.negated = True
     return made
@@ -427,6 +409,23 @@ class source(Symbolic, Annotation):  # noqa: N801 - written as AgentSpeak writes
     """Source of a belief or goal: ``self``, ``percept`` or the name of an agent."""
 
 
+class KnownSource(source):
+    """Source that all its beliefs share. Events read its key, which takes less time than for other literals."""
+
+    __slots__ = ("key",)
+
+    def __init__(self, name: Atom) -> None:
+        super().__init__(name)
+        self.key = "source/1"
+
+    def with_(self, *, args: tuple[object, ...] | None = None, annotations: tuple[object, ...] | None = None) -> source:
+        """Copy with other arguments or annotations, which is no longer this source."""
+        return source(*self.args).with_(args=args, annotations=annotations)
+
+
+KnownSource.functor = source.functor
+
+
 class error(Symbolic, Annotation):  # noqa: N801
     """Reason of a failure, such as ``timeout`` (see `socialbot.bdi.intentions`)."""
 
@@ -435,8 +434,8 @@ class error_msg(Annotation):  # noqa: N801
     """Message of a failure."""
 
 
-SELF = (source(Atom("self")),)
-PERCEPT = (source(Atom("percept")),)
+SELF = (KnownSource(Atom("self")),)
+PERCEPT = (KnownSource(Atom("percept")),)
 """Annotations of the agent's own conclusions and of percepts."""
 
 
@@ -444,6 +443,9 @@ SOURCES: dict[object, tuple[Literal, ...]] = {
     name: notes for text, notes in (("self", SELF), ("percept", PERCEPT)) for name in (text, Atom(text))
 }
 """Annotations of the sources that were needed before, by name."""
+
+known_notes = SOURCES.get
+"""Annotations of a source that was needed before; a method of an imported name would take longer to call."""
 
 
 def source_notes(name: object) -> tuple[Literal, ...]:
@@ -456,9 +458,30 @@ def source_notes(name: object) -> tuple[Literal, ...]:
     notes = SOURCES.get(name)
     if notes is None:
         # An equal string is the same source as the atom.
-        notes = SOURCES.setdefault(Atom(str(name)), (source(name),))
+        atom = Atom(str(name))
+        notes = SOURCES.setdefault(atom, (KnownSource(atom),))
         SOURCES[name] = notes
     return notes
+
+
+def distinct(notes: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return annotations without those that are equal to earlier ones; those with variables are kept."""
+    if len(notes) < 2:
+        return notes
+    kept: list[Any] = []
+    known: list[Any] = []
+    for note in notes:
+        if ground(note):
+            if note in known:
+                continue
+            known.append(note)
+        kept.append(note)
+    return notes if len(kept) == len(notes) else tuple(kept)
+
+
+def is_source(note: object) -> bool:
+    """Whether an annotation is ``source(S)``."""
+    return isinstance(note, Literal) and note.functor == "source" and len(note.args) == 1
 
 
 def check_seconds(seconds: object, what: str) -> None:

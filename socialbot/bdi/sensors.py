@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from socialbot.bdi.literals import PERCEPT, Belief, Change, Event
+from socialbot.bdi.literals import PERCEPT, Belief, Change, Event, distinct
 from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def take_percept(interpreter: Interpreter, sensor: Sensor, percept: Any, cause: 
             if event.change is Change.ADDED:
                 relation, args, *_ = interpreter.admit(event.literal)
                 why = _percept(interpreter, event, cause, reasons, news=args not in relation.facts)
-                interpreter.beliefs.add(relation, args, event.literal.annotations + PERCEPT, why, since)
+                interpreter.beliefs.add(relation, args, distinct(event.literal.annotations + PERCEPT), why, since)
             else:
                 interpreter.forget(event.literal, _percept(interpreter, event, cause, reasons, news=True))
     except Exception as problem:  # noqa: BLE001 - sensors are user code

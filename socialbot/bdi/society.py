@@ -17,7 +17,7 @@ from socialbot.bdi._rule_checks import check_running
 from socialbot.bdi._timers import Wakeup
 from socialbot.bdi.engine import Engine
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import SOURCES, Change, Event, literal_from_key, source_notes
+from socialbot.bdi.literals import Change, Event, known_notes, literal_from_key, source_notes
 from socialbot.bdi.terms import Atom
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
@@ -142,7 +142,7 @@ class Society:
             deliver(sender, agent, "tell", agent.beliefs.relation(key).literal(args), cause)
             return
         relation = ag.relations.get(key) or ag.beliefs.relation(key)
-        said_by = SOURCES.get(sender.name) or source_notes(sender.name)
+        said_by = known_notes(sender.name) or source_notes(sender.name)
         ag.inbox.append((relation, args, said_by, cause, TOLD))
         if not ag.signalled:
             ag.signalled = True

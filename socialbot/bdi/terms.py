@@ -381,7 +381,10 @@ def order(term: object) -> tuple[object, ...]:
 
 def by_order(items: Collection[Any]) -> Collection[Any]:
     """Return annotations in the order of terms, in which Jason keeps them."""
-    return sorted(items, key=order) if len(items) > 1 else items
+    if len(items) < 2:
+        return items
+    in_order = getattr(items, "in_order", None)  # of many annotations of a belief
+    return sorted(items, key=order) if in_order is None else in_order()
 
 
 def show(term: object) -> str:

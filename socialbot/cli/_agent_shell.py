@@ -13,9 +13,8 @@ from typing import Any
 from socialbot.bdi import Engine
 from socialbot.bdi.agentspeak import agentspeak, parse_condition, parse_event, parse_literal, parse_term
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import subgoal
-from socialbot.bdi.literals import SELF, Change, Literal, literal
+from socialbot.bdi.literals import SELF, Change, Literal, is_source, literal
 from socialbot.bdi.saving import read, restore, write
 from socialbot.bdi.terms import names_in, show
 from socialbot.bdi.trace import Record, Trace, as_text, tee

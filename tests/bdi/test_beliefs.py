@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import sys
 from random import Random
 from typing import Any
 
-from hypothesis import given, settings
+import pytest
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from socialbot.bdi import Atom, Belief, Engine, Variable, source
+from socialbot.bdi import Atom, Belief, Engine, Variable, _relations, source
 from socialbot.bdi._relations import Index, choices
 from socialbot.bdi.literals import SELF, literal
 from socialbot.bdi.stdlib.registry import opened
@@ -237,6 +239,57 @@ def test_a_belief_of_many_sources_keeps_each_once():
     engine.run_until_idle()
     (held,) = engine.beliefs
     assert held.sources == ("s3",)
+
+
+NOTES = ("source(a)", "source(b)", "source(c)", "source(d)", "source(e)", "source(a)[source(b)]", "x(1)", "x(2)", "y")
+NOTED = st.lists(st.sampled_from(NOTES), min_size=1, max_size=3)
+NOTE_CHANGES = st.lists(st.tuples(st.sampled_from("+-?"), NOTED), max_size=20)
+
+
+def noted(changes: list[tuple[str, list[str]]], many: int) -> tuple[list[str], set[str]]:
+    """Actions of an agent whose belief gets, loses and is asked for annotations, and its annotations at the end."""
+    engine, done = Engine("base", ManualClock()), []
+    engine.add_action(lambda _engine, *what: done.append(str(what)), "say")
+    engine.add_text("+hot(1)[source(S)] <- say(S). -hot(1)[source(S)] <- say(no, S).")
+    for number, (sign, notes) in enumerate(changes):
+        belief, ask = f"hot(1)[{', '.join(notes)}]", ".findall(S, hot(1)[source(S)], L); say(L)"
+        body = f"{sign}{belief}" if sign != "?" else ask
+        condition = f" : {belief}" if sign == "?" else ""
+        engine.add_text(f"+!step{number}{condition} <- {body}. +!step{number}. !step{number}.")
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(_relations, "MANY_NOTES", many)
+            while engine.run_until_idle():
+                pass
+    return done, {str(note) for _, held, _ in engine.beliefs.relation("hot/1").facts.values() for note in held}
+
+
+@given(NOTE_CHANGES)
+@example([("+", ["source(a)", "source(a)[source(b)]", "source(c)"]), ("-", ["source(a)"]), ("?", ["source(a)"])])
+@settings(max_examples=50)
+def test_a_belief_with_many_annotations_changes_as_one_with_few(changes):
+    assert noted(changes, many=2) == noted(changes, many=1000)
+
+
+@pytest.mark.parametrize("change", ["-hot(1)[source(s7)]", "?hot(1)[source(s7)]", "+hot(1)[source(new)]"])
+def test_a_change_of_one_source_takes_as_many_calls_for_any_number_of_others(change):
+    def calls(number: int) -> int:
+        engine, counts = Engine("base", ManualClock()), []
+        engine.add_text(f"+!change <- {change}.")
+        for i in range(number):
+            engine.believe(literal("hot", (1,)), source=f"s{i}")
+        for _turn in range(2):  # the first time compiles the plan
+            engine.believe(literal("hot", (1,)), source="s7")
+            engine.run_until_idle()
+            engine.achieve(literal("change"))
+            counts.append(0)
+            sys.setprofile(lambda *_: counts.append(counts.pop() + 1))
+            try:
+                engine.run_until_idle()
+            finally:
+                sys.setprofile(None)
+        return counts[-1]
+
+    assert calls(400) == calls(40)
 
 
 def f(*args):

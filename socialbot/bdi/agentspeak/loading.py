@@ -25,7 +25,6 @@ from socialbot.bdi._inner_plans import is_nested, parts
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
 from socialbot.bdi.compiler._dynamic import specialised
 from socialbot.bdi.compiler._plans import ANY_MODE, compile_inference, compile_plan
@@ -33,7 +32,7 @@ from socialbot.bdi.compiler._runtime import div, mod
 from socialbot.bdi.compiler._terms import function_of
 from socialbot.bdi.intentions import Failed
 from socialbot.bdi.library import CompiledInference, CompiledPlan, Library
-from socialbot.bdi.literals import SELF, Literal
+from socialbot.bdi.literals import SELF, Literal, distinct, is_source
 from socialbot.bdi.plans import LEAVES, Inference, Origin, Plan, contents_of, parts_of, unbound_in
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.stdlib.actions import registered
@@ -113,6 +112,7 @@ class _InitialGoal:
 
 
 def _with_source(notes: tuple[Any, ...]) -> tuple[Any, ...]:
+    notes = distinct(notes)
     return notes if any(map(is_source, notes)) else notes + SELF
 
 

@@ -16,8 +16,7 @@ import math
 from collections.abc import Iterable
 
 from socialbot.bdi.agentspeak.lexer import ESCAPES, TRIGGERS, WRITTEN, Level, is_function, is_plain, is_quoted
-from socialbot.bdi.belief_base import is_source
-from socialbot.bdi.literals import Change, Event, Literal, literal
+from socialbot.bdi.literals import Change, Event, Literal, is_source, literal
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.steps import (
     Achieve,

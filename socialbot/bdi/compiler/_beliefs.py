@@ -9,7 +9,7 @@ from typing import Any
 from socialbot.bdi._relations import form_of
 from socialbot.bdi.compiler._source import CELL, Function, tuple_of
 from socialbot.bdi.compiler._terms import has_cell, match, match_literal, settled, value
-from socialbot.bdi.literals import Literal
+from socialbot.bdi.literals import Literal, Symbolic
 from socialbot.bdi.terms import Cons, LiteralVariable, Rest, Variable
 
 Path = tuple[Any, ...]
@@ -173,10 +173,26 @@ def match_annotations(f: Function, patterns: tuple[object, ...], fail: str) -> N
     """Emit the match of each pattern with the first annotation of an event that fits; else it executes ``fail``."""
     for pattern in patterns:
         found = f.unit.name("n")
+        name = _any_source(f, pattern)
+        if name is not None:
+            with f.block(f"if len(notes) != 1 or ({found} := notes[0]).__class__ is not KnownSource"):
+                f.line(f"{found} = first_source(notes)")
+                f.line(f"if {found} is None: {fail}")
+            part = f"{found}.args[0]"
+            match(f, name, f"plain({part})" if isinstance(pattern, Symbolic) else part, fail)
+            continue
         with f.block(f"for {found} in {_in_order(f, pattern, 'notes')}"):
             _match_annotation(f, pattern, found)
             f.line("break")
         f.line(f"else: {fail}")
+
+
+def _any_source(f: Function, pattern: object) -> Variable | None:
+    """Return the variable of ``source(S)`` if it is new, so that the first source matches."""
+    if not isinstance(pattern, Literal) or pattern.key != "source/1" or pattern.annotations:
+        return None
+    name = pattern.args[0]
+    return name if isinstance(name, Variable) and name.name not in f.scope else None
 
 
 def _in_order(f: Function, pattern: object, held: str) -> str:
@@ -200,6 +216,10 @@ def _annotated(f: Function, patterns: tuple[object, ...], held: str, rest: Calla
         known = f.unit.name("n")
         f.line(f"{known} = {held}")
         held = known
-    with loop(f, _in_order(f, patterns[0], held), binds=False) as found:
+    if settled(f, patterns[0]):
+        items = f"{held} if {held}.__class__ is tuple else {held}.candidates({value(f, patterns[0])})"
+    else:
+        items = _in_order(f, patterns[0], held)
+    with loop(f, items, binds=False) as found:
         _match_annotation(f, patterns[0], found)
         _annotated(f, patterns[1:], held, rest)

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from socialbot.bdi._explain import failure_of, matched, plans_after, reasons_against
 from socialbot.bdi._inner_plans import ScopePause
 from socialbot.bdi._open_beliefs import add_belief, remove_belief
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import (
     change_rule,
     literal_with,
@@ -44,7 +43,7 @@ from socialbot.bdi.intentions import (
     mode_of,
     timed,
 )
-from socialbot.bdi.literals import SELF, Event, Literal, literal, source_notes
+from socialbot.bdi.literals import SELF, Event, KnownSource, Literal, distinct, is_source, literal, source_notes
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib.actions import DIRECT, call, registered
 from socialbot.bdi.stdlib.registry import Collection, detached, is_number, literal_of
@@ -149,6 +148,11 @@ def known(term: Any) -> Any:
 def told_by(name: Any) -> Args:
     """Return the annotation ``source(Name)`` of AgentSpeak, in which a string differs from an atom."""
     return source_notes(name) if name.__class__ is Atom else (literal("source", (name,)),)
+
+
+def first_source(notes: Args) -> Literal | None:
+    """Return the first annotation ``source(S)`` in the order of terms."""
+    return next((note for note in by_order(notes) if isinstance(note, Literal) and note.key == "source/1"), None)
 
 
 def plain(term: Any) -> Any:
@@ -430,12 +434,13 @@ def chosen(ag: Interpreter, plan: CompiledPlan, args: Args, notes: Args, cause: 
 
 NAMES: dict[str, Any] = {
     "ANY": Var(), "Cons": Cons, "DONE": DONE, "Event": Event, "EventPause": EventPause, "Failed": Failed,
-    "ForkPause": ForkPause, "ScopePause": ScopePause, "Literal": Literal,
+    "ForkPause": ForkPause, "KnownSource": KnownSource, "ScopePause": ScopePause, "Literal": Literal,
     "ONCE": (None,), "SELF": SELF, "SpecialBody": SpecialBody,
     "TimedRequest": TimedRequest, "Var": Var, "act": act, "aggregate": aggregate,
     "adopt_later": adopt_later, "annotations_match": annotations_match, "await_condition": await_condition,
     "by_order": by_order,
-    "chosen": chosen, "closed": closed, "cons": cons, "div": div, "failure_of": failure_of, "goal_of": goal_of,
+    "chosen": chosen, "closed": closed, "cons": cons, "distinct": distinct, "div": div, "failure_of": failure_of,
+    "first_source": first_source, "goal_of": goal_of,
     "holds": holds, "internal": internal, "known": known, "limited": limited, "literal": literal, "mod": mod,
     "number": number,
     "open_goal": open_goal, "order": order, "outcome": outcome, "perform": perform, "plain": plain,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._conditions import (
     COLLECTORS,
     ORDERS,
@@ -21,7 +20,7 @@ from socialbot.bdi.compiler._conditions import (
 from socialbot.bdi.compiler._source import CELL, VALUE, Function, Scope, tuple_of
 from socialbot.bdi.compiler._terms import build, has_cell, has_value, match, refresh, settled, value
 from socialbot.bdi.intentions import MODE, SUBGOAL, TAIL, mode_of
-from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, literal, source
+from socialbot.bdi.literals import META, Belief, Event, Goal, Literal, Structure, ground, is_source, literal, source
 from socialbot.bdi.plans import Inference, parts_of
 from socialbot.bdi.stdlib import called, find
 from socialbot.bdi.stdlib.actions import DIRECT
@@ -258,7 +257,8 @@ def notes_of(f: Function, literal: Literal) -> str:
             return f"{make}({value(f, note.args[0])})"
     notes = [value(f, note) if has_value(f, note) else build(f, note) for note in literal.annotations]
     named = any(isinstance(note, Literal) and note.functor == "source" for note in literal.annotations)
-    return tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
+    made = tuple_of(notes) if named else f"({', '.join(notes)}, *SELF)"
+    return made if len(notes) == 1 or ground(literal.annotations) else f"distinct({made})"
 
 
 def marked(f: Function, notes: str, marks: tuple[Literal, ...]) -> str:

@@ -13,10 +13,9 @@ from socialbot.bdi.agentspeak._spelling import label_term, spelled_item
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError
 from socialbot.bdi.agentspeak.parser import parse_plan
 from socialbot.bdi.agentspeak.printer import agentspeak
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.compiler._dynamic import substituted, variables_of
 from socialbot.bdi.intentions import Failed, source_of
-from socialbot.bdi.literals import SELF, Literal, literal, source
+from socialbot.bdi.literals import SELF, Literal, is_source, literal, source
 from socialbot.bdi.plans import Inference, KnownPlan, Plan
 from socialbot.bdi.stdlib.environment import event_of, print_
 from socialbot.bdi.stdlib.registry import (

@@ -7,9 +7,8 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from socialbot.bdi.belief_base import is_source
 from socialbot.bdi.intentions import Failed
-from socialbot.bdi.literals import Event, Literal, literal, source
+from socialbot.bdi.literals import Event, Literal, is_source, literal, source
 from socialbot.bdi.plans import Inference, Plan
 from socialbot.bdi.stdlib._strings import replaced, text_of
 from socialbot.bdi.stdlib.registry import (
