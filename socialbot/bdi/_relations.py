@@ -221,7 +221,10 @@ class Relation:
     def _merge_few(self, args: Args, notes: Annotations) -> Annotations:
         """Variant of `merge` for a belief without a `NoteSet`, which gets one with many annotations."""
         since, held, begin = self.facts[args]
-        notes = tuple(note for note in notes if note not in held)
+        if len(notes) > 1:
+            notes = tuple(note for note in notes if note not in held)
+        elif notes and notes[0] in held:
+            return ()
         if notes:
             held += notes
             if len(held) >= MANY_NOTES:

@@ -422,6 +422,15 @@ class KnownSource(source):
         """Copy with other arguments or annotations, which is no longer this source."""
         return source(*self.args).with_(args=args, annotations=annotations)
 
+    def __eq__(self, other: object) -> bool:
+        # There is one object for each name.
+        return self is other or (other.__class__ is not KnownSource and super().__eq__(other))
+
+    __hash__ = source.__hash__
+
+    def __reduce__(self) -> tuple[Callable[[Any], KnownSource], tuple[object]]:
+        return _known_source, (self.args[0],)
+
 
 KnownSource.functor = source.functor
 
@@ -462,6 +471,12 @@ def source_notes(name: object) -> tuple[Literal, ...]:
         notes = SOURCES.setdefault(atom, (KnownSource(atom),))
         SOURCES[name] = notes
     return notes
+
+
+def _known_source(name: Atom) -> KnownSource:
+    (note,) = source_notes(name)
+    assert isinstance(note, KnownSource)
+    return note
 
 
 def distinct(notes: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import copy
+import pickle
 import sys
 from random import Random
 from typing import Any
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from socialbot.bdi import Atom, Belief, Engine, Variable, _relations, source
 from socialbot.bdi._relations import Index, choices
-from socialbot.bdi.literals import SELF, literal
+from socialbot.bdi.literals import SELF, literal, source_notes
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.bdi.terms import Conjunction, Cons, Negation, conjunction
 from socialbot.bdi.unification import Var, resolve, undo, unify
@@ -268,6 +270,16 @@ def noted(changes: list[tuple[str, list[str]]], many: int) -> tuple[list[str], s
 @settings(max_examples=50)
 def test_a_belief_with_many_annotations_changes_as_one_with_few(changes):
     assert noted(changes, many=2) == noted(changes, many=1000)
+
+
+def test_there_is_one_object_for_the_source_of_a_name():
+    (bob,), (same,), (ann,) = map(source_notes, ("bob", Atom("bob"), "ann"))
+    assert bob is same is copy.copy(bob) is pickle.loads(pickle.dumps(bob))
+    assert bob == source("bob") == bob != ann
+    assert hash(bob) == hash(source("bob"))
+    nested = bob.with_(annotations=(ann,))
+    assert (str(nested), str(nested.with_(annotations=()))) == ("source(bob)[source(ann)]", "source(bob)")
+    assert nested != bob != nested
 
 
 @pytest.mark.parametrize("change", ["-hot(1)[source(s7)]", "?hot(1)[source(s7)]", "+hot(1)[source(new)]"])
