@@ -12,8 +12,11 @@ from socialbot.bdi.unification import resolve
 
 Annotations = tuple[Any, ...]
 
-MANY_NOTES = 4
+MANY_NOTES = 8
 """Number of annotations from which a belief has a `NoteSet` of them."""
+
+_NONE: dict[Any, Any] = {}
+"""Shared empty dictionary of sets without other annotations; it saves memory."""
 
 _name = attrgetter("name")
 
@@ -48,7 +51,7 @@ class NoteSet:
 
     def __init__(self, notes: Annotations) -> None:
         self.marks: dict[Any, Any] = {}
-        self.others: dict[Any, Any] = {}
+        self.others: dict[Any, Any] = _NONE
         self.add(notes)
 
     def add(self, notes: Annotations) -> Annotations:
@@ -60,6 +63,8 @@ class NoteSet:
                 self.marks[mark] = note
                 new.append(note)
                 if mark.__class__ is tuple:
+                    if self.others is _NONE:
+                        self.others = {}
                     self.others[mark] = note
         return notes if len(new) == len(notes) else tuple(new)
 
