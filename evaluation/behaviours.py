@@ -25,8 +25,7 @@ from xml.etree import ElementTree
 import typer
 from ruamel.yaml import YAML
 
-from evaluation.progress import Bar
-from evaluation.report import JsonOption, QuickOption, Report, Value, run
+from evaluation.report import Bar, JsonOption, QuickOption, Report, Value, run
 from socialbot.bags.reader import open_bag
 from socialbot.bags.writer import BagWriter
 from socialbot.core.errors import GraphError, SocialbotError

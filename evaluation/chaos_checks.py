@@ -14,7 +14,7 @@ import msgspec
 import psutil
 
 from evaluation.faults_deaths import GREETING, SPEECH
-from evaluation.faults_processes import descendants
+from evaluation.faults_plan import descendants
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.core.bounded_log import parts
 from socialbot.core.messages import Message, SpeechStatus, TraceRecord, Utterance

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from evaluation import engine_hand as hand
 from evaluation import engine_programs as programs
 from evaluation.engine_rows import Job, Row
-from evaluation.engine_workloads import Scale
-from evaluation.timing import timed
+from evaluation.engine_workloads import Scale, timed
 from socialbot.bdi import Engine
 
 BURST_TEXT = "ready(yes). +person(P) : ready(yes) <- -person(P); tick."

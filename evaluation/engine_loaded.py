@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from evaluation import engine_programs as programs
 from evaluation.engine_hand import Body, Fact, Guard, Hand, forget_and_count
 from evaluation.engine_rows import Job, Row
-from evaluation.engine_workloads import Scale, post
-from evaluation.timing import timed
+from evaluation.engine_workloads import Scale, post, timed
 from socialbot.bdi import Atom, Belief, Engine
 from socialbot.bdi.literals import literal
 from socialbot.bdi.society import Society

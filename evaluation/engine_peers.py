@@ -14,8 +14,7 @@ from typing import Any
 
 from evaluation.engine_host import fresh, import_ms, rss_kib
 from evaluation.engine_programs import COUNT_TEXT, REACT_TEXT, plan_texts
-from evaluation.engine_workloads import Scale
-from evaluation.timing import timed
+from evaluation.engine_workloads import Scale, timed
 
 PASSES = 3
 BUDGET_NS = 700_000_000

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from evaluation.engine_workloads import Figures, Scale, compared
-from evaluation.timing import Pass, take_turns
+from evaluation.engine_workloads import Figures, Pass, Scale, compared, take_turns
 
 
 @dataclass(frozen=True)

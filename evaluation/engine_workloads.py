@@ -6,18 +6,85 @@ Rates are per second of processor time. Each workload returns its figures by the
 from __future__ import annotations
 
 import gc
+import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from evaluation import engine_hand as hand
 from evaluation import engine_programs as programs
 from evaluation.engine_hookless import hookless
 from evaluation.report import Value
-from evaluation.timing import Pass, Passes, Timing, take_turns, timed
 from socialbot.bdi import Atom, Engine
 from socialbot.bdi.literals import Belief
 from socialbot.core.clock import WallClock
+
+PASSES = 7
+"""Minimum number of passes."""
+
+STABLE = 0.01
+"""Relative improvement below which the measurement ends."""
+
+SECOND = 1_000_000_000
+
+Pass = Callable[[], int]
+"""Function that works once and returns its processor time (ns)."""
+
+
+@dataclass
+class Passes:
+    """Measurement length: ``budget_s`` ends it after `PASSES` passes, even if unstable."""
+
+    least: int = PASSES
+    budget_s: float = 20.0
+
+
+@dataclass
+class Timing:
+    """Least processor time (ns) of each contender for ``units`` of work."""
+
+    units: int
+    least: dict[str, int] = field(default_factory=dict)
+    passes: int = 0
+
+    def rate(self, name: str) -> float:
+        return self.units * SECOND / max(1, self.least[name])
+
+    def ratio(self, name: str, of: str) -> float:
+        """Return the rate of a contender relative to another."""
+        return self.least[of] / max(1, self.least[name])
+
+    def cost_ns(self, name: str) -> float:
+        return self.least[name] / self.units
+
+
+def take_turns(contenders: Mapping[str, Pass], units: int, passes: Passes) -> Timing:
+    """Run the contenders by turns, until the least times are stable or the budget is used up."""
+    timing, begun, since_better = Timing(units), time.monotonic(), 0
+    gc.collect()
+    gc.freeze()
+    try:
+        while timing.passes < passes.least or (since_better < 3 and time.monotonic() - begun < passes.budget_s):
+            since_better += 1
+            for name, once in contenders.items():
+                gc.collect()
+                took = once()
+                known = timing.least.get(name)
+                if known is None or took < known * (1 - STABLE):
+                    since_better = 0
+                timing.least[name] = took if known is None else min(known, took)
+            timing.passes += 1
+    finally:
+        gc.unfreeze()
+    return timing
+
+
+def timed(work: Callable[[], object]) -> int:
+    """Return the processor time (ns) of one call."""
+    begun = time.process_time_ns()
+    work()
+    return time.process_time_ns() - begun
+
 
 Figures = dict[str, Value]
 

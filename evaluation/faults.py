@@ -19,8 +19,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from evaluation.faults_load import busy_processes
-from evaluation.faults_plan import Plan, Skipped
+from evaluation.faults_plan import Plan, Skipped, busy_processes
 from evaluation.report import DomainOption, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError, SocialbotError, suggestion
 
@@ -94,7 +93,7 @@ ROWS: Mapping[str, Row] = {
         "the others go on: >= 99 % of frames arrive, p99 <= 250 ms; it is back within 3 s; greeted once",
     ),
     "late": Row(
-        "evaluation.faults_late:late",
+        "evaluation.faults_outage:late",
         "workstation starts 60 s late, or never",
         "robot stays safe and reports it; joins later",
     ),

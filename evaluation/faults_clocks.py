@@ -17,8 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from evaluation.faults_deaths import GREETING, PASS_S, SCENE, SETTINGS
-from evaluation.faults_plan import Plan, Skipped
-from evaluation.faults_processes import await_, beside, write_pictures
+from evaluation.faults_plan import Plan, Skipped, await_, beside, write_pictures
 from evaluation.report import Report, Value
 from socialbot.bridge.keys import new_key
 from socialbot.core.clock import SECOND

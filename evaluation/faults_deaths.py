@@ -23,8 +23,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from evaluation.faults_plan import Plan
-from evaluation.faults_processes import await_, beside, write_pictures
+from evaluation.faults_plan import Plan, await_, beside, write_pictures
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
 from socialbot.bridge.graph_observer import LatestStatistics, observe_graph

@@ -1,4 +1,4 @@
-"""Row outage: behaviour of robot and workstation during and after a cut link."""
+"""Rows outage and late: behaviour without a link between robot and workstation, and before the workstation joins."""
 
 from __future__ import annotations
 
@@ -7,7 +7,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from evaluation.faults_plan import Plan
-from evaluation.faults_scene import ACTIONS, ARRIVED, GREETING, HEAD, MOTION, TRACE, Scene, scene
+from evaluation.faults_scene import (
+    ACTIONS,
+    ARRIVED,
+    FRAME_HZ,
+    GREETING,
+    HEAD,
+    HEALTH,
+    MOTION,
+    READY_S,
+    TAKEN,
+    TRACE,
+    Scene,
+    scene,
+)
 from evaluation.faults_watch import Heard
 from evaluation.hosts import TwoHosts
 from evaluation.report import Report
@@ -121,9 +134,50 @@ def _add(report: Report, found: Outage, name: str, back_s: float) -> None:
     report.add(f"{key}_follows_s", f"{text}: time until the head follows people again, s", _r(found.follows_s), back_s)
 
 
-def _r(value: float | None) -> float | None:
-    return None if value is None else round(value, 3)
+def _r(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None else round(value, digits)
 
 
 def _text(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
+
+
+SAYS_S = 10.0
+"""Limit (s) from the robot's start to its report of a missing workstation: nodes start, then wait for others."""
+
+JOINED_S = 30.0
+"""Limit (s) from the workstation's start until the robot follows it, including the start of all nodes."""
+
+
+def late(report: Report, plan: Plan) -> str:
+    """Observe the robot alone, and measure the time until the workstation controls it."""
+    alone_s = plan.of(60.0, 10.0)
+    with scene(plan.records("late")) as here:
+        begin = time.time_ns()
+        with here.up("robot") as robot:
+            here.await_(lambda: len(here.heard("robot", TAKEN)) > FRAME_HZ, READY_S, "the robot took no pictures")
+            time.sleep(max(0.0, alone_s - (time.time_ns() - begin) / SECOND))
+            lives = robot.poll() is None
+            complaints = [one for one in here.heard("robot", HEALTH) if one.said["state"] in ("waiting", "degraded")]
+            says = sorted({f"{one.said['node']}: {one.said['reason']}" for one in complaints})
+            spoken, motions = len(here.spoken()), here.heard("robot", MOTION)
+            came = time.time_ns()
+            with here.up("workstation"):
+                plan.tell(f"late: the workstation is started after {alone_s:g} s")
+                here.await_greeting()
+            joined_s = after_s(here.heard("robot", ACTIONS), came)
+            greeted_s = after_s(here.spoken(), came)
+    says_s = after_s(complaints, begin)
+    for text in says:
+        plan.tell(f"late: the robot said: {text}")
+    away = sum(not is_centred(one) for one in motions)
+    report.add("late_lives", "late: the robot runs alone", lives, True)
+    report.add("late_spoke", "late: sentences started alone", spoken, 0)
+    report.add("late_moved", "late: head movements from the centre alone", away, 0)
+    report.add("late_says_s", "late: robot start to its report of the missing workstation, s", _r(says_s, 1), SAYS_S)
+    report.add("late_joined_s", "late: workstation start to the first action, s", _r(joined_s, 1), JOINED_S)
+    report.add("late_greeted_s", "late: workstation start to the greeting, s", _r(greeted_s, 1), JOINED_S)
+    return (
+        f"alone for {alone_s:g} s: {spoken} sentences, {away} turns, says so after {_r(says_s, 1)} s; "
+        f"joined {_r(joined_s, 1)} s and greeted {_r(greeted_s, 1)} s after the workstation's start"
+    )

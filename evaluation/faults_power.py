@@ -15,8 +15,7 @@ from pathlib import Path
 
 import msgspec
 
-from evaluation.faults_plan import Plan
-from evaluation.faults_processes import await_, beside, kill_all, write_pictures
+from evaluation.faults_plan import Plan, await_, beside, kill_all, write_pictures
 from evaluation.report import Report, Value
 from socialbot.bags.reader import open_bag
 from socialbot.bridge import environment

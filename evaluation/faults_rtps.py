@@ -12,8 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from evaluation.faults_plan import Plan, Skipped
-from evaluation.faults_processes import await_
+from evaluation.faults_plan import Plan, Skipped, await_
 from evaluation.hosts import ROBOT, WORKSTATION, Host, NoHostsError, two_hosts
 from evaluation.report import Report, Value
 from evaluation.rtps_attack import ATTACKS

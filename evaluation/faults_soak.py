@@ -17,8 +17,7 @@ from pathlib import Path
 
 import msgspec
 
-from evaluation.faults_plan import Plan, Skipped
-from evaluation.faults_processes import CORRIDOR, beside, descendants, process_name
+from evaluation.faults_plan import CORRIDOR, Plan, Skipped, beside, descendants, process_name
 from evaluation.report import Report, Value
 from evaluation.soak import growth
 from socialbot.bags.reader import open_bag

@@ -19,8 +19,7 @@ from typing import Any
 
 import msgspec
 
-from evaluation.faults_plan import Plan
-from evaluation.faults_processes import await_, beside
+from evaluation.faults_plan import Plan, await_, beside
 from evaluation.report import Report, Value
 from socialbot.bridge import environment
 from socialbot.bridge.environment import KEYS_VARIABLE

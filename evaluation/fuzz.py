@@ -27,8 +27,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from evaluation.progress import Bar
-from evaluation.report import UNMET_EXIT, JsonOption, Report, Value, run
+from evaluation.report import UNMET_EXIT, Bar, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError, suggestion
 from tests.fuzz.decoders import Decoder, decoders
 from tests.fuzz.mutations import numbered

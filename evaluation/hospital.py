@@ -24,7 +24,6 @@ import msgspec
 import typer
 from rich.console import Console
 
-from evaluation.hospital_csv import write_csv
 from evaluation.hospital_paper import GROWTH
 from evaluation.hospital_plots import charts, sheet, svg
 from evaluation.hospital_record import CONFIGURATIONS, RATES, SEEDS, Configuration, MissionRecord
@@ -38,9 +37,9 @@ from evaluation.hospital_tables import (
     markdown,
     problem_line,
     recovered_ms,
+    write_csv,
 )
-from evaluation.progress import Bar
-from evaluation.report import JsonOption, QuickOption, Report, percentile, run
+from evaluation.report import Bar, JsonOption, QuickOption, Report, percentile, run
 from socialbot.core.errors import ParameterError, SocialbotError
 
 INLINE_S = 60.0

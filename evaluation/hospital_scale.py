@@ -3,7 +3,7 @@
 ``python -m evaluation.hospital_scale`` runs a ward of 50 rooms in simulated time, with 4 robots of each kind, all kinds
 of problems and many seeds. It kills and restarts the coordinator during missions, grows the ward to 3000 rooms and 200
 robots, plans 1000 rooms at once, and prints the figures with their requirements. An independent check
-(`evaluation.hospital_check`) verifies all actions. The exit code is 1 if a requirement is not met.
+(`evaluation.hospital_scale_runs`) verifies all actions. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ import typer
 from rich.console import Console
 
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
-from evaluation.progress import Bar
-from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, percentile, run
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, percentile, run
 from socialbot.agents.hospital.plans import DISINFECT, mission, ward
 from socialbot.agents.teams.missions import Policy
 from socialbot.planning.htn.planner import TaskPlanner

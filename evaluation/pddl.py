@@ -19,8 +19,7 @@ import typer
 from rich.console import Console
 
 from evaluation.pddl_runs import Mutant, Outcome, Side, judge, tasks
-from evaluation.progress import Bar
-from evaluation.report import JobsOption, JsonOption, Report, Value, run
+from evaluation.report import Bar, JobsOption, JsonOption, Report, Value, run
 from socialbot.core.errors import ParameterError
 from socialbot.vision.metrics.workers import run_in_processes
 

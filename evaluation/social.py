@@ -20,8 +20,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 import typer
 
-from evaluation.progress import Bar
-from evaluation.report import JobsOption, JsonOption, QuickOption, Report, run
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, run
 from evaluation.social_policies import POLICIES, parties
 from evaluation.social_rules import Said, Score, score, totals
 from socialbot.core.clock import SECOND

@@ -17,8 +17,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from evaluation.progress import Bar
-from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, run
 from evaluation.teams_runs import KINDS, Outcome, Schedule, play, schedules
 
 SCHEDULES, QUICK_SCHEDULES = 200, 10

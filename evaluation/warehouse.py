@@ -20,8 +20,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from evaluation.progress import Bar
-from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, run
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Result, Story, play, troubled
 

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from socialbot.agents.base.mujoco import load_mujoco
 from socialbot.agents.hospital.demo import hospital
-from socialbot.agents.hospital.event_log import PHRASES as HOSPITAL_PHRASES
+from socialbot.agents.hospital.vocabulary import PHRASES as HOSPITAL_PHRASES
 from socialbot.agents.hospital.ward.messages import COMMANDS, MISSIONS, RESULTS
 from socialbot.agents.teams.messages import ActionCommand, ActionResult, Missions
 from socialbot.agents.warehouse.demo import warehouse

@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from evaluation import chaos_checks
-from evaluation.chaos import VIOLATION_EXIT
+from evaluation.chaos import FAULTS, VIOLATION_EXIT, Fault
 from evaluation.chaos_checks import Check, Subject, orphans
-from evaluation.chaos_faults import FAULTS, Fault
 from tests.system.running import eventually
 
 

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import ast
 import io
 import json
@@ -11,10 +13,23 @@ from evaluation import engine_programs as programs
 from evaluation.engine import MEASURES, ROWS, Findings, Line, chosen, lines
 from evaluation.engine_hookless import hookless, without_hook
 from evaluation.engine_host import fresh, own_latencies, posted_latencies, wakes
+from evaluation.engine_peers import AgentSpeak, Trees, peers, rate
 from evaluation.engine_rows import Job, Row, measurement, row_lines
-from evaluation.engine_workloads import QUICK, Scale, descend, join, peak_kib, post, react, ring, select, texts
+from evaluation.engine_workloads import (
+    QUICK,
+    Passes,
+    Scale,
+    descend,
+    join,
+    peak_kib,
+    post,
+    react,
+    ring,
+    select,
+    take_turns,
+    texts,
+)
 from evaluation.report import write
-from evaluation.timing import Passes, take_turns
 from socialbot.bdi import Engine
 from socialbot.core.errors import SocialbotError
 from tests.runs.pages import headings, read
@@ -249,3 +264,25 @@ def test_workloads_are_chosen_by_name():
     for strange in ("W9", ","):
         with pytest.raises(SocialbotError, match="workload"):
             chosen(strange)
+
+
+def test_a_rate_is_taken_over_as_many_units_as_fit():
+    done: list[int] = []
+    assert rate(done.append, most=10) > 0
+    assert done == [10, 10, 10, 10]
+    assert rate(done.append, most=3, least=5) > 0
+    assert done[-1] == 5
+
+
+@pytest.mark.parametrize(("module", "peer"), [("agentspeak", AgentSpeak), ("py_trees", Trees)])
+def test_a_peer_that_is_installed_runs_the_workloads_it_can(module, peer):
+    pytest.importorskip(module)
+    assert set(peers()) >= {module}
+    workloads = peer().workloads()
+    for name in workloads.keys() - {"W4", "W6"}:
+        assert all(value > 0 for value in workloads[name](TINY).values()), name
+
+
+def test_the_other_engine_hands_tokens_on():
+    pytest.importorskip("agentspeak")
+    assert AgentSpeak().hand_on(size=3, tokens=2, hops=5) > 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.faults_processes import descendants, kill_all, process_name, write_pictures
+from evaluation.faults_plan import descendants, kill_all, process_name, write_pictures
 from evaluation.faults_soak import (
     Course,
     Look,

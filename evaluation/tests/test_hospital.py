@@ -22,11 +22,12 @@ from evaluation.hospital import (
     settings,
     tell_what_went_wrong,
 )
-from evaluation.hospital_csv import EARLIER, LATER
 from evaluation.hospital_paper import GROWTH, TABLE_3
 from evaluation.hospital_plots import charts, svg
 from evaluation.hospital_record import CONFIGURATIONS, RATES, SEEDS, Configuration, MissionRecord, Share
 from evaluation.hospital_tables import (
+    EARLIER,
+    LATER,
     WITH,
     Experiments,
     all_tables,

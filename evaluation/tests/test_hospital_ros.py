@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.hospital_noted import Notes, Said, Work, name_of
 from evaluation.hospital_record import Share
-from evaluation.hospital_ros import Account, Seen, length, run_ros, union, without
+from evaluation.hospital_ros import Account, Notes, Said, Seen, Work, length, name_of, run_ros, union, without
 from socialbot.agents.teams.messages import AclMessage, ActionCommand, ActionResult, Belief, Problem
 from socialbot.core.errors import NodeError
 

@@ -19,13 +19,15 @@ from rich.text import Text
 from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import many
 from socialbot.core.clock import SECOND, WallClock
-from socialbot.core.errors import ParameterError, RuleError
+from socialbot.core.errors import ParameterError, RuleError, SocialbotError
 from socialbot.core.process import ENDING_SIGNALS, Ending
 from socialbot.core.terminal import TerminalFormatter
+from socialbot.runs.junit import TestCase, write_junit
 
 if TYPE_CHECKING:
     from socialbot.bdi.agentspeak import IncludePaths, Program
     from socialbot.bdi.agentspeak.projects import Project
+    from socialbot.bdi.agentspeak.unit_tests import TestResult
     from socialbot.bdi.engine import Engine
     from socialbot.bdi.library import Library
     from socialbot.bdi.society import Society
@@ -204,7 +206,7 @@ def run_tests(
 ) -> None:
     """Run the plans with the annotation `test`, each in simulated time. Exit code 1: one failed, or there is none."""
     from socialbot.bdi.agentspeak.unit_tests import programs_in
-    from socialbot.cli._asl_tests import report_tests
+    from socialbot.cli.asl import report_tests
 
     _import_actions(actions)
     found, places = programs_in(paths), _include_paths(include, root)
@@ -338,3 +340,62 @@ def _warnings(level: int = logging.WARNING) -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.propagate = propagate
+
+
+def report_tests(
+    files: list[Path], paths: IncludePaths, *, names: str, seconds: float, shows: bool, junit: Path | None
+) -> bool:
+    """Run the tests of programs and report them; return whether all passed."""
+    from socialbot.bdi.agentspeak.unit_tests import TestFile
+
+    console = Console(highlight=False, soft_wrap=True)
+    results: list[TestResult] = []
+    broken: list[tuple[Path, str]] = []
+    for file in files:
+        try:
+            program = TestFile(file, paths)
+        except SocialbotError as problem:
+            broken.append((file, str(problem)))
+            console.print(Text(str(file)))
+            console.print(Text.assemble(("  error ", "bold red"), str(problem)))
+            continue
+        tests = [test for test in program.tests if names in test.name]
+        if tests:
+            console.print(Text(str(file)))
+        for test in tests:
+            result = program.run(test, seconds)
+            results.append(result)
+            _print_result(console, result, shows=shows)
+    failed = sum(not result.passed for result in results)
+    counts = [f"{len(results) - failed} passed", f"{failed} failed"]
+    if broken:
+        counts.append(f"{many(len(broken), 'file')} not run")
+    console.print(f"{many(len(results), 'test')}: {', '.join(counts)}")
+    if junit is not None:
+        write_junit(junit, {"socialbot asl test": _cases(results, broken)})
+    return not failed and not broken and bool(results)
+
+
+def _print_result(console: Console, result: TestResult, *, shows: bool) -> None:
+    word = ("  ok    ", "green") if result.passed else ("  FAIL  ", "bold red")
+    console.print(Text.assemble(word, f"{result.test.name}"))
+    for reason in result.reasons:
+        console.print(Text(f"        {reason}"))
+    if shows or not result.passed:
+        for line in result.output:
+            console.print(Text(f"        | {line}", style="dim"))
+
+
+def _cases(results: list[TestResult], broken: list[tuple[Path, str]]) -> list[TestCase]:
+    cases = [
+        TestCase(
+            str(result.test.file),
+            result.test.name,
+            result.seconds,
+            result.test.line,
+            failure=() if result.passed else result.reasons,
+            output=result.output,
+        )
+        for result in results
+    ]
+    return [*cases, *(TestCase(str(path), "load", error=problem) for path, problem in broken)]

@@ -66,7 +66,7 @@ def foxglove(
 @contextmanager
 def shown_in_foxglove(record: RunTrace, graph: Graph, console: Console, address: Address) -> Iterator[None]:
     """Serve the live run of ``record`` to Foxglove, with images of its camera, and parameters that can be set."""
-    from socialbot.bridge.parameters import set_parameter
+    from socialbot.bridge.node_services import set_parameter
     from socialbot.cli.inspect import client_node
     from socialbot.runs.foxglove_live import LiveFeed, foxglove_server
 

@@ -33,7 +33,7 @@ def list_states(
     timeout: TimeoutOption = 5.0,
 ) -> None:
     """List the managed nodes with their states, or the transitions that one can take now."""
-    from socialbot.bridge.lifecycle import lifecycle_client
+    from socialbot.bridge.node_services import lifecycle_client
 
     with lifecycle_client(timeout_s=timeout) as client:
         if node is None:
@@ -50,7 +50,7 @@ def list_states(
 @lifecycle.command()
 def get(node: NodeArgument, timeout: TimeoutOption = 5.0) -> None:
     """Print the state of a node."""
-    from socialbot.bridge.lifecycle import lifecycle_client
+    from socialbot.bridge.node_services import lifecycle_client
 
     with lifecycle_client(timeout_s=timeout) as client:
         print_line(client.state(node))
@@ -65,7 +65,7 @@ def set_state(
     timeout: TimeoutOption = 5.0,
 ) -> None:
     """Request a transition, and print the state after it."""
-    from socialbot.bridge.lifecycle import lifecycle_client
+    from socialbot.bridge.node_services import lifecycle_client
 
     with lifecycle_client(timeout_s=timeout) as client:
         print_line(client.change(node, transition))

@@ -30,7 +30,7 @@ def list_parameters(
     timeout: TimeoutOption = 5.0,
 ) -> None:
     """List the running nodes, or the parameters of one with their values."""
-    from socialbot.bridge.parameters import parameter_client
+    from socialbot.bridge.node_services import parameter_client
 
     console = Console(highlight=False)
     with parameter_client(timeout_s=timeout) as client:
@@ -48,7 +48,7 @@ def list_parameters(
 @param.command()
 def get(node: NodeArgument, name: NameArgument, timeout: TimeoutOption = 5.0) -> None:
     """Print the value of a parameter."""
-    from socialbot.bridge.parameters import parameter_client
+    from socialbot.bridge.node_services import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
         print_line(client.get(node, name).value)
@@ -62,7 +62,7 @@ def set_parameter(
     timeout: TimeoutOption = 5.0,
 ) -> None:
     """Set a parameter; the node may refuse it."""
-    from socialbot.bridge.parameters import parameter_client
+    from socialbot.bridge.node_services import parameter_client
 
     with parameter_client(timeout_s=timeout) as client:
         print_line(client.set(node, name, value))

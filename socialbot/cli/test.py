@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.text import Text
@@ -15,7 +16,9 @@ from socialbot.cli._console import Console
 
 if TYPE_CHECKING:
     from socialbot.runs.expectations import Expectation
+    from socialbot.runs.expectations.monitor import BehaviourMonitor, Violation
     from socialbot.runs.expectations.reporting import Checked
+    from socialbot.runs.narration import Wording
     from socialbot.runtime.trials import Trial
 
 PANEL = "Test behaviours"
@@ -27,6 +30,8 @@ EXAMPLES = (
     "socialbot test behaviours.py --live waldo",
 )
 _WITHOUT_LIVE = ("graph", "runner", "domain", "limit", "cache", "out", "junit", "strict", "nearest")
+PERIOD_S = 0.5
+"""Time between two looks at a running graph."""
 _STYLES = {"passed": "green", "failed": "bold red", "open": "yellow", "untested": "yellow"}
 
 
@@ -83,11 +88,9 @@ def test(
         what = f"without effect {'without' if live is None else 'with'} --live"
         raise ParameterError(what, where=f"--{name}", remedy="leave it out")
     if live is not None:
-        from socialbot.cli._monitoring import monitor
-
         if sources:
             raise ParameterError("a running graph is tested alone", where="--live", remedy="leave out the others")
-        raise typer.Exit(monitor(expectations, live, machine, changes or []))
+        raise typer.Exit(_monitor(expectations, live, machine, changes or []))
     if not sources:
         remedy = "give the folder of a run, a bag, or a graph with a simulated world"
         raise ParameterError("there is nothing to test", where="RUN|BAG|GRAPH", remedy=remedy)
@@ -147,7 +150,7 @@ def _check(
 
 
 def _nearest(expectations: Sequence[Expectation], trial: Trial) -> dict[str, str]:
-    from socialbot.runtime.nearest import nearest_changes
+    from socialbot.runtime.trials import nearest_changes
 
     with options.bar("looking for the nearest change", "runs") as advance:
         return nearest_changes(expectations, trial, advance)
@@ -172,3 +175,79 @@ def _finish(console: Console, checked: Sequence[Checked], behaviours: Path, fold
         write_results(junit, checked, behaviours.stem)
     page = write_results_page(folder / "behaviours.html", checked, behaviours.stem)
     console.print(f"The page of the verdicts: {page}", markup=False)
+
+
+def _monitor(expectations: list[Expectation], file: str, machine: str | None, changes: Sequence[str]) -> int:
+    """Monitor the graph or deployment in ``file``; print violations and publish them on /diagnostics.
+
+    Returns:
+        Exit code: 1 after a violation.
+    """
+    from socialbot.bridge.diagnostics import DiagnosticsPublisher
+    from socialbot.bridge.environment import spinning_node
+    from socialbot.bridge.graph_observer import observe_graph
+    from socialbot.core.process import Ending
+    from socialbot.graph.files import with_changes
+    from socialbot.runs.expectations.monitor import BehaviourMonitor
+    from socialbot.runs.record import with_event_log
+    from socialbot.runs.run import wording_of
+    from socialbot.runtime.run import observed_topics
+
+    console = Console(highlight=False, soft_wrap=True)
+    graph, _ = options.join(file, machine)
+    graph = with_changes(graph, changes)
+    watched = BehaviourMonitor(expectations)
+    wording = wording_of(graph)
+    known = graph.topics()
+    topics = observed_topics(graph) | {topic: known[topic] for topic in watched.topics if topic in known}
+    with spinning_node("behaviour_monitor") as ros:
+        diagnostics = DiagnosticsPublisher(ros)
+        observe = with_event_log(graph, watched.observe)
+        with observe_graph(topics, observe, lambda *_: None, graph.wire), Ending().on_signals() as ending:
+            console.print(
+                f"{options.many(len(expectations), 'expectation')} on {graph.name}, until Ctrl-C", markup=False
+            )
+            while not ending.asked:
+                now = ros.get_clock().now().nanoseconds
+                for violation in watched.poll(now):
+                    _print_violation(console, violation, watched, wording)
+                diagnostics.publish(_statuses(watched, now))
+                time.sleep(PERIOD_S)
+    violated = {name: state.violations for name, state in watched.states.items() if state.violations}
+    for name, state in watched.states.items():
+        word = f"violated {options.times(state.violations)}" if state.violations else "not violated"
+        console.print(Text(f"  {name}: {word}"))
+    return 1 if violated else 0
+
+
+def _statuses(watched: BehaviourMonitor, now: int) -> list[Any]:
+    """Return one status for each expectation at ``now`` (ns): ERROR for a minute after a violation, else OK."""
+    from socialbot.bridge.diagnostics import status_of
+    from socialbot.runs.expectations.reporting import headline
+
+    statuses = []
+    for name, state in watched.states.items():
+        violated = watched.is_violated(name, now)
+        text = "no violation" if not state.violations else "no violation in the last minute"
+        if violated and state.verdict is not None and state.last is not None:
+            text = headline(state.verdict, state.last)
+        values = {
+            "violations": state.violations,
+            "last_violation_s": "" if state.last is None else f"{state.last.at_s:.3f}",
+            "instance": "" if state.last is None else state.last.text,
+            "verdict": "" if state.verdict is None else state.verdict.outcome,
+        }
+        statuses.append(status_of(f"behaviour: {name}", "ERROR" if violated else "OK", text, values))
+    return statuses
+
+
+def _print_violation(console: Console, violation: Violation, watched: BehaviourMonitor, wording: Wording) -> None:
+    from socialbot.runs.expectations.reporting import headline
+    from socialbot.runs.why import explain
+
+    console.print(Text.assemble(("violated ", "bold red"), f"{violation.verdict.name} "))
+    console.print(Text(f"  {headline(violation.verdict, violation.instance)}"))
+    record = violation.instance.record
+    if record is not None:
+        for line in explain(watched.history, wording, record).text().splitlines():
+            console.print(Text(f"  {line}"))

@@ -15,7 +15,7 @@ import rosbags.rosbag2.reader
 from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-from socialbot.bags import _decompression
+from socialbot.bags import _files
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import BagError
 from tests.bags.making_bags import RAW, make
@@ -27,8 +27,8 @@ COMPRESS = {"zstd": zstd.compress, "lz4": lz4.frame.compress}
 
 @pytest.fixture
 def low_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_decompression, "BAG_CHUNK_BYTES", 1_000_000)
-    monkeypatch.setattr(_decompression, "BAG_FILE_BYTES", 1_000_000)
+    monkeypatch.setattr(_files, "BAG_CHUNK_BYTES", 1_000_000)
+    monkeypatch.setattr(_files, "BAG_FILE_BYTES", 1_000_000)
 
 
 @pytest.mark.parametrize("kind", COMPRESS)
@@ -67,7 +67,7 @@ def test_compressed_messages_and_files_of_a_folder_are_bounded(low_limits: None)
 
 
 def test_a_file_of_a_folder_is_bounded_by_its_compressed_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_decompression, "BAG_CHUNK_BYTES", 1000)
+    monkeypatch.setattr(_files, "BAG_CHUNK_BYTES", 1000)
     library = vars(rosbags.rosbag2.reader)["zstd"]
     data = zstd.compress(bytes(1_000_000))
     limit = 200 * len(data) + 1000

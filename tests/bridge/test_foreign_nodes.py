@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from socialbot.agents.base.foreign_node import ForeignNodeState
-from socialbot.bridge.lifecycle import lifecycle_client
+from socialbot.bridge.node_services import lifecycle_client
 from socialbot.cli.lifecycle import lifecycle
 from socialbot.core.errors import GraphError, NodeError
 from socialbot.graph.files import parse_graph

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from socialbot.bridge.parameters import parameter_client, parse_value
+from socialbot.bridge.node_services import parameter_client, parse_value
 from socialbot.cli.param import param
 from socialbot.core.errors import GraphError, NodeError, ParameterError
 from socialbot.graph.node import Graph, Node, NodeConfig

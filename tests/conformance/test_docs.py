@@ -15,7 +15,7 @@ from socialbot.bdi._messaging import PERFORMATIVES
 from socialbot.bdi.compiler._runtime import FUNCTIONS
 from socialbot.bdi.intentions import REASONS
 from socialbot.bdi.trace import KINDS
-from tests.conformance.examples import Example, Stage
+from tests.conformance.examples import Example, Stage, examples
 
 ROOT = Path(__file__).parents[2]
 SEMANTICS = (ROOT / "docs" / "semantics.md").read_text("utf-8")
@@ -89,3 +89,17 @@ def test_every_public_name_and_every_kind_of_record_is_told():
         assert re.search(rf"\b{name}\b", ENGINE), name
     for kind in KINDS:
         assert f"`{kind}`" in ENGINE, kind
+
+
+FILES = sorted((Path(__file__).parent / "examples").glob("*.txt"))
+EXAMPLES = [example for path in FILES for example in examples(path)]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: f"{example.file}: {example.title}")
+def test_example(example: Example):
+    assert Stage(example).play() == example.expected
+
+
+def test_no_two_examples_have_the_same_title():
+    names = [(example.file, example.title) for example in EXAMPLES]
+    assert len(set(names)) == len(names) > 100

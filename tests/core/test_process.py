@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+from threading import Thread
 
 import pytest
+
+from socialbot.core.process import Ending
+from tests.system.running import next_line
 
 
 @pytest.mark.parametrize(("code", "expected"), [("0", 0), ("7", 7), ("None", 0), ("'failed'", 1)])
@@ -33,3 +38,108 @@ run_to_exit(lambda: sys.exit(3))
 """
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120)
     assert (ended.returncode, ended.stdout) == (3, "cleaned up\n")
+
+
+SLOW_TO_GO = """
+import time
+from socialbot.core.process import exit_on_signals
+
+class Slow:
+    def __del__(self):
+        print("going", flush=True)
+        time.sleep(1)
+
+exit_on_signals()
+slow = Slow()
+"""
+
+
+SIGNAL_IN_DESTRUCTOR = """
+import os, sys
+from socialbot.core.process import Ending, exit_on_signals
+
+class Signalling:
+    def __del__(self):
+        os.kill(os.getpid(), int(sys.argv[1]))
+
+exit_on_signals()
+Signalling()
+with Ending().on_signals() as ending:
+    print("asked" if ending.asked else "not asked")
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_second_signal_during_a_slow_exit_keeps_exit_code_0(number):
+    with subprocess.Popen([sys.executable, "-c", SLOW_TO_GO], stdout=subprocess.PIPE, text=True) as process:
+        assert next_line(process) == "going\n"
+        process.send_signal(number)
+        assert process.wait(180) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_lost_in_a_destructor_ends_the_next_wait(number):
+    command = [sys.executable, "-c", SIGNAL_IN_DESTRUCTOR, str(int(number))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "asked\n"
+
+
+def test_other_threads_wait_without_signal_handlers():
+    before, endings = signal.getsignal(signal.SIGINT), []
+
+    def wait() -> None:
+        with Ending().on_signals() as ending:
+            endings.append((ending.asked, signal.getsignal(signal.SIGINT)))
+
+    thread = Thread(target=wait)
+    thread.start()
+    thread.join()
+    assert endings == [(False, before)]
+
+
+FAULTS = """
+import resource
+from socialbot.core.process import keep_freed_memory
+{keep}
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(100):
+        bytearray(1_000_000), bytearray(1_000_000)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+faults()
+print(faults())
+"""
+
+APART = """
+import ctypes
+from socialbot.core.process import keep_freed_memory
+{keep}
+class Info(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks".split()] + [
+        ("rest", ctypes.c_size_t * 3)]
+libc = ctypes.CDLL(None)
+libc.malloc.restype, libc.free.argtypes, libc.mallinfo2.restype = ctypes.c_void_p, [ctypes.c_void_p], Info
+blocks = [libc.malloc(40) for _ in range(1000)]
+free, info = libc.free, libc.mallinfo2
+info()  # A large allocation after the loop would merge the blocks.
+for block in blocks:
+    free(block)
+print(info().fsmblks)
+"""
+
+
+def figure(script, keep):
+    return int(subprocess.check_output([sys.executable, "-c", script.format(keep=keep)], text=True))
+
+
+def faults(keep):
+    return figure(FAULTS, keep)
+
+
+def test_memory_of_an_image_is_reused_for_the_next():
+    assert faults("assert keep_freed_memory()") < 1000 < faults("")
+
+
+def test_small_freed_blocks_are_merged():
+    assert figure(APART, "assert keep_freed_memory()") == 0
+    assert figure(APART, "") > 40_000

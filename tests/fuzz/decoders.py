@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from socialbot.agents.hospital.coordinator import HospitalCoordinator
+from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.ward.ward import paper_ward
 from socialbot.agents.hospital.ward.ward import parse_faults as parse_ward_faults
 from socialbot.agents.teams.missions import CoordinatorMemory

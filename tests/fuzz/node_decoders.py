@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from socialbot.agents.hospital.coordinator import HospitalCoordinator
+from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.waldo.head import Head
 from socialbot.agents.waldo.nodes import Listener, WaldoNode
 from socialbot.bags import codec

@@ -14,7 +14,7 @@ import pytest
 
 from socialbot.bags.reader import open_bag
 from socialbot.bags.types import RosbagsTypes
-from socialbot.bridge.parameters import set_parameter
+from socialbot.bridge.node_services import set_parameter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, ParameterError
 from socialbot.core.messages import JointTrajectory, PersonDetection, PersonDetections, TraceRecord, Utterance

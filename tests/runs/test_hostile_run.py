@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ pytest.importorskip("playwright", reason="needs playwright")
 
 from playwright.sync_api import Browser, Page
 
-from tests.runs.browsing import Visit, chromium, served
+from tests.runs.browsing import Visit, served
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.slow]
 
@@ -57,12 +56,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results["parameters"] = {**results["parameters"], "head": {payload: payload for payload in PAYLOADS}}
     (folder / "results.json").write_text(json.dumps(results))
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 def injected(page: Page) -> int:

@@ -14,19 +14,13 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, expect
 
 from socialbot.core.clock import SECOND
-from tests.runs.browsing import COMES_S, Visit, chromium, served, waldo_with_pictures
+from tests.runs.browsing import COMES_S, Visit, served, waldo_with_pictures
 from tests.runs.runs import START
 
 pytestmark = pytest.mark.xdist_group("browser")
 
 FIRST_PICTURE_S, SCRUB_S = 1.0, 0.1
 """What is required, as processor time of the page: wall time grows with the work that other tests do."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

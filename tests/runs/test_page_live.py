@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -13,7 +12,7 @@ import pytest
 
 pytest.importorskip("playwright", reason="needs playwright")
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import TraceRecord
@@ -25,7 +24,7 @@ from socialbot.runs.narration import last_log_lines
 from socialbot.runs.run import LiveRun
 from socialbot.runs.serving import Address, serving
 from socialbot.runtime.run import observed_topics
-from tests.runs.browsing import Visit, chromium
+from tests.runs.browsing import Visit
 from tests.runs.runs import START, InlineCommands, greeting, waldo_at_work
 
 expect.set_options(timeout=60_000)
@@ -34,12 +33,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("browser")]
 
 ANY = Address(port=0)
 SOMEBODY = 'personDetected("Yes")'
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 def same(url: str) -> Address:

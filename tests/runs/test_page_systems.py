@@ -15,22 +15,16 @@ import pytest
 
 pytest.importorskip("playwright", reason="needs playwright")
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
 from socialbot.bridge.keys import new_key
-from tests.runs.browsing import Visit, chromium, served
+from tests.runs.browsing import Visit, served
 
 expect.set_options(timeout=60_000)
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("browser")]
 
 BAG = Path(__file__).parents[2] / "data/synthetic/corridor"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 def socialbot(*arguments: str | Path) -> list[str]:

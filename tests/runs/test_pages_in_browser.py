@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +17,7 @@ from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED
 from socialbot.runs.report import difference_page, write_report
 from socialbot.vision.metrics.frames import bag_source
-from tests.runs.browsing import Visit, chromium, waldo_with_pictures
+from tests.runs.browsing import Visit, waldo_with_pictures
 from tests.runs.runs import greeting
 from tests.runs.test_report import scored
 from tests.vision.metrics.scenes import drawn_bag, evaluated
@@ -44,12 +43,6 @@ def pages(tmp_path_factory) -> list[Path]:
         report.page().write(folder / "figures.html"),
         evaluation_page(evaluation).write(folder / "evaluation.html"),
     ]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])

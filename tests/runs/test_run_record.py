@@ -5,6 +5,7 @@ import json
 import msgspec
 import pytest
 
+from socialbot.agents.teams.messages import ActionCommand
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, SocialbotError
 from socialbot.core.messages import (
@@ -13,6 +14,7 @@ from socialbot.core.messages import (
     HeadCommand,
     HeardSpeech,
     JointTrajectory,
+    Message,
     Mind,
     PersonDetection,
     PersonDetections,
@@ -20,8 +22,9 @@ from socialbot.core.messages import (
     TraceRecord,
     Utterance,
 )
+from socialbot.graph.files import load_graph
 from socialbot.graph.node import Graph
-from socialbot.runs.record import RECORDED, RunRecord, RunTrace, trace_record
+from socialbot.runs.record import RECORDED, RunRecord, RunTrace, event_log_topics, trace_record, with_event_log
 
 PERSON = PersonDetection(x=1, y=2, w=3, h=4, score=0.9, distance_m=2.5)
 DETECTIONS = PersonDetections(stamp=SECOND, frame_id="camera", width=640, height=480, persons=(PERSON,))
@@ -168,3 +171,30 @@ def test_trace_keeps_nothing_in_memory(tmp_path):
             taker.observe("/speech/say", UTTERANCE)
     assert (tmp_path / "trace" / "trace.jsonl").read_bytes() == (tmp_path / "record" / "trace.jsonl").read_bytes()
     assert not [kept for kept in vars(trace).values() if isinstance(kept, list)]
+
+
+COMMAND = ActionCommand(stamp=1, id="c", robot="spotrobot1", action="a_charge", args=("spotrobot1",))
+
+
+def test_derived_records_follow_their_messages():
+    seen: list[Message] = []
+    tell = with_event_log(load_graph("hospital"), lambda topic, message: seen.append(message))
+    tell("/hospital/commands", COMMAND)
+    assert seen[0] == COMMAND
+    assert [(record.kind, record.what) for record in seen[1:] if isinstance(record, TraceRecord)] == [
+        ("step", "(a_charge spotrobot1)")
+    ]
+
+
+def test_agents_with_a_trace_have_no_event_log():
+    def observe(topic: str, message: Message) -> None: ...
+
+    assert with_event_log(load_graph("warehouse"), observe) is observe
+
+
+def test_event_log_topics_of_the_hospital():
+    assert set(event_log_topics(load_graph("hospital"))) == {
+        "/hospital/messages", "/hospital/missions", "/hospital/commands", "/hospital/results",
+        "/nurse_disinfected1/team_messages", "/spotrobot1/team_messages", "/uvdrobot1/team_messages",
+    }  # fmt: skip
+    assert event_log_topics(load_graph("cleaner")) == {}

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import msgspec
+import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.runs.folder import open_run
 from socialbot.runs.history import History
 from socialbot.runs.timeline import Timeline, timeline_of
+from socialbot.runs.tracks import forget, latest
 from tests.runs.deliberating_runs import desire, plan, plan_end, record, step, step_end
 from tests.runs.runs import greeting
 
@@ -100,3 +102,12 @@ def test_person_has_a_new_bar_after_trimming(tmp_path):
     last = next(each for each in reversed(list(history)) if each.kind == "detection")
     timeline.take(last)
     assert [text for text, *_ in bars(timeline)[".people"]] == ["t1"]
+
+
+@pytest.mark.parametrize(("stamp", "kept"), [(5, "abc"), (10, "abc"), (19, "abc"), (20, "bc"), (25, "bc"), (99, "c")])
+def test_forget_keeps_the_current_value(stamp, kept):
+    track = [(10, "a"), (20, "b"), (30, "c")]
+    before = latest(track, stamp)
+    forget(track, stamp)
+    assert "".join(what for _, what in track) == kept
+    assert latest(track, stamp) == before

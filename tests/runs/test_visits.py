@@ -10,10 +10,14 @@ import pytest
 
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, PersonDetections, Utterance
+from socialbot.runs.distances import distances_of
 from socialbot.runs.folder import open_run
+from socialbot.runs.history import History
 from socialbot.runs.record import RunRecord
 from socialbot.runs.report import report_html
+from socialbot.runs.run import RunView
 from socialbot.runs.visits import ADDRESS_S, Visit, visits_of
+from tests.runs.expectations.traces import frame
 from tests.runs.pages import read
 from tests.runs.runs import greeting
 from tests.system.running import socialbot_here
@@ -133,3 +137,9 @@ def test_the_command_prints_a_table_or_json_and_says_if_somebody_was_missed(tmp_
     met = recorded(tmp_path / "b", stays("t1", 10, 60, facing_rad=0.1), {12: "Hello!"})
     done = socialbot_here("visitors", met, "--json")
     assert (done.returncode, json.loads(done.stdout)[0]["outcome"]) == (0, "in time")
+
+
+def test_a_person_who_was_out_of_view_gets_a_new_line():
+    frames = [frame(at_s, t1=5.0) for at_s in (0.0, 0.1, 0.2, 0.3)] + [frame(2.0, t1=3.0), frame(2.1, t1=2.9)]
+    found = distances_of(RunView(None, History(frames, start=0), None))
+    assert found.tracks == {"t1": [(0.0, 5.0), (0.3, 5.0), (0.3, None), (2.0, 3.0), (2.1, 2.9)]}

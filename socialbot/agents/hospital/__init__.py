@@ -6,7 +6,7 @@ from socialbot.core.lazy import lazy_exports
 from socialbot.core.registry import AgentPackage
 
 if TYPE_CHECKING:
-    from socialbot.agents.hospital.coordinator import HospitalCoordinator
+    from socialbot.agents.hospital.missions import HospitalCoordinator
     from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
     from socialbot.agents.hospital.ward.messages import PERSON_IN_ROOM, STATE, WardState
     from socialbot.agents.teams.actions import WorldAction, names_of
@@ -16,7 +16,7 @@ AGENT = AgentPackage(
     name="hospital",
     module="socialbot.agents.hospital",
     nodes={
-        "hospital_coordinator": "socialbot.agents.hospital.coordinator:HospitalCoordinator",
+        "hospital_coordinator": "socialbot.agents.hospital.missions:HospitalCoordinator",
         "hospital_world": "socialbot.agents.hospital.ward.world_node:HospitalWorld",
         "nurse": "socialbot.agents.hospital.robot_node:Nurse",
         "spot": "socialbot.agents.hospital.robot_node:Spot",
@@ -25,10 +25,10 @@ AGENT = AgentPackage(
     graphs={"hospital": "graph.yaml"},
     messages=("socialbot.agents.hospital.ward.messages:WARD_MESSAGES",),
     recorded=("socialbot.agents.teams.messages:MISSION_MESSAGES",),
-    phrases="socialbot.agents.hospital.event_log:PHRASES",
+    phrases="socialbot.agents.hospital.vocabulary:PHRASES",
     vocabulary="socialbot.agents.hospital.vocabulary:VOCABULARY",
     world_view="socialbot.agents.hospital.result:world_view",
-    event_log="socialbot.agents.hospital.event_log:event_log",
+    event_log="socialbot.agents.hospital.result:event_log",
     completion="socialbot.agents.hospital.result:completion",
     terminal_view="socialbot.agents.hospital.terminal:terminal_view",
     demos={"hospital": "socialbot.agents.hospital.demo:demo"},

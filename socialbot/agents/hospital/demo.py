@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from socialbot.agents.base.mujoco import Simulation
-from socialbot.agents.hospital.coordinator import HospitalCoordinator
+from socialbot.agents.hospital.missions import HospitalCoordinator
 from socialbot.agents.hospital.robot_node import HospitalAgent, Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.ward import NURSE, SPOT, UVD, Ward, large_ward, paper_ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld

@@ -14,15 +14,20 @@ from socialbot.agents.hospital.ward.messages import (
     CORRIDOR,
     DIRTY_ROOM,
     LOW_BATTERY,
+    MESSAGES,
+    MISSIONS,
     NURSE_ABSENT,
     PERSON_IN_ROOM,
+    STATE,
     WardState,
 )
 from socialbot.agents.hospital.ward.ward import DURATIONS, JOINT_ACTIONS
+from socialbot.agents.teams.coordinator import TeamCoordinator
 from socialbot.agents.teams.domain import MemberState, Role, TeamDomain
-from socialbot.agents.teams.messages import Problem
+from socialbot.agents.teams.messages import AclMessage, Missions, Problem
 from socialbot.agents.teams.missions import Mission
 from socialbot.agents.teams.planning import HtnMissionPlanner
+from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.planning.htn.domain import Item, TaskState
 
 DISINFECT = "disinfect"
@@ -132,3 +137,21 @@ class Disinfection(TeamDomain[WardState]):
 
     def longest_s(self, action: str) -> float:
         return self._durations.seconds.get(action, 0.0) + LONGEST_WAY_M / self._durations.speed
+
+
+class HospitalCoordinator(TeamCoordinator):
+    """Directs the robots and nurses of a hospital. With a ``memory_file`` it continues after a restart."""
+
+    heard = Input(AclMessage, MESSAGES)
+    state = Input(WardState, STATE, Delivery.LATCHED)
+    said = Output(AclMessage, MESSAGES)
+    missions = Output(Missions, MISSIONS, Delivery.LATCHED)
+
+    pace = Parameter("clinic", "durations of actions in the ward; a longer action is stuck", choices=tuple(DURATIONS))
+
+    def team_domain(self) -> Disinfection:
+        return Disinfection(self.pace)
+
+    @state
+    def on_state(self, message: WardState) -> None:
+        self.observe(message)

@@ -1,4 +1,4 @@
-"""Result of a hospital run: its missions, its end, and its world view."""
+"""Result of a hospital run: its missions, its end, its event log and its world view."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from socialbot.agents.hospital.ward._drawing import WardAnimation
 from socialbot.agents.hospital.ward.messages import WardState
 from socialbot.agents.hospital.ward.ward import Ward
 from socialbot.agents.hospital.ward.world_node import HospitalWorld, ward_of
+from socialbot.agents.teams.event_log import TeamEventLog
 from socialbot.agents.teams.messages import Missions, MissionView
 from socialbot.agents.teams.results import MissionResults
 from socialbot.core.clock import nanoseconds
@@ -119,3 +120,9 @@ def completion(graph: Graph) -> MissionMonitor | None:
     """The completion check of the hospital in ``graph``; None for a graph without one. Raises ParameterError."""
     ward = ward_in(graph)
     return None if ward is None else MissionMonitor(ward)
+
+
+def event_log(graph: Graph) -> TeamEventLog | None:
+    """The event log of the hospital in ``graph``; None for a graph without a coordinator."""
+    is_team = Missions in graph.topics().values()
+    return TeamEventLog("{0} is infected", "the ward has changed") if is_team else None

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
-from socialbot.agents.hospital.coordinator import HospitalCoordinator
-from socialbot.agents.hospital.missions import DISINFECT, Disinfection
+from socialbot.agents.hospital.missions import DISINFECT, Disinfection, HospitalCoordinator
 from socialbot.agents.hospital.robot_node import HospitalMember, Nurse, Spot, Uvd
 from socialbot.agents.hospital.ward.messages import MESSAGES, MISSIONS, STATE, WardState
 from socialbot.agents.hospital.ward.ward import JOINT_ACTIONS, NURSE, ROBOTS, ROLES, SPOT, UVD

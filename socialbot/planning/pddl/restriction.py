@@ -1,8 +1,14 @@
-"""Problems without some actions: those that touch facts of a silent sensor, and steps that keep failing."""
+"""Changed problems whose plans are plans for the original: without some actions, or with fewer options.
+
+Actions are left out that touch facts of a silent sensor, and steps that keep failing. Large problems offer fewer
+interchangeable objects.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from fnmatch import fnmatchcase
@@ -10,7 +16,7 @@ from typing import Any
 
 from socialbot.planning.pddl._parser import SexpGroup, Sexpression, SexpWord, read_sexpression
 from socialbot.planning.pddl.domain import PddlAction, PddlDomain, PddlProblem, PlanStep
-from socialbot.planning.pddl.formulas import Fluent, Key, Predicate, TypedName
+from socialbot.planning.pddl.formulas import Fluent, Key, Predicate, TypedName, conjuncts
 from socialbot.planning.pddl.reader import read_domain
 from socialbot.planning.pddl.semantics import GroundAction
 from socialbot.planning.pddl.state import PddlState
@@ -173,3 +179,54 @@ def _group(*items: Sexpression | str) -> SexpGroup:
 
 def _word(text: str) -> SexpWord:
     return SexpWord(text, 0)
+
+
+LARGE = 100_000
+"""Number of possible ground actions from which a problem is reduced."""
+KEPT = 2
+"""Number of objects that keep an option."""
+
+
+def with_fewer_options(domain: PddlDomain, problem: PddlProblem) -> PddlProblem | None:
+    """Return a large problem in which only some objects keep an option, such as a stack that takes boxes.
+
+    An option is a predicate of one object that no action changes and that conditions only ask to be true. It stays for
+    the objects of which the fewest facts hold. Each plan for the result is a plan for the original, but the result may
+    have none.
+
+    Returns:
+        The reduced problem; None if the problem is not large or has no options.
+    """
+    if _ground_actions(domain, problem) < LARGE:
+        return None
+    degrees = Counter(term for fact in problem.facts for term in fact.terms)
+    dropped: set[Predicate] = set()
+    for name in sorted(_options(domain, problem)):
+        holders = sorted(
+            (fact for fact in problem.facts if fact.name == name), key=lambda fact: (degrees[fact.terms[0]], fact.terms)
+        )
+        dropped.update(holders[KEPT:])
+    return replace(problem, facts=problem.facts - dropped, text="") if dropped else None
+
+
+def _ground_actions(domain: PddlDomain, problem: PddlProblem) -> int:
+    state = PddlState.of(problem, domain)
+    return sum(
+        math.prod(len(state.objects(typed.types)) for typed in action.parameters) for action in domain.actions.values()
+    )
+
+
+def _options(domain: PddlDomain, problem: PddlProblem) -> set[str]:
+    """Return the predicates of one object that occur only as positive conditions of actions."""
+    found = {name for name, signature in domain.predicates.items() if len(signature.parameters) == 1}
+    elsewhere: list[Any] = [problem.goal, *problem.timed, *(formula for _, formula in domain.derived.values())]
+    required: set[str] = set()
+    for action in domain.actions.values():
+        elsewhere += action.effects
+        for condition in action.conditions:
+            for part in conjuncts(condition.formula):
+                if isinstance(part, Predicate):
+                    required.add(part.name)
+                else:
+                    elsewhere.append(part)
+    return (found & required) - {key.name for key in _keys(tuple(elsewhere))}

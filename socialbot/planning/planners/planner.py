@@ -21,7 +21,7 @@ from socialbot.planning.pddl.domain import SEPARATION_S, PddlDomain, PddlPlan, P
 from socialbot.planning.pddl.formulas import Formula
 from socialbot.planning.pddl.reachability import unreachable_goals
 from socialbot.planning.pddl.reader import read_problem
-from socialbot.planning.pddl.reduction import with_fewer_options
+from socialbot.planning.pddl.restriction import with_fewer_options
 from socialbot.planning.pddl.validation import PlanFault, validate_plan
 from socialbot.planning.planners._child_process import ChildExit, run
 

@@ -26,14 +26,20 @@ from socialbot.runs.expectations.checking import Instance, Verdict, evaluate, ju
 from socialbot.runs.expectations.expectations import (
     Expectation,
     ExpectationClause,
+    always,
     at_all_times,
+    began,
+    count,
+    ended,
+    eventually,
     expect,
+    historically,
     in_order,
     never,
+    once,
     once_per,
 )
 from socialbot.runs.expectations.formulas import AtomicFormula, TemporalFormula
-from socialbot.runs.expectations.words import always, began, count, ended, eventually, historically, once
 
 __all__ = [
     "AtomicFormula", "Expectation", "ExpectationClause", "Instance", "TemporalFormula", "Verdict", "achieved",

@@ -1,9 +1,15 @@
 from __future__ import annotations
 
+from importlib.resources import files
+from pathlib import Path
+
 import pytest
 
-from socialbot.deliberation.messages import Desire, DesireItem
+from socialbot.agents.cleaner.cleaner import Sweeper
+from socialbot.deliberation.files import load_beliefs, load_desires
+from socialbot.deliberation.messages import FLUENT, Desire, DesireItem, Fact
 from socialbot.deliberation.sensing import predicate
+from tests.agents.brief import believing, domain_of, plan_for, settled
 from tests.agents.cleaner.watching import Watched
 
 ROOMS = ("bathroom", "bedroom", "dock", "kitchen")
@@ -67,3 +73,109 @@ def test_fulfils_a_desire_received_by_topic():
 def test_missing_file_is_named_in_the_error(parameter):
     with pytest.raises(Exception, match=r"nowhere\.yaml"):
         Watched("cleaner", cleaner={parameter: "nowhere.yaml"})
+
+
+def test_sweeper_sweeps_before_cleaner_cleans():
+    watched = Watched("cleaner-sweeper")
+    watched.run(60)
+    assert watched.told("desire_fulfilled", "sweeper") == [(10.0, "sweep_kitchen"), (20.0, "sweep_bedroom")]
+    assert watched.told("desire_fulfilled") == [(36.0, "clean_rooms")]
+    swept = {what: time for time, what in watched.told("step_end", "sweeper")}
+    for room in ("kitchen", "bedroom"):
+        cleaned = next(time for time, what in watched.told("step") if what == f"(doclean cleaner {room})")
+        assert cleaned >= swept[f"(dosweep sweeper {room})"]
+
+
+def test_requested_priority_is_within_the_limit():
+    watched = Watched("cleaner-sweeper", sweeper={"desire_pr": "0.25"})
+    watched.run(1)
+    assert [wish.desire.priority for wish in watched.agent("sweeper").deliberator.desires] == [0.25, 0.25]
+
+
+def test_refusal_of_sweeper_fails_the_action_with_its_reason():
+    deaf: dict[str, object] = {"desire_w": "", "desire_pr": ""}
+    watched = Watched("cleaner-sweeper", sweeper=deaf, cleaner={"exec_plan_tries": 3})
+    watched.run(60)
+    assert watched.names("step", "sweeper") == []
+    (dropped,) = [record for record in watched.records if record.kind == "desire_dropped"]
+    assert dropped.what == "clean_rooms"
+    assert "group 'cleaners' may not add desires" in dropped.detail["reason"]
+
+
+def test_missing_reply_of_sweeper_fails_the_action(monkeypatch):
+    monkeypatch.setattr(Sweeper, "on_request", lambda node, message: None)
+    watched = Watched("cleaner-sweeper", cleaner={"exec_plan_tries": 2})
+    watched.run(60)
+    assert "sweeper: timeout" in watched.names("reply")
+    (dropped,) = [record for record in watched.records if record.kind == "desire_dropped"]
+    assert "no answer from sweeper in 2 s" in dropped.detail["reason"]
+
+
+def test_cancelled_request_withdraws_its_desire():
+    watched = Watched("cleaner-sweeper")
+    watched.run(5)
+    assert [wish.name for wish in watched.agent("sweeper").deliberator.desires] == ["sweep_kitchen", "sweep_bedroom"]
+    given_up = Desire(name="clean_rooms", value=(predicate("cleaned", "kitchen"),))
+    watched.runner.feed("/cleaner/del_desire", DesireItem(stamp=watched.runner.clock.now(), desire=given_up))
+    watched.run(10)
+    assert len(watched.agent("sweeper").deliberator.desires) == 0
+    assert watched.names("desire_dropped", "sweeper") == ["sweep_kitchen", "sweep_bedroom"]
+
+
+FOLDER = Path(str(files("socialbot.agents.cleaner")))
+
+
+def agent(name: str, domain: str):
+    path = FOLDER / f"{domain}.pddl"
+    return believing(path, load_beliefs(FOLDER / f"{name}_beliefs.yaml", domain_of(path)))
+
+
+def test_plan_cleans_all_rooms_and_recharges():
+    facts = agent("cleaner", "cleaner")
+    (desire,) = load_desires(FOLDER / "cleaner_desires.yaml", facts.domain)
+    assert not facts.satisfied(desire.precondition)
+    facts.remove(Fact(name="in", params=("cleaner", "*")))
+    facts.add(Fact(name="in", params=("cleaner", "bedroom")))
+    assert facts.satisfied(desire.precondition)
+    actions = [step.action for step in plan_for(facts, desire).steps]
+    assert actions.count("doclean") == 4
+    assert "recharge" in actions
+    assert plan_for(facts, desire).makespan_s <= desire.deadline
+
+
+def test_low_battery_causes_desire_to_recharge():
+    facts = agent("cleaner", "cleaner")
+    facts.add(Fact(name="fullcharged", params=("cleaner",)))
+    assert settled(facts, FOLDER / "cleaner_rules.yaml") == ["DEL belief (fullcharged cleaner)"]
+    facts.add(Fact(name="battery_charge", pddl_type=FLUENT, params=("cleaner",), value=30.0))
+    assert "ADD desire go_recharge" in settled(facts, FOLDER / "cleaner_rules.yaml")
+    go = Desire(name="go", value=(Fact(name="fullcharged", params=("cleaner",)),))
+    facts.remove(Fact(name="in", params=("cleaner", "*")))
+    facts.add(Fact(name="in", params=("cleaner", "kitchen")))
+    assert [step.action for step in plan_for(facts, go).steps] == ["movetoward", "recharge"]
+
+
+def test_dirt_causes_desire_to_clean():
+    facts = agent("cleaner", "cleaner")
+    facts.add(Fact(name="cleaned", params=("kitchen",)))
+    facts.add(Fact(name="dirty", params=("kitchen",)))
+    followed = settled(facts, FOLDER / "cleaner_rules.yaml")
+    assert "ADD desire clean_kitchen" in followed
+    assert "DEL belief (cleaned kitchen)" in followed
+
+
+def test_plan_requests_both_rooms_at_once():
+    facts = agent("team_cleaner", "team_cleaner")
+    (desire,) = load_desires(FOLDER / "team_cleaner_desires.yaml", facts.domain)
+    plan = plan_for(facts, desire)
+    asked = [step for step in plan.steps if step.action == "asksweeping"]
+    cleaned = [step for step in plan.steps if step.action == "doclean"]
+    assert [step.start_s for step in asked] == [0.0, 0.0]
+    assert min(step.start_s for step in cleaned) >= 20.0
+    assert plan.makespan_s <= desire.deadline
+
+
+def test_plan_of_sweeper_meets_the_deadline_of_the_cleaner():
+    facts = agent("sweeper", "sweeper")
+    rooms = Desire(name="both", value=tuple(Fact(name="swept", params=(room,)) for room in ("kitchen", "bedroom")))
+    assert plan_for(facts, rooms).makespan_s <= 20.1

@@ -17,7 +17,7 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import JointTrajectory, Message, PersonDetection, PersonDetections
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-from socialbot.robots.simulation.head_servo import SimulatedHead
+from socialbot.robots.simulation.node import SimulatedHead
 
 PERIOD_S = 0.1
 PARAMETERS = {"camera_on_head": True, "attentive": True, "ease_s": 0.5, "dead_band_rad": 0.05}

@@ -43,3 +43,17 @@ def test_a_rule_has_the_annotations_of_its_head():
 def test_an_annotation_of_a_rule_has_no_variables():
     with pytest.raises(AgentSpeakError, match="an annotation of s\\(X\\)\\[k\\(X\\)\\] has a variable"):
         said("s(X)[k(X)] :- p(X).")
+
+
+@pytest.mark.parametrize(
+    ("body", "printed"),
+    [
+        ("X = (a & b); .print(X)", "(a & b)"),
+        ("X = (1 < 2); if (X) { .print(ok) }", "ok"),
+        ("X = (not b(7)); if (X) { .print(ok) }", "ok"),
+        ("X = (1 + 2) * 3; .print(X)", "9"),
+        (".findall(not c(X), b(X), L); .print(L)", "[not (c(1))]"),
+    ],
+)
+def test_condition_term(body, printed):
+    assert said(f"b(1). !go. +!go <- {body}. -!go[error(E)] <- .print(E).") == [printed]

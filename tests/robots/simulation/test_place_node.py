@@ -18,8 +18,7 @@ from socialbot.core.messages import CompressedImage, JointTrajectory, Message
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.robots.simulation.demo import PLACE, simulation
-from socialbot.robots.simulation.head_servo import PAN, TILT, SimulatedHead
-from socialbot.robots.simulation.node import SimulatedPlace
+from socialbot.robots.simulation.node import PAN, TILT, SimulatedHead, SimulatedPlace
 from socialbot.robots.simulation.truth import CAMERA_HEIGHT_M, HeadCamera
 from socialbot.vision.detector import iou
 from socialbot.vision.detectors import DETECTORS, DetectorSettings
