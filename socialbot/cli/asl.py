@@ -20,6 +20,7 @@ from socialbot.cli._console import Console, print_line
 from socialbot.cli._options import many
 from socialbot.core.clock import SECOND, WallClock
 from socialbot.core.errors import ParameterError, RuleError, SocialbotError
+from socialbot.core.paths import writing
 from socialbot.core.process import ENDING_SIGNALS, Ending
 from socialbot.core.terminal import TerminalFormatter
 from socialbot.runs.junit import TestCase, write_junit
@@ -319,10 +320,8 @@ def _tracing(file: Path | None) -> Iterator[Callable[[Record], None] | None]:
         return
     from socialbot.bdi.agentspeak.printer import agentspeak
 
-    try:
+    with writing(file, ParameterError):
         lines = file.open("w", encoding="utf-8")
-    except OSError as problem:
-        raise ParameterError(f"cannot be written: {problem.strerror}", where=str(file)) from problem
     with lines:
         yield lambda record: print(json.dumps(asdict(record), default=agentspeak), file=lines)
 

@@ -14,6 +14,7 @@ from rich.markup import escape
 from socialbot.cli._console import Console
 from socialbot.cli._options import bar
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import writing
 
 if TYPE_CHECKING:
     from socialbot.vision.metrics.evaluation import Evaluation
@@ -209,15 +210,11 @@ def _sources(known: list[LabelledSource], split: str | None, errors: Console) ->
 def _expect_writable(path: Path) -> None:
     """Create the folder of ``path``. Raises ParameterError early if the file cannot be written."""
     there = path.exists() or path.is_symlink()
-    try:
+    with writing(path, ParameterError, remedy="choose another place for the results"):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
         if not there:
             path.unlink()
-    except OSError as error:
-        raise ParameterError(
-            f"cannot be written: {error.strerror}", where=str(path), remedy="choose another place for the results"
-        ) from error
 
 
 def _report_missing(evaluation: Evaluation, errors: Console) -> None:

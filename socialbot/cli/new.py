@@ -15,8 +15,9 @@ from rich.text import Text
 
 from socialbot.cli._console import Console
 from socialbot.cli._options import RobotOption
-from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError
 from socialbot.core.installation import pip_command
+from socialbot.core.paths import writing
 
 PANEL = "Start here"
 EXAMPLES = (
@@ -115,14 +116,10 @@ def write_project(
         remedy = "give another name, or another place with --out; nothing is overwritten"
         raise ParameterError("exists already", where=str(project), remedy=remedy)
     check_name(name)
-    try:
+    with writing(project, remedy="give another place with --out"):
         for path, text in project_files(name, language, template, robot).items():
             (project / path).parent.mkdir(parents=True, exist_ok=True)
             (project / path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SocialbotError(
-            f"cannot be written: {error.strerror}", where=str(project), remedy="give another place with --out"
-        ) from error
     return project
 
 

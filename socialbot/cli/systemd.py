@@ -13,6 +13,7 @@ import typer
 
 from socialbot.cli._console import print_line
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import writing
 from socialbot.core.process_settings import ProcessSettings
 
 PANEL = "Run a graph"
@@ -59,11 +60,8 @@ def systemd(
         print_line(text, nl=False)
         return
     path = out / f"socialbot-{machine}.service"
-    try:
+    with writing(path, ParameterError, remedy="name another --out"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}"
-        raise ParameterError(what, where=str(path), remedy="name another --out") from error
     print_line(f"{path}\nsudo cp {path} /etc/systemd/system/ && sudo systemctl enable --now {path.name}")
 
 

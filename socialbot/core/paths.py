@@ -10,7 +10,8 @@ import io
 import os
 import secrets
 import shutil
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from socialbot.core.errors import ParameterError, SocialbotError
@@ -40,6 +41,15 @@ def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check t
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
         raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem
+
+
+@contextmanager
+def writing(file: Path, error: type[SocialbotError] = SocialbotError, *, remedy: str = "") -> Iterator[None]:
+    """Raise an ``error`` that ``file`` cannot be written instead of an OSError."""
+    try:
+        yield
+    except OSError as problem:
+        raise error(f"cannot be written: {problem.strerror}", where=str(file), remedy=remedy) from problem
 
 
 def replace_file(file: Path, data: bytes) -> None:

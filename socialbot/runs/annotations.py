@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from socialbot.core.errors import RunError
+from socialbot.core.paths import writing
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.visits import visits_of
 
@@ -38,18 +39,15 @@ def write_csv(run: RecordedRun, path: Path) -> int:
     """
     labels: dict[str, str] = dict(run.results.get("labels", {}))
     frame = rows = 0
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow([*COLUMNS, *labels])
-            for record in run.history:
-                rows += 1
-                frame += record.kind == "detection"
-                seconds = f"{run.history.seconds(record.stamp):.3f}"
-                fields = (record.source, record.kind, record.what, record.id, record.cause)
-                writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
-    except OSError as error:
-        raise _unwritable(path, error) from error
+    with writing(path, RunError, remedy="give another file"), path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([*COLUMNS, *labels])
+        for record in run.history:
+            rows += 1
+            frame += record.kind == "detection"
+            seconds = f"{run.history.seconds(record.stamp):.3f}"
+            fields = (record.source, record.kind, record.what, record.id, record.cause)
+            writer.writerow([seconds, record.stamp, frame, *fields, *labels.values()])
     return rows
 
 
@@ -94,10 +92,8 @@ def write_elan(run: RecordedRun, path: Path) -> int:
         document, "LINGUISTIC_TYPE", LINGUISTIC_TYPE_ID="default-lt", TIME_ALIGNABLE="true", GRAPHIC_REFERENCES="false"
     )
     ElementTree.indent(document)
-    try:
+    with writing(path, RunError, remedy="give another file"):
         ElementTree.ElementTree(document).write(path, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise _unwritable(path, error) from error
     return count
 
 
@@ -156,7 +152,3 @@ def _apart(found: list[Annotation]) -> list[Annotation]:
             merged[-1] = (merged[-1][0], begin_s, merged[-1][2])
         merged.append((begin_s, end_s, text))
     return merged
-
-
-def _unwritable(path: Path, error: OSError) -> RunError:
-    return RunError(f"cannot be written: {error.strerror}", where=str(path), remedy="give another file")

@@ -14,7 +14,7 @@ from socialbot.core.bounded_log import parts
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import TraceRecord
-from socialbot.core.paths import replace_file
+from socialbot.core.paths import replace_file, writing
 from socialbot.runs.folder import expect_inside, leads_inside, open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
@@ -63,12 +63,8 @@ def forget_person(folder: Path, person: str) -> Forgotten:
     if person not in known:
         remedy = suggestion(person, known) if known else "nobody was seen in this run"
         raise RunError(f"no person {person!r}", where=str(folder), remedy=remedy)
-    try:
+    with writing(folder, RunError, remedy="check its permissions"):
         return _Forgetting(folder, person).run()
-    except OSError as error:
-        raise RunError(
-            f"cannot be written: {error.strerror}", where=str(folder), remedy="check its permissions"
-        ) from error
 
 
 def _people(history: Any) -> list[str]:

@@ -17,6 +17,7 @@ from socialbot.bags.reader import Bag, BagWriter, RosbagsTypes
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import BagError
 from socialbot.core.messages import CompressedImage, Image, Message, PersonDetections
+from socialbot.core.paths import writing
 from socialbot.graph.status import NodeStatus
 from socialbot.runs._streams import EventSentence, beats, detections_of, minds_of, poses_of, sentences_of
 from socialbot.runs.folder import RecordedRun
@@ -59,7 +60,7 @@ def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, i
     if out.exists():
         raise BagError("already exists", where=str(out), remedy="give another name, or remove it first")
     show = FoxgloveMessages(run, "" if bag is None else picture_frame(bag))
-    try:
+    with writing(out, BagError):
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=out.parent) as folder:
             with BagWriter(Path(folder) / "bag") as writer:
@@ -70,8 +71,6 @@ def export_foxglove(run: RecordedRun, bag: Bag | None, out: Path) -> dict[str, i
                         data = show.types.serialize(message)
                         writer.write_raw(topic, message.__msgtype__, data, time, latched=topic == "/tf_static")
             next((Path(folder) / "bag").glob("*.mcap")).replace(out)
-    except OSError as error:
-        raise BagError(f"cannot be written: {error.strerror}", where=str(out)) from error
     return writer.counts
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import writing
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,9 @@ def write_junit(file: Path, suites: Mapping[str, Sequence[TestCase]]) -> None:
         suite = ElementTree.SubElement(root, "testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}})
         for case in cases:
             _add(suite, case)
-    try:
+    with writing(file, ParameterError):
         file.parent.mkdir(parents=True, exist_ok=True)
         ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)
-    except OSError as problem:
-        raise ParameterError(f"cannot be written: {problem.strerror}", where=str(file)) from problem
 
 
 def _add(suite: ElementTree.Element, case: TestCase) -> None:

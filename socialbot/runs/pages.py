@@ -21,7 +21,8 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from socialbot.bags.image_files import decode_image
-from socialbot.core.errors import ImageError, SocialbotError
+from socialbot.core.errors import ImageError
+from socialbot.core.paths import writing
 
 T = TypeVar("T")
 
@@ -146,11 +147,9 @@ def write_file(path: Path, content: str | bytes) -> Path:
     Raises:
         SocialbotError: The file cannot be written.
     """
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content.encode() if isinstance(content, str) else content)
-    except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(path)) from error
     return path
 
 

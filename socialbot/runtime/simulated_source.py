@@ -11,8 +11,8 @@ from typing import Any
 
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND, nanoseconds
-from socialbot.core.errors import SocialbotError
 from socialbot.core.messages import AgentCommand, CompressedImage, Health, Message, TraceRecord
+from socialbot.core.paths import writing
 from socialbot.core.registry import CompletionCheck, completion_of, recorded_types
 from socialbot.deliberation.messages import AgentReply, AgentRequest, DesireSet, LifecycleStatus, PlanExecutionInfo
 from socialbot.graph.files import dump_graph
@@ -173,11 +173,8 @@ class SimulatedSource(RunSource):
 
             self._write = write
             yield
-        try:
+        with writing(self.bag / BAG_GRAPH):
             (self.bag / BAG_GRAPH).write_text(dump_graph(graph), encoding="utf-8")
-        except OSError as error:
-            where = str(self.bag / BAG_GRAPH)
-            raise SocialbotError(f"cannot be written: {error.strerror}", where=where) from error
 
 
 def clock_step_s(graph: Graph) -> float:

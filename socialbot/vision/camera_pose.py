@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from socialbot.core.errors import ParameterError
-from socialbot.core.paths import read_bytes, replace_file
+from socialbot.core.paths import read_bytes, replace_file, writing
 from socialbot.vision.camera import ASSUMED, Box, CameraModel, CameraPose
 from socialbot.vision.transforms import AXES, OPTICAL, TransformTree
 
@@ -426,8 +426,6 @@ def load_pose(path: Path) -> CameraPose | None:
 
 def save_pose(pose: CameraPose, path: Path) -> None:
     """Write a pose file, replaced atomically. Raises ParameterError if it cannot be written."""
-    try:
+    with writing(path, ParameterError):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, msgspec.json.format(msgspec.json.encode(pose)) + b"\n")
-    except OSError as error:
-        raise ParameterError(f"cannot be written: {error.strerror}", where=str(path)) from error

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import writing
 from socialbot.vision.metrics.evaluation import ClipResult, DetectorResult, Evaluation
 from socialbot.vision.metrics.matches import ranked
 
@@ -49,12 +50,9 @@ def export(evaluation: Evaluation, name: str, path: Path) -> list[Path]:
             "there are no recordings, only single images", where="--export mot", remedy="use coco=FILE"
         )
     for place, data in files.items():
-        try:
+        with writing(place, ParameterError, remedy="choose another place"):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(data)
-        except OSError as error:
-            what = f"cannot be written: {error.strerror}"
-            raise ParameterError(what, where=str(place), remedy="choose another place") from error
     return list(files)
 
 
