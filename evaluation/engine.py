@@ -15,7 +15,6 @@ from typing import Annotated, Any
 import msgspec
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from evaluation.engine_bodies import BODIES
 from evaluation.engine_host import host, latency
@@ -25,8 +24,7 @@ from evaluation.engine_rows import Line, Row, measurement, ratio_line, row_lines
 from evaluation.engine_workloads import QUICK, WORKLOADS, Figures, Scale
 from evaluation.report import JsonOption, Machine, QuickOption, run, setting, write
 from socialbot.core.errors import SocialbotError
-from socialbot.runs.pages import Page, Section
-from socialbot.runs.pages import table as html_table
+from socialbot.runs.pages import Cell, Page, Section, Table
 
 OnlyOption = Annotated[
     str | None, typer.Option("--only", metavar="W1,bursts", help="Only these workloads, by the names in the table.")
@@ -49,16 +47,7 @@ NOTE = (
     "Rates are per second of processor time, each the best of several passes; a ratio is the engine's rate by that of "
     "the loop written by hand. An aim is what is hoped for beyond what is required."
 )
-VERDICT = 7
-"""Column of the table with the verdict."""
 UNMET = frozenset({"below", "above"})
-MARKS = {
-    "": "",
-    "ok": "[green]ok[/]",
-    "aim": "[green]aim[/]",
-    "below": "[bold red]below[/]",
-    "above": "[bold red]above[/]",
-}
 
 
 def lines(scale: Scale) -> list[Line]:
@@ -167,56 +156,42 @@ class Findings:
         judged = [line for line, value in self.measured() if line.verdict(value)]
         unmet = self.unmet()
         missed = f"; not met: {', '.join(unmet)}" if unmet else ""
-        rows = [[(text, "r" if n >= 2 else "") for n, text in enumerate(row)] for row in self._rows()]
-        for row in rows:
-            word, _ = row[VERDICT]
-            row[VERDICT] = (word, "bad" if word in UNMET else "good")
-        heads = ("", "", *self._heads())
-        content = html_table(heads, rows)
         return Page(
             title=f"engine{' (quick)' if self.quick else ''}",
             lead=f"{len(judged) - len(unmet)} of {len(judged)} requirements are met{missed}." if judged else "",
             verdict="" if not judged else "requirements not met" if unmet else "requirements met",
             good=not unmet,
-            sections=[Section("Workloads", content, NOTE), setting(self.machine)],
+            sections=[Section("Workloads", self._table().html(), NOTE), setting(self.machine)],
         )
 
     def show(self, console: Console) -> None:
         console.print(f"[bold]engine[/]{' (quick)' if self.quick else ''}: rates per second of processor time")
         self.machine.show(console)
-        table = Table("", "", box=None, pad_edge=False, header_style="dim")
-        for column in self._heads():
-            table.add_column(column, justify="right")
-        for row in self._rows():
-            row[VERDICT] = MARKS[row[VERDICT]]
-            table.add_row(*row)
-        console.print(table)
+        console.print(self._table().terminal())
         unmet = self.unmet()
         console.print(f"not met: {', '.join(unmet)}" if unmet else "All requirements are met.")
 
-    def _heads(self) -> list[str]:
-        return ["by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"]
-
-    def _rows(self) -> list[list[str]]:
-        rows: list[list[str]] = []
+    def _table(self) -> Table:
+        rows: list[list[Cell]] = []
         before = ""
         for line, value in self.measured():
             figures, sign = self.figures[line.workload], "≤ " if line.at_most else ""
-            row = [
+            verdict = line.verdict(value)
+            row: list[Cell] = [
                 line.workload if line.workload != before else "",
                 line.text,
-                _text(figures.get(line.hand)) if line.hand else "",
-                _text(figures.get(line.rate) if line.rate else None),
-                _text(value) if line.key != line.rate else "",
-                f"{sign}{_text(line.required)}" if line.required is not None else "",
-                _text(line.aim),
-                line.verdict(value),
-                *(_text(self.peer(name, line)) for name in self.others),
-                _times(self.best_peer(line)),
+                (_text(figures.get(line.hand)) if line.hand else "", "r"),
+                (_text(figures.get(line.rate) if line.rate else None), "r"),
+                (_text(value) if line.key != line.rate else "", "r"),
+                (f"{sign}{_text(line.required)}" if line.required is not None else "", "r"),
+                (_text(line.aim), "r"),
+                (verdict, "bad" if verdict in UNMET else "good"),
+                *((_text(self.peer(name, line)), "r") for name in self.others),
+                (_times(self.best_peer(line)), "r"),
             ]
             rows.append(row)
             before = line.workload
-        return rows
+        return Table(("", "", "by hand", "engine", "ratio", "required", "aim", "", *self.others, "times best"), rows)
 
 
 def measure(names: list[str], scale: Scale, *, quick: bool = False) -> Findings:

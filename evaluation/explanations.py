@@ -26,8 +26,8 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
+from evaluation.questions_runs import DETECTIONS, START, record_waldo
 from evaluation.report import JsonOption, QuickOption, Report, run
-from evaluation.waldo_runs import DETECTIONS, START, record_waldo
 from socialbot.bags.reader import open_bag
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
@@ -318,7 +318,7 @@ def visits(seed: int) -> Iterator[PersonDetections]:
 def played(seed: int, folder: Path) -> tuple[RecordedRun, list[PersonDetections]]:
     """Play random visits to Waldo and record the run."""
     seen = list(visits(seed))
-    record_waldo(seen, folder, range_m=6.0)
+    record_waldo(seen, folder, parameters={"bdi_engine": {"range_m": 6.0}})
     return open_run(folder), seen
 
 

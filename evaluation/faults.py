@@ -63,32 +63,32 @@ ROWS: Mapping[str, Row] = {
         "believed within 0.5 s, safe idle; data and behaviour back within 1 s, 3 s; no repeated greeting",
     ),
     "jitter": Row(
-        "evaluation.faults_links:jitter",
+        "evaluation.faults_network:jitter",
         "packets travel 40 +- 30 ms and overtake each other",
         ">= 95 % of frames arrive, p99 <= 250 ms; greeted once",
     ),
     "bursts": Row(
-        "evaluation.faults_links:bursts",
+        "evaluation.faults_network:bursts",
         "20 % of packets lost, five after one another",
         ">= 50 % of frames arrive, p99 <= 1 s; greeted once",
     ),
     "narrow": Row(
-        "evaluation.faults_links:narrow",
+        "evaluation.faults_network:narrow",
         "1 Mbit/s for 10 s",
         ">= 3 % of frames (1 Hz) arrive, p99 <= 2 s; new again within 3 s; greeted once",
     ),
     "subnets": Row(
-        "evaluation.faults_links:subnets",
+        "evaluation.faults_network:subnets",
         "two subnets with a router, which takes packets of 1280 bytes on one side",
         ">= 99 % of frames arrive, p99 <= 250 ms; greeted once",
     ),
     "server": Row(
-        "evaluation.faults_links:server",
+        "evaluation.faults_network:server",
         "two subnets with a router; machines ask a discovery server",
         ">= 99 % of frames arrive, p99 <= 250 ms; greeted once",
     ),
     "three": Row(
-        "evaluation.faults_links:three",
+        "evaluation.faults_network:three",
         "a second robot speaks, and is cut off for 5 s",
         "the others go on: >= 99 % of frames arrive, p99 <= 250 ms; it is back within 3 s; greeted once",
     ),

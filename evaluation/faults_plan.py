@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import NodeError
@@ -89,13 +89,18 @@ def beside(
     try:
         yield process
     finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        try:
-            process.wait(ENDED_S)
-        except subprocess.TimeoutExpired:
-            kill_all([process.pid])
-            process.wait()
+        interrupt(process)
+
+
+def interrupt(process: subprocess.Popen[Any]) -> None:
+    """End a process as Ctrl-C does; kill it with its descendants if it does not end in time."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(ENDED_S)
+    except subprocess.TimeoutExpired:
+        kill_all([process.pid])
+        process.wait()
 
 
 def await_(holds: Callable[[], bool], timeout_s: float, lack: str, where: Path) -> float:

@@ -8,7 +8,6 @@ to measure the latency from frame to action thirty times a second.
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -20,7 +19,7 @@ from typing import Generic
 
 import cv2
 
-from evaluation.faults_plan import Skipped
+from evaluation.faults_plan import Skipped, interrupt
 from evaluation.faults_watch import Heard, heard
 from evaluation.hosts import Host, N, NoHostsError, TwoHosts, two_hosts
 from socialbot.bags.reader import open_bag
@@ -82,7 +81,6 @@ parameters:
 """
 
 READY_S = 180.0
-ENDED_S = 20.0
 LOOK_S = 0.02
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
@@ -113,12 +111,7 @@ class Scene(Generic[N]):
         try:
             yield process
         finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(ENDED_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            interrupt(process)
 
     @contextmanager
     def watched(self) -> Iterator[None]:

@@ -27,7 +27,7 @@ from rich.console import Console
 from evaluation.hospital_paper import GROWTH
 from evaluation.hospital_plots import charts, sheet, svg
 from evaluation.hospital_record import CONFIGURATIONS, RATES, SEEDS, Configuration, MissionRecord
-from evaluation.hospital_runs import hush, play
+from evaluation.hospital_runs import play
 from evaluation.hospital_statistics import binomial, growth, growth_interval
 from evaluation.hospital_tables import (
     WITH,
@@ -39,7 +39,7 @@ from evaluation.hospital_tables import (
     recovered_ms,
     write_csv,
 )
-from evaluation.report import Bar, JsonOption, QuickOption, Report, percentile, run
+from evaluation.report import Bar, JsonOption, QuickOption, Report, percentile, run, run_all
 from socialbot.core.errors import ParameterError, SocialbotError
 
 INLINE_S = 60.0
@@ -116,14 +116,14 @@ def sample(rates: Sequence[float], count: int, growth: int) -> list[Setting]:
     ]
 
 
-def play_inline(todo: Sequence[Setting], jobs: int, scheduler: str | None) -> list[MissionRecord]:
+def play_inline(todo: Sequence[Setting], jobs: int | None, scheduler: str | None) -> list[MissionRecord]:
     """Run missions in simulated time in parallel."""
-    from socialbot.vision.metrics.workers import run_in_processes, run_on_dask
+    if scheduler is None:
+        return run_all(play, todo, jobs, "in simulated time")
+    from socialbot.vision.metrics.workers import run_on_dask
 
     with Bar("in simulated time", len(todo)) as bar:
-        if scheduler is not None:
-            return run_on_dask(play, todo, scheduler, done=bar.advance)
-        return run_in_processes(play, todo, jobs, initializer=hush, done=bar.advance)
+        return run_on_dask(play, todo, scheduler, done=bar.advance)
 
 
 def play_ros(todo: Sequence[Setting], folder: Path) -> list[MissionRecord]:

@@ -6,7 +6,6 @@ Communication is the overhead of the runner, which delivers messages in one thre
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,11 +50,6 @@ def is_drawn(rate: float, seed: int) -> bool:
 def play(configuration: Configuration, rate: float, seed: int) -> MissionRecord:
     """Run one mission to its end, or for `LIMIT_S` of simulated time."""
     return Run(configuration, rate, seed).play()
-
-
-def hush() -> None:
-    """Silence the logs of intended failures."""
-    logging.disable(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)

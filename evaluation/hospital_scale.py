@@ -9,8 +9,6 @@ robots, plans 1000 rooms at once, and prints the figures with their requirements
 from __future__ import annotations
 
 import itertools
-import logging
-import os
 import random
 import statistics
 import time
@@ -22,7 +20,7 @@ import typer
 from rich.console import Console
 
 from evaluation.hospital_scale_runs import Kill, Result, Story, play
-from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, percentile, run
+from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, hush, percentile, run, run_all
 from socialbot.agents.hospital.plans import DISINFECT, mission, ward
 from socialbot.agents.teams.missions import Policy
 from socialbot.planning.htn.planner import TaskPlanner
@@ -86,18 +84,9 @@ def grown(rooms: int, robots: int) -> Story:
     return Story(0, GROWN_RATE, rooms=rooms, spots=pairs, uvds=pairs, every_s=0.0, pause_s=PAUSE_S)
 
 
-def hush() -> None:
-    """Silence the logs of intended failures."""
-    logging.disable(logging.CRITICAL)
-
-
-def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
-    """Run all stories in ``jobs`` processes; results and their order do not depend on ``jobs``."""
-    from socialbot.vision.metrics.workers import run_in_processes
-
-    everything = [(story,) for some in kinds.values() for story in some]
-    with Bar("runs", len(everything)) as bar:
-        results = iter(run_in_processes(play, everything, jobs, initializer=hush, done=bar.advance))
+def play_all(kinds: dict[str, list[Story]], jobs: int | None) -> dict[str, list[Result]]:
+    """Run all stories in ``jobs`` processes."""
+    results = iter(run_all(play, [(story,) for some in kinds.values() for story in some], jobs))
     return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
 
 
@@ -248,10 +237,9 @@ def main(
     """Run large and growing wards many times, also with kills of their coordinator."""
     scale = QUICK if quick else Scale()
     scale = scale if seeds is None else Scale(seeds, scale.other, scale.killed, scale.sizes, scale.times)
-    side_by_side = jobs or len(os.sched_getaffinity(0))
     report = Report("hospital at scale", quick)
     add_planning(report, scale.times)
-    results = play_all(stories(scale), side_by_side)
+    results = play_all(stories(scale), jobs)
     wards = grow(scale.sizes)
     add_runs(report, results)
     add_growth(report, wards)

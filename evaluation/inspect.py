@@ -2,16 +2,14 @@
 
 The first part measures the first image and the scrubbing of a ten-minute run, in the server and in headless Chromium.
 The second part records 100 agents in one process, and alternates runs with and without a listening page to compare the
-cost of a decision. It also measures the update rate in Chromium. The exit code is 10 if a requirement is not met.
+cost of a decision. It also measures the update rate in Chromium. The exit code is 1 if a requirement is not met.
 """
 
 from __future__ import annotations
 
-import json as json_text
 import os
 import random
 import re
-import signal
 import statistics
 import subprocess
 import sys
@@ -20,63 +18,26 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import cv2
 import httpx
-import msgspec
 import numpy as np
-import typer
-from rich.console import Console
-from rich.table import Table
 
+from evaluation.faults_plan import interrupt
 from evaluation.inspect_browser import first_picture_ms, page, steps_ms, update_ms
+from evaluation.questions_runs import START, record_waldo
+from evaluation.report import JsonOption, QuickOption, Report, percentile, run
 from socialbot.bags.reader import BagWriter
 from socialbot.bridge.graph_observer import observe_graph
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import CompressedImage, PersonDetection, PersonDetections
-from socialbot.graph.files import parse_graph
-from socialbot.graph.inline import InlineRunner
-from socialbot.runs.record import RunRecord
-from socialbot.runtime.run import observed_topics
 
-AS_REQUIRED, NOT_AS_REQUIRED = 0, 10
-START = 1_700_000_000 * SECOND
 AGENTS = 100
 PICTURES = "/camera/image_raw/compressed"
-DETECTIONS = "/humans/bodies/detections"
-BEHIND_THE_DETECTOR = f"""
-name: waldo
-inputs: [{DETECTIONS}]
-nodes:
-  bdi_engine: {{type: waldo}}
-  listener:   {{type: listener}}
-  speech:
-    type: speaker
-    parameters: {{engine: bdi_engine, playback: "off"}}
-    remap: {{health: /bdi_engine/health}}
-  head:       {{type: head, parameters: {{engine: bdi_engine}}, remap: {{health: /bdi_engine/health}}}}
-"""
-"""Waldo's graph without perception."""
 BEGINS_WITHIN_S = 120.0
 SETTLE_S = 5.0
-
-
-@dataclass(frozen=True)
-class Row:
-    """Figure with its upper limit."""
-
-    what: str
-    value: float
-    most: float
-    unit: str
-
-    @property
-    def well(self) -> bool:
-        return self.value < self.most
 
 
 # Cost
@@ -100,8 +61,7 @@ def crowd(folder: Path, agents: int, *, inspected: bool) -> Iterator[tuple[Path,
         found = re.search(r"Inspector: (\S+)", log.read_text())
         yield out, pid, found[1] if found else ""
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60)
+        interrupt(process)
 
 
 def host_of(names: Sequence[str]) -> int:
@@ -154,7 +114,7 @@ def turn(folder: Path, agents: int, seconds: float, *, inspected: bool) -> tuple
     return 1e3 * spent / max(1, records), records / passed
 
 
-def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
+def add_cost(report: Report, folder: Path, agents: int, seconds: float, turns: int) -> None:
     """Compare the cost of a record with and without a listening page."""
     alone, watched = [], []
     for _ in range(turns):
@@ -163,19 +123,17 @@ def cost(folder: Path, agents: int, seconds: float, turns: int) -> list[Row]:
     (cpu, hz), (cpu_watched, hz_watched) = (
         [statistics.median(column) for column in zip(*figures, strict=True)] for figures in (alone, watched)
     )
-    return [
-        Row(f"{agents} agents: more processor time a decision", 100 * (cpu_watched / cpu - 1.0), 3.0, "%"),
-        Row(f"{agents} agents: fewer decisions a second", 100 * (1.0 - hz_watched / hz), 3.0, "%"),
-    ]
+    more, fewer = 100 * (cpu_watched / cpu - 1.0), 100 * (1.0 - hz_watched / hz)
+    report.add("processor_percent", f"{agents} agents: more processor time a decision, %", more, 3.0)
+    report.add("decisions_percent", f"{agents} agents: fewer decisions a second, %", fewer, 3.0)
 
 
-def update(folder: Path, agents: int, seconds: float) -> Row:
+def add_updates(report: Report, folder: Path, agents: int, seconds: float) -> None:
     """Measure the update rate of a live page in a browser."""
     with crowd(folder, agents, inspected=True) as (_, _, address), page() as visit:
         time.sleep(SETTLE_S)
-        return Row(
-            f"{agents} agents: from one update of the page to the next", update_ms(visit, address, seconds), 110.0, "ms"
-        )
+        text = f"{agents} agents: from one update of the page to the next, ms"
+        report.add("update_ms", text, update_ms(visit, address, seconds), 110.0)
 
 
 # Speed
@@ -190,19 +148,8 @@ def long_run(folder: Path, seconds: int) -> Path:
             data = cv2.imencode(".jpg", np.roll(shades, stamp // SECOND % 640, axis=1))[1].reshape(-1)
             picture = CompressedImage(stamp=stamp, frame_id="camera", format="jpeg", data=data)
             writer.write(PICTURES, picture, stamp)
-    graph = parse_graph(BEHIND_THE_DETECTOR, where="evaluation.inspect")
-    runner = InlineRunner(graph, start=START)
-    with RunRecord(folder / "run") as record:
-        record.describe(graph)
-        for topic in observed_topics(graph):
-            runner.tap(topic, record.observe)
-        runner.start()
-        for stamp in stamps:
-            runner.feed(DETECTIONS, people(stamp))
-        runner.close()
-        record.write_results(
-            {"graph": "waldo", "bag": {"path": str(bag), "start": START, "topics": {PICTURES: PICTURES}}}
-        )
+    bag_entry = {"path": str(bag), "start": START, "topics": {PICTURES: PICTURES}}
+    record_waldo(map(people, stamps), folder / "run", bag=bag_entry)
     return folder / "run"
 
 
@@ -230,11 +177,10 @@ def inspector(run: Path) -> Iterator[str]:
                 return
         raise NodeError(f"ended with {process.wait()}", where="socialbot inspect")
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60)
+        interrupt(process)
 
 
-def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
+def add_speed(report: Report, folder: Path, seconds: int, steps: int) -> None:
     """Measure the time of the first image and of each step, from the server and in a browser."""
     with inspector(long_run(folder, seconds)) as url, httpx.Client() as client:
 
@@ -248,47 +194,36 @@ def speed(folder: Path, seconds: int, steps: int) -> list[Row]:
         timed(f"api/picture?t={seconds}")  # the bag is fully indexed from here on
         chance = random.Random(7)
         times = [chance.uniform(0.0, seconds) for _ in range(steps)]
-        moments = sorted(timed(f"api/moment?t={at}") for at in times)
-        pictures = sorted(timed(f"api/picture?t={at}") for at in times)
-        both = sorted(timed(f"api/moment?t={at + 0.05}", f"api/picture?t={at + 0.05}") for at in times)
+        moments = [timed(f"api/moment?t={at}") for at in times]
+        pictures = [timed(f"api/picture?t={at}") for at in times]
+        both = [timed(f"api/moment?t={at + 0.05}", f"api/picture?t={at + 0.05}") for at in times]
         with page() as visit:
             seen = first_picture_ms(visit, url)
-            shown = sorted(steps_ms(visit, times))
+            shown = steps_ms(visit, times)
 
-    def p99(found: list[float]) -> float:
-        return found[min(len(found) - 1, int(0.99 * len(found)))]
-
-    return [
-        Row("page to first picture", first, 1000.0, "ms"),
-        Row(f"a moment of {seconds / 60:g} min, p99", p99(moments), 20.0, "ms"),
-        Row(f"a picture of {seconds / 60:g} min, p99", p99(pictures), 50.0, "ms"),
-        Row("a step of the scrubber, p99", p99(both), 100.0, "ms"),
-        Row("page to first picture, in a browser", seen, 1000.0, "ms"),
-        Row("a step of the scrubber, in a browser, median", statistics.median(shown), 100.0, "ms"),
-        Row("a step of the scrubber, in a browser, p99", p99(shown), 100.0, "ms"),
-    ]
+    minutes = f"{seconds / 60:g} min"
+    report.add("first_ms", "page to first picture, ms", first, 1000.0)
+    report.add("moment_p99_ms", f"a moment of {minutes}, p99, ms", percentile(moments, 0.99), 20.0)
+    report.add("picture_p99_ms", f"a picture of {minutes}, p99, ms", percentile(pictures, 0.99), 50.0)
+    report.add("step_p99_ms", "a step of the scrubber, p99, ms", percentile(both, 0.99), 100.0)
+    report.add("browser_first_ms", "page to first picture, in a browser, ms", seen, 1000.0)
+    report.add("browser_step_ms", "a step of the scrubber, in a browser, median, ms", statistics.median(shown), 100.0)
+    report.add("browser_step_p99_ms", "a step of the scrubber, in a browser, p99, ms", percentile(shown, 0.99), 100.0)
 
 
-def main(
-    json: Annotated[Path | None, typer.Option(help="Write the figures to this file.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few agents and a short run, as a smoke test.")] = False,
-) -> None:
+def main(json: JsonOption = None, quick: QuickOption = False) -> None:
     """Measure the cost of the inspector for the agents, and the speed of its page."""
+    report = Report("inspector", quick)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        rows = speed(folder, 20 if quick else 600, 20 if quick else 200)
+        add_speed(report, folder, 20 if quick else 600, 20 if quick else 200)
         agents, listened_s = (5, 2.0) if quick else (AGENTS, 15.0)
-        rows += cost(folder, agents, listened_s, 1 if quick else 3)
-        rows.append(update(folder, agents, listened_s))
-    table = Table("", "measured", "required", "")
-    for row in rows:
-        figures = f"{row.value:.1f} {row.unit}", f"< {row.most:g} {row.unit}"
-        table.add_row(row.what, *figures, "ok" if row.well else "above")
-    Console().print(table)
-    if json is not None:
-        json.write_text(json_text.dumps(msgspec.to_builtins(rows), indent=2) + "\n", encoding="utf-8")
-    raise typer.Exit(AS_REQUIRED if quick or all(row.well for row in rows) else NOT_AS_REQUIRED)
+        add_cost(report, folder, agents, listened_s, 1 if quick else 3)
+        add_updates(report, folder, agents, listened_s)
+    report.finish(json)
+    if not quick:
+        report.check()
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run(main)

@@ -8,8 +8,6 @@ which a step is dropped, shifted, shortened and so on. The domains are split in 
 
 from __future__ import annotations
 
-import logging
-import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +17,8 @@ import typer
 from rich.console import Console
 
 from evaluation.pddl_runs import Mutant, Outcome, Side, judge, tasks
-from evaluation.report import Bar, JobsOption, JsonOption, Report, Value, run
+from evaluation.report import JobsOption, JsonOption, Report, Value, run, run_all
 from socialbot.core.errors import ParameterError
-from socialbot.vision.metrics.workers import run_in_processes
 
 UNSOLVED_PERCENT = 5.0
 
@@ -114,10 +111,6 @@ def tell_differences(outcomes: Sequence[Outcome], console: Console) -> None:
                 console.print(f"{one.task.problem}: {verdicts}: {why}", soft_wrap=True, markup=False)
 
 
-def _hush() -> None:
-    logging.disable(logging.CRITICAL)
-
-
 def main(
     folder: FolderArgument,
     val: ValOption,
@@ -133,14 +126,7 @@ def main(
     some = [one for one in tasks(folder, each=each, most=most) if side in (None, one.side)]
     if not some:
         raise ParameterError("there is no PDDL problem with its domain", where=str(folder))
-    with Bar("problems", len(some)) as bar:
-        outcomes = run_in_processes(
-            judge,
-            [(one, val.absolute(), seconds, mutants) for one in some],
-            jobs or len(os.sched_getaffinity(0)),
-            initializer=_hush,
-            done=bar.advance,
-        )
+    outcomes = run_all(judge, [(one, val.absolute(), seconds, mutants) for one in some], jobs, "problems")
     report = Report("PDDL", quick=False)
     add_figures(report, outcomes)
     report.finish(json)

@@ -14,7 +14,7 @@ import numpy as np
 
 from socialbot.bags.reader import open_bag
 from socialbot.runtime.redaction import PeopleBlurrer
-from socialbot.vision.blurring import regions_of
+from socialbot.vision.annotate import regions_of
 from socialbot.vision.metrics.truth import load_truth, truth_beside
 
 LEAST_HEAD_PX = 8.0

@@ -5,18 +5,53 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from evaluation.waldo_runs import START, record_waldo
 from socialbot.bdi import Engine, Record
-from socialbot.core.clock import nanoseconds
+from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.messages import PersonDetection, PersonDetections, TraceRecord
+from socialbot.graph.files import parse_graph
+from socialbot.graph.inline import InlineRunner
+from socialbot.runs.record import RunRecord
+from socialbot.runtime.run import observed_topics
 from socialbot.testing import ManualClock, run_engine
+
+DETECTIONS = "/humans/bodies/detections"
+START = 1_700_000_000 * SECOND
+"""Stamp of the first detections (ns)."""
+
+_GRAPH = """
+name: waldo
+inputs: [/humans/bodies/detections]
+nodes:
+  bdi_engine: {type: waldo}
+  listener: {type: listener}
+  speech: {type: speaker, parameters: {playback: 'off'}}
+  head: {type: head}
+"""
+"""Waldo without a camera that he could miss."""
+
+
+def record_waldo(frames: Iterable[PersonDetections], folder: Path, **results: Any) -> None:
+    """Record what Waldo does on ``frames``; ``results`` are further entries of results.json."""
+    graph = parse_graph(_GRAPH, where=__name__)
+    runner = InlineRunner(graph, start=START)
+    with RunRecord(folder) as record:
+        record.describe(graph)
+        for topic in observed_topics(graph):
+            runner.tap(topic, record.observe)
+        runner.start()
+        for frame in frames:
+            runner.feed(DETECTIONS, frame)
+        runner.close()
+        record.write_results({"graph": "waldo", "runner": "inline", "parameters": {"bdi_engine": {}}, **results})
+
 
 GUARD = Path("examples/door_guard.py")
 

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from socialbot.core.errors import SocialbotError
-from socialbot.runs.pages import Page, Section, series_charts, settings
-from socialbot.runs.pages import table as html_table
+from socialbot.core.paths import writing
+from socialbot.runs.pages import Cell, Page, Section, Table, series_charts, settings
 from socialbot.runs.record import versions
 
 JsonOption = Annotated[
@@ -29,6 +29,8 @@ JsonOption = Annotated[
 QuickOption = Annotated[bool, typer.Option("--quick", help="A shorter run: under a minute.")]
 JobsOption = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs; default: one per core.")]
 DomainOption = Annotated[int, typer.Option(min=0, max=101, help="ROS domain of the run; it must be unused.")]
+
+T = TypeVar("T")
 
 PAGE_WIDTH = 140
 UNMET_EXIT = 1
@@ -140,45 +142,33 @@ class Report:
             verdict="" if not required else "requirements not met" if self.unmet else "requirements met",
             good=not self.unmet,
             sections=[
-                Section("Figures", self._figures_html()),
-                *(Section(name, series_charts(rows) + _table_html(rows)) for name, rows in self.tables.items()),
+                Section("Figures", self._figures().html()),
+                *(Section(name, series_charts(rows) + _table(rows).html()) for name, rows in self.tables.items()),
                 setting(self.machine),
             ],
         )
 
-    def _figures_html(self) -> str:
+    def _figures(self) -> Table:
         others = any(figure.others for figure in self.figures)
-        rows = [
+        rows: list[list[Cell]] = [
             [
-                (figure.text, ""),
+                figure.text,
                 (_plain(figure.value), "r"),
                 (_limit(figure.required), "r"),
-                {None: ("", ""), True: ("ok", "good"), False: ("no", "bad")}[figure.ok],
-                *([(figure.others, "")] if others else []),
+                {None: "", True: ("ok", "good"), False: ("no", "bad")}[figure.ok],
+                *([figure.others] if others else []),
             ]
             for figure in self.figures
         ]
-        heads = ("figure", "value", "required", "ok", *(["others"] if others else []))
-        return html_table(heads, rows)
+        return Table(("figure", "value", "required", "ok", *(["others"] if others else [])), rows)
 
     def show(self, console: Console) -> None:
         console.print(f"[bold]{self.title}[/]{' (quick)' if self.quick else ''}")
         self.machine.show(console)
-        console.print(self._figures())
+        console.print(self._figures().terminal())
         for name, rows in self.tables.items():
-            console.print(_table(name, rows))
-
-    def _figures(self) -> Table:
-        others = any(figure.others for figure in self.figures)
-        titles = ["figure", "value", "required", "ok", *(["others"] if others else [])]
-        table = Table(*titles, box=None, pad_edge=False, header_style="dim")
-        for figure in self.figures:
-            limit = _limit(figure.required)
-            ok = {None: "", True: "[green]ok[/]", False: "[bold red]no[/]"}[figure.ok]
-            table.add_row(
-                escape(figure.text), _text(figure.value), limit, ok, *([escape(figure.others)] if others else [])
-            )
-        return table
+            console.print(name, style="italic", markup=False)
+            console.print(_table(rows).terminal())
 
 
 def write(content: Mapping[str, Any], page: Page, file: Path) -> None:
@@ -187,10 +177,8 @@ def write(content: Mapping[str, Any], page: Page, file: Path) -> None:
     Raises:
         SocialbotError: A file cannot be written.
     """
-    try:
+    with writing(file):
         file.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
-    except OSError as error:
-        raise SocialbotError(f"cannot be written: {error.strerror}", where=str(file)) from error
     page.write(file.with_suffix(".html"))
 
 
@@ -225,25 +213,14 @@ def percentile(values: Sequence[float], share: float) -> float | None:
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
 
 
-def _table(name: str, rows: dict[str, dict[str, Value]]) -> Table:
-    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-    table = Table(name, box=None, pad_edge=False, header_style="dim")
-    for column in columns:
-        is_text = any(isinstance(row.get(column), str) for row in rows.values())
-        table.add_column(column, justify="left" if is_text else "right")
-    for row_name, row in rows.items():
-        table.add_row(escape(row_name), *(_text(row.get(column)) for column in columns))
-    return table
-
-
-def _table_html(rows: dict[str, dict[str, Value]]) -> str:
+def _table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
     columns = list(dict.fromkeys(column for row in rows.values() for column in row))
     texts = {column for column in columns if any(isinstance(row.get(column), str) for row in rows.values())}
-    cells = [
-        [(name, ""), *((_plain(row.get(column)), "" if column in texts else "r") for column in columns)]
+    cells: list[list[Cell]] = [
+        [name, *((_plain(row.get(column)), "" if column in texts else "r") for column in columns)]
         for name, row in rows.items()
     ]
-    return html_table(("", *columns), cells)
+    return Table(("", *columns), cells)
 
 
 def _module() -> str:
@@ -253,10 +230,6 @@ def _module() -> str:
 
 def _limit(required: float | bool | None) -> str:
     return "" if required is None else "yes" if required is True else f"at most {_plain(required)}"
-
-
-def _text(value: Value) -> str:
-    return escape(_plain(value))
 
 
 def _plain(value: Value) -> str:
@@ -302,3 +275,22 @@ class Bar:
 
     def advance(self, number: int = 0, result: object = None) -> None:
         self._progress.advance(self._task)
+
+
+def hush() -> None:
+    """Silence the logs of intended failures."""
+    logging.disable(logging.CRITICAL)
+
+
+def run_all(
+    function: Callable[..., T], arguments: Sequence[tuple[Any, ...]], jobs: int | None, text: str = "runs"
+) -> list[T]:
+    """Call ``function`` for all ``arguments`` in ``jobs`` processes, by default one per core, with a progress bar.
+
+    Results and their order do not depend on ``jobs``. Processes do not log.
+    """
+    from socialbot.vision.metrics.workers import run_in_processes
+
+    with Bar(text, len(arguments)) as bar:
+        cores = len(os.sched_getaffinity(0))
+        return run_in_processes(function, arguments, jobs or cores, initializer=hush, done=bar.advance)

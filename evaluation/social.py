@@ -8,19 +8,15 @@ tree's by more than 5 %.
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import typer
 
-from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, run
+from evaluation.report import JobsOption, JsonOption, QuickOption, Report, run, run_all
 from evaluation.social_policies import POLICIES, parties
 from evaluation.social_rules import Said, Score, score, totals
 from socialbot.core.clock import SECOND
@@ -110,21 +106,10 @@ def play(policies: Sequence[str], seed: int, perception: Perception = "truth") -
     ]
 
 
-def play_all(seeds: Sequence[int], perception: Perception, jobs: int) -> list[Outcome]:
-    """Play all policies; outcomes and their order do not depend on ``jobs``."""
-    work = [(party, seed) for seed in seeds for party in parties()]
-    with (
-        Bar("schedules", len(work)) as bar,
-        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool,
-    ):
-        waiting = [pool.submit(play, party, seed, perception) for party, seed in work]
-        for future in waiting:
-            future.add_done_callback(lambda future: bar.advance())
-        return [outcome for future in waiting for outcome in future.result()]
-
-
-def _hush() -> None:
-    logging.disable(logging.CRITICAL)
+def play_all(seeds: Sequence[int], perception: Perception, jobs: int | None) -> list[Outcome]:
+    """Play all policies."""
+    work = [(party, seed, perception) for seed in seeds for party in parties()]
+    return [outcome for outcomes in run_all(play, work, jobs, "schedules") for outcome in outcomes]
 
 
 def worse(criteria: dict[str, float], than: dict[str, float]) -> list[str]:
@@ -170,7 +155,7 @@ def main(
 ) -> None:
     """Social competence of Waldo and three baselines, scored from the ground truth of a simulated foyer."""
     seeds = range(first, first + (count or (QUICK_SCHEDULES if quick else SCHEDULES)))
-    outcomes = play_all(seeds, perception, jobs or len(os.sched_getaffinity(0)))
+    outcomes = play_all(seeds, perception, jobs)
     report = Report("Social competence", quick)
     add_figures(report, outcomes)
     report.finish(json)

@@ -7,39 +7,19 @@ disinfected, and books and boxes that are delivered. The exit code is 1 if a req
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, run
-from evaluation.teams_runs import KINDS, Outcome, Schedule, play, schedules
+from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run, run_all
+from evaluation.teams_runs import KINDS, Outcome, play, schedules
 
 SCHEDULES, QUICK_SCHEDULES = 200, 10
 DONE_PERCENT = 99.0
 
 CountOption = Annotated[int | None, typer.Option(min=1, help="Number of schedules; default: 200.")]
-
-
-def play_all(some: Sequence[Schedule], jobs: int) -> list[Outcome]:
-    """Run schedules in ``jobs`` processes; outcomes and their order do not depend on ``jobs``."""
-    with (
-        Bar("schedules", len(some)) as bar,
-        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool,
-    ):
-        waiting = [pool.submit(play, schedule) for schedule in some]
-        for future in waiting:
-            future.add_done_callback(lambda future: bar.advance())
-        return [future.result() for future in waiting]
-
-
-def _hush() -> None:
-    logging.disable(logging.CRITICAL)
 
 
 def add_figures(report: Report, outcomes: Sequence[Outcome]) -> None:
@@ -88,7 +68,7 @@ def main(
 ) -> None:
     """Teams with lost, stuck, late and blind members: everything that can still be done is done."""
     some = schedules(count or (QUICK_SCHEDULES if quick else SCHEDULES))
-    outcomes = play_all(some, jobs or len(os.sched_getaffinity(0)))
+    outcomes = run_all(play, [(schedule,) for schedule in some], jobs, "schedules")
     report = Report("Teams", quick)
     add_figures(report, outcomes)
     report.finish(json)

@@ -8,19 +8,16 @@ verifies each step of each agent. The exit code is 1 if a requirement is not met
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import os
+import itertools
 import statistics
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from evaluation.report import Bar, JobsOption, JsonOption, QuickOption, Report, Value, run
+from evaluation.report import JobsOption, JsonOption, QuickOption, Report, Value, run, run_all
 from evaluation.warehouse_planning import decisions, first_question, plan_by_turns, second_question
 from evaluation.warehouse_runs import Result, Story, play, troubled
 
@@ -62,24 +59,10 @@ def stories(scale: Scale) -> dict[str, list[Story]]:
     }
 
 
-def play_all(kinds: dict[str, list[Story]], jobs: int) -> dict[str, list[Result]]:
-    """Run all stories in ``jobs`` processes; results and their order do not depend on ``jobs``."""
-    everything = [(kind, story) for kind, some in kinds.items() for story in some]
-    found: dict[str, list[Result]] = {kind: [] for kind in kinds}
-    with (
-        Bar("runs", len(everything)) as bar,
-        ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _hush) as pool,
-    ):
-        waiting: list[tuple[str, Future[Result]]] = [(kind, pool.submit(play, story)) for kind, story in everything]
-        for _, future in waiting:
-            future.add_done_callback(lambda future: bar.advance())
-        for kind, future in waiting:
-            found[kind].append(future.result())
-    return found
-
-
-def _hush() -> None:
-    logging.disable(logging.CRITICAL)
+def play_all(kinds: dict[str, list[Story]], jobs: int | None) -> dict[str, list[Result]]:
+    """Run all stories in ``jobs`` processes."""
+    results = iter(run_all(play, [(story,) for some in kinds.values() for story in some], jobs))
+    return {kind: list(itertools.islice(results, len(some))) for kind, some in kinds.items()}
 
 
 # Results
@@ -212,7 +195,7 @@ def main(
     scale = scale if seeds is None else Scale(seeds, scale.troubled, scale.large, scale.times, scale.decisions)
     report = Report("warehouse", quick)
     add_planning(report, scale)
-    results = play_all(stories(scale), jobs or len(os.sched_getaffinity(0)))
+    results = play_all(stories(scale), jobs)
     add_runs(report, results)
     report.finish(json)
     tell_what_went_wrong(results, Console(highlight=False))
