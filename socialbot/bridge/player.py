@@ -70,47 +70,24 @@ class PlaybackOptions:
 
 
 class _Answers:
-    """Latest stamp that the graph has answered."""
+    """How far the graph has answered what is played, as a number that grows: a stamp, or a count."""
 
-    def __init__(self) -> None:
+    def __init__(self, timeout_s: float) -> None:
+        self.reached = 0
         self._changed = threading.Condition()
-        self._latest = 0
-        self._unanswered = 0
-
-    def note(self, answer: Message) -> None:
-        with self._changed:
-            self._latest = max(self._latest, answer.stamp)
-            self._changed.notify()
-
-    def wait(self, stamp: int) -> bool:
-        timeout_s = ANSWER_TIMEOUT_S if self._unanswered < 3 else SHORT_ANSWER_TIMEOUT_S
-        with self._changed:
-            answered = self._changed.wait_for(lambda: self._latest >= stamp, timeout_s)
-        self._unanswered = 0 if answered else self._unanswered + 1
-        return answered
-
-
-class _SoundAnswers:
-    """Number of sounds that the hearing node has processed, one after the other."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._answered = self._sent = 0
+        self._timeout_s = timeout_s
         self._missed = 0
 
-    def note(self, answer: Message) -> None:
+    def note(self, reached: int) -> None:
         with self._changed:
-            self._answered += 1
+            self.reached = max(self.reached, reached)
             self._changed.notify()
 
-    def wait(self) -> bool:
-        """Wait for the answer to one more sound; recognition of speech takes a while."""
-        self._sent += 1
-        timeout_s = SOUND_TIMEOUT_S if self._missed < 3 else SHORT_ANSWER_TIMEOUT_S
+    def wait(self, until: int) -> bool:
+        """Wait until the graph has answered as far as ``until``; return whether it has in time."""
+        timeout_s = self._timeout_s if self._missed < 3 else SHORT_ANSWER_TIMEOUT_S
         with self._changed:
-            answered = self._changed.wait_for(lambda: self._answered >= self._sent, timeout_s)
-            if not answered:
-                self._sent = self._answered
+            answered = self._changed.wait_for(lambda: self.reached >= until, timeout_s)
         self._missed = 0 if answered else self._missed + 1
         return answered
 
@@ -150,16 +127,21 @@ class BagPlayer:
             if wanted is not message_class(recorded) or (self._transport.sealed and structured):
                 self._encoded.add(topic)
         self._health = self._transport.advertise(ros, HEALTH_TOPIC, Health)
-        self._answers = _Answers()
+        self._answers = _Answers(ANSWER_TIMEOUT_S)
         self._subscriptions: dict[str, Subscription[Any]] = {}
         if topic := playing.paced_by:
-            self._subscriptions[topic] = self._transport.subscribe(ros, topic, kinds[topic], self._answers.note)
+            self._subscriptions[topic] = self._transport.subscribe(
+                ros, topic, kinds[topic], lambda answer: self._answers.note(answer.stamp)
+            )
         self._sounds = {topic for topic in topics.values() if kinds.get(topic) is AudioData}
-        self._hearing = _SoundAnswers()
+        self._hearing = _Answers(SOUND_TIMEOUT_S)
+        self._sounds_played = 0
         activity = next((topic for topic, kind in kinds.items() if kind is VoiceActivity), "")
         self._awaits_hearing = bool(playing.paced and self._sounds and activity)
         if self._awaits_hearing:
-            self._subscriptions[activity] = self._transport.subscribe(ros, activity, VoiceActivity, self._hearing.note)
+            self._subscriptions[activity] = self._transport.subscribe(
+                ros, activity, VoiceActivity, lambda _: self._hearing.note(self._hearing.reached + 1)
+            )
         self._now = bag.start
         self._begun = 0.0
 
@@ -180,11 +162,19 @@ class BagPlayer:
             played.sent += image or not self._images
             if image and self._playing.paced_by and not self._answers.wait(raw_stamp(cdr) or at):
                 played.unanswered += 1
-            if topic in self._sounds and self._awaits_hearing and not self._hearing.wait():
+            if topic in self._sounds and self._awaits_hearing and not self._is_heard():
                 played.unanswered += 1
         self._health.publish(ended("bag_player", tuple(self._topics.values()), self._now))
         self._pass_time(self._now + nanoseconds(self._playing.tail_s if self._images else 0.0))
         return played
+
+    def _is_heard(self) -> bool:
+        """Wait for the answer to one more sound; recognition of speech takes a while."""
+        self._sounds_played += 1
+        heard = self._hearing.wait(self._sounds_played)
+        if not heard:
+            self._sounds_played = self._hearing.reached
+        return heard
 
     def _synchronised(self) -> Iterator[tuple[str, int, str, bytes]]:
         """The messages with the stamps and in the order that `Bag.messages` gives them, for equal input in all runners.

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from socialbot.core.clock import SECOND
-from socialbot.core.messages import Mind, MindBelief, PersonDetections
+from socialbot.core.messages import Mind, MindBelief, PersonDetections, TraceRecord
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.narration import Narrator
 from socialbot.runs.run import RunView
@@ -60,9 +60,16 @@ def sentences_of(run: RunView) -> Iterator[EventSentence]:
     """Yield all events except detections as sentences."""
     narrator = Narrator(run.wording, run.history)
     for record in run.history:
-        if record.kind not in ("detection", "motion"):
-            told = narrator.clause(record).sentence()
-            yield EventSentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
+        if (sentence := sentence_of(narrator, record)) is not None:
+            yield sentence
+
+
+def sentence_of(narrator: Narrator, record: TraceRecord) -> EventSentence | None:
+    """Return the event as a sentence; None for a detection or motion."""
+    if record.kind in ("detection", "motion"):
+        return None
+    told = narrator.clause(record).sentence()
+    return EventSentence(record.stamp, record.source, told[:1].upper() + told[1:] + ".", record.kind in FAILURES)
 
 
 def minds_of(run: RunView) -> Iterator[Mind]:

@@ -21,8 +21,7 @@ from socialbot.core.errors import BagError, ImageError
 from socialbot.core.messages import CompressedImage, Image, Message, TraceRecord
 from socialbot.runs.record import TRACE, RunRecord
 from socialbot.runs.run import ImageSource, Picture
-from socialbot.vision.annotate import draw
-from socialbot.vision.blurring import NEAR_NS, PeopleFinder, blurred
+from socialbot.vision.annotate import NEAR_NS, PeopleFinder, blurred, draw
 from socialbot.vision.images import QUALITY, as_jpeg, bgr_from_compressed, bgr_from_image, encode_jpeg
 from socialbot.vision.metrics.truth import GroundTruth
 

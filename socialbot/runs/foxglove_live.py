@@ -23,7 +23,7 @@ from socialbot.core.errors import DeviceError, InstallationError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import CompressedImage, JointTrajectory, Message, Mind, PersonDetections, TraceRecord
 from socialbot.graph.node import Graph, check_parameters
-from socialbot.runs._streams import FAILURES, EventSentence, HeadTarget, mind_of
+from socialbot.runs._streams import HeadTarget, mind_of, sentence_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.foxglove import (
     ANNOTATIONS,
@@ -318,11 +318,8 @@ class LiveFeed:
         if record is None:
             return
         yield record.stamp, "/trace", record
-        if record.kind not in ("detection", "motion"):
-            text = self._narrator.clause(record).sentence()
-            sentence = f"{text[:1].upper()}{text[1:]}."
-            failed = record.kind in FAILURES
-            yield self._show.of_sentence(EventSentence(record.stamp, record.source, sentence, failed))
+        if (sentence := sentence_of(self._narrator, record)) is not None:
+            yield self._show.of_sentence(sentence)
 
     def _picture_of(self, found: PersonDetections) -> Iterator[tuple[int, str, Any]]:
         """Yield the image in which people were found, once; the viewer draws boxes on the image of their stamp."""
