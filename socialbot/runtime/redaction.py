@@ -25,7 +25,7 @@ from socialbot.runs.record import Privacy
 from socialbot.runtime._cache_files import CacheFolder
 from socialbot.runtime.bag_source import graph_of, replay
 from socialbot.runtime.perception_cache import SEEN_FILE, PerceptionCache
-from socialbot.vision.blurring import NEAR_NS, PeopleFinder, blurred
+from socialbot.vision.annotate import NEAR_NS, PeopleFinder, blurred
 from socialbot.vision.camera_pose import pose_beside
 from socialbot.vision.images import bgr_from_compressed, bgr_from_image, encode_jpeg
 from socialbot.vision.metrics.truth import truth_beside

@@ -19,7 +19,7 @@ from socialbot.graph.files import load_graph
 from socialbot.runtime.bag_source import replay
 from socialbot.runtime.perception_cache import SEEN_FILE
 from socialbot.runtime.redaction import redact
-from socialbot.vision.blurring import blurred, regions_of
+from socialbot.vision.annotate import blurred, regions_of
 from tests.system.running import socialbot_here
 from tests.vision.drawn import add_person, corridor
 from tests.vision.metrics.scenes import IMAGES, START, TENTH, TOP, drawn_bag
