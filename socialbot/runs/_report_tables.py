@@ -19,7 +19,7 @@ from socialbot.runs.pages import Chart, Section, Series, charts, folded, rate, s
 from socialbot.runs.record import NodeReport
 from socialbot.runs.run import RunView
 from socialbot.runs.story import RequestRecord, Story
-from socialbot.runs.visits import ADDRESS_S, visits_of
+from socialbot.runs.visits import ADDRESS_S, SOURCES, visit_table, visits_of
 
 MAX_EVENTS = 300
 EVENTS = {"failure", "desire_refused", "refused", "silent", "heard", "command", "dropped"}
@@ -29,7 +29,6 @@ _OUTCOMES = {
     "fulfilled": "good", "succeeded": "good", "dropped": "bad", "refused": "bad", "timeout": "bad", "failed": "bad",
     "aborted": "bad", "lost": "bad",
 }  # fmt: skip
-_VISITS = {"in time": "good", "late": "bad", "missed": "bad"}
 _HEALTH = {"failed": "bad", "degraded": "bad", "ok": "good"}
 _TEXT_COLUMNS = {"node", "machine", "state", "reason"}
 _RATES = {"precision": "precision", "recall": "recall", "f1": "F1"}
@@ -63,27 +62,12 @@ def visit_section(run: RecordedRun) -> Section:
         found, source = visits_of(run)
     except TruthError as error:
         return Section("Visits", "", str(error))
-    rows = [
-        [
-            visit.person,
-            (f"{visit.came_s:.1f} s, frame {visit.came_frame}", "r"),
-            ("" if visit.nearest_m is None else f"{visit.nearest_m:.1f} m at {visit.nearest_s:.1f} s", "r"),
-            ("" if visit.faced_s is None else f"{visit.faced_s:.1f} s", "r"),
-            ("" if visit.engaged_s is None else f"{visit.engaged_s:.1f} s", "r"),
-            "; ".join(f"{said.at_s:.1f} s “{said.text}”" for said in visit.said),
-            (f"{visit.left_s:.1f} s, frame {visit.left_frame}", "r"),
-            (visit.outcome, _VISITS.get(visit.outcome, "")),
-        ]
-        for visit in found
-    ]
-    heads = ("visitor", "came", "nearest", "faced", "engaged", "heard", "left", "addressed")
-    people = "the ground truth of the bag" if source == "truth" else "the tracks of the detector"
     note = (
-        f"People from {people}. The rule does not depend on the agents: a visitor engages by facing the robot, "
-        f"standing before it or walking up to it. "
+        f"People from {SOURCES[source]}. The rule does not depend on the agents: a visitor engages by facing the "
+        "robot, standing before it or walking up to it. "
         f"Words up to {ADDRESS_S:g} s later are in time, then late; without any, the visitor is missed."
     )
-    return Section("Visits", table(heads, rows), note)
+    return Section("Visits", visit_table(found).html(), note)
 
 
 def band_section(results: Mapping[str, Any]) -> Section:

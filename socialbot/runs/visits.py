@@ -18,6 +18,7 @@ from socialbot.core.messages import PersonDetection, TraceRecord
 from socialbot.runs.distances import ranges_of
 from socialbot.runs.folder import RecordedRun
 from socialbot.runs.history import History
+from socialbot.runs.pages import Cell, Table
 from socialbot.vision.metrics.behaviour import FACES_RAD, RECENT_S, PersonVisit, visits
 from socialbot.vision.metrics.frames import LabelledFrame
 from socialbot.vision.metrics.truth import GroundTruth, Person, TruthPerson, load_truth, truth_beside
@@ -29,7 +30,12 @@ GAP_S = 3.0
 RANGE_M = 3.7
 """Outer limit of social distance (Hall, 1966), for runs whose agents state no ``range_m``."""
 
+SOURCES = {"truth": "the ground truth of the bag", "tracks": "the tracks of the detector"}
+"""Sources of the people, in words."""
+
 Outcome = Literal["in time", "late", "missed", "not due"]
+
+_STYLES = {"in time": "good", "late": "bad", "missed": "bad"}
 
 
 class Said(msgspec.Struct, frozen=True):
@@ -78,6 +84,27 @@ def visits_of(run: RecordedRun, range_m: float | None = None) -> tuple[list[Visi
     spoken = [record for record in run.history if record.kind == "utterance"]
     found = [_visit(each, frames, spoken, run.history) for each in visits(frames, limit_m, GAP_S)]
     return found, "tracks" if truth is None else "truth"
+
+
+def visit_table(found: Sequence[Visit]) -> Table:
+    """Return visits as a table, with times, distances, sentences and outcomes."""
+    rows: list[list[Cell]] = [
+        [
+            visit.person,
+            (f"{visit.came_s:.1f} s, frame {visit.came_frame}", "r"),
+            ("" if visit.nearest_m is None else f"{visit.nearest_m:.1f} m at {visit.nearest_s:.1f} s", "r"),
+            ("" if visit.faced_s is None else f"{visit.faced_s:.1f} s", "r"),
+            ("" if visit.engaged_s is None else f"{visit.engaged_s:.1f} s", "r"),
+            "; ".join(f"{said.at_s:.1f} s “{said.text}”" for said in visit.said),
+            (f"{visit.left_s:.1f} s, frame {visit.left_frame}", "r"),
+            (
+                visit.outcome if visit.delay_s is None else f"{visit.outcome}, after {visit.delay_s:.1f} s",
+                _STYLES.get(visit.outcome, ""),
+            ),
+        ]
+        for visit in found
+    ]
+    return Table(("visitor", "came", "nearest", "faced", "engaged", "heard", "left", "addressed"), rows)
 
 
 def _truth(run: RecordedRun) -> GroundTruth | None:
