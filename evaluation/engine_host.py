@@ -12,7 +12,8 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
+
+import psutil
 
 from evaluation import engine_programs as programs
 from evaluation.engine_workloads import Figures, Scale
@@ -166,18 +167,8 @@ def kib_per_agent(number: int) -> float:
 
 
 def rss_kib() -> int:
-    """Return the memory of this process.
-
-    Raises:
-        SocialbotError: The system does not provide it.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text("ascii").splitlines()
-    except OSError as error:
-        raise SocialbotError(
-            "the memory of a process is not known on this system", where="/proc/self/status"
-        ) from error
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:"))
+    """Return the memory of this process."""
+    return psutil.Process().memory_info().rss // 1024
 
 
 def _await(took: list[int], number: int) -> None:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import psutil
+
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import CompressedImage
@@ -119,16 +121,20 @@ def await_(holds: Callable[[], bool], timeout_s: float, lack: str, where: Path) 
 
 def descendants(pid: int) -> list[int]:
     """Return ``pid`` and its descendants."""
-    parents: dict[int, int] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdecimal():
-            with contextlib.suppress(OSError):
-                # The program name in parentheses may contain any character.
-                parents[int(entry.name)] = int((entry / "stat").read_text("utf-8").rpartition(")")[2].split()[1])
-    found, fresh = {pid}, {pid}
-    while fresh := {child for child, parent in parents.items() if parent in fresh} - found:
-        found |= fresh
-    return sorted(found)
+    try:
+        found = psutil.Process(pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        found = []
+    return sorted([pid, *(process.pid for process in found)])
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time (s) of a process; 0 after its end."""
+    try:
+        user_s, system_s = psutil.Process(pid).cpu_times()[:2]
+    except psutil.NoSuchProcess:
+        return 0.0
+    return user_s + system_s
 
 
 def kill_all(roots: Sequence[int]) -> int:

@@ -7,7 +7,6 @@ to measure the latency from frame to action thirty times a second.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -19,7 +18,7 @@ from typing import Generic
 
 import cv2
 
-from evaluation.faults_plan import Skipped, interrupt
+from evaluation.faults_plan import Skipped, cpu_s, interrupt
 from evaluation.faults_watch import Heard, heard
 from evaluation.hosts import Host, N, NoHostsError, TwoHosts, two_hosts
 from socialbot.bags.reader import open_bag
@@ -82,7 +81,6 @@ parameters:
 
 READY_S = 180.0
 LOOK_S = 0.02
-TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,7 @@ class Scene(Generic[N]):
         host = self.host(machine)
         pids = subprocess.check_output(["ip", "netns", "pids", host.name], text=True).split()
         aside = {host.keeper, self.watchers[machine].pid}
-        return sum(_ticks(int(pid)) for pid in pids if int(pid) not in aside) / TICKS_A_SECOND
+        return sum(cpu_s(int(pid)) for pid in pids if int(pid) not in aside)
 
 
 @contextmanager
@@ -222,11 +220,3 @@ def make_film(path: Path) -> None:
         for _ in range(FRAME_HZ // BAG_HZ):
             writer.write(picture)
     writer.release()
-
-
-def _ticks(pid: int) -> int:
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0
-    return int(fields[11]) + int(fields[12])

@@ -7,7 +7,6 @@ cost of a decision. It also measures the update rate in Chromium. The exit code 
 
 from __future__ import annotations
 
-import os
 import random
 import re
 import statistics
@@ -24,7 +23,7 @@ import cv2
 import httpx
 import numpy as np
 
-from evaluation.faults_plan import interrupt
+from evaluation.faults_plan import cpu_s, interrupt
 from evaluation.inspect_browser import first_picture_ms, page, steps_ms, update_ms
 from evaluation.questions_runs import START, record_waldo
 from evaluation.report import JsonOption, QuickOption, Report, percentile, run
@@ -79,12 +78,6 @@ def host_of(names: Sequence[str]) -> int:
                 raise NodeError(f"{len(hosts)} of {len(names)} agents are active after {BEGINS_WITHIN_S:g} s")
             time.sleep(0.1)
     return next(iter(hosts.values()))
-
-
-def cpu_s(pid: int) -> float:
-    """Return the processor time (s) of a process."""
-    fields = Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def listen(address: str, got: list[int]) -> None:

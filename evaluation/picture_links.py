@@ -6,7 +6,6 @@ image, best effort, and keeps the last one only.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,7 @@ import cv2
 import numpy as np
 import typer
 
+from evaluation.faults_plan import cpu_s
 from evaluation.hosts import ROBOT, ROOT, WORKSTATION, Host, N, SwitchedHosts, switched_hosts
 from evaluation.report import JsonOption, QuickOption, Report, Value, run
 from evaluation.switch import Quality
@@ -84,8 +84,7 @@ class Film(Generic[N]):
 
     def cpu_s(self) -> float:
         """Processor seconds that camera and sender have used."""
-        ticks = (Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13] for pid in self.cpu.values())
-        return sum(int(user) + int(system) for user, system in ticks) / os.sysconf("SC_CLK_TCK")
+        return sum(map(cpu_s, self.cpu.values()))
 
 
 def rows(path: Path) -> list[tuple[int, int]]:

@@ -8,8 +8,7 @@ import sys
 import cv2
 import pytest
 
-from tests.cli.processes import children, is_running
-from tests.system.running import eventually, running, socialbot_here
+from tests.system.running import children, eventually, is_alive, running, socialbot_here
 from tests.vision.metrics.scenes import drawn_bag, drawn_pictures, walking
 
 QUICKLY = ("--detector", "hog", "--jobs", "1")
@@ -67,7 +66,7 @@ def test_interrupt_ends_all_processes(corridor):
         process.send_signal(signal.SIGINT)
         assert process.wait(180) == 0
         assert "Traceback" not in process.output()
-    assert eventually(lambda: not any(map(is_running, workers)))
+    assert eventually(lambda: not any(map(is_alive, workers)))
 
 
 def test_data_set_in_a_common_format_is_evaluated_and_exported(tmp_path):

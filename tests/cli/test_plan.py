@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import children, is_running
 from tests.planning.moving import DOMAIN, HARD_DOMAIN, PLAN, PROBLEM
-from tests.system.running import eventually, socialbot_here
+from tests.system.running import children, eventually, is_alive, socialbot_here
 
 pytest.importorskip("kairos", reason="kairos-planner is not installed")
 
@@ -175,4 +174,4 @@ def test_signal_ends_command_and_planner(tmp_path):
         running.send_signal(signal.SIGINT)
         _, errors = running.communicate(timeout=180)
     assert (running.returncode, errors) == (0, b"")
-    assert eventually(lambda: not any(map(is_running, planners)), 60)
+    assert eventually(lambda: not any(map(is_alive, planners)), 60)

@@ -13,6 +13,7 @@ import pytest
 from socialbot.core.process import with_parent
 from socialbot.planning.planners._child_process import MAX_OUTPUT, run
 from tests.planning import busy
+from tests.system.running import eventually, is_alive
 
 pytestmark = busy.in_turn
 
@@ -30,17 +31,8 @@ def worker(seconds: float, folder: Path, timeout_s: float):
     return run([sys.executable, "-I", "-S", "-c", code], folder, timeout_s, threading.Event())
 
 
-def gone(pid: int) -> bool:
-    """Whether a process ends within a while; one that nobody has buried yet has ended."""
-    end = time.monotonic() + SOON_S
-    while time.monotonic() < end:
-        try:
-            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
-                return True
-        except FileNotFoundError:
-            return True
-        time.sleep(0.01)
-    return False
+def is_gone(pid: int) -> bool:
+    return eventually(lambda: not is_alive(pid), SOON_S)
 
 
 def test_output_and_exit_of_a_child_are_reported(tmp_path):
@@ -65,7 +57,7 @@ def test_one_that_takes_too_long_is_killed_with_all_it_started(tmp_path):
     ended = shell("sleep 1000 & echo $! > pid; wait", tmp_path, timeout_s=0.3)
     assert ended.how == "late"
     assert ended.code == -signal.SIGKILL
-    assert gone(int((tmp_path / "pid").read_text()))
+    assert is_gone(int((tmp_path / "pid").read_text()))
 
 
 @busy.can_be_made
@@ -90,7 +82,7 @@ def test_children_of_a_child_are_killed_with_it(tmp_path):
     ended = shell("sleep 1000 & echo $! > pid", tmp_path)
     assert ended.how == "by itself"
     assert time.monotonic() - begin < SOON_S
-    assert gone(int((tmp_path / "pid").read_text()))
+    assert is_gone(int((tmp_path / "pid").read_text()))
 
 
 def test_one_that_closes_its_output_is_still_waited_for(tmp_path):
@@ -146,4 +138,4 @@ def test_a_child_is_killed_with_its_parent(tmp_path):
     os.kill(child, 0)
     parent.kill()
     parent.wait()
-    assert gone(child)
+    assert is_gone(child)

@@ -14,7 +14,7 @@ from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.deployment import Server
 from socialbot.runtime.machine import discovery
 from tests.runtime.deployments import deployment
-from tests.system.running import eventually, next_line
+from tests.system.running import eventually, is_alive, next_line
 
 pytestmark = pytest.mark.ros
 
@@ -40,12 +40,6 @@ def port() -> int:
         return free.getsockname()[1]
 
 
-def lives(pid: int) -> bool:
-    """Whether there is such a process; one that has ended and waits for its parent to notice is none."""
-    status = Path(f"/proc/{pid}/stat")
-    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
-
-
 def test_restarts_the_server_and_ends_it(port: int, tmp_path: Path) -> None:
     output = tmp_path / "log" / "server.log"
     with DiscoveryServer("127.0.0.1", port, output, HASTY) as server:
@@ -56,7 +50,7 @@ def test_restarts_the_server_and_ends_it(port: int, tmp_path: Path) -> None:
         assert eventually(lambda: server.pid not in (None, first))
         second = server.pid
     assert second is not None
-    assert not lives(second)
+    assert not is_alive(second)
 
 
 def test_gives_up_if_the_port_is_taken(port: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -72,9 +66,9 @@ def test_the_server_ends_with_its_parent(port: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", PARENT, str(port), str(tmp_path / "server.log")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         pid = int(next_line(parent))
-        assert lives(pid)
+        assert is_alive(pid)
         parent.kill()
-    assert eventually(lambda: not lives(pid))
+    assert eventually(lambda: not is_alive(pid))
 
 
 def test_listens_on_the_configured_address() -> None:

@@ -17,6 +17,7 @@ from typing import Any
 from unittest.mock import patch
 
 import msgspec
+import psutil
 
 from socialbot.bags.reader import BagWriter, open_bag
 from socialbot.cli.main import main
@@ -103,6 +104,19 @@ def eventually(holds: Callable[[], object], timeout_s: float = PATIENCE_S) -> bo
             return False
         sleep(0.02)
     return True
+
+
+def children(pid: int) -> list[int]:
+    """Return the child processes of a process."""
+    return [each.pid for each in psutil.Process(pid).children()]
+
+
+def is_alive(pid: int) -> bool:
+    """Return whether there is such a process; one that has ended and waits for its parent to notice is none."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def next_line(process: subprocess.Popen[Any]) -> str:

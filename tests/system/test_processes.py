@@ -24,7 +24,7 @@ from socialbot.core.clock import SECOND
 from socialbot.graph.files import load_graph
 from socialbot.runtime.launch import Launch
 from tests.system.nodes import detector_graph
-from tests.system.running import PATIENCE_S, cut, eventually, results, running, socialbot, socialbot_here
+from tests.system.running import PATIENCE_S, cut, eventually, is_alive, results, running, socialbot, socialbot_here
 
 pytestmark = pytest.mark.ros
 
@@ -172,20 +172,12 @@ def test_a_second_up_names_the_first_and_a_killed_one_leaves_no_process(
 ) -> None:
     with running(*live(pictures, tmp_path / "run")) as process:
         assert is_connected(onlooker)
-        children = psutil.Process(process.pid).children(recursive=True)
+        children = [each.pid for each in psutil.Process(process.pid).children(recursive=True)]
         second = socialbot(*live(pictures, tmp_path / "second"))
         assert second.returncode == 6
         assert f"process {process.pid}" in second.stderr
         process.kill()
-        assert eventually(lambda: not [each for each in children if is_alive(each)])
-
-
-def is_alive(process: psutil.Process) -> bool:
-    """Whether a process runs; a zombie does not."""
-    try:
-        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
+        assert eventually(lambda: not any(map(is_alive, children)))
 
 
 @pytest.mark.slow
