@@ -137,8 +137,8 @@ def test_only_the_bridge_knows_ros():
         assert not {top for top in tops if top in ROS or top.endswith(("_msgs", "_srvs"))}, path
 
 
-def test_the_engine_needs_of_socialbot_only_clock_and_errors():
-    allowed = ("socialbot.bdi", "socialbot.core.clock", "socialbot.core.errors")
+def test_the_engine_needs_of_socialbot_only_clock_errors_and_terminal():
+    allowed = ("socialbot.bdi", "socialbot.core.clock", "socialbot.core.errors", "socialbot.core.terminal")
     for path in modules("bdi"):
         for name in imports(path):
             top = name.partition(".")[0]

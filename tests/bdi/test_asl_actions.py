@@ -14,7 +14,9 @@ from socialbot.bdi import Atom, Engine, Failed, asl_action
 from socialbot.bdi.agentspeak import parse
 from socialbot.bdi.agentspeak.loading import check, needs_of
 from socialbot.bdi.stdlib import actions
-from socialbot.core.clock import WallClock
+from socialbot.bdi.stdlib.environment import RawOutput, print_
+from socialbot.bdi.unification import Trail
+from socialbot.core.clock import ManualClock, WallClock
 from socialbot.core.errors import RuleError
 from tests.bdi.mas import Mas, does, said
 
@@ -220,3 +222,12 @@ def test_a_result_remains_when_its_action_wakes_another_intention():
     mas.me.add_action(wake)
     mas.me.add_text("b(1).")
     assert sorted(mas.until(1).lines) == ["7", "7", "awake"]
+
+
+def test_output_has_no_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever a person or a message said may be printed."""
+    engine = Engine("a", ManualClock(0))
+    print_(engine, ("one\x1b[2J\r\u202etwo\nthree",), Trail())
+    engine.out = RawOutput()
+    print_(engine, ("\x9b2Jfour",), Trail())
+    assert capsys.readouterr().out == "[a] one?[2J??two\nthree\n?2Jfour"

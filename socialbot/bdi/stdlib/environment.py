@@ -28,14 +28,21 @@ def print_(engine: Any, args: Args, trail: Trail) -> None:
     if engine.out is not None:
         engine.out(line)
     else:
-        print(f"[{engine.name}] {line}", flush=True)
+        _show(f"[{engine.name}] {line}\n")
+
+
+def _show(text: str) -> None:
+    """Print a text without control characters: a belief may hold whatever a person or a message said."""
+    from socialbot.core.terminal import without_controls  # it imports logging
+
+    print(without_controls(text), end="", flush=True)
 
 
 class RawOutput:
     """Output of an agent without its name and without ends of lines, except for `.println`."""
 
     def __call__(self, text: str) -> None:
-        print(text, end="", flush=True)
+        _show(text)
 
 
 @internal(".println", 0, 100)
