@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -114,7 +115,7 @@ class Page:
         """Return the page as one HTML document without external files."""
         sections = [section for section in self.sections if section.content]
         contents = "".join(section.content for section in sections)
-        return render(
+        return render_document(
             "document.html",
             page=self,
             sections=sections,
@@ -158,11 +159,36 @@ def render(template: str, **values: Any) -> Markup:
     return Markup(_environment.get_template(template).render(**values))
 
 
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'nonce-{nonce}'",
+        "style-src 'nonce-{nonce}'",
+        "style-src-attr 'unsafe-inline'",
+        "img-src data: blob:",
+        "media-src data: blob:",
+        "base-uri 'none'",
+        "form-action 'none'",
+    )
+)
+"""Content security policy of a self-contained page: its own scripts and styles, images and sounds in the page only."""
+
+
+def render_document(template: str, **values: Any) -> Markup:
+    """Render a self-contained page, which runs its own scripts only and loads nothing.
+
+    The nonce of its scripts is a digest of the page. So equal pages are equal files, and no text of a run can hold it.
+    """
+    digest = hashlib.sha256(render(template, **values, nonce="", policy="").encode("utf-8", "replace")).digest()
+    nonce = base64.b64encode(digest).decode()
+    return render(template, **values, nonce=nonce, policy=POLICY.format(nonce=nonce))
+
+
 @cache
 def live_page() -> Markup:
     """Return the run page that loads its data from the server."""
     modules = sorted(path.name for path in PAGE.glob("*.js") if path.name not in _FROZEN_ONLY)
-    return render("run.html", report=None, modules=modules)
+    return render("run.html", report=None, modules=modules, nonce="", policy="")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from socialbot.runs.bag_images import BlurredPictures, boxes_of, pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.folder import RecordedRun, expect_inside, newest_run, open_run
 from socialbot.runs.history import OF_TOPICS
-from socialbot.runs.pages import Page, Section, bundle, charts, part, render, table, timeline, write_file
+from socialbot.runs.pages import Page, Section, bundle, charts, part, render_document, table, timeline, write_file
 from socialbot.runs.record import ENDED_WELL, STOPPED
 from socialbot.runs.run import RunView
 from socialbot.runs.story import Story, story_of
@@ -145,7 +145,7 @@ def report_html(run: RecordedRun, title: str = "", world: WorldView | None = Non
         tiles=tiles,
         sections=[section for section in sections if section.content],
     )
-    return render(
+    return render_document(
         "run.html",
         report=report,
         data=frozen(run, world, needed, shut="this page is the record of a run"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ pytest.importorskip("playwright", reason="needs playwright")
 
 from playwright.sync_api import Browser, Page
 
+from socialbot.runs.report import write_report
 from tests.runs.browsing import Visit, served
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.slow]
@@ -75,14 +78,56 @@ def test_page_shows_hostile_texts_as_texts(run: Path, browser: Browser) -> None:
         visit.close()  # a refused script would be an error of the console
 
 
-def test_report_shows_hostile_texts_as_texts(run: Path, browser: Browser) -> None:
-    from socialbot.runs.report import write_report
-
+@contextmanager
+def report(folder: Path, browser: Browser) -> Iterator[tuple[Page, list[str]]]:
+    """The report of a run in a browser, and all that the console says."""
     page = browser.new_page()
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(write_report(run).as_uri())
+    said: list[str] = []
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("console", lambda message: said.append(message.text))
+    page.goto(write_report(folder).as_uri())
     page.wait_for_selector("body[data-loaded]")
-    assert (injected(page), errors) == (0, [])
-    assert "&lt;img src=x" in page.content()
+    yield page, said
     page.close()
+
+
+def test_report_shows_hostile_texts_as_texts(run: Path, browser: Browser) -> None:
+    with report(run, browser) as (page, said):
+        assert (injected(page), said) == (0, [])
+        assert "&lt;img src=x" in page.content()
+
+
+def test_the_policy_of_a_report_allows_all_that_it_needs(browser: Browser, tmp_path: Path) -> None:
+    shutil.copytree(RUN, tmp_path / "run")
+    with report(tmp_path / "run", browser) as (page, said):
+        for tab in page.locator("[role=tab]:visible").all():
+            tab.click()
+        assert page.locator("#map svg").count() == 1
+        assert page.evaluate("document.adoptedStyleSheets.length") == 1
+        assert said == []
+
+
+REFUSED = (
+    "document.body.insertAdjacentHTML('beforeend', '<img src=data:, onerror=window.injected=1>')",
+    "document.body.append(Object.assign(document.createElement('script'), {text: 'window.injected=1'}))",
+    "document.body.append(Object.assign(document.createElement('script'), {src: 'data:text/javascript,injected=1'}))",
+    "document.body.append(Object.assign(document.createElement('base'), {href: 'https://example.org/'}))",
+    "document.body.append(Object.assign(document.createElement('iframe'), {src: 'https://example.org/'}))",
+    "document.body.append(Object.assign(document.createElement('object'), {data: 'https://example.org/'}))",
+    "new Image().src = 'http://127.0.0.1:9/?text'",
+    "fetch('http://127.0.0.1:9/?text').catch(() => 0)",
+    "navigator.sendBeacon('http://127.0.0.1:9/', 'text')",
+    "document.body.append(Object.assign(document.createElement('style'), {textContent: 'body{color:red}'}))",
+)
+
+
+@pytest.mark.parametrize("attempt", REFUSED)
+def test_the_policy_of_a_report_refuses_all_else(run: Path, browser: Browser, attempt: str) -> None:
+    """As if a text had become HTML: its scripts do not run, and nothing is loaded or sent."""
+    with report(run, browser) as (page, _):
+        violated = page.evaluate(
+            "() => new Promise(done => { document.addEventListener('securitypolicyviolation', event =>"
+            f" done(event.effectiveDirective)); {attempt}; setTimeout(() => done(''), 5000); }})"
+        )
+        assert violated
+        assert injected(page) == 0

@@ -30,7 +30,13 @@ export function showMap(address, t) {
 function stage() {
   const host = document.createElement('div');
   host.id = 'map';
-  host.innerHTML = film.picture; // drawn by the program from the record, with its texts escaped
+  // Drawn by the program from the record, with its texts escaped.
+  host.innerHTML = film.picture.replace(/<style>([^<]*)<\/style>/g, (_, rules) => {
+    const sheet = new CSSStyleSheet(); // the policy of the page refuses the element
+    sheet.replaceSync(rules);
+    document.adoptedStyleSheets.push(sheet);
+    return '';
+  });
   find('map').replaceWith(host);
   groups = new Map([...host.querySelectorAll('[data-name]')].map(group => [group.dataset.name, group]));
 }
