@@ -18,6 +18,7 @@ from socialbot.bags.types import type_name, typed_messages
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
+    NO_JSON,
     AudioData,
     BoxMarkers,
     CameraInfo,
@@ -208,7 +209,7 @@ def _decode_json(message_type: type[Structured], ros_message: Any, stamp: int) -
     wanted = "a schema of socialbot" if message_type is Structured else str(message_type.__struct_config__.tag)
     try:
         message = _json_decoder(message_type).decode(text)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+    except NO_JSON as error:
         raise MessageError(f"JSON does not fit {wanted}: {error}", remedy=_schema_remedy(str(error))) from error
     if not isinstance(message, message_type):
         raise MessageError(f"JSON does not fit {wanted}: it is {message.__struct_config__.tag}")

@@ -18,6 +18,7 @@ import numpy as np
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
+from socialbot.core.messages import NO_JSON
 from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class DiagnosticsSubscriber:
         text = self._opener.open(seal)
         try:
             return None if text is None else _DECODER.decode(text)
-        except msgspec.MsgspecError as error:
+        except NO_JSON as error:
             raise MessageError(f"not a valid status: {error}") from error
 
 

@@ -17,6 +17,7 @@ from socialbot.bridge.keys import KeyRing, Keys
 from socialbot.bridge.stream_watch import StreamKey, StreamWatch
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
+from socialbot.core.messages import NO_JSON
 
 MAX_STREAMS = 256  # number of streams above which expired ones are removed
 
@@ -243,7 +244,7 @@ def read(text: str) -> Sealed:
     """Parse a sealed text without verification. Raises SealError."""
     try:
         return _DECODER.decode(text)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+    except NO_JSON as error:
         reason = "unreadable" if SCHEMA in text[:LONGEST_SHOWN] else "unsealed"
         raise SealError(reason, str(error)[:LONGEST_SHOWN]) from error
 

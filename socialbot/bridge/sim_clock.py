@@ -22,7 +22,7 @@ from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Sender, Subscription, log_refusal, open_transport
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError, NodeError
-from socialbot.core.messages import Structured
+from socialbot.core.messages import NO_JSON, Structured
 from socialbot.graph.ports import Delivery
 
 T = TypeVar("T")
@@ -108,7 +108,7 @@ _REPORT_DECODER = msgspec.json.Decoder(StepReport)
 def _decoded(decoder: msgspec.json.Decoder[T], text: str) -> T:
     try:
         return decoder.decode(text)
-    except msgspec.MsgspecError as error:
+    except NO_JSON as error:
         raise MessageError(f"not a valid message of a simulation clock: {error}") from error
 
 

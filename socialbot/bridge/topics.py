@@ -32,7 +32,7 @@ from socialbot.bridge.environment import POLL_S, ros_domain, wait_for
 from socialbot.bridge.transport import message_class, open_transport
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
-from socialbot.core.messages import Message, RosMessage, Structured, ros_message
+from socialbot.core.messages import NO_JSON, Message, RosMessage, Structured, ros_message
 from socialbot.core.registry import load_reference, message_types
 from socialbot.core.yaml import load_yaml
 from socialbot.graph.calls import fill_message
@@ -97,7 +97,7 @@ def _decoded(message: Any) -> Any:
         return None
     try:
         return msgspec.json.decode(text)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+    except NO_JSON:
         return None
 
 

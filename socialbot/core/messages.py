@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import msgspec
@@ -19,11 +20,23 @@ from socialbot.core.errors import GraphError, MessageError
 
 VERSION = 1
 
+NO_JSON = (msgspec.MsgspecError, UnicodeError, RecursionError)
+"""Exceptions of msgspec for JSON that is damaged, nested too deeply, or of other types."""
+
+Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+"""Number of 64 bits: JSON has longer ones, which neither ROS nor a page can hold."""
+
+Stamp = Annotated[int, msgspec.Meta(ge=0, le=(2**31) * SECOND - 1)]
+"""Time in ns that ROS can hold: until 2038."""
+
+Size = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+"""Width or height (pixels), or another number of things."""
+
 
 class Message(msgspec.Struct, frozen=True, kw_only=True):
     """Base class of all messages, with a stamp in nanoseconds."""
 
-    stamp: int
+    stamp: Stamp
 
 
 class Image(Message, frozen=True, kw_only=True):
@@ -231,7 +244,7 @@ class PictureAck(Structured, frozen=True, kw_only=True):
     It covers all earlier images, too. The receiver repeats the last one as a heartbeat. Both times are 0 at first.
     """
 
-    arrived: int
+    arrived: Stamp
 
 
 State = Literal["ok", "paused", "waiting", "degraded", "failed", "ended"]
@@ -266,7 +279,7 @@ class UpStatus(Structured, frozen=True, kw_only=True):
     graph: str
     machine: str
     boot: str
-    pid: int
+    pid: Int64
     state: UpState
     reason: str = ""
 
@@ -409,7 +422,7 @@ class HeardSpeech(Structured, frozen=True, kw_only=True):
     each is empty if unknown.
     """
 
-    start: int
+    start: Int64
     text: str
     language: str = ""
     confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
@@ -450,8 +463,21 @@ class HeadCommand(Structured, frozen=True, kw_only=True):
     cause: str = ""
 
 
+@functools.cache
+def _check_detail() -> Callable[[str, Mapping[str, Any]], None]:
+    from socialbot.core._trace_details import check_detail  # it needs PersonDetection
+
+    return check_detail
+
+
 class TraceRecord(Structured, frozen=True, kw_only=True):
-    """Step from frame to action: an event at ``source`` (an agent or topic), and the id of its cause."""
+    """Step from frame to action: an event at ``source`` (an agent or topic), and the id of its cause.
+
+    ``detail`` has fixed types for the kinds of records of socialbot; others are free.
+
+    Raises:
+        ValueError: An entry of ``detail`` has another type; such a message or line of a trace cannot be read.
+    """
 
     id: str
     source: str
@@ -460,13 +486,16 @@ class TraceRecord(Structured, frozen=True, kw_only=True):
     cause: str = ""
     detail: dict[str, Any] = {}
 
+    def __post_init__(self) -> None:
+        _check_detail()(self.kind, self.detail)
+
 
 class MindBelief(msgspec.Struct, frozen=True, kw_only=True):
     """Belief as readable text, with its source and the time (ns) of its addition."""
 
     text: str
     source: str
-    since: int
+    since: Stamp
 
 
 class Mind(Structured, frozen=True, kw_only=True):

@@ -42,7 +42,7 @@ def story_sections(story: Story) -> list[Section]:
         return []
     words, requests = Markup(), Markup()
     if story.words:
-        words = _words(story, [word for word in story.words if word.detail["weight"]])
+        words = _words(story, [word for word in story.words if word.detail.get("weight")])
         words += folded(f"All {len(story.words)} messages", _words(story, story.words))
     else:
         requests = _requests(story, [request for request in story.requests if request.about_desire])
@@ -202,10 +202,10 @@ def _words(story: Story, words: Iterable[TraceRecord]) -> Markup:
         [
             (story.when(word.stamp), "r"),
             word.source,
-            word.detail["receiver"],
-            (f"{word.detail['performative']} {word.detail['content']}", "code"),
-            (word.what, "bad" if word.detail["weight"] == "problem" else ""),
-            word.detail["mission"],
+            word.detail.get("receiver", ""),
+            (f"{word.detail.get('performative', '')} {word.detail.get('content', '')}", "code"),
+            (word.what, "bad" if word.detail.get("weight") == "problem" else ""),
+            word.detail.get("mission", ""),
         ]
         for word in words
     ]

@@ -23,7 +23,7 @@ from starlette.staticfiles import StaticFiles
 
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
-from socialbot.core.messages import Command
+from socialbot.core.messages import NO_JSON, Command
 from socialbot.runs._access import FRESH, AccessGuard, BodyLimit, reply, reply_error
 from socialbot.runs.asking import answer
 from socialbot.runs.distances import distances_of
@@ -184,7 +184,7 @@ class PageServer:
             raise HTTPException(403, self.commands.shut)
         try:
             asked = msgspec.json.decode(await request.body(), type=CommandRequest)
-        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        except NO_JSON as error:
             raise HTTPException(400, f"not a valid command: {error}") from error
         if asked.command == "say":
             reason = await self.commands.say(asked.text)

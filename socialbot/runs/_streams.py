@@ -16,7 +16,7 @@ from socialbot.runs.state import AgentMind, persons_of
 
 FAILURES = frozenset({"failure", "desire_refused", "refused", "silent"})
 LEAP = 3600 * SECOND
-_POSE = re.compile(r"(?P<joint>\w+) (?P<angle>-?\d+\.\d+) rad")
+_POSE = re.compile(r"\b(?P<joint>\w+) (?P<angle>-?\d+\.\d+) rad")
 
 
 class EventSentence(NamedTuple):

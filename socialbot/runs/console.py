@@ -195,7 +195,7 @@ class Display:
         detail = record.detail
         text = f"{record.what}: {detail.get('message') or detail.get('reason')}"
         if where := detail.get("where"):  # the exception of a sensor or condition
-            text = f"{record.what}: {detail['reason']}: {detail['message']} ({where})"
+            text = f"{record.what}: {detail.get('reason', '')}: {detail.get('message', '')} ({where})"
         if text == self._repeats.text:
             self._repeats.count(record.stamp)
         else:

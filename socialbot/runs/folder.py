@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -12,7 +12,7 @@ import msgspec
 from socialbot.core import paths
 from socialbot.core.bounded_log import is_whole, parts
 from socialbot.core.errors import RunError, SocialbotError
-from socialbot.core.messages import Health, Message, PersonDetection, TraceRecord
+from socialbot.core.messages import NO_JSON, Health, Message, Stamp, TraceRecord
 from socialbot.graph.files import parse_graph
 from socialbot.graph.node import Graph
 from socialbot.runs.history import History
@@ -24,6 +24,9 @@ T = TypeVar("T")
 
 _SOUND = re.compile(r"[\w-]+\.wav")
 RUNS = Path("runs")
+
+NAMED_LINES = 20
+"""Unreadable lines of a file that are named one by one; further ones are counted."""
 
 
 class RecordedRun(RunView):
@@ -80,7 +83,7 @@ class RecordedRun(RunView):
             data = paths.read_bytes(path)
             msgspec.json.decode(data, type=_Results)
             return msgspec.json.decode(data, type=dict[str, Any])
-        except (OSError, msgspec.MsgspecError, RecursionError) as error:
+        except (OSError, *NO_JSON) as error:
             self.damage.append(f"results.json cannot be read: {error}")
             return {}
 
@@ -100,43 +103,42 @@ class RecordedRun(RunView):
             raise RunError("there is no run", where=str(self.folder), remedy=remedy)
         if not is_whole(path):
             self.damage.append(f"{path.name}: the beginning is gone: of a long run the newest is kept (up --keep)")
-        return [record for record in self._lines(path, TraceRecord) if self._has_people(record)]
-
-    def _has_people(self, record: TraceRecord) -> bool:
-        """Whether the people of a record, if it has any, can be read; note others."""
-        try:
-            msgspec.convert(record.detail.get("persons", ()), tuple[PersonDetection, ...])
-        except msgspec.ValidationError as error:
-            self.damage.append(f"{TRACE}: record {record.id}: persons: {error}")
-            return False
-        return True
+        return list(self._lines(path, TraceRecord))
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Message]]:
         """Yield the recorded messages of simulators on ``topics``, in order."""
-        path = self.folder / SEEN
         kinds = {} if self.graph is None else self.graph.topics()
-        for line in self._lines(path, _Line) if path.is_file() else ():
-            if line.topic in topics and line.topic in kinds:
-                yield line.topic, msgspec.json.decode(line.message, type=kinds[line.topic])
+        for topic, message in self._seen({topic: kinds[topic] for topic in topics if topic in kinds}):
+            if isinstance(message, Message):
+                yield topic, message
 
     def _read_seen(self) -> None:
-        path = self.folder / SEEN
-        if self.graph is None or not path.is_file():
+        if self.graph is None:
             return
-        kinds = {**self.graph.topics(), DIAGNOSTICS: NodeReport}
-        for line in self._lines(path, _Line):
-            kind = kinds.get(line.topic)
-            if kind is None:
-                continue
-            message: Message | NodeReport = msgspec.json.decode(line.message, type=kind)
+        for _, message in self._seen({**self.graph.topics(), DIAGNOSTICS: NodeReport}):
             if isinstance(message, NodeReport | Health):
                 self.node_history.take(self.history.seconds(message.stamp), message)
             elif self.world_view is not None:
                 self.world_view.take(message)
 
+    def _seen(self, kinds: Mapping[str, type[Message | NodeReport]]) -> Iterator[tuple[str, Message | NodeReport]]:
+        """Yield the messages of seen.jsonl on topics with these types."""
+        lines, path = msgspec.json.Decoder(_Line), self.folder / SEEN
+
+        def decode(text: bytes) -> tuple[str, Message | NodeReport | None]:
+            line = lines.decode(text)
+            kind = kinds.get(line.topic)
+            return line.topic, None if kind is None else msgspec.json.decode(line.message, type=kind)
+
+        if path.is_file():
+            yield from ((topic, message) for topic, message in self._decoded(path, decode) if message is not None)
+
     def _lines(self, path: Path, kind: type[T]) -> Iterator[T]:
+        return self._decoded(path, msgspec.json.Decoder(kind).decode)
+
+    def _decoded(self, path: Path, decode: Callable[[bytes], T]) -> Iterator[T]:
         """Yield the lines of a file and its older parts; note unreadable ones, except for a truncated last line."""
-        decoder = msgspec.json.Decoder(kind)
+        skipped = 0
         for part in parts(path):
             try:
                 lines = paths.read_bytes(part).split(b"\n")
@@ -145,15 +147,20 @@ class RecordedRun(RunView):
             for number, line in enumerate(lines, 1):
                 try:
                     if line:
-                        yield decoder.decode(line)
-                except msgspec.MsgspecError as error:
-                    if number < len(lines):
-                        self.damage.append(f"{part.name}:{number}: {error}")
+                        yield decode(line)
+                except NO_JSON as error:
+                    if number == len(lines):
+                        continue
+                    skipped += 1
+                    if skipped <= NAMED_LINES:
+                        self.damage.append(f"{part.name}:{number}: {error}: the line is skipped")
+        if skipped > NAMED_LINES:
+            self.damage.append(f"{path.name}: {skipped} lines are skipped; the first {NAMED_LINES} are named above")
 
 
 class _Bag(msgspec.Struct, frozen=True):
     path: Annotated[str, msgspec.Meta(pattern=r"^[^\x00]*$")] = ""
-    start: int | None = None
+    start: Stamp | None = None
     duration_s: float | None = None
 
 

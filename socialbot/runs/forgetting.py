@@ -13,7 +13,7 @@ import msgspec
 from socialbot.core.bounded_log import parts
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
-from socialbot.core.messages import TraceRecord
+from socialbot.core.messages import NO_JSON, TraceRecord
 from socialbot.core.paths import replace_file, writing
 from socialbot.runs.folder import expect_inside, leads_inside, open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
@@ -104,7 +104,7 @@ class _Forgetting:
             try:
                 if line:
                     yield decoder.decode(line)
-            except msgspec.MsgspecError:
+            except NO_JSON:
                 continue
 
     def _names(self, data: bytes) -> bool:

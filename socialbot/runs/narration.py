@@ -162,9 +162,9 @@ PERSON = "person-"
 
 _CALLED = {"add_desire": "published on add_desire", "kept": "kept from an earlier run"}
 _EXTERNAL = {"at first": "it was there at the start", "kept": "it was kept from an earlier run"}
-_PROVED = re.compile(r"\S+: note: no plan: .*", re.DOTALL)
+_PROVED = re.compile(r"(?<!\S)\S+: note: no plan: .*", re.DOTALL)
 _SAID = re.compile(r"\b(?:note|error): ")
-_STAMPED = re.compile(r"(.+)-(\d{6,})")
+_STAMPED = re.compile(r"(.+)-(\d{6,19})")
 _BELIEF_TOPIC = re.compile(r"(add|del)_(belief|desire)(_set)?")
 
 
@@ -285,8 +285,8 @@ class Narrator:
                 return re.sub(r"^tell (\S+):", r"tells \1:", what)
             case "said":
                 return what
-        text = _TEXTS.get(f"{record.kind} {variant}") or _TEXTS.get(record.kind, f"{record.kind} {{what}}")
-        return text.format_map(values).strip()
+        text = _TEXTS.get(f"{record.kind} {variant}") or _TEXTS.get(record.kind)
+        return f"{record.kind} {values['what']}" if text is None else text.format_map(values).strip()
 
     def _source(self, source: object) -> str:
         if source in (None, "", "self"):
@@ -331,18 +331,18 @@ class Narrator:
                 adopted, _ = self._desires.get(key, (record.stamp, ""))
                 text += f" after {(record.stamp - adopted) / 1e9:.1f} s"
             case "desire_dropped" if self.is_needless(record):
-                verb, text = "rests", f"no longer needs {what}: {detail['reason']}"
+                verb, text = "rests", f"no longer needs {what}: {detail.get('reason', '')}"
             case "planning":
                 failed_before = self._no_plan.get(key) == text
                 self._no_plan[key] = text
-                verb = "fails" if detail["message"] and not failed_before else None
+                verb = "fails" if detail.get("message") and not failed_before else None
             case "plan_start" if key in self._replans:
                 self._replans.remove(key)
                 text = f"makes a new plan for {what}: {_size(detail)}"
             case "plan_end":
-                if detail["outcome"] == "failed":  # its step has the reason
-                    text = f"gives up plan {detail['plan']} for {what}"
-                verb = "fails" if detail["outcome"] in ("failed", "aborted") else None
+                if detail.get("outcome") == "failed":  # its step has the reason
+                    text = f"gives up plan {detail.get('plan', 0)} for {what}"
+                verb = "fails" if detail.get("outcome") in ("failed", "aborted") else None
                 if verb:
                     self._replans.add(key)
             case "step" | "step_end":
@@ -353,7 +353,8 @@ class Narrator:
             case "reply" if what.rpartition(": ")[2] not in ("refused", "timeout", "dropped"):
                 verb = None
             case "said":
-                verb = "fails" if detail["weight"] == "problem" else "tells" if detail["weight"] == "word" else None
+                weight = detail.get("weight")
+                verb = "fails" if weight == "problem" else "tells" if weight == "word" else None
             case "failure" if detail.get("reason") == ACTION_FAILED:
                 verb = None
         if record.kind in ("desire_fulfilled", "desire_dropped"):
@@ -385,7 +386,7 @@ def _size(detail: Mapping[str, Any]) -> str:
 
 def _sight(detail: Mapping[str, Any]) -> str:
     if detail.get("distance_m") is not None:
-        return f", {detail['distance_m']} m away (score {detail['score']})"
+        return f", {detail['distance_m']} m away (score {detail.get('score')})"
     return f", in {detail['pictures']} pictures" if "pictures" in detail else ""
 
 

@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 from rich.text import Text
 
+from socialbot.core.errors import PlanningError
 from socialbot.core.messages import TraceRecord
 from socialbot.planning.pddl.domain import parse_plan
 from socialbot.runs.history import History
@@ -18,7 +19,7 @@ from socialbot.runs.narration import Wording
 
 Mark = Literal["", "done", "failed"]
 
-_LINE = re.compile(r"( *)(.+?)  #(\d+)")
+_LINE = re.compile(r"( *)(\S.*?)  #(\d+)")
 _SIGNS = {"done": "✓", "failed": "✗", "": "·"}
 _STYLES = {"done": "green", "failed": "bold red", "": ""}
 _Plan = tuple[str, object]
@@ -189,7 +190,13 @@ def _mark(marks: _Marks, call: str, number: int) -> str:
 
 def _step_lines(plan: TraceRecord, marks: _Marks, wording: Wording) -> Iterator[TreeLine]:
     equal: Counter[str] = Counter()
-    for step in parse_plan("\n".join(plan.detail.get("steps", ()))).steps:
+    lines = plan.detail.get("steps", ())
+    try:
+        steps = parse_plan("\n".join(lines)).steps
+    except PlanningError:  # of an agent with another notation
+        yield from (TreeLine(0, line) for line in lines)
+        return
+    for step in steps:
         yield TreeLine(0, wording.call(step.action, step.args), mark=_mark(marks, step.call, equal[step.call]))
         equal[step.call] += 1
 

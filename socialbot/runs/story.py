@@ -250,26 +250,26 @@ class _StoryBuilder:
                 how = "needless" if self._narrator.is_needless(record) else record.kind.removeprefix("desire_")
                 for desire in _open(story.desires, record):
                     if desire.name == record.what:
-                        desire.ended, desire.how, desire.reason = record.stamp, how, in_words(detail["reason"])
+                        desire.ended, desire.how, desire.reason = record.stamp, how, in_words(detail.get("reason", ""))
             case "plan_start":
                 self._plan(record)
             case "plan_end":
                 for plan in _open(story.plans, record):
-                    if plan.number == detail["plan"]:
-                        plan.ended, plan.outcome = record.stamp, detail["outcome"]
-                        plan.reason = in_words(detail["reason"])
+                    if plan.number == detail.get("plan", 0):
+                        plan.ended, plan.outcome = record.stamp, detail.get("outcome", "")
+                        plan.reason = in_words(detail.get("reason", ""))
             case "step":
                 self._step(record, record.stamp)
             case "step_end":
                 begun = (step for step in _open(story.steps, record) if step.call == record.what)
                 step = next(begun, None) or self._step(record, None)
-                step.ended, step.outcome = record.stamp, detail["outcome"]
+                step.ended, step.outcome = record.stamp, detail.get("outcome", "")
                 step.message = detail.get("message", "")
             case "request":
                 receiver = record.what.partition(" asks ")[2].partition(" ")[0]
                 text = sentence[1] if sentence else ""
                 is_desire = " desire " in record.what
-                request = RequestRecord(detail["id"], record.source, receiver, text, record.stamp, is_desire)
+                request = RequestRecord(detail.get("id", ""), record.source, receiver, text, record.stamp, is_desire)
                 story.requests.append(request)
                 self._asked[request.id] = request
             case "reply" if record.cause in self._asked:
@@ -283,9 +283,9 @@ class _StoryBuilder:
         origin, why, _ = self._narrator.reason(record.cause)
         desire = DesireRecord(record.source, record.what, why, origin, record.stamp)
         if record.kind == "desire":
-            desire.priority, desire.deadline_s = record.detail["priority"], record.detail.get("deadline")
+            desire.priority, desire.deadline_s = record.detail.get("priority"), record.detail.get("deadline")
         else:
-            desire.ended, desire.how, desire.reason = record.stamp, "refused", record.detail["reason"]
+            desire.ended, desire.how, desire.reason = record.stamp, "refused", record.detail.get("reason", "")
         self.story.desires.append(desire)
 
     def _plan(self, record: TraceRecord) -> None:
@@ -301,9 +301,9 @@ class _StoryBuilder:
             (plan.agent, plan.desire) == (record.source, record.what) and plan.reason and plan.began >= since
             for plan in story.plans
         )
-        makespan_s, steps = detail["makespan_s"], len(detail["steps"])
+        makespan_s, steps = detail.get("makespan_s"), len(detail.get("steps", ()))
         story.plans.append(
-            PlanRecord(record.source, detail["plan"], record.what, record.stamp, makespan_s, steps, again)
+            PlanRecord(record.source, detail.get("plan", 0), record.what, record.stamp, makespan_s, steps, again)
         )
 
     def _step(self, record: TraceRecord, began: int | None) -> StepRecord:

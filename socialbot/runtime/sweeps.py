@@ -19,6 +19,7 @@ from socialbot import __version__
 from socialbot.bags.reader import open_bag
 from socialbot.core.errors import InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
+from socialbot.core.messages import NO_JSON
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
 from socialbot.runs.expectations import Verdict, evaluate, load_behaviours
@@ -221,7 +222,7 @@ class Journal:
         for line in lines:
             try:
                 found = msgspec.json.decode(line, type=_Line)
-            except msgspec.MsgspecError:  # the line that an interrupted sweep was writing
+            except NO_JSON:  # the line that an interrupted sweep was writing
                 continue
             self.results[found.key] = found.result
 

@@ -70,6 +70,8 @@ from tests.deliberation.office import Office, job
 from tests.fuzz.decoder import STAMP, Decoder, StringMessage, text_of
 from tests.fuzz.examples import example, structured
 from tests.fuzz.node_decoders import detections, node_decoders
+from tests.fuzz.run_folders import mutated as with_wrong_values
+from tests.fuzz.run_folders import read_all, recorded_lines, write_run
 
 ROOT = Path(graph_file.__file__).parents[1]
 TYPES = RosbagsTypes()
@@ -396,6 +398,13 @@ def _minds() -> Iterator[Decoder]:
         for number, kind in enumerate(("belief", "plan", "action")):
             trace(Record(f"r{number}", STAMP + number, kind, "wander", f"r{number - 1}", {"source": "self"}))
     yield Decoder("trace", _file(read_trace), (path.read_bytes(),))
+    for name, (lines, _) in recorded_lines().items():
+        yield Decoder(f"run-{name}", functools.partial(_read_run, name), (b"\n".join(lines) + b"\n",))
+    yield Decoder("run-values", lambda data: _read_run(*with_wrong_values(data)), (b"0",))
+
+
+def _read_run(name: str, trace: bytes) -> None:
+    read_all(write_run(scratch() / "run", name, trace))
 
 
 def _replaced(data: bytes) -> None:

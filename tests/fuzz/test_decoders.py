@@ -15,7 +15,9 @@ from tests.fuzz.examples import structured
 from tests.fuzz.mutations import LARGEST, mutated, numbered
 
 NAMES = [decoder.name for decoder in decoders()]
-SLOW = {"bag-mcap", "bag-db3", "bag-metadata", "beliefs", "desires", "rules", "graph", "deployment", "waldo"}
+SLOW = {"bag-mcap", "bag-db3", "bag-metadata", "beliefs", "desires", "rules", "graph", "deployment", "waldo"} | {
+    f"run-{name}" for name in ("waldo", "hospital", "plans", "values")
+}
 
 WORST_CPU_S = 1.0
 

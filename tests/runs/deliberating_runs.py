@@ -62,8 +62,8 @@ def step_end(seconds: float, agent: str, call: str, outcome: str = "successful",
 
 
 def request(seconds: float, agent: str, what: str, number: str) -> TraceRecord:
-    asked = record(seconds, agent, "request", what)
-    return msgspec.structs.replace(asked, detail={"id": number})
+    asked = record(seconds, agent, "asked", what)
+    return msgspec.structs.replace(asked, kind="request", id=f"{agent}-request-{what}-{seconds}", detail={"id": number})
 
 
 HALL, YARD = "(go ann hall yard)", "(go ann yard hall)"

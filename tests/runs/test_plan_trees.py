@@ -34,13 +34,20 @@ ANEW = """m_clean(room1) by thorough  #1
 
 def made_at(seconds: float, tree: str) -> TraceRecord:
     return record(
-        seconds, "boss", "plan_start", "clean", plan=seconds, steps=["0: (a_wipe room1)"], makespan_s=None, tree=tree
+        seconds,
+        "boss",
+        "plan_start",
+        "clean",
+        plan=round(seconds),
+        steps=["0: (a_wipe room1)"],
+        makespan_s=None,
+        tree=tree,
     )
 
 
 def given_up_at(seconds: float, tree: str) -> TraceRecord:
     return record(
-        seconds, "boss", "plan_end", "clean", plan=seconds - 1.0, outcome="failed", reason="no mop", tree=tree
+        seconds, "boss", "plan_end", "clean", plan=round(seconds) - 1, outcome="failed", reason="no mop", tree=tree
     )
 
 

@@ -83,7 +83,7 @@ def test_record_with_unreadable_people_is_left_out_and_reported(tmp_path, person
     (folder / "trace.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     run = open_run(folder)
     assert len(run.history) == len(lines) - 1
-    assert run.damage[0].startswith(f"trace.jsonl: record {seen['id']}: persons: ")
+    assert run.damage[0].startswith(f"trace.jsonl:{lines.index(seen) + 1}: detail.persons")
     assert answer(run, "Who was there?").known
     assert distances_of(run)
 

@@ -404,7 +404,8 @@ def test_messages_are_processed_without_pages(tmp_path, monkeypatch):
 def test_invalid_record_does_not_block_later_messages(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(server_module, "KEEP_UP_S", 0.01)
     live = LiveRun(load_graph("waldo"))
-    odd = TraceRecord(stamp=START, id="p1", source="ann", kind="plan_start", what="x", cause="", detail={"plan": []})
+    odd = TraceRecord(stamp=START, id="p1", source="ann", kind="plan_start", what="x", cause="", detail={"plan": 1})
+    odd.detail["plan"] = []  # no such record can be made or read
     waldo_at_work(tmp_path / "run", live, range(2)).close()
     live._received.insert(1, ("/bdi/trace", odd))
     serve_until_processed(live)

@@ -63,8 +63,10 @@ def test_bar_is_encoded_with_from_and_to():
 
 
 def test_returning_person_has_a_new_bar():
+    box = {"x": 0, "y": 0, "w": 1, "h": 2, "score": 1}
+
     def seen(second: float, *tracks: str):
-        return record(second, "/d", "detection", "", persons=[{"track_id": track} for track in tracks])
+        return record(second, "/d", "detection", "", persons=[{**box, "track_id": track} for track in tracks])
 
     history = History([seen(0.0, "t1"), seen(0.5), seen(0.9, "t1"), seen(3.0, "t1", "t2")], start=100 * SECOND)
     assert bars(timeline_of(history)) == {

@@ -13,6 +13,7 @@ from socialbot.bdi.stdlib.goals import desire as pursued
 from socialbot.bdi.stdlib.goals import drop_goal
 from socialbot.bdi.stdlib.registry import opened
 from socialbot.core.errors import RuleError, SocialbotError
+from socialbot.core.messages import NO_JSON
 from socialbot.deliberation import parse_fact, parse_facts
 from socialbot.deliberation.deliberator import Deliberator
 from socialbot.deliberation.messages import Desire
@@ -146,5 +147,5 @@ def _desire(text: str) -> Desire:
         return Desire(name=text.lower(), value=parse_facts(text))
     try:
         return msgspec.json.decode(text, type=Desire)
-    except msgspec.MsgspecError as error:
+    except NO_JSON as error:
         raise RefusedError(f"invalid desire: {error}") from error

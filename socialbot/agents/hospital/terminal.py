@@ -47,7 +47,7 @@ class HospitalTerminal:
                 self._state = message
                 if first:
                     self._show_ward()
-            case TraceRecord(kind="step_end") if message.detail["outcome"] == "failed":
+            case TraceRecord(kind="step_end") if message.detail.get("outcome") == "failed":
                 action, *args = message.what.strip("()").split()
                 self._failed[message.source] = f"{action}({', '.join(args)})"
             case TraceRecord(kind="plan_start") if "tree" in message.detail:
@@ -70,7 +70,7 @@ class HospitalTerminal:
 
     def _show_end(self, record: TraceRecord) -> None:
         """Print the task tree of an abandoned plan with its failed action, and the ward."""
-        if record.detail["outcome"] == "succeeded":
+        if record.detail.get("outcome") == "succeeded":
             return
         tree = branches(record.detail["tree"])
         team = [call for name, call in self._failed.items() if any(name in branch.text for branch in tree)]

@@ -187,7 +187,7 @@ class Subjects:
         found = {_name(record.what) for record in self.history if record.kind in ("belief", "unbelief")}
         for plan in self.plans:
             head = plan[: len(plan) - len(_body_of(plan))]
-            named = re.findall(r"[A-Za-z_]\w*(?=\()", head)
+            named = re.findall(r"\b[A-Za-z_]\w*(?=\()", head)
             found.update(name for name in named if name != goal_of(plan))
             found.update(re.findall(r"(?<![\w\"])[+\-~?]{1,2}([A-Za-z_]\w*)\(", plan[len(head) :]))
         goals = {_name(record.what) for record in self.history if record.kind == "goal"}

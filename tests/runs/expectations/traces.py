@@ -24,7 +24,8 @@ def record(at_s: float, kind: str, what: str, source: str = "robot", cause: str 
 
 def frame(at_s: float, **distances_m: float) -> TraceRecord:
     """A frame with persons at distances."""
-    persons = [{"track_id": name, "distance_m": distance} for name, distance in distances_m.items()]
+    box = {"x": 0, "y": 0, "w": 1, "h": 2, "score": 1}
+    persons = [{**box, "track_id": name, "distance_m": distance} for name, distance in distances_m.items()]
     return record(at_s, "detection", "persons", "/humans/bodies/detections", persons=persons)
 
 
