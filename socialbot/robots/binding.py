@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -153,8 +154,8 @@ def _with_head(graph: Graph, head: HeadProfile, profile: RobotProfile) -> Graph:
     limits = {
         "pan_joint": head.pan.joint,
         "tilt_joint": head.tilt.joint,
-        "pan_limit_rad": head.pan.reach_rad,
-        "tilt_limit_rad": head.tilt.reach_rad,
+        "pan_limit_rad": min(head.pan.reach_rad, math.pi),
+        "tilt_limit_rad": min(head.tilt.reach_rad, math.pi / 2),
         "max_speed_rad_s": min(head.pan.speed_rad_s, head.tilt.speed_rad_s),
     }
     nodes = [_changed(each, limits, {"trajectory": TARGET}) if each in turned else each for each in graph.nodes]

@@ -14,7 +14,7 @@ from socialbot.graph.calls import CallResult, PendingCall, make_message
 from socialbot.graph.node import Context, Node, Timer
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.graph.services import ActionClient, ClientPort
-from socialbot.robots.limits import JointLimits, JointMotion, checked_target, least_duration_s
+from socialbot.robots.limits import WIDEST_RAD, JointLimits, JointMotion, checked_target, least_duration_s
 
 TARGET = "/robot/head_target"
 """Topic between the node that decides where to look and the node of the robot's head."""
@@ -41,14 +41,20 @@ class RobotHead(Node):
     joint_states = Input("sensor_msgs/msg/JointState", "/joint_states", Delivery.NEWEST, optional=True)
 
     pan_joint = Parameter("head_pan_joint", "joint that turns the head", fixed=True)
-    pan_lower_rad = Parameter(-1.2, "least position of the pan joint, rad", minimum=-math.pi, maximum=0.0, fixed=True)
-    pan_upper_rad = Parameter(1.2, "greatest position of the pan joint, rad", minimum=0.0, maximum=math.pi, fixed=True)
+    pan_lower_rad = Parameter(
+        -1.2, "least position of the pan joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
+    )
+    pan_upper_rad = Parameter(
+        1.2, "greatest position of the pan joint, rad", minimum=0.0, maximum=WIDEST_RAD, fixed=True
+    )
     pan_speed_rad_s = Parameter(1.0, "highest speed of the pan joint, rad/s", minimum=0.01, maximum=10.0, fixed=True)
     pan_sign = Parameter(1, "1: the pan joint is positive to the left; -1: to the right", minimum=-1, maximum=1)
     tilt_joint = Parameter("head_tilt_joint", "joint that nods the head", fixed=True)
-    tilt_lower_rad = Parameter(-0.5, "least position of the tilt joint, rad", minimum=-math.pi, maximum=0.0, fixed=True)
+    tilt_lower_rad = Parameter(
+        -0.5, "least position of the tilt joint, rad", minimum=-WIDEST_RAD, maximum=0.0, fixed=True
+    )
     tilt_upper_rad = Parameter(
-        0.5, "greatest position of the tilt joint, rad", minimum=0.0, maximum=math.pi, fixed=True
+        0.5, "greatest position of the tilt joint, rad", minimum=0.0, maximum=WIDEST_RAD, fixed=True
     )
     tilt_speed_rad_s = Parameter(1.0, "highest speed of the tilt joint, rad/s", minimum=0.01, maximum=10.0, fixed=True)
     tilt_sign = Parameter(1, "1: the tilt joint is positive up; -1: down", minimum=-1, maximum=1)

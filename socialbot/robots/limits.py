@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import MessageError
 
+WIDEST_RAD = 6.3
+"""Largest position (rad) of a head joint: a full turn to either side, rounded up as in URDFs."""
+
 
 @dataclass(frozen=True)
 class JointLimits:

@@ -28,6 +28,7 @@ from socialbot.core import paths, registry
 from socialbot.core.errors import GraphError, suggestion
 from socialbot.core.yaml import YamlSection, plain, read_page
 from socialbot.graph.node import NODE_NAME, TOPIC_NAME
+from socialbot.robots.limits import WIDEST_RAD
 
 TESTED = ("hardware", "simulation", "none")
 """How a profile was tested."""
@@ -312,6 +313,12 @@ def _part(kind: str, section: YamlSection, base: Part | None) -> Part:
     known_head = usual if isinstance(usual, HeadProfile) else None
     for joint in joints:
         values[joint] = _joint(section, joint, getattr(known_head, joint, None))
+    if values["pan"].joint == values["tilt"].joint:
+        raise GraphError(
+            f"pan and tilt are the same joint {values['pan'].joint!r}",
+            where=section.where,
+            remedy="name the two joints of the neck",
+        )
     return HeadProfile(**values)
 
 
@@ -326,11 +333,11 @@ def _joint(head: YamlSection, key: str, base: JointProfile | None) -> JointProfi
             raise GraphError(
                 f"{needed!r} is missing", where=section.where, remedy="write the limits of the robot's data sheet"
             )
-    lower = section.number("lower_rad", usual.lower_rad, minimum=-math.pi, maximum=math.pi)
+    lower = section.number("lower_rad", usual.lower_rad, minimum=-WIDEST_RAD, maximum=WIDEST_RAD)
     joint = JointProfile(
         joint=section.text("joint", usual.joint),
         lower_rad=lower,
-        upper_rad=section.number("upper_rad", usual.upper_rad, minimum=-math.pi, maximum=math.pi),
+        upper_rad=section.number("upper_rad", usual.upper_rad, minimum=-WIDEST_RAD, maximum=WIDEST_RAD),
         speed_rad_s=section.number("speed_rad_s", usual.speed_rad_s, minimum=0.01, maximum=FASTEST_RAD_S),
         sign=section.whole("sign", usual.sign, minimum=-1, maximum=1),
     )

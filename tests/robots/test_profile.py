@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from pathlib import Path
@@ -12,6 +13,7 @@ from socialbot.core import registry
 from socialbot.core.errors import GraphError
 from socialbot.core.yaml import read_page
 from socialbot.graph.files import load_graph
+from socialbot.robots.binding import with_robot
 from socialbot.robots.profile import load_profile, parse_profile, read_profile, robot_names
 
 GOOD = """\
@@ -61,6 +63,8 @@ def test_a_profile_holds_what_its_file_says():
         ("lower_rad: -1.0", "lower_rad: .nan", 8, "'lower_rad' must be a number", ""),
         ("lower_rad: -1.0", "lower_rad: 0.5", 8, "0 is not between lower_rad and upper_rad", ""),
         ("lower_rad: -1.0, ", "", 8, "'lower_rad' is missing", "data sheet"),
+        ("lower_rad: -1.0", "lower_rad: -57", 8, "'lower_rad' must be a number from -6.3 to 6.3", ""),
+        ("joint: neck_tilt", "joint: neck_pan", 6, "pan and tilt are the same joint 'neck_pan'", "two joints"),
         ("sign: -1", "sign: 0", 9, "'sign' must be 1 or -1", ""),
         ("action: /tts_engine/tts, ", "", 10, "'action' is missing", "driver"),
         ("locale: en_GB", "langauge: en", 10, "unknown key 'langauge'", ""),
@@ -74,6 +78,24 @@ def test_mistakes_are_named_with_their_line_and_a_remedy(old, new, line, what, r
     assert what in caught.value.what
     assert caught.value.where == f"robby.yaml:{line}"
     assert remedy in (caught.value.remedy or "")
+
+
+@pytest.mark.parametrize(
+    ("pan", "tilt"),
+    [
+        ("lower_rad: -4.04, upper_rad: 1.73", "lower_rad: -1.53, upper_rad: 0.79"),
+        ("lower_rad: -3.1416, upper_rad: 3.1416", "lower_rad: -1.5708, upper_rad: 1.5708"),
+        ("lower_rad: -6.2832, upper_rad: 6.2832", "lower_rad: -3.1416, upper_rad: 3.1416"),
+    ],
+)
+def test_limits_of_urdfs_beyond_half_a_turn(pan, tilt):
+    text = GOOD.replace("lower_rad: -1.0, upper_rad: 1.2", pan).replace("lower_rad: -0.4, upper_rad: 0.3", tilt)
+    robby = parse_profile(text, "robby.yaml")
+    assert robby.head is not None
+    nodes = {node.name: node for node in with_robot(load_graph("waldo"), robby).nodes}
+    assert nodes["robot_head"].parameters["pan_lower_rad"] == robby.head.pan.lower_rad
+    assert nodes["head"].parameters["pan_limit_rad"] == min(robby.head.pan.reach_rad, math.pi)
+    assert nodes["head"].parameters["tilt_limit_rad"] == min(robby.head.tilt.reach_rad, math.pi / 2)
 
 
 def test_a_profile_can_change_another(tmp_path):
