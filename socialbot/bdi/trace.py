@@ -13,15 +13,12 @@ from string import Formatter
 from typing import IO, TYPE_CHECKING, Any
 
 from socialbot.core.clock import SECOND, Clock
-from socialbot.core.errors import RuleError
+from socialbot.core.errors import RuleError, place_of
 
 if TYPE_CHECKING:
     from logging import Logger
 
-_NOT_OF_USERS = ("<", os.path.dirname(__file__), os.path.dirname(os.__file__))
-"""Starts of the names of files of compiled rules, of the engine and of the standard library."""
-
-_INSTALLED = frozenset({"site-packages", "dist-packages"})
+_ROOM = os.path.dirname(__file__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +81,7 @@ class TraceWriter:
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
         """Log an exception of user code and write a record of it; return its id."""
-        message, place = described(problem), place_of(problem)
+        message, place = described(problem), place_of(problem, _ROOM)
         log().warning("%s: %s: %s%s", self.name, what, message, place and f" ({place})")
         where = {"where": place} if place else {}
         return self.record("failure", what, cause, reason=type(problem).__name__, message=message, **where)
@@ -103,20 +100,6 @@ def described(problem: Exception) -> str:
         limit = sys.getrecursionlimit()
         return f"inferences or calls are nested too deeply for the limit of {limit} calls (sys.setrecursionlimit)"
     return str(problem)
-
-
-def place_of(problem: Exception) -> str:
-    """File and line of an exception in the code that the engine called; empty if no frame is there.
-
-    Frames of the engine, of the standard library and of installed packages are left out.
-    """
-    found, entry = "", problem.__traceback__
-    while entry is not None:
-        file = entry.tb_frame.f_code.co_filename
-        if not file.startswith(_NOT_OF_USERS) and not _INSTALLED.intersection(file.split(os.sep)):
-            found = f"{os.path.basename(file)}:{entry.tb_lineno}"
-        entry = entry.tb_next
-    return found
 
 
 class Trace:

@@ -19,7 +19,7 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
-from socialbot.graph.node import Node, NodeConfig, Timer, outcome
+from socialbot.graph.node import Node, NodeConfig, Timer, failure_text, outcome
 from socialbot.graph.ports import Output
 from socialbot.graph.services import ClientPort
 
@@ -216,7 +216,7 @@ class NodeThread:
             return
         except Exception as error:  # noqa: BLE001 - a failing callback must not stop the graph
             self._statistics.failures += 1
-            self._statistics.first_failure = self._statistics.first_failure or f"{type(error).__name__}: {error}"
+            self._statistics.first_failure = self._statistics.first_failure or _described(error)
             log_failure(self.name, "failed", error, self._statistics.failures)
         if isinstance(item, InternalCall) or item == self._health.look:
             return
@@ -228,12 +228,16 @@ class NodeThread:
         self._statistics.count_call(seconds)
 
 
+def _described(error: Exception) -> str:
+    return failure_text(error, os.path.dirname(__file__))
+
+
 def start_failure(node: str, error: Exception) -> SocialbotError:
     """Return the error of a node that cannot start; log unexpected exceptions with their traceback."""
     if isinstance(error, SocialbotError):
         return error
     log_failure(node, "cannot start", error, 1)
-    return NodeError(f"cannot start: {type(error).__name__}: {error}", where=node)
+    return NodeError(f"cannot start: {_described(error)}", where=node)
 
 
 def log_failure(node: str, what: str, error: Exception, count: int) -> None:
@@ -241,4 +245,6 @@ def log_failure(node: str, what: str, error: Exception, count: int) -> None:
     if is_power_of_ten(count):
         times = f" {count} times" if count > 1 else ""
         expected = isinstance(error, SocialbotError)
-        logging.getLogger(f"socialbot.{node}").warning("%s%s: %s", what, times, error, exc_info=not expected)
+        logging.getLogger(f"socialbot.{node}").warning(
+            "%s%s: %s", what, times, error, exc_info=None if expected else error
+        )

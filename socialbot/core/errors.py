@@ -18,6 +18,7 @@ The command line prints such an error as one message and exits with its
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable
 
 __all__ = [
@@ -25,6 +26,9 @@ __all__ = [
     "ParameterError", "PlanningError", "RuleError", "RunError", "SocialbotError", "TruthError",
     "suggestion",
 ]  # fmt: skip
+
+
+_INSTALLED = frozenset({"site-packages", "dist-packages"})
 
 
 class SocialbotError(Exception):
@@ -129,3 +133,24 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, names, n=1)
     listed = f"known: {', '.join(names) or 'none'}"
     return f"did you mean {close[0]!r}? {listed}" if close else listed
+
+
+def described(error: BaseException, *rooms: str) -> str:
+    """Return type and message of an exception on one line, with its `place_of` unless it is an error for users."""
+    place = "" if isinstance(error, SocialbotError) else place_of(error, *rooms)
+    return f"{type(error).__name__}: {error}" + (f" ({place})" if place else "")
+
+
+def place_of(error: BaseException, *rooms: str) -> str:
+    """Return the file and line of an exception in code that ``rooms`` called; empty if no frame is there.
+
+    Frames in the folders ``rooms``, of the standard library and of installed packages are left out.
+    """
+    left_out = ("<", *(room + os.sep for room in rooms), os.path.dirname(os.__file__))
+    found, entry = "", error.__traceback__
+    while entry is not None:
+        file = entry.tb_frame.f_code.co_filename
+        if not file.startswith(left_out) and not _INSTALLED.intersection(file.split(os.sep)):
+            found = f"{os.path.basename(file)}:{entry.tb_lineno}"
+        entry = entry.tb_next
+    return found

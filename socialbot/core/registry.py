@@ -247,6 +247,8 @@ def load_reference(
             raise error(f"{failure}: {missing}", where=where, remedy=remedy) from missing
         remedy = f"install it, or put it {places}"
         raise error(f"{failure}: there is no module {missing.name!r}", where=where, remedy=remedy) from missing
+    except SocialbotError as mistake:
+        raise error(f"{failure}: {mistake.what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
     except Exception as mistake:
         text = f"{failure}: {type(mistake).__name__}: {mistake}"
         raise error(text, where=where, remedy=f"fix the module {module}") from mistake

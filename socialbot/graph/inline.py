@@ -15,19 +15,22 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from socialbot.core.clock import Clock, ManualClock, nanoseconds
+from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
 from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph._local_services import LocalChannel, LocalServices
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import Graph, Node, NodeConfig, Timer, outcome
+from socialbot.graph.node import Graph, Node, NodeConfig, Timer, failure_text, outcome
 from socialbot.graph.ports import EVERYBODY, Delivery, Input, Output
 from socialbot.graph.services import ClientPort
 
 log = logging.getLogger("socialbot.graph.inline")
 
 R = TypeVar("R")
+
+MOST_AT_ONCE = 300_000
+"""Most timers or messages of one moment: more would keep the time still without an end."""
 
 Tap = Callable[[str, Message], None]
 
@@ -45,7 +48,7 @@ class Faults:
 
     def count(self, error: Exception) -> None:
         self.failures += 1
-        self.first = self.first or f"{type(error).__name__}: {error}"
+        self.first = self.first or failure_text(error)
 
 
 class _Context:
@@ -202,7 +205,7 @@ class InlineRunner:
                 node.stop()
             except Exception as error:  # noqa: BLE001 - one that cannot stop keeps no other from stopping
                 self.faults[name].count(error)
-                log.warning("%s: cannot stop: %s: %s", name, type(error).__name__, error)
+                log.warning("%s: cannot stop: %s", name, failure_text(error))
 
     def tap(self, topic: str, callback: Tap) -> None:
         """Pass every message on ``topic`` to ``callback``, before the nodes receive it."""
@@ -235,13 +238,22 @@ class InlineRunner:
     def advance(self, time: int) -> None:
         """Advance time to ``time`` (ns) and fire the timers that are due."""
         self._drain()
+        fired = 0
         while self._timers and self._timers[0][0] <= time:
             due, _, _, timer = heapq.heappop(self._timers)
             if timer.callback is not None:
+                fired = 0 if due > self.clock.now() else fired + 1
+                if fired > MOST_AT_ONCE:
+                    remedy = "let call_after in the callback of a timer wait for more than 0 s"
+                    raise NodeError(f"{MOST_AT_ONCE} timers follow each other {self._moment}", remedy=remedy)
                 self.clock.set(max(due, self.clock.now()))
                 timer.callback()
                 self._drain()
         self.clock.set(time)
+
+    @property
+    def _moment(self) -> str:
+        return f"at {self.clock.now() / SECOND:.3f} s, and time stands still"
 
     def call_at(self, time: int, callback: Callable[[], None], *, last: bool = False) -> Timer:
         """Call ``callback`` at ``time`` (ns) of simulated time.
@@ -281,11 +293,14 @@ class InlineRunner:
         except Exception as error:  # noqa: BLE001 - whatever a node raises, the graph goes on
             faults.count(error)
             if faults.failures == 1:
-                log.warning("%s: %s: %s", context.name, type(error).__name__, error)
+                log.warning("%s: %s", context.name, faults.first)
 
     def _make(self, config: NodeConfig) -> Node:
         context = self._contexts[config.name] = _Context(self, config)
-        node = self.nodes[config.name] = config.type(config.name, context, config.parameters)
+        try:
+            node = self.nodes[config.name] = config.type(config.name, context, config.parameters)
+        except Exception as error:
+            raise start_failure(config.name, error) from error
         return node
 
     def _address(self) -> None:
@@ -310,12 +325,24 @@ class InlineRunner:
             return self._listeners[topic]
         return self._receivers.get((topic, receiver), self._receivers[topic, ""])
 
+    def _endless(self) -> NodeError:
+        last = f", the last on {self._queue[-1][0]}" if self._queue else ""
+        remedy = (
+            "let rules that repeat themselves wait, and a node not answer each message on a topic that it publishes"
+        )
+        return NodeError(f"{MOST_AT_ONCE} messages or calls follow each other {self._moment}{last}", remedy=remedy)
+
     def _drain(self) -> None:
+        passed, most = 0, len(self._queue) + MOST_AT_ONCE
         while self._queue or not self.posted.empty():
             while not self.posted.empty():
                 self.posted.get()()
+                passed += 1
+                if passed + len(self._queue) > most:
+                    raise self._endless()
             if self._queue:
                 topic, message = self._queue.popleft()
+                passed += 1
                 for tap in self._taps.get(topic, ()):
                     tap(topic, message)
                 for name, port in self._listeners_of(topic, message):
@@ -324,12 +351,17 @@ class InlineRunner:
                         if context.health_monitor.came(port, message):
                             context.watch()
                         self.attempt(context, port.deliver, self.nodes[name], message, calls=1)
+                if passed > most:
+                    raise self._endless()
 
 
 def _start(node: Node) -> None:
     try:
         node.start()
-    except SocialbotError:
-        raise
     except Exception as error:
-        raise NodeError(f"cannot start: {type(error).__name__}: {error}", where=node.name) from error
+        raise start_failure(node.name, error) from error
+
+
+def start_failure(node: str, error: Exception) -> SocialbotError:
+    """Return the error of a node that cannot start."""
+    return error if isinstance(error, SocialbotError) else NodeError(f"cannot start: {failure_text(error)}", where=node)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -29,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, ParameterError, suggestion
+from socialbot.core.errors import GraphError, ParameterError, described, suggestion
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
@@ -254,6 +255,11 @@ def outcome(work: Callable[[], R]) -> R | Exception:
         return error
 
 
+def failure_text(error: Exception, *rooms: str) -> str:
+    """Return type, message and place of an exception of a node; frames of this room and of ``rooms`` are no place."""
+    return described(error, os.path.dirname(__file__), *rooms)
+
+
 def _declared(cls: type, kind: Any) -> dict[str, Any]:
     """Return the ports or parameters of a class and its base classes, those of base classes first."""
     pairs = (pair for base in reversed(cls.__mro__) for pair in vars(base).items())
@@ -300,6 +306,10 @@ class NodeConfig:
         for port in self.remap:
             if port not in ports:
                 raise GraphError(f"no input or output {port!r}", where=place, remedy=suggestion(port, ports))
+        for port in self.type.inputs().values():
+            if not port.handler:
+                remedy = f"decorate the method that handles its messages with @{port.name}"
+                raise GraphError(f"the input {port.name!r} has no handler", where=place, remedy=remedy)
         check_parameters(self.type, self.parameters, where=place)
 
     def topic(self, port: Input[Any] | Output[Any] | ServerPort | ClientPort, receiver: str = "") -> str:

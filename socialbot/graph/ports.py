@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import enum
+import inspect
 import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
-from socialbot.core.errors import MessageError, ParameterError
+from socialbot.core.errors import GraphError, MessageError, ParameterError
 from socialbot.core.messages import Message, RosMessage, is_ros_message, ros_message
 
 if TYPE_CHECKING:
@@ -80,14 +81,22 @@ class Input(Generic[M]):
         self.alternative_to = alternative_to
         self.addressed_by = addressed_by
         self.name = ""
-        self._handler = ""
+        self._handler = self._owner = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
         self._handler = self._handler or getattr(getattr(super(owner, owner), name, None), "_handler", "")
 
     def __call__(self, handler: H) -> H:
-        self._handler = handler.__name__
+        name, own = handler.__name__, handler.__qualname__.rpartition(".")[0]
+        place = f"{handler.__module__}.{own}" if own else handler.__module__
+        if inspect.iscoroutinefunction(handler):
+            remedy = "write def instead of async def; run_in_background does what takes long"
+            raise GraphError(f"the handler {name} is a coroutine", where=place, remedy=remedy)
+        if self._handler not in ("", name) and self._owner == place:
+            what = f"the input on {self.topic} has two handlers: {self._handler} and {name}"
+            raise GraphError(what, where=place, remedy="decorate one method")
+        self._handler, self._owner = name, place
         return handler
 
     @property
@@ -150,9 +159,11 @@ class Publisher(Generic[M]):
     def publish(self, message: M | Any) -> None:
         """Publish a message. A message of rclpy or rosbags gets the time of the node if its header has no stamp."""
         kind = self._port.message_type
-        if issubclass(kind, RosMessage) and not isinstance(message, RosMessage):
-            if not is_ros_message(message) or ros_message(type(message)) is not kind:
-                raise MessageError(f"not a {kind.ros_type}: {type(message).__name__}", where=self._port.topic)
+        if not isinstance(message, kind):
+            if not (issubclass(kind, RosMessage) and is_ros_message(message) and ros_message(type(message)) is kind):
+                name = kind.ros_type if issubclass(kind, RosMessage) else kind.__name__
+                article = "an" if name[0] in "AEIOU" else "a"
+                raise MessageError(f"not {article} {name}: {type(message).__name__}", where=self._port.topic)
             message = kind.of(message, self._node.clock.now())
         self._node.context.publish(self._port, message)
 
@@ -180,6 +191,7 @@ class Parameter(Generic[V]):
         self.choices = tuple(choices)
         self.fixed = fixed
         self.name = ""
+        self._check_default()
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -191,6 +203,28 @@ class Parameter(Generic[V]):
     def __get__(self, node: Node | None, owner: type) -> Parameter[V] | V:
         return self if node is None else node.parameter_values[self.name]  # type: ignore[return-value]
 
+    def _check_default(self) -> None:
+        default, where = self.default, f"parameter ({self.doc})"
+        if type(default) not in (bool, int, float, str):
+            remedy = "write several values as a text, such as '1 2 3'"
+            raise ParameterError(f"the default {default!r} is no bool, int, float or str", where=where, remedy=remedy)
+        if not self._is_in_range(default):
+            raise ParameterError(f"the default {default!r} is out of range", where=where, remedy=self._range)
+        if self.choices and default not in self.choices:
+            listed = ", ".join(self.choices)
+            raise ParameterError(f"the default {default!r} is none of {listed}", where=where, remedy="choose one")
+
+    def _is_in_range(self, value: object) -> bool:
+        low, high = self.minimum, self.maximum
+        return not isinstance(value, (int, float)) or (
+            (low is None or value >= low) and (high is None or value <= high)
+        )
+
+    @property
+    def _range(self) -> str:
+        low, high = self.minimum, self.maximum
+        return f"give a value from {'-inf' if low is None else low} to {'inf' if high is None else high}"
+
     def check(self, value: object, where: str) -> V:
         """Convert ``value`` to the type of the parameter. Raises ParameterError if it is invalid."""
         kind = type(self.default)
@@ -198,15 +232,8 @@ class Parameter(Generic[V]):
             value = float(value)
         if type(value) is not kind:
             raise ParameterError(f"{value!r} is not of type {kind.__name__}", where=where, remedy=self.doc)
-        low, high = self.minimum, self.maximum
-        if isinstance(value, (int, float)) and (
-            (low is not None and not value >= low) or (high is not None and not value <= high)
-        ):
-            raise ParameterError(
-                f"{value!r} is out of range",
-                where=where,
-                remedy=f"give a value from {'-inf' if low is None else low} to {'inf' if high is None else high}",
-            )
+        if not self._is_in_range(value):
+            raise ParameterError(f"{value!r} is out of range", where=where, remedy=self._range)
         if self.choices and value not in self.choices:
             raise ParameterError(f"unknown choice {value!r}", where=where, remedy=f"one of {', '.join(self.choices)}")
         return value  # type: ignore[return-value]

@@ -159,6 +159,9 @@ class Patient(Node):
         self.rung: list[float] = []
         self.silences = 0
 
+    @said
+    def on_said(self, message: Utterance) -> None: ...
+
     def start(self) -> None:
         self.ring()
 

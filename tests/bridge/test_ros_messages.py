@@ -158,6 +158,9 @@ def test_topic_has_one_type():
     class Viewer(Node):
         image = Input("sensor_msgs/msg/Image", "/image")
 
+        @image
+        def on_image(self, message: RosMessage) -> None: ...
+
     with pytest.raises(GraphError, match="/image is Image for camera but sensor_msgs/msg/Image for viewer"):
         Graph("mixed", (NodeConfig("camera", Camera), NodeConfig("viewer", Viewer)))
 

@@ -56,6 +56,9 @@ class Nodder(Node):
 
     heard = Input(HeadCommand, "/command")
 
+    @heard
+    def on_heard(self, message: HeadCommand) -> None: ...
+
 
 def graph(*configs: NodeConfig, **more) -> Graph:
     return Graph("test", configs, **more)
@@ -287,6 +290,9 @@ def test_a_suggestion_names_the_nearest_and_all():
 
 class Open(Node):
     heard = Input(Utterance, "/from_anybody", optional=True)
+
+    @heard
+    def on_heard(self, message: Utterance) -> None: ...
 
 
 def test_an_optional_input_may_stay_unconnected():

@@ -77,6 +77,10 @@ def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypat
         ("import no_such_library\n", ["No module named 'no_such_library'", "install no_such_library"]),
         ("1 / 0\n", ["ZeroDivisionError", "fix the module"]),
         ("Own = 3\n", ["is no node"]),
+        (
+            "from socialbot import Input\nInput(int, '/a')\n",
+            [": int is no message\n  remedy: give a Message of socialbot"],
+        ),
     ],
 )
 def test_errors_in_modules_of_users_are_reported(text, words, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from socialbot.agents.base._commands import DeliberatorCommands, EngineCommands,
 from socialbot.bdi import Action, Engine, Record, saving
 from socialbot.core import paths
 from socialbot.core.clock import nanoseconds
-from socialbot.core.errors import SocialbotError
+from socialbot.core.errors import GraphError, SocialbotError
 from socialbot.core.messages import (
     AGENT_ANSWERS,
     AGENT_COMMANDS,
@@ -127,7 +127,11 @@ class AgentNode(Node):
         self._mind_file: MindFile | None = None
         self._paused = False
         self._health: tuple[State, str] = ("ok", "")
-        self.engine = self.build()
+        engine: object = self.build()
+        if not isinstance(engine, Engine):
+            what = f"{type(self).__name__}.build returns {engine!r}, which is no engine"
+            raise GraphError(what, where=self.name, remedy="end it with: return engine")
+        self.engine = engine
 
     def build(self) -> Engine:
         """Return the engine: rules, sensors, ``robot=self, sink=self.record, wake=self.wake``."""

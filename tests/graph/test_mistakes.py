@@ -1,0 +1,219 @@
+"""Mistakes in node classes: each is refused or reported with what is wrong, where, and how to fix it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, MessageError, NodeError, ParameterError
+from socialbot.core.messages import Health, Utterance
+from socialbot.graph.inline import InlineRunner
+from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.ports import Input, Output, Parameter
+
+WORD = Utterance(stamp=0, id="1", text="hello")
+
+
+def graph_of(kind: type[Node]) -> Graph:
+    return Graph("g", (NodeConfig("n", kind),), inputs=frozenset({"/in"}))
+
+
+class Deaf(Node):
+    """Has an input that no method handles."""
+
+    heard = Input(Utterance, "/in")
+
+    def on_heard(self, message: Utterance) -> None:
+        raise AssertionError
+
+
+def test_an_input_without_a_handler_is_refused():
+    with pytest.raises(GraphError, match="the input 'heard' has no handler") as caught:
+        graph_of(Deaf)
+    assert "@heard" in str(caught.value.remedy)
+
+
+def test_an_input_has_one_handler():
+    heard = Input(Utterance, "/in")
+
+    class Twice:
+        @heard
+        def on_heard(self, message: Utterance) -> None: ...
+
+        with pytest.raises(GraphError, match="the input on /in has two handlers: on_heard and on_again"):
+
+            @heard
+            def on_again(self, message: Utterance) -> None: ...
+
+
+def test_a_subclass_replaces_the_handler_of_its_input():
+    class Base(Node):
+        heard = Input(Utterance, "/in")
+
+        @heard
+        def on_heard(self, message: Utterance) -> None: ...
+
+    class Derived(Base):
+        heard = Input(Utterance, "/in")
+
+        @heard
+        def on_other(self, message: Utterance) -> None: ...
+
+    assert (Base.inputs()["heard"].handler, Derived.inputs()["heard"].handler) == ("on_heard", "on_other")
+
+
+def test_a_coroutine_is_no_handler():
+    heard = Input(Utterance, "/in")
+
+    async def on_heard(self: object, message: Utterance) -> None: ...
+
+    with pytest.raises(GraphError, match="on_heard is a coroutine") as caught:
+        heard(on_heard)  # type: ignore[arg-type]
+    assert "run_in_background" in str(caught.value.remedy)
+
+
+class Sloppy(Node):
+    """Publishes something else."""
+
+    heard = Input(Utterance, "/in")
+    said = Output(Utterance, "/out")
+    what: object = 3
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        self.said.publish(self.what)
+
+
+@pytest.mark.parametrize("what", [3, None, "text", Health(stamp=0, node="n", state="ok")])
+def test_an_output_publishes_messages_of_its_type_only(what: object):
+    runner = InlineRunner(graph_of(Sloppy))
+    runner.start()
+    node = runner.nodes["n"]
+    assert isinstance(node, Sloppy)
+    node.what = what
+    with pytest.raises(MessageError, match=f"/out: not an? Utterance: {type(what).__name__}"):
+        node.on_heard(WORD)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Parameter(5, "loudness", maximum=1), "the default 5 is out of range"),
+        (lambda: Parameter(-0.5, "loudness", minimum=0.0), "the default -0.5 is out of range"),
+        (lambda: Parameter("x", "mode", choices=("a", "b")), "the default 'x' is none of a, b"),
+        (lambda: Parameter([1, 2], "points"), r"the default \[1, 2\] is no bool, int, float or str"),  # type: ignore[type-var]
+        (lambda: Parameter(None, "file"), "the default None is no bool, int, float or str"),  # type: ignore[type-var]
+    ],
+)
+def test_the_default_of_a_parameter_is_valid(make: Callable[[], object], message: str):
+    with pytest.raises(ParameterError, match=message) as caught:
+        make()
+    assert caught.value.remedy
+
+
+class Stubborn(Node):
+    """Takes no arguments."""
+
+    def __init__(self) -> None:
+        raise AssertionError
+
+
+class Broken(Node):
+    """Cannot be made."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*args)  # type: ignore[arg-type]
+        raise FileNotFoundError(2, "No such file", "model.onnx")
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Stubborn, r"n: cannot start: TypeError: Stubborn\.__init__\(\) takes 1 positional argument but 4 were given"),
+        (Broken, r"n: cannot start: FileNotFoundError: .*model\.onnx' \(test_mistakes\.py:\d+\)"),
+    ],
+)
+def test_a_node_that_cannot_be_made_is_named(kind: type[Node], message: str):
+    with pytest.raises(NodeError, match=message):
+        InlineRunner(graph_of(kind))
+
+
+class Wrong(Node):
+    """Fails at each message."""
+
+    heard = Input(Utterance, "/in")
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        raise KeyError("x")
+
+
+def test_a_failure_names_file_and_line():
+    runner = InlineRunner(graph_of(Wrong))
+    runner.start()
+    runner.feed("/in", WORD)
+    assert re.fullmatch(r"KeyError: 'x' \(test_mistakes\.py:\d+\)", runner.faults["n"].first)
+
+
+class Restless(Node):
+    """Sets a timer for now in each timer."""
+
+    def start(self) -> None:
+        self.call_after(0.0, self.start)
+
+
+class Past(Node):
+    """Sets a timer for the past in each timer."""
+
+    def start(self) -> None:
+        self.call_after(-1.0, self.start)
+
+
+class Echo(Node):
+    """Answers itself."""
+
+    heard = Input(Utterance, "/in")
+    said = Output(Utterance, "/in")
+
+    @heard
+    def on_heard(self, message: Utterance) -> None:
+        self.said.publish(message)
+
+
+class Busy(Node):
+    """Calls itself again at once, as an agent does whose rules never end."""
+
+    said = Output(Utterance, "/out")
+
+    def start(self) -> None:
+        self.said.publish(WORD)
+        self.context.call_soon(self.start)
+
+
+def test_calls_that_keep_the_time_still_are_an_error(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 1000)
+    runner = InlineRunner(graph_of(Busy), start=SECOND)
+    with pytest.raises(NodeError, match=r"1000 messages or calls .* at 1\.000 s.* the last on /out"):
+        runner.start()
+
+
+@pytest.mark.parametrize("kind", [Restless, Past])
+def test_timers_that_keep_the_time_still_are_an_error(kind: type[Node], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 1000)
+    runner = InlineRunner(graph_of(kind), start=SECOND)
+    runner.start()
+    with pytest.raises(NodeError, match=r"1000 timers .* at 1\.000 s") as caught:
+        runner.advance(2 * SECOND)
+    assert "call_after" in str(caught.value.remedy)
+
+
+def test_messages_that_keep_the_time_still_are_an_error(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 1000)
+    runner = InlineRunner(graph_of(Echo), start=SECOND)
+    runner.start()
+    with pytest.raises(NodeError, match=r"1000 messages or calls .* at 1\.000 s.* the last on /in") as caught:
+        runner.feed("/in", WORD)
+    assert caught.value.remedy
