@@ -15,6 +15,7 @@ import numpy as np
 from socialbot.bags.sound import AUDIO_TYPES, is_sound, sound_of
 from socialbot.bags.typed import from_typed, header_stamp, json_text, make_header, to_typed
 from socialbot.bags.types import type_name, typed_messages
+from socialbot.core import limits
 from socialbot.core.clock import SECOND, nanoseconds
 from socialbot.core.errors import MessageError
 from socialbot.core.messages import (
@@ -204,7 +205,9 @@ def _decode_json(message_type: type[Structured], ros_message: Any, stamp: int) -
     text = getattr(ros_message, "data", None)
     if not isinstance(text, str):
         raise MessageError(f"not a valid {STRING}: {type(ros_message).__name__} holds no text")
+    _expect_at_most(limits.TEXT_BYTES, len(text), "characters")
     if message_type in (Utterance, Structured) and not text.lstrip().startswith("{"):
+        _expect_at_most(limits.SENTENCE_CHARACTERS, len(text), "characters of a sentence")
         return Utterance(stamp=stamp, id=f"text-{stamp}", text=text)
     wanted = "a schema of socialbot" if message_type is Structured else str(message_type.__struct_config__.tag)
     try:
@@ -214,6 +217,11 @@ def _decode_json(message_type: type[Structured], ros_message: Any, stamp: int) -
     if not isinstance(message, message_type):
         raise MessageError(f"JSON does not fit {wanted}: it is {message.__struct_config__.tag}")
     return message
+
+
+def _expect_at_most(most: int, count: int, what: str) -> None:
+    if count > most:
+        raise MessageError(f"a message has at most {most} {what} (got {count})")
 
 
 @functools.cache
@@ -265,6 +273,10 @@ _FIELDS |= {DepthImage: _FIELDS[Image], CompressedDepth: _FIELDS[CompressedImage
 
 
 def _decode_fields(message_type: Any, ros: Any, stamp: int) -> Message:
+    if issubclass(message_type, CameraInfo):
+        _expect_at_most(limits.JOINTS, len(ros.d if hasattr(ros, "d") else ros.D), "coefficients of a lens")
+    else:
+        _expect_at_most(limits.BULK_BYTES, len(ros.data), "bytes of an image or of points")
     fields = {}
     for name, convert in _FIELDS[message_type].items():
         value = getattr(ros, name) if hasattr(ros, name) else getattr(ros, name.upper())  # ROS 1 writes K and D
@@ -276,6 +288,11 @@ def _decode_trajectory(message_type: type[Message], ros: Any, stamp: int) -> Joi
     if len(ros.points) != 1:
         raise MessageError(f"a trajectory must have 1 point (got {len(ros.points)})")
     point = ros.points[0]
+    joints = len(ros.joint_names)
+    _expect_at_most(limits.JOINTS, joints, "joints")
+    if len(point.positions) != joints or len(point.velocities) not in (0, joints):
+        counts = f"{len(point.positions)} positions and {len(point.velocities)} velocities"
+        raise MessageError(f"a trajectory of {joints} joints has {counts}")
     return JointTrajectory(
         stamp=stamp,
         joint_names=tuple(ros.joint_names),
@@ -296,6 +313,8 @@ def _decode_boxes(message_type: type[Message], ros: Any, stamp: int) -> BoxMarke
 
 
 def _decode_transforms(message_type: type[Message], ros: Any, stamp: int) -> Transforms:
+    _expect_at_most(limits.TRANSFORMS, len(ros.transforms), "transforms")
+
     def one(each: Any) -> Transform:
         at, turn = each.transform.translation, each.transform.rotation
         return Transform(

@@ -3,7 +3,22 @@
 from __future__ import annotations
 
 TEXT_BYTES = 1 << 24
-"""Largest text file: graph, deployment, AgentSpeak, PDDL, YAML, behaviours."""
+"""Largest text file: graph, deployment, AgentSpeak, PDDL, YAML, behaviours. Largest message in JSON (characters)."""
+
+SENTENCE_CHARACTERS = 10_000
+"""Longest sentence that is said or heard: ten minutes of speech."""
+
+PERSONS = 2000
+"""Most people in a message."""
+
+TRANSFORMS = 10_000
+"""Most transforms in a message."""
+
+JOINTS = 1000
+"""Most joints in a trajectory, and coefficients of a lens."""
+
+BULK_BYTES = 1 << 28
+"""Most data of an image or a cloud of points in a message: 16 million points of 16 bytes."""
 
 DATA_BYTES = 1 << 30
 """Largest file of data that is read at once: labels, saved states, records, images, sounds."""

@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, cast
 import msgspec
 import numpy as np
 
+from socialbot.core import limits
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import GraphError, MessageError
 
@@ -28,6 +29,8 @@ Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 
 Stamp = Annotated[int, msgspec.Meta(ge=0, le=(2**31) * SECOND - 1)]
 """Time in ns that ROS can hold: until 2038."""
+
+Sentence = Annotated[str, msgspec.Meta(max_length=limits.SENTENCE_CHARACTERS)]
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 """Width or height (pixels), or another number of things."""
@@ -362,7 +365,7 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     frame_id: str
     width: int
     height: int
-    persons: tuple[PersonDetection, ...]
+    persons: Annotated[tuple[PersonDetection, ...], msgspec.Meta(max_length=limits.PERSONS)]
     camera_yaw_rad: float | None = None
     camera_hfov_rad: float | None = None
 
@@ -388,7 +391,7 @@ class Utterance(Structured, frozen=True, kw_only=True):
     """
 
     id: str
-    text: str
+    text: Sentence
     key: str = ""
     cause: str = ""
     person: str = ""
@@ -423,7 +426,7 @@ class HeardSpeech(Structured, frozen=True, kw_only=True):
     """
 
     start: Int64
-    text: str
+    text: Sentence
     language: str = ""
     confidence: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     person: str = ""

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from socialbot.core import limits
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, PersonDetections, RosMessage, Transforms
 from socialbot.graph.health import SILENT_S
@@ -20,6 +21,7 @@ WIDTH, HEIGHT, FOCAL_PX = 640, 480, 526.0
 
 _PERSON_M, _PERSON_WIDTH_M, _EYES_M = 1.7, 0.5, 1.0
 _PATH_S = 0.5  # time over which a speed is measured
+_PATH_FRAMES = 100  # a sender whose time stands still adds no more
 
 
 class RobotPeople(Node):
@@ -27,7 +29,7 @@ class RobotPeople(Node):
 
     Each list of ids gives one message. The frame ``body_ID`` of a person gives the position in ``robot_frame``; its
     x axis points where the person faces. A person without a frame has neither distance nor bearing. Boxes are those of
-    a virtual camera at the robot's frame, 1 m above it.
+    a virtual camera at the robot's frame, 1 m above it. Of a longer list only the first `limits.PERSONS` ids count.
     """
 
     bodies = Input("hri_msgs/msg/IdsList", "/humans/bodies/tracked", deadline_s=SILENT_S)
@@ -53,9 +55,9 @@ class RobotPeople(Node):
 
     @bodies
     def on_bodies(self, message: RosMessage) -> None:
-        stamp = message.stamp
-        persons = tuple(self._person(str(body), stamp) for body in message.ids)
-        self._paths = {body: path for body, path in self._paths.items() if body in message.ids}
+        stamp, bodies = message.stamp, dict.fromkeys(map(str, message.ids[: limits.PERSONS]))
+        persons = tuple(self._person(body, stamp) for body in bodies)
+        self._paths = {body: path for body, path in self._paths.items() if body in bodies}
         self.detections.publish(
             PersonDetections(stamp=stamp, frame_id=self.robot_frame, width=WIDTH, height=HEIGHT, persons=persons)
         )
@@ -85,7 +87,7 @@ class RobotPeople(Node):
         )
 
     def _approach(self, body: str, stamp: int, distance: float) -> float | None:
-        path = self._paths.setdefault(body, deque())
+        path = self._paths.setdefault(body, deque(maxlen=_PATH_FRAMES))
         path.append((stamp, distance))
         while len(path) > 2 and stamp - path[1][0] >= _PATH_S * SECOND:
             path.popleft()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from msgspec import inspect as structs
 from socialbot.bags import codec
 from socialbot.bags.types import RosbagsTypes
 from socialbot.bridge.transport import RclpyTypes, message_class
+from socialbot.core import limits
 from socialbot.core.errors import InstallationError, MessageError
 from socialbot.core.messages import (
     BoxMarkers,
@@ -22,12 +24,16 @@ from socialbot.core.messages import (
     CompressedImage,
     DepthImage,
     DepthInfo,
+    HeardSpeech,
     Image,
     JointTrajectory,
     Message,
     Mind,
+    PersonDetection,
+    PersonDetections,
     PointCloud,
     PointField,
+    StopSpeech,
     Structured,
     Transform,
     Transforms,
@@ -112,9 +118,13 @@ messages: dict[type[Message], st.SearchStrategy[Any]] = {
             Transform, stamp=stamps, parent=frames, child=frames, translation=floats(3), rotation=floats(4),
         )),
     ),
-    JointTrajectory: st.builds(
-        JointTrajectory, stamp=stamps, joint_names=tuples(texts), positions=floats(), velocities=floats(),
-        duration_s=st.integers(0, 10**15).map(lambda ns: ns / 10**9),
+    JointTrajectory: st.lists(st.tuples(texts, numbers, numbers)).flatmap(
+        lambda joints: st.builds(
+            JointTrajectory, stamp=stamps, joint_names=st.just(tuple(name for name, _, _ in joints)),
+            positions=st.just(tuple(at for _, at, _ in joints)),
+            velocities=st.just(tuple(speed for _, _, speed in joints)),
+            duration_s=st.integers(0, 10**15).map(lambda ns: ns / 10**9),
+        )
     ),
     BoxMarkers: st.builds(
         BoxMarkers, stamp=stamps, frame_id=texts, boxes=tuples(st.tuples(quarters, quarters, quarters, quarters)),
@@ -279,6 +289,63 @@ def test_plain_text_is_nothing_but_an_utterance(text: str) -> None:
 def test_other_messages_are_refused(message_type: type[Message], content: Any) -> None:
     with pytest.raises(MessageError, match="not a valid"):
         codec.decode(message_type, content)
+
+
+@pytest.mark.parametrize(
+    ("positions", "velocities"), [((0.5,), ()), ((0.5, 0.1, 0.2), ()), ((0.5, 0.1), (0.1,)), ((), (0.1, 0.1))]
+)
+def test_trajectory_has_a_position_for_each_joint(positions: tuple[float, ...], velocities: tuple[float, ...]) -> None:
+    trajectory = JointTrajectory(
+        stamp=1, joint_names=("pan", "tilt"), positions=positions, velocities=velocities, duration_s=1.5
+    )
+    with pytest.raises(MessageError, match="a trajectory of 2 joints has"):
+        codec.decode(JointTrajectory, codec.encode(trajectory, TYPES))
+
+
+PERSON = PersonDetection(x=0, y=0, w=1, h=2, score=1)
+STILL = Transform(stamp=1, parent="a", child="b", translation=(0, 0, 0), rotation=(0, 0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("limit", "message"),
+    [
+        ("PERSONS", lambda n: PersonDetections(stamp=1, frame_id="", width=1, height=1, persons=(PERSON,) * n)),
+        ("SENTENCE_CHARACTERS", lambda n: Utterance(stamp=1, id="a", text="x" * n)),
+        ("SENTENCE_CHARACTERS", lambda n: HeardSpeech(stamp=1, start=0, text="x" * n)),
+        ("TRANSFORMS", lambda n: Transforms(stamp=1, transforms=(STILL,) * n)),
+        (
+            "JOINTS",
+            lambda n: JointTrajectory(
+                stamp=1, joint_names=("a",) * n, positions=(0.0,) * n, velocities=(), duration_s=1
+            ),
+        ),
+        ("JOINTS", lambda n: CameraInfo(stamp=1, frame_id="", width=1, height=1, k=(1.0,) * 9, d=(0.0,) * n)),
+    ],
+)
+def test_longer_messages_are_refused(limit: str, message: Callable[[int], Message]) -> None:
+    most = getattr(limits, limit)
+    for count in (most, most + 1):
+        sent = message(count)
+        ros = codec.encode(sent, TYPES)
+        if count == most:
+            assert codec.decode(type(sent), ros, stamp=1) == sent
+        else:
+            with pytest.raises(MessageError):
+                codec.decode(type(sent), ros)
+
+
+def test_sentences_and_texts_in_other_forms_are_refused_as_well() -> None:
+    with pytest.raises(MessageError, match="characters of a sentence"):
+        codec.decode(Utterance, SimpleNamespace(data="x" * (limits.SENTENCE_CHARACTERS + 1)))
+    with pytest.raises(MessageError, match="16777216 characters"):
+        codec.decode(Structured, SimpleNamespace(data="{" + " " * limits.TEXT_BYTES))
+
+
+@pytest.mark.parametrize("number", [-1, 2**63, 10**30])
+def test_times_that_ros_cannot_hold_are_refused(number: int) -> None:
+    text = json.dumps({"schema": "socialbot/StopSpeech/1", "stamp": number})
+    with pytest.raises(MessageError, match=r"\$.stamp"):
+        codec.decode(StopSpeech, SimpleNamespace(data=text))
 
 
 def test_trajectory_has_one_point() -> None:

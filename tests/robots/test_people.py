@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from socialbot.core import limits
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import PersonDetection, Transform, Transforms, ros_message
 from socialbot.robots.people import HEIGHT, WIDTH, RobotPeople
@@ -39,6 +40,15 @@ def test_a_body_has_the_distance_and_bearing_of_its_frame():
     assert person.track_id == "a3x"
     assert person.distance_m == pytest.approx(5.0)
     assert person.bearing_rad == pytest.approx(math.atan2(4.0, 3.0))
+
+
+def test_of_a_long_list_the_first_count_and_a_time_that_stands_still_adds_nothing():
+    with GraphTester(RobotPeople) as graph:
+        assert len(look(graph, *map(str, range(limits.PERSONS + 5)), "0")) == limits.PERSONS
+        for _ in range(300):
+            body(graph, "a", 2.0, 0.0, 0.0)
+            look(graph, "a")
+        assert len(graph.node()._paths["a"]) <= 100
 
 
 @pytest.mark.parametrize(("yaw", "facing"), [(math.pi, 0.0), (0.0, math.pi), (math.pi / 2, math.pi / 2)])
