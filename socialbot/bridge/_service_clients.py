@@ -229,7 +229,7 @@ class ActionChannel(RosChannel):
         self._goals[call] = ClientGoalHandle(self._client, identity, None)
         future = self._client.send_goal_async(
             call.message,
-            feedback_callback=_Feedback(call, self._report).take,
+            feedback_callback=functools.partial(self._on_feedback, call, _Feedback(call, self._report)),
             goal_uuid=identity,
         )
         future.add_done_callback(functools.partial(self._on_answer, call))
@@ -240,8 +240,17 @@ class ActionChannel(RosChannel):
             self._forget(call)
             self._report(call.end, "rejected")
             return
-        if call not in self._goals:
-            return  # it was cancelled before this answer, and has ended
+        self._on_known(call)
+
+    def _on_feedback(self, call: PendingCall, feedback: _Feedback, message: Any) -> None:
+        # The answer of a server that has not discovered the client yet is lost; feedback shows that it has the goal.
+        self._on_known(call)
+        feedback.take(message)
+
+    def _on_known(self, call: PendingCall) -> None:
+        """The server has the goal; ignored if it is known, or was cancelled before and has ended."""
+        if call not in self._goals or call in self._answered:
+            return
         self._on_accepted(call)
         if call in self._unwanted:
             self._ask_to_cancel(call)

@@ -310,6 +310,13 @@ class TestActions:
             assert (result.outcome, result.reason) == ("cancelled", "")
             assert list(result.message.sequence) == list(hosted.node.seen)
 
+    def test_feedback_shows_that_a_goal_is_accepted(self, servers, monkeypatch):
+        monkeypatch.setattr(ActionChannel, "_on_answer", lambda self, call, future: None)
+        with active(Counter) as hosted:
+            call = in_thread(hosted, lambda node: node.start_count(4))
+            assert list(only_result(hosted).message.sequence) == [4, 3, 2, 1]
+            assert call.accepted
+
     def test_a_goal_is_cancelled_if_the_server_is_asked_before_it_has_the_goal(self, monkeypatch):
         request, on_cancel_answer = ActionChannel._request, ActionChannel._on_cancel_answer
         waiting: list[Callable[[], None]] = []
