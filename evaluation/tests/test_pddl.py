@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.pddl import add_figures
-from evaluation.pddl_runs import Mutant, Outcome, Task, judge, tasks
+from evaluation.pddl import Mutant, Outcome, Task, add_figures, judge, tasks
 from evaluation.report import Report
 from socialbot.planning.pddl import PddlPlan
 

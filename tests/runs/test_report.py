@@ -14,13 +14,12 @@ from socialbot.core.clock import SECOND
 from socialbot.core.errors import RunError
 from socialbot.core.messages import TraceRecord
 from socialbot.runs._frames import MAX_WORST, WORST_APART_S, Perception
-from socialbot.runs._frozen import MAX_PICTURES
 from socialbot.runs._report_tables import node_charts, story_sections
 from socialbot.runs.difference import difference
 from socialbot.runs.folder import RecordedRun, open_run
 from socialbot.runs.pages import Page
 from socialbot.runs.record import SCORED, STOPPED, NodeReport
-from socialbot.runs.report import difference_page, report_html, write_report
+from socialbot.runs.report import MAX_PICTURES, difference_page, report_html, write_report
 from socialbot.runs.run import Picture
 from socialbot.runs.story import Story, story_of
 from socialbot.vision.metrics.scores import ScoredFrame

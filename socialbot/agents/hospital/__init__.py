@@ -30,7 +30,7 @@ AGENT = AgentPackage(
     world_view="socialbot.agents.hospital.result:world_view",
     event_log="socialbot.agents.hospital.result:event_log",
     completion="socialbot.agents.hospital.result:completion",
-    terminal_view="socialbot.agents.hospital.terminal:terminal_view",
+    terminal_view="socialbot.agents.hospital.result:terminal_view",
     demos={"hospital": "socialbot.agents.hospital.demo:demo"},
     behaviours="behaviours.py",
 )

@@ -7,8 +7,7 @@ from rich.console import Console
 
 from socialbot.agents.base._simulation import WorldFault
 from socialbot.agents.hospital.demo import hospital, large_hospital
-from socialbot.agents.hospital.result import QUIET_S, MissionMonitor, ward_in
-from socialbot.agents.hospital.terminal import TREES, HospitalTerminal, ward_text
+from socialbot.agents.hospital.result import QUIET_S, TREES, HospitalTerminal, MissionMonitor, ward_in, ward_text
 from socialbot.agents.hospital.ward._world import WardWorld
 from socialbot.agents.hospital.ward.messages import RoomState, WardState
 from socialbot.agents.hospital.ward.ward import Ward, large_ward, paper_ward
