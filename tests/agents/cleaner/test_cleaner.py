@@ -17,7 +17,7 @@ ROOMS = ("bathroom", "bedroom", "dock", "kitchen")
 
 def test_cleans_all_rooms_in_time():
     watched = Watched("cleaner")
-    watched.run(60)
+    watched.until(60)
     assert watched.told("desire_fulfilled") == [
         (4.0, "clean_rooms_fulfill_precondition0"),
         (24.0, "go_recharge"),
@@ -30,7 +30,7 @@ def test_cleans_all_rooms_in_time():
 
 def test_actions_have_the_durations_of_the_domain():
     watched = Watched("cleaner")
-    watched.run(60)
+    watched.until(60)
     begun, ended = watched.told("step"), watched.told("step_end")
     assert [what for _, what in begun] == [what for _, what in ended]
     assert {round(end - begin, 3) for (begin, _), (end, _) in zip(begun, ended, strict=True)} == {4.0}
@@ -39,7 +39,7 @@ def test_actions_have_the_durations_of_the_domain():
 
 def test_running_plan_causes_no_precondition_desire():
     watched = Watched("cleaner")
-    watched.run(60)
+    watched.until(60)
     assert watched.names("desire") == [
         "clean_rooms",
         "clean_rooms_fulfill_precondition0",
@@ -50,10 +50,10 @@ def test_running_plan_causes_no_precondition_desire():
 
 def test_preemption_charges_first_and_cleans_afterwards():
     watched = Watched("cleaner", cleaner={"reschedule_policy": "PREEMPT"})
-    watched.run(20)
+    watched.until(20)
     # Given up on its way to the kitchen, it knows no longer where it is.
     assert "(movetoward cleaner undefined_wp dock)" in watched.names("step")
-    watched.run(120)
+    watched.until(120)
     fulfilled = watched.names("desire_fulfilled")
     assert fulfilled.index("go_recharge") < fulfilled.index("clean_rooms")
     assert not [what for what in watched.facts("cleaner") if "undefined_wp" in what and what.startswith("(in")]
@@ -62,10 +62,10 @@ def test_preemption_charges_first_and_cleans_afterwards():
 
 def test_fulfils_a_desire_received_by_topic():
     watched = Watched("cleaner")
-    watched.run(2)
+    watched.until(2)
     rest = Desire(name="rest", value=(predicate("rested", "cleaner"),), priority=0.3, deadline=10.0)
-    watched.runner.feed("/cleaner/add_desire", DesireItem(stamp=watched.runner.clock.now(), desire=rest))
-    watched.run(60)
+    watched.send("/cleaner/add_desire", DesireItem(stamp=watched.clock.now(), desire=rest))
+    watched.until(60)
     assert watched.names("desire_fulfilled")[-2:] == ["clean_rooms", "rest"]
 
 
@@ -77,7 +77,7 @@ def test_missing_file_is_named_in_the_error(parameter):
 
 def test_sweeper_sweeps_before_cleaner_cleans():
     watched = Watched("cleaner-sweeper")
-    watched.run(60)
+    watched.until(60)
     assert watched.told("desire_fulfilled", "sweeper") == [(10.0, "sweep_kitchen"), (20.0, "sweep_bedroom")]
     assert watched.told("desire_fulfilled") == [(36.0, "clean_rooms")]
     swept = {what: time for time, what in watched.told("step_end", "sweeper")}
@@ -88,14 +88,14 @@ def test_sweeper_sweeps_before_cleaner_cleans():
 
 def test_requested_priority_is_within_the_limit():
     watched = Watched("cleaner-sweeper", sweeper={"desire_pr": "0.25"})
-    watched.run(1)
+    watched.until(1)
     assert [wish.desire.priority for wish in watched.agent("sweeper").deliberator.desires] == [0.25, 0.25]
 
 
 def test_refusal_of_sweeper_fails_the_action_with_its_reason():
     deaf: dict[str, object] = {"desire_w": "", "desire_pr": ""}
     watched = Watched("cleaner-sweeper", sweeper=deaf, cleaner={"exec_plan_tries": 3})
-    watched.run(60)
+    watched.until(60)
     assert watched.names("step", "sweeper") == []
     (dropped,) = [record for record in watched.records if record.kind == "desire_dropped"]
     assert dropped.what == "clean_rooms"
@@ -105,7 +105,7 @@ def test_refusal_of_sweeper_fails_the_action_with_its_reason():
 def test_missing_reply_of_sweeper_fails_the_action(monkeypatch):
     monkeypatch.setattr(Sweeper, "on_request", lambda node, message: None)
     watched = Watched("cleaner-sweeper", cleaner={"exec_plan_tries": 2})
-    watched.run(60)
+    watched.until(60)
     assert "sweeper: timeout" in watched.names("reply")
     (dropped,) = [record for record in watched.records if record.kind == "desire_dropped"]
     assert "no answer from sweeper in 2 s" in dropped.detail["reason"]
@@ -113,11 +113,11 @@ def test_missing_reply_of_sweeper_fails_the_action(monkeypatch):
 
 def test_cancelled_request_withdraws_its_desire():
     watched = Watched("cleaner-sweeper")
-    watched.run(5)
+    watched.until(5)
     assert [wish.name for wish in watched.agent("sweeper").deliberator.desires] == ["sweep_kitchen", "sweep_bedroom"]
     given_up = Desire(name="clean_rooms", value=(predicate("cleaned", "kitchen"),))
-    watched.runner.feed("/cleaner/del_desire", DesireItem(stamp=watched.runner.clock.now(), desire=given_up))
-    watched.run(10)
+    watched.send("/cleaner/del_desire", DesireItem(stamp=watched.clock.now(), desire=given_up))
+    watched.until(10)
     assert len(watched.agent("sweeper").deliberator.desires) == 0
     assert watched.names("desire_dropped", "sweeper") == ["sweep_kitchen", "sweep_bedroom"]
 

@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 from socialbot.agents.base.deliberating import Deliberating
-from socialbot.core.clock import nanoseconds
-from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.messages import TraceRecord
 from socialbot.graph.files import load_graph
-from socialbot.graph.inline import InlineRunner
+from tests.inline import InlineRun
 
 
-class Watched:
+class Watched(InlineRun):
     """Runs a graph of the registry, with other parameters by the names of nodes."""
 
     def __init__(self, graph: str, **parameters: dict[str, object]) -> None:
-        self.runner = InlineRunner(load_graph(graph).with_parameters(parameters))
-        self.records: list[TraceRecord] = []
-        for name in self.runner.nodes:
-            self.runner.tap(f"/{name}/trace", self._note)
-        self.runner.start()
+        super().__init__(load_graph(graph), parameters=parameters)
 
-    def _note(self, topic: str, message: Message) -> None:
-        assert isinstance(message, TraceRecord)
-        self.records.append(message)
-
-    def run(self, until_s: float) -> None:
-        """Advance the time; fail if a node has failed."""
-        self.runner.advance(nanoseconds(until_s))
-        assert all(not faults.failures for faults in self.runner.faults.values()), self.runner.faults
+    @property
+    def records(self) -> list[TraceRecord]:
+        return self.of(TraceRecord)
 
     def agent(self, name: str) -> Deliberating:
         """The agent of that name."""
-        node = self.runner.nodes[name]
-        assert isinstance(node, Deliberating)
-        return node
+        return self.node(name)
 
     def facts(self, name: str) -> list[str]:
         """Return the beliefs of an agent as text."""

@@ -80,7 +80,7 @@ def test_silent_sensors_only_delay_missions():
 @PLANNERS
 def test_each_agent_gets_the_plans_of_its_own_actions_only(planner: str):
     run = LibraryRun(planner).until(100.0)
-    sent = [message for message in run.said if isinstance(message.content, Plan)]
+    sent = [message for message in run.heard if isinstance(message.content, Plan)]
     assert sent
     for message in sent:
         able = EXAMPLE.Runner.can if message.receiver.startswith("runner") else EXAMPLE.Porter.can
@@ -103,7 +103,7 @@ def test_messages_of_the_coordinator_reach_their_receiver_only(monkeypatch: pyte
         mail = [message for message in got[name] if message.receiver != EVERYBODY]
         assert any(isinstance(message.content, Plan) for message in mail), name
         assert {message.receiver for message in mail} == {name}
-    shared = [message for topic, message in run.heard if topic == MESSAGES]
+    shared = run.messages(MESSAGES)
     assert {message.receiver for message in shared if message.sender == COORDINATOR} == {EVERYBODY}
 
 

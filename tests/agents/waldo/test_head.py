@@ -9,13 +9,12 @@ from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     HeadCommand,
     JointTrajectory,
-    Message,
     PersonDetection,
     PersonDetections,
     VoiceActivity,
 )
-from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from tests.inline import InlineRun
 
 COMMAND, DETECTIONS, VOICES = "/head/command", "/humans/bodies/detections", "/humans/voices/activity"
 
@@ -28,19 +27,16 @@ def person(
     )
 
 
-class Stage:
+class Stage(InlineRun):
     """A head in the inline runner, and the trajectories it sends."""
 
     def __init__(self, **parameters: object) -> None:
-        config = NodeConfig("head", Head, parameters)
-        self.runner = InlineRunner(Graph("test", (config,), inputs=frozenset({COMMAND, DETECTIONS, VOICES})))
-        self.sent: list[JointTrajectory] = []
-        self.runner.tap("/head_controller/joint_trajectory", self._note)
-        self.runner.start()
+        graph = Graph("test", (NodeConfig("head", Head, parameters),), inputs=frozenset({COMMAND, DETECTIONS, VOICES}))
+        super().__init__(graph)
 
-    def _note(self, topic: str, message: Message) -> None:
-        assert isinstance(message, JointTrajectory)
-        self.sent.append(message)
+    @property
+    def sent(self) -> list[JointTrajectory]:
+        return self.of(JointTrajectory)
 
     def see(self, at: float, *persons: PersonDetection, arrives: float | None = None) -> None:
         message = PersonDetections(stamp=round(at * SECOND), frame_id="camera", width=640, height=480, persons=persons)
@@ -53,15 +49,12 @@ class Stage:
         voice = VoiceActivity(stamp=round(at * SECOND), active=active, voice="v", person=track, bearing_rad=bearing)
         self.runner.feed(VOICES, voice)
 
-    def until(self, seconds: float) -> None:
-        self.runner.advance(round(seconds * SECOND))
-
     @property
     def positions(self) -> list[tuple[float, ...]]:
         return [tuple(round(value, 6) for value in message.positions) for message in self.sent]
 
     @property
-    def times(self) -> list[float]:
+    def stamps_s(self) -> list[float]:
         return [message.stamp / SECOND for message in self.sent]
 
 
@@ -142,7 +135,7 @@ def test_walking_person_causes_one_command_per_period():
     stage = Stage()
     for frame in range(91):
         stage.see(1.0 + frame / 30, person(-0.6 + 0.4 * frame / 30))
-    gaps = [later - earlier for earlier, later in zip(stage.times, stage.times[1:], strict=False)]
+    gaps = [later - earlier for earlier, later in zip(stage.stamps_s, stage.stamps_s[1:], strict=False)]
     assert min(gaps) >= 0.1 - 1e-9
     assert 15 < len(stage.sent) <= 31
     stage.until(5.0)
@@ -156,7 +149,7 @@ def test_command_within_a_period_is_delayed():
     stage.order(1.04, "look", 0.7)
     stage.until(2.0)
     assert stage.positions == [(0.5, 0.0), (0.7, 0.0)]
-    assert stage.times == [1.0, 1.1]
+    assert stage.stamps_s == [1.0, 1.1]
 
 
 FOLLOWED = {
@@ -226,7 +219,7 @@ def test_head_centres_after_hold_time_without_people(frames):
     else:
         stage.until(6.0)
     assert stage.positions == [(0.5, 0.0), (0.0, 0.0)]
-    assert stage.times[-1] == pytest.approx(4.9)
+    assert stage.stamps_s[-1] == pytest.approx(4.9)
 
 
 def test_person_who_returns_in_time_is_still_followed():
@@ -235,7 +228,7 @@ def test_person_who_returns_in_time_is_still_followed():
         stage.see(second, person(0.5))
     assert stage.positions == [(0.5, 0.0)]
     stage.until(20.0)
-    assert stage.times[1:] == [pytest.approx(8.7)]
+    assert stage.stamps_s[1:] == [pytest.approx(8.7)]
 
 
 @pytest.mark.parametrize("command", ["", "track"])
@@ -267,7 +260,7 @@ def test_track_command_without_people_centres_after_hold_time():
     stage.order(5.0, "track")
     stage.until(20.0)
     assert stage.positions == [(0.7, 0.0), (0.0, 0.0)]
-    assert stage.times[-1] == pytest.approx(7.0)
+    assert stage.stamps_s[-1] == pytest.approx(7.0)
 
 
 def test_look_command_cancels_centring():

@@ -5,26 +5,21 @@ import pytest
 from socialbot.agents.waldo.nodes import Listener
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import ActionRequest, HeadCommand, Message, Utterance
-from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from tests.inline import InlineRun
 
 
-class Stage:
+class Stage(InlineRun):
     """A listener and what it sends to the actuators."""
 
     def __init__(self) -> None:
-        graph = Graph("test", (NodeConfig("listener", Listener),), inputs=frozenset({"/waldo/actions"}))
-        self.runner = InlineRunner(graph)
-        self.sent: list[Message] = []
-        for topic in ("/speech/say", "/head/command"):
-            self.runner.tap(topic, lambda _, message: self.sent.append(message))
-        self.runner.start()
+        super().__init__(Graph("test", (NodeConfig("listener", Listener),), inputs=frozenset({"/waldo/actions"})))
 
     def act(self, name: str, *arguments: str | int | float | bool) -> list[Message]:
-        self.sent.clear()
+        before = len(self.said)
         action = ActionRequest(stamp=3 * SECOND, id="waldo-9", agent="waldo", name=name, arguments=arguments)
-        self.runner.feed("/waldo/actions", action)
-        return list(self.sent)
+        self.send("/waldo/actions", action)
+        return [message for topic, message in self.said[before:] if topic in ("/speech/say", "/head/command")]
 
 
 def test_speak_publishes_utterance_and_tracking_command():

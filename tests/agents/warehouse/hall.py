@@ -13,11 +13,10 @@ from socialbot.agents.warehouse.scenario import SIX, FloorLayout
 from socialbot.agents.warehouse.world_node import World
 from socialbot.bdi import Atom
 from socialbot.bdi.literals import literal
-from socialbot.core.clock import SECOND
-from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.messages import TraceRecord
 from socialbot.deliberation.messages import AgentReply, AgentRequest, Desire, DesireItem, Fact, Operation, RequestState
-from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.node import Graph, NodeConfig
+from tests.inline import InlineRun
 
 GRIPPER = "gripper_a"
 LAYOUT = FloorLayout(SIX)
@@ -61,40 +60,18 @@ class Try:
     log: list[str] = field(default_factory=list)
 
 
-class Hall:
+class Hall(InlineRun):
     """The world with some agents and the published messages; the test plays the missing agents."""
 
     def __init__(self, *agents: NodeConfig, **world: Any) -> None:
         configs = (NodeConfig("world", World, {"noise": 0.0, **world}), *agents)
         inputs = frozenset(topic for config in configs for topic, _ in config.subscriptions)
-        self.runner = InlineRunner(Graph("hall", configs, inputs=inputs))
-        self.said: list[tuple[str, Message]] = []
+        super().__init__(Graph("hall", configs, inputs=inputs))
         self.sent = 0
-        for topic in {topic for config in configs for topic, _ in config.publications}:
-            self.runner.tap(topic, lambda name, message: self.said.append((name, message)))
-        self.runner.start()
         self.until(0.2)
 
-    def node(self, name: str) -> Any:
-        node: Node = self.runner.nodes[name]
-        return node
-
-    @property
-    def now(self) -> float:
-        return self.runner.clock.now() / SECOND
-
-    def until(self, second: float) -> None:
-        self.runner.advance(round(second * SECOND))
-        assert not [fault for fault in self.runner.faults.values() if fault.failures], self.runner.faults
-
     def after(self, seconds: float) -> None:
-        self.until(self.now + seconds)
-
-    def of(self, kind: type[Any], topic: str = "") -> list[Any]:
-        return [message for name, message in self.said if isinstance(message, kind) and topic in ("", name)]
-
-    def feed(self, topic: str, message: Message) -> None:
-        self.runner.feed(topic, message, time=self.runner.clock.now())
+        self.until(self.seconds + seconds)
 
     def attempt(self, agent: str, name: str, *args: str) -> Try:
         """Has an agent carry out an action, without a plan."""
@@ -110,8 +87,8 @@ class Hall:
 
     def finish(self, trial: Try, limit_s: float = 20.0) -> str:
         """Advance the time until an action ends; return its outcome."""
-        end = self.now + limit_s
-        while not trial.end and self.now < end:
+        end = self.seconds + limit_s
+        while not trial.end and self.seconds < end:
             self.after(0.1)
         return trial.end
 
@@ -128,7 +105,7 @@ class Hall:
         message = AgentRequest(
             stamp=0, id=f"r{self.sent}", sender=GRIPPER, group=group, receiver=receiver, operation=operation, **about
         )
-        self.feed("/agents/requests", message)
+        self.send("/agents/requests", message)
         self.after(0.0)
         return message.id
 
@@ -141,14 +118,14 @@ class Hall:
             stamp=0, id=request.id, sender=request.receiver, receiver=request.sender,
             accepted=state != "refused", state=state, reason=reason,
         )  # fmt: skip
-        self.feed("/agents/replies", reply)
+        self.send("/agents/replies", reply)
 
     def requests(self) -> list[AgentRequest]:
         """The requests that came, each once."""
         return list({request.id: request for request in self.of(AgentRequest)}.values())
 
     def desire(self, agent: str, desire: Desire) -> None:
-        self.feed(f"/{agent}/add_desire", DesireItem(stamp=0, desire=desire))
+        self.send(f"/{agent}/add_desire", DesireItem(stamp=0, desire=desire))
         self.after(0.0)
 
     def records(self, kind: str, source: str) -> list[TraceRecord]:

@@ -48,7 +48,7 @@ class TestACarrier:
         hall = hall_with_carrier()
         trial = hall.attempt("carrier_a", "carrier_move", "carrier_a", "deposit", "base")
         hall.after(1.0)
-        hall.feed("/carrier_a/cmd_target", MoveCommand(stamp=0, target="deposit"))
+        hall.send("/carrier_a/cmd_target", MoveCommand(stamp=0, target="deposit"))
         assert hall.finish(trial) == "another command has sent carrier_a to deposit"
 
     def test_fulfils_the_request_of_a_gripper_and_replies(self) -> None:
@@ -115,5 +115,5 @@ class TestACarrier:
         assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [False]
         hall.request("add", belief=loaded)
         assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [True]
-        hall.feed("/carrier_a/del_belief", Belief(stamp=0, belief=loaded))
+        hall.send("/carrier_a/del_belief", Belief(stamp=0, belief=loaded))
         assert [reply.found for reply in hall.replies(hall.request("check", belief=loaded))] == [False]

@@ -112,7 +112,7 @@ def hall() -> Hall:
 @pytest.fixture(scope="module")
 def film(hall: Hall) -> FloorView:
     film = FloorView(SIX)
-    for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
+    for message in sorted((message for _, message in hall.said), key=lambda message: message.stamp):
         film.take(message)
     return film
 
@@ -170,15 +170,15 @@ def test_view_without_messages_is_empty():
 
 def test_old_messages_are_ignored(film, hall):
     late = FloorView(SIX)
-    for message in hall.said["/warehouse/boxes"]:
+    for message in hall.messages("/warehouse/boxes"):
         late.take(message)
-        late.take(hall.said["/warehouse/boxes"][0])
+        late.take(hall.messages("/warehouse/boxes")[0])
     assert late.boxes(START + 29 * SECOND) == film.boxes(START + 29 * SECOND)
 
 
 def test_forget_keeps_state_and_later_changes(hall):
     forgetful, film = FloorView(SIX), FloorView(SIX)
-    for message in sorted((m for said in hall.said.values() for m in said), key=lambda m: m.stamp):
+    for message in sorted((message for _, message in hall.said), key=lambda message: message.stamp):
         forgetful.take(message)
         film.take(message)
     forgetful.forget(START + 20 * SECOND)

@@ -86,7 +86,7 @@ def carrying(place: str = "base_a") -> Hall:
     """The crane over a bay with box_a2, and carrier a there; its agent is the test."""
     hall = at("base_1")
     assert hall.finish(hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")) == "done"
-    hall.feed("/carrier_a/cmd_target", MoveCommand(stamp=0, target="base"))
+    hall.send("/carrier_a/cmd_target", MoveCommand(stamp=0, target="base"))
     assert hall.finish(hall.attempt(GRIPPER, "gripper_move", GRIPPER, "base_1", place)) == "done"
     hall.after(6.0)
     assert hall.holder("box_a2") == GRIPPER
@@ -101,7 +101,7 @@ class TestActionsOfTheGripper:
         hall.after(1.0)
         assert not trial.end
         assert hall.finish(trial) == "done"
-        assert 1.5 <= hall.now <= 5.5
+        assert 1.5 <= hall.seconds <= 5.5
         assert hall.node(GRIPPER).is_at("base_3")
 
     def test_move_to_the_present_place_ends_at_once(self) -> None:
@@ -112,7 +112,7 @@ class TestActionsOfTheGripper:
         hall = hall_with_gripper()
         trial = hall.attempt(GRIPPER, "gripper_move", GRIPPER, "start", "base_3")
         hall.after(1.0)
-        hall.feed("/gripper_a/cmd_motors_pose", MoveCommand(stamp=0, target="base_1"))
+        hall.send("/gripper_a/cmd_motors_pose", MoveCommand(stamp=0, target="base_1"))
         assert hall.finish(trial) == "another command has sent gripper_a to base_1"
 
     def test_pickup_lowers_closes_and_lifts(self) -> None:
@@ -130,7 +130,7 @@ class TestActionsOfTheGripper:
 
     def test_pickup_opens_closed_fingers_first(self) -> None:
         hall = at("base_1")
-        hall.feed("/gripper_a/cmd_gripper_status", GripperStatus(stamp=0, status="close"))
+        hall.send("/gripper_a/cmd_gripper_status", GripperStatus(stamp=0, status="close"))
         hall.after(1.0)
         trial = hall.attempt(GRIPPER, "gripper_pickup", GRIPPER, "box_a2", "box_c2", "base_1")
         assert hall.finish(trial) == "done"
@@ -161,7 +161,7 @@ class TestActionsOfTheGripper:
         while len(hall.requests()) < 2:
             hall.answer(hall.requests()[-1])
             hall.after(0.1)
-            assert hall.now < 40.0
+            assert hall.seconds < 40.0
         second = hall.requests()[1]
         assert (second.operation, str(second.belief)) == ("add", "(lb_load_completed carrier_a)")
         assert hall.node(GRIPPER).status.current_pos.z > 1.4
@@ -174,7 +174,7 @@ class TestActionsOfTheGripper:
     @staticmethod
     def answer_all(hall: Hall, trial: Try, *answer: Any) -> None:
         answered: set[str] = set()
-        while not trial.end and hall.now < 60.0:
+        while not trial.end and hall.seconds < 60.0:
             for request in hall.requests():
                 if request.id not in answered:
                     answered.add(request.id)
@@ -253,14 +253,14 @@ class TestAskingACarrierToCome:
     def test_fails_without_reply(self) -> None:
         hall, trial, request = self.asked()
         assert hall.finish(trial) == "carrier_a does not come: no answer from carrier_a in 2 s"
-        assert hall.now < 4.0
+        assert hall.seconds < 4.0
         assert len([sent for sent in hall.of(AgentRequest) if sent.id == request.id]) == 4, "it has asked again"
 
     def test_fails_if_the_carrier_takes_too_long(self) -> None:
         hall, trial, request = self.asked()
         hall.answer(request)
         assert hall.finish(trial) == "Too much time waited"
-        assert hall.now == pytest.approx(0.2 + 8.0, abs=0.11)
+        assert hall.seconds == pytest.approx(0.2 + 8.0, abs=0.11)
 
     def test_sends_a_new_request_after_a_restart(self) -> None:
         sent: list[AgentRequest] = []

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TypeVar
+from collections import Counter
 
 import pytest
 
@@ -16,37 +16,22 @@ from socialbot.agents.warehouse.messages import (
 from socialbot.agents.warehouse.world_node import World, World24
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import Message
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
-
-M = TypeVar("M", bound=Message)
+from tests.inline import InlineRun
 
 COMMANDS = frozenset(port.topic for port in World24.inputs().values())
 
 
-class Hall:
-    """The world's node alone, and what it has said."""
+class Hall(InlineRun):
+    """The world's node alone."""
 
     def __init__(self, kind=World, start: int = 1_700_000_000 * SECOND, **parameters) -> None:
-        self.start = start
-        self.said: dict[str, list[Message]] = {}
-        config = NodeConfig("world", kind, parameters)
-        self.runner = InlineRunner(Graph("hall", (config,), inputs=COMMANDS), start=start)
-        for topic, _ in config.publications:
-            self.runner.tap(topic, lambda name, message: self.said.setdefault(name, []).append(message))
-        self.runner.start()
+        super().__init__(Graph("hall", (NodeConfig("world", kind, parameters),), inputs=COMMANDS), start=start)
 
     def tell(self, second: float, topic: str, command, **fields) -> None:
-        stamp = self.start + round(second * SECOND)
-        self.runner.feed(topic, command(stamp=stamp, **fields))
+        self.send(topic, command(stamp=self.begin + round(second * SECOND), **fields))
         assert self.runner.faults["world"].failures == 0
-
-    def until(self, second: float) -> None:
-        self.runner.advance(self.start + round(second * SECOND))
-
-    def of(self, kind: type[M]) -> list[M]:
-        return [message for messages in self.said.values() for message in messages if isinstance(message, kind)]
 
     def status(self, robot: str) -> MoveStatus:
         return [message for message in self.of(MoveStatus) if message.robot == robot][-1]
@@ -58,11 +43,11 @@ class Hall:
 def test_world_reports_ten_times_a_second():
     hall = Hall()
     hall.until(1.0)
-    assert {topic: len(messages) for topic, messages in hall.said.items()} == dict.fromkeys(
+    assert Counter(topic for topic, _ in hall.said) == dict.fromkeys(
         ["/gripper_a/motors_move_status", "/gripper_a/gripper_status", "/carrier_a/move_status",
          "/carrier_b/move_status", "/carrier_c/move_status", "/warehouse/boxes"], 11
     )  # fmt: skip
-    stamps = [message.stamp for message in hall.said["/warehouse/boxes"]]
+    stamps = [message.stamp for message in hall.messages("/warehouse/boxes")]
     assert stamps[1] - stamps[0] == SECOND // 10
 
 
@@ -106,8 +91,8 @@ def test_silent_sensor_publishes_nothing_and_others_continue():
     hall = Hall(faults="1 silent carrier_a 1; 1 silent boxes 1; 1 silent gripper_a 1")
     hall.until(3.0)
     for topic in ("/carrier_a/move_status", "/warehouse/boxes", "/gripper_a/motors_move_status"):
-        assert len(hall.said[topic]) == 21, topic
-    assert len(hall.said["/carrier_b/move_status"]) == 31
+        assert len(hall.messages(topic)) == 21, topic
+    assert len(hall.messages("/carrier_b/move_status")) == 31
 
 
 def test_invalid_faults_are_rejected_at_construction():

@@ -9,10 +9,9 @@ from socialbot.agents.hospital.ward.world_node import HospitalWorld
 from socialbot.agents.teams.messages import ActionCancel, ActionCommand, ActionResult
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import ParameterError
-from socialbot.core.messages import Message
-from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from tests.agents.hospital.listings import ROOM, SPOT
+from tests.inline import InlineRun
 
 
 def spot_in(state: WardState) -> AgentState:
@@ -27,36 +26,27 @@ def room_in(state: WardState) -> RoomState:
     return room
 
 
-class House:
-    """The world's node alone, and what it has said."""
+class House(InlineRun):
+    """The world's node alone."""
 
     def __init__(self, start: int = 1_700_000_000 * SECOND, **parameters) -> None:
-        self.start = start
-        self.states: list[WardState] = []
-        self.results: list[ActionResult] = []
         graph = Graph("house", (NodeConfig("world", HospitalWorld, parameters),), inputs=frozenset({COMMANDS, CANCELS}))
-        self.runner = InlineRunner(graph, start=start)
-        self.runner.tap(STATE, self.on_message)
-        self.runner.tap(RESULTS, self.on_message)
-        self.runner.start()
+        super().__init__(graph, start=start)
 
-    def on_message(self, _: str, message: Message) -> None:
-        if isinstance(message, WardState):
-            self.states.append(message)
-        elif isinstance(message, ActionResult):
-            self.results.append(message)
+    @property
+    def states(self) -> list[WardState]:
+        return self.messages(STATE)
+
+    @property
+    def results(self) -> list[ActionResult]:
+        return self.messages(RESULTS)
 
     def tell(self, second: float, id: str, robot: str, action: str, *args: str) -> None:
-        stamp = self.start + round(second * SECOND)
-        command = ActionCommand(stamp=stamp, id=id, robot=robot, action=action, args=(robot, *args))
-        self.runner.feed(COMMANDS, command)
-
-    def until(self, second: float) -> None:
-        self.runner.advance(self.start + round(second * SECOND))
-        assert self.runner.faults["world"].failures == 0
+        stamp = self.begin + round(second * SECOND)
+        self.send(COMMANDS, ActionCommand(stamp=stamp, id=id, robot=robot, action=action, args=(robot, *args)))
 
     def between(self, first: float, last: float) -> list[WardState]:
-        return [state for state in self.states if first <= (state.stamp - self.start) / SECOND <= last]
+        return [state for state in self.states if first <= (state.stamp - self.begin) / SECOND <= last]
 
 
 def test_state_is_published_five_times_a_second_and_at_changes():
@@ -65,7 +55,7 @@ def test_state_is_published_five_times_a_second_and_at_changes():
     assert len(house.states) == 11, "the infection after 1 s falls on a report"
     house.tell(2.05, "a", SPOT, "a_navigate_to", ROOM)
     house.until(2.99)
-    stamps = [round((state.stamp - house.start) / SECOND, 2) for state in house.between(2.01, 2.99)]
+    stamps = [round((state.stamp - house.begin) / SECOND, 2) for state in house.between(2.01, 2.99)]
     assert stamps == [2.05, 2.2, 2.4, 2.6, 2.8, 2.83], "begin and end of the way besides"
     assert [spot_in(state).place for state in house.between(2.8, 2.9)] == ["corridor", ROOM]
 
@@ -73,7 +63,7 @@ def test_state_is_published_five_times_a_second_and_at_changes():
 def test_changes_can_be_reported_together_after_a_pause():
     house = House(pause_s=0.15, faults="1.03 dirty room2; 1.05 dirty room3; 1.07 dirty room4; 1.25 dirty room1")
     house.until(1.5)
-    stamps = [round((state.stamp - house.start) / SECOND, 2) for state in house.between(0.9, 1.5)]
+    stamps = [round((state.stamp - house.begin) / SECOND, 2) for state in house.between(0.9, 1.5)]
     assert stamps == [1.0, 1.15, 1.2, 1.35, 1.4]
     assert not house.between(1.3, 1.4)[0].rooms[0].cleaned
 
@@ -86,7 +76,7 @@ def test_result_is_published_at_its_time_followed_by_the_state():
     house.until(1.81)
     [result] = house.results
     assert (result.id, result.robot, result.outcome, result.reason) == ("a", SPOT, "success", "")
-    assert result.stamp == house.start + round(1.81 * SECOND)
+    assert result.stamp == house.begin + round(1.81 * SECOND)
     assert result.duration_s == 0.78
     assert house.states[-1].stamp == result.stamp
     assert spot_in(house.states[-1]).busy == ""
@@ -95,7 +85,7 @@ def test_result_is_published_at_its_time_followed_by_the_state():
 def test_command_can_be_cancelled():
     house = House()
     house.tell(1.0, "a", SPOT, "a_navigate_to", ROOM)
-    house.runner.feed(CANCELS, ActionCancel(stamp=house.start + round(1.5 * SECOND), id="a"))
+    house.runner.feed(CANCELS, ActionCancel(stamp=house.begin + round(1.5 * SECOND), id="a"))
     assert [result.reason for result in house.results] == ["cancelled"]
 
 
@@ -123,7 +113,7 @@ def test_slow_sensor_publishes_old_values():
     infected = [room_in(state).infected for state in house.between(1.0, 3.2)]
     assert infected == [False] * 10 + [True] * 2, "looked at 0.9 s, then at 3 s after 2 s are over"
     house.until(11.0)
-    stamps = [round((state.stamp - house.start) / SECOND, 1) for state in house.between(6.1, 10.3)]
+    stamps = [round((state.stamp - house.begin) / SECOND, 1) for state in house.between(6.1, 10.3)]
     assert stamps == [7.8, 9.8, 10.0, 10.2]
 
 
