@@ -21,11 +21,11 @@ from socialbot.deliberation.messages import (
 )
 from socialbot.deliberation.requests import RequestServer
 from socialbot.deliberation.sensing import FactSensor
-from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
 from socialbot.graph.ports import Input, Parameter
 from tests.deliberation.domains import i, n, p
 from tests.deliberation.office import JOBS, job
+from tests.inline import InlineRun
 
 BELIEFS = """\
 - {name: a, pddl_type: 1, type: job}
@@ -117,48 +117,28 @@ class Boss(Deliberating):
     agent_group = Parameter("bosses", "the group it belongs to", fixed=True)
 
 
-class Hall:
-    """An inline run of nodes, and their messages."""
+class Hall(InlineRun):
+    """An inline run of nodes, in a light."""
 
     def __init__(self, *configs: NodeConfig) -> None:
-        graph = Graph("hall", configs, frozenset({"/light", "/agents/requests", "/agents/replies"}))
-        self.runner = InlineRunner(graph)
-        self.said: list[tuple[str, Any]] = []
-        for topic, kind in graph.topics().items():
-            if kind is not Light:
-                self.runner.tap(topic, lambda topic, message: self.said.append((topic, message)))
-        self.runner.start()
+        super().__init__(Graph("hall", configs, frozenset({"/light", "/agents/requests", "/agents/replies"})))
 
-    def until(self, seconds: float, *, lit: bool | None = True) -> None:
+    def until(self, second: float, *, lit: bool | None = True) -> Hall:
         """Lets time pass; the light is seen each second, unless nobody looks."""
-        while self.now < seconds:
+        while self.seconds < second:
             if lit is not None:
-                self.send("/light", Light(stamp=self.runner.clock.now(), on=lit))
-            self.runner.advance(min(self.runner.clock.now() + SECOND, round(seconds * SECOND)))
-
-    @property
-    def now(self) -> float:
-        return self.runner.clock.now() / SECOND
-
-    def send(self, topic: str, message: Structured) -> None:
-        self.runner.feed(topic, message, time=self.runner.clock.now())
-
-    def node(self, name: str) -> Deliberating:
-        node = self.runner.nodes[name]
-        assert isinstance(node, Deliberating)
-        return node
-
-    def heard(self, topic: str) -> list:
-        return [message for name, message in self.said if name == topic]
+                self.send("/light", Light(stamp=self.clock.now(), on=lit))
+            self.runner.advance(min(self.clock.now() + SECOND, round(second * SECOND)))
+        return self
 
     def trace(self, agent: str, kind: str) -> list[TraceRecord]:
-        return [record for record in self.heard(f"/{agent}/trace") if record.kind == kind]
+        return [record for record in self.messages(f"/{agent}/trace") if record.kind == kind]
 
     def facts(self, agent: str) -> tuple[Fact, ...]:
-        return self.heard(f"/{agent}/belief_set")[-1].value
+        return self.messages(f"/{agent}/belief_set")[-1].value
 
     def desires(self, agent: str) -> list[str]:
-        return [desire.name for desire in self.heard(f"/{agent}/desire_set")[-1].value]
+        return [desire.name for desire in self.messages(f"/{agent}/desire_set")[-1].value]
 
 
 @pytest.fixture
@@ -181,7 +161,7 @@ def boss(files: Path, **more) -> NodeConfig:
 
 
 def now(message: type, hall: Hall, **about):
-    return message(stamp=hall.runner.clock.now(), **about)
+    return message(stamp=hall.clock.now(), **about)
 
 
 def test_agent_loads_its_files_and_fulfils_its_desires(files):
@@ -197,16 +177,16 @@ def test_agent_loads_its_files_and_fulfils_its_desires(files):
 def test_agent_publishes_status_plan_and_intentions(files):
     hall = Hall(worker(files, init_dset=str(files / "d.yaml")))
     hall.until(10)
-    statuses = [status.status for status in hall.heard("/worker/lifecycle_status")]
+    statuses = [status.status for status in hall.messages("/worker/lifecycle_status")]
     assert statuses == ["BOOTING", "PLANNING", "EXECUTING", "SCHEDULING"]
-    infos = hall.heard("/worker/plan_execution_info")
+    infos = hall.messages("/worker/plan_execution_info")
     assert infos[0].status == "RUNNING"
     assert [step.name for step in infos[0].actions_exec_info] == ["do"]
     assert infos[-1].target is None
-    intentions = hall.heard("/worker/current_intentions")
+    intentions = hall.messages("/worker/current_intentions")
     assert intentions[0].target_value == (p("done", "a"),)
     assert intentions[-1].actions == ()
-    assert hall.heard("/worker/mind")[-1].intentions == ()
+    assert hall.messages("/worker/mind")[-1].intentions == ()
 
 
 def test_unchanged_state_is_not_published_again(files):
@@ -221,7 +201,7 @@ def test_agent_plans_only_after_its_first_percept(files):
     hall = Hall(worker(files, init_dset=str(files / "d.yaml")))
     hall.until(5, lit=None)
     assert hall.trace("worker", "planning") == []
-    assert [status.status for status in hall.heard("/worker/lifecycle_status")] == ["BOOTING"]
+    assert [status.status for status in hall.messages("/worker/lifecycle_status")] == ["BOOTING"]
     hall.until(12)
     assert hall.trace("worker", "desire_fulfilled")
 
@@ -293,7 +273,7 @@ def test_agent_requests_a_desire_of_another_agent(files):
     hall.until(15)
     assert [record.what for record in hall.trace("boss", "desire_fulfilled")] == ["do_a"]
     assert [record.what for record in hall.trace("worker", "desire_fulfilled")] == ["a"]
-    requests = hall.heard("/agents/requests")
+    requests = hall.messages("/agents/requests")
     request = requests[0]
     assert [again.id for again in requests] == [request.id] * 2, "asked again once, after 5 s, as it monitors"
     (asking,) = hall.trace("boss", "request")
@@ -301,7 +281,7 @@ def test_agent_requests_a_desire_of_another_agent(files):
     (adopted,) = hall.trace("worker", "desire")
     assert asking.detail["id"] == asked.cause == adopted.cause == request.id
     assert adopted.detail["priority"] == 0.6, "it asked for 0.9"
-    assert [reply.state for reply in hall.heard("/agents/replies")] == ["done", "done", "fulfilled"]
+    assert [reply.state for reply in hall.messages("/agents/replies")] == ["done", "done", "fulfilled"]
     assert [record.cause for record in hall.trace("boss", "reply")] == [request.id] * 2
 
 
@@ -334,7 +314,7 @@ def test_missing_reply_drops_one_desire(files):
     hall.until(15)
     (dropped,) = hall.trace("boss", "desire_dropped")
     assert "no answer from worker in 2 s" in str(dropped.detail["reason"])
-    assert len(hall.heard("/agents/requests")) == 4
+    assert len(hall.messages("/agents/requests")) == 4
 
 
 def test_runs_are_repeatable(files):

@@ -32,9 +32,9 @@ from socialbot.core.messages import (
 from socialbot.deliberation.actions import PlanAction
 from socialbot.deliberation.messages import PREDICATE, Desire, Fact
 from socialbot.graph.health import HEALTH_TOPIC
-from socialbot.graph.inline import InlineRunner
-from socialbot.graph.node import Graph, Node, NodeConfig
+from socialbot.graph.node import Graph, NodeConfig
 from tests.deliberation.office import JOBS
+from tests.inline import InlineRun
 
 DETECTIONS = "/humans/bodies/detections"
 
@@ -66,43 +66,32 @@ class Counter(AgentNode):
         return engine
 
 
-class Asking:
+class Asking(InlineRun):
     """One agent, and a person who asks it for something."""
 
     def __init__(self, config: NodeConfig, *topics: str) -> None:
-        graph = Graph("room", (config,), inputs=frozenset(topics))
         self.name = config.name
-        self.runner = InlineRunner(graph)
-        self.answers: list[AgentAnswer] = []
-        self.trace: list[TraceRecord] = []
-        self.actions: list[ActionRequest] = []
-        self.health: list[Health] = []
         self.asked = 0
-        self.runner.tap(AGENT_ANSWERS, lambda _, answer: self.answers.append(answer))  # type: ignore[arg-type]
+        self.health: list[Health] = []
+        graph = Graph("room", (config,), inputs=frozenset(topics))
+        super().__init__(graph)
         self.runner.tap(HEALTH_TOPIC, lambda _, health: self.health.append(health))  # type: ignore[arg-type]
-        for topic, kind in graph.topics().items():
-            if kind is TraceRecord:
-                self.runner.tap(topic, lambda _, record: self.trace.append(record))  # type: ignore[arg-type]
-            if kind is ActionRequest:
-                self.runner.tap(topic, lambda _, action: self.actions.append(action))  # type: ignore[arg-type]
-        self.runner.start()
 
     @property
-    def node(self) -> Node:
-        return self.runner.nodes[self.name]
+    def trace(self) -> list[TraceRecord]:
+        return self.of(TraceRecord)
 
     def ask(self, command: Command, text: str = "", agent: str = "") -> AgentAnswer:
         self.asked += 1
-        now = self.runner.clock.now()
         asked = AgentCommand(
-            stamp=now,
+            stamp=self.clock.now(),
             id=f"person-{self.asked}",
             agent=agent or self.name,
             command=command,
             text=text,
         )
-        self.runner.feed(AGENT_COMMANDS, asked)
-        return self.answers[-1]
+        self.send(AGENT_COMMANDS, asked)
+        return self.messages(AGENT_ANSWERS)[-1]
 
     def refused(self, command: Command, text: str = "") -> str:
         answer = self.ask(command, text)
@@ -111,9 +100,6 @@ class Asking:
         assert (record.kind, record.what, record.cause) == ("refused", f"{command} {text}".strip(), answer.id)
         assert record.detail["reason"] == answer.reason
         return answer.reason
-
-    def wait(self, seconds: float) -> None:
-        self.runner.advance(self.runner.clock.now() + round(seconds * SECOND))
 
     def told(self, kind: str) -> list[str]:
         return [record.what for record in self.trace if record.kind == kind]
@@ -131,7 +117,7 @@ def waldo() -> Asking:
 
 
 def did(asking: Asking) -> list[tuple[str, tuple[object, ...]]]:
-    node = asking.node
+    node = asking.node(asking.name)
     assert isinstance(node, Counter)
     return node.did
 
@@ -189,7 +175,7 @@ def test_command_for_another_agent_is_ignored():
     asking = counter()
     asking.ask("pause")
     asking.ask("believe", "news(1)", agent="somebody_else")
-    assert [answer.id for answer in asking.answers] == ["person-1"]
+    assert [answer.id for answer in asking.messages(AGENT_ANSWERS)] == ["person-1"]
 
 
 def test_paused_agent_accepts_messages_and_does_not_act():
@@ -198,7 +184,7 @@ def test_paused_agent_accepts_messages_and_does_not_act():
     assert asking.refused("pause") == "it is paused already"
     asking.ask("believe", "news(1)")
     asking.ask("achieve", "go(3)")
-    asking.wait(10)
+    asking.run(10)
     assert did(asking) == []
     assert asking.ask("resume").accepted
     assert ("heard", (1,)) in did(asking)
@@ -209,7 +195,7 @@ def test_timers_wait_during_a_pause():
     asking = counter()
     asking.ask("achieve", "go(4)")
     asking.ask("pause")
-    asking.wait(1)
+    asking.run(1)
     assert "later" not in dict(did(asking))
     asking.ask("resume")
     assert ("later", (4,)) in did(asking)
@@ -218,10 +204,10 @@ def test_timers_wait_during_a_pause():
 def test_pause_is_reported_as_health():
     asking = counter()
     asking.ask("pause")
-    asking.wait(2)
+    asking.run(2)
     assert (asking.health[-1].state, asking.health[-1].reason) == ("paused", "paused by a person")
     asking.ask("resume")
-    asking.wait(2)
+    asking.run(2)
     assert (asking.health[-1].state, asking.health[-1].reason) == ("ok", "")
     assert asking.told("command") == ["pause", "resume"]
 
@@ -244,8 +230,8 @@ def test_pauses_and_steps_do_not_change_the_actions(goals, steps):
         halting.ask("resume")
         halting.ask("pause")
     halting.ask("resume")
-    straight.wait(1)
-    halting.wait(1)
+    straight.run(1)
+    halting.run(1)
     assert did(halting) == did(straight)
     assert halting.told("goal") == straight.told("goal")
 
@@ -253,14 +239,14 @@ def test_pauses_and_steps_do_not_change_the_actions(goals, steps):
 def test_waldo_greets_on_command_and_pauses():
     asking = waldo()
     assert asking.ask("achieve", "GreetPeople()").accepted
-    assert [action.name for action in asking.actions] == ["speak"]
+    assert [action.name for action in asking.of(ActionRequest)] == ["speak"]
     assert "it has some for" in asking.refused("achieve", "Dance()")
     asking.ask("pause")
     seen = (PersonDetection(x=0, y=0, w=9, h=30, score=1.0, distance_m=2.0),)
     for tenth in range(30):
         shown = PersonDetections(stamp=tenth * SECOND // 10, frame_id="camera", width=640, height=480, persons=seen)
-        asking.runner.feed(DETECTIONS, shown)
-    assert len(asking.actions) == 1
+        asking.send(DETECTIONS, shown)
+    assert len(asking.of(ActionRequest)) == 1
     assert 'personDetected("Yes")' not in asking.told("belief")
     assert asking.ask("believe", 'personDetected("No")').accepted
     asking.ask("resume")
@@ -273,8 +259,8 @@ def test_first_percepts_compile_nothing(monkeypatch):
     seen = (PersonDetection(x=0, y=0, w=9, h=30, score=1.0, distance_m=2.0),)
     for tenth in range(30):
         shown = PersonDetections(stamp=tenth * SECOND // 10, frame_id="camera", width=640, height=480, persons=seen)
-        asking.runner.feed(DETECTIONS, shown)
-    assert [action.name for action in asking.actions] != []
+        asking.send(DETECTIONS, shown)
+    assert [action.name for action in asking.of(ActionRequest)] != []
     assert compiled == []
 
 
@@ -305,7 +291,7 @@ def worker(tmp_path: Path) -> Asking:
 def test_deliberating_agent_accepts_facts_and_desires(worker):
     assert worker.ask("believe", "b - job").accepted
     assert worker.ask("achieve", "(done b)").accepted
-    worker.wait(10)
+    worker.run(10)
     assert worker.told("desire_fulfilled") == ["(done b)"]
     desire = next(record for record in worker.trace if record.kind == "desire")
     assert worker.cause(desire).what == "achieve (done b)"
@@ -339,12 +325,12 @@ def test_deliberating_agent_refuses_with_reason(worker, command, text, reason):
 
 def test_paused_agent_does_not_continue_its_plan(worker):
     worker.ask("achieve", "(done a)")
-    worker.wait(1)
+    worker.run(1)
     worker.ask("pause")
-    worker.wait(20)
+    worker.run(20)
     assert worker.told("desire_fulfilled") == []
     worker.ask("resume")
-    worker.wait(5)
+    worker.run(5)
     assert worker.told("desire_fulfilled") == ["(done a)"]
 
 
