@@ -256,6 +256,23 @@ def test_timed_initial_literals_may_come_at_the_start():
         ("hello", "domain:1: expected a parenthesis, found 'hello'"),
         ("\n(define (domain d)", "domain:2: this parenthesis is never closed"),
         ("(define (domain d)\n(:types a))) (:types b)", "domain:2: unexpected text after the end: '('"),
+        (
+            '(in-package "PDDL")\n(define (domain d))',
+            "domain:1: expected (define ...), found (in-package ...)\n  remedy: remove it",
+        ),
+        ("(define (domain d) (:timeless (p)))", "not supported by socialbot: facts of PDDL 1.2 in domains (:timeless)"),
+        ("(define (domain d) (:axiom :vars (?x)))", "not supported by socialbot: axioms of PDDL 1.2 (:axiom)"),
+        ("(define (domain d) (:extends e))", "not supported by socialbot: domains that extend others (:extends)"),
+        ("(define (domain d) (:safety (p)))", "not supported by socialbot: safety constraints of PDDL 1.2 (:safety)"),
+        ("(define (domain d) (:colours red))", "unknown section ':colours'\n  remedy: known: :requirements, :types"),
+        (
+            "(define (domain d) (:predicates (p)) (:action a :expansion (series (b))))",
+            "not supported by socialbot: expansions of PDDL 1.2 (:expansion)",
+        ),
+        (
+            "(define (domain d) (:predicates (p)) (:action a :until 3))",
+            "part of :action ':until'\n  remedy: known: :par",
+        ),
         ("(" * 200, "domain:1: more than 100 parentheses"),
         ("(domain d)", "domain:1: expected (define (domain ...) ...), found (domain ...)"),
         ("(define)", "domain:1: expected (define (domain ...) ...)"),
@@ -410,6 +427,7 @@ def test_mistakes_in_durative_actions(condition, effect, duration, message):
         ("(:metric minimise (n))", "problem:2: expected minimize or maximize"),
         ("(:metric minimize (is-violated a))", "problem:2: unknown function 'is-violated'"),
         ("(:object b)", "problem:2: unknown section ':object'\n  remedy: did you mean ':objects'?"),
+        ("(:situation s)", "problem:2: not supported by socialbot: situations of PDDL 1.2 (:situation)"),
         ("(:constraints (and))", "problem:2: not supported by socialbot: preferences and constraints"),
     ],
 )

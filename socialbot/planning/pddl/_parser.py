@@ -58,6 +58,9 @@ def read_sexpression(text: str, *, where: str) -> SexpGroup:
     open_groups: list[tuple[int, list[Sexpression]]] = []
     for number, line in enumerate(text.removeprefix("\ufeff").lower().split("\n"), 1):
         for token in _TOKEN.findall(line.partition(";")[0]):
+            if whole is not None and token != ")" and whole.head != "define":
+                what = f"expected (define ...), found ({whole.head} ...)"
+                raise PlanningError(what, where=f"{where}:{whole.line}", remedy="remove it; a file begins with (define")
             if whole is not None and token != ")":
                 raise PlanningError(
                     f"unexpected text after the end: {token!r}",
@@ -123,6 +126,9 @@ class Scope:
         return Scope({**self.variables, **new}, self.duration, (self.untyped - new.keys()) | untyped)
 
 
+DECLARED = frozenset({"type", "predicate", "function", "variable", "object"})
+"""Kinds of names that files declare."""
+
 _OTHER_LANGUAGES: dict[str, str] = {
     "oneof": "effects that depend on chance",
     "probabilistic": "effects that depend on chance",
@@ -132,8 +138,9 @@ _OTHER_LANGUAGES: dict[str, str] = {
     ":htn": "task networks of HDDL",
     ":agent": "agents of MA-PDDL",
     ":private": "private names of agents of MA-PDDL",
+    ":expansion": "expansions of PDDL 1.2",
 }
-"""Words of languages that extend PDDL in ways that plans of actions cannot express."""
+"""Words of languages, and of early PDDL, that extend PDDL in ways that plans of actions cannot express."""
 
 
 @dataclass
@@ -154,10 +161,10 @@ class Vocabulary:
         """Return an error for an undeclared name: of another language, or with the nearest declared one."""
         if name in _OTHER_LANGUAGES:
             return self.unsupported(f"{_OTHER_LANGUAGES[name]} ({name})", at)
-        near = difflib.get_close_matches(name, list(known), n=1)
-        return self.error(
-            f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else f"declare the {kind}"
-        )
+        names = list(known)
+        near = difflib.get_close_matches(name, names, n=1)
+        remedy = f"declare the {kind}" if kind in DECLARED else f"known: {', '.join(names)}"
+        return self.error(f"unknown {kind} {name!r}", at, f"did you mean {near[0]!r}?" if near else remedy)
 
     def group(self, item: Sexpression, what: str) -> SexpGroup:
         if isinstance(item, SexpWord):

@@ -64,6 +64,11 @@ _UNSUPPORTED = {
     ":constraints": "preferences and constraints (:constraints)",
     ":process": "continuous change (:process)",
     ":event": "events of the world (:event)",
+    ":axiom": "axioms of PDDL 1.2 (:axiom)",
+    ":extends": "domains that extend others (:extends)",
+    ":safety": "safety constraints of PDDL 1.2 (:safety)",
+    ":situation": "situations of PDDL 1.2 (:situation)",
+    ":timeless": "facts of PDDL 1.2 in domains (:timeless)",
 }
 
 
