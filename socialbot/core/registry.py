@@ -32,7 +32,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
 
-from socialbot.core.errors import GraphError, SocialbotError, suggestion
+from socialbot.core.errors import GraphError, SocialbotError, described, suggestion
 from socialbot.core.messages import BUILT_IN_MESSAGES, Message, Structured, TraceRecord
 from socialbot.core.vocabulary import Vocabulary
 
@@ -250,8 +250,11 @@ def load_reference(
     except SocialbotError as mistake:
         raise error(f"{failure}: {mistake.what}", where=mistake.where or where, remedy=mistake.remedy) from mistake
     except Exception as mistake:
-        text = f"{failure}: {type(mistake).__name__}: {mistake}"
-        raise error(text, where=where, remedy=f"fix the module {module}") from mistake
+        raise error(
+            f"{failure}: {described(mistake, str(Path(__file__).parent))}",
+            where=where,
+            remedy=f"fix the module {module}",
+        ) from mistake
     if not hasattr(loaded, attribute):
         own = [key for key, value in vars(loaded).items() if fits(value) and _is_of(loaded, value)]
         raise error(f"{failure}: {module} has no {attribute!r}", where=where, remedy=suggestion(attribute, own))

@@ -75,7 +75,7 @@ def test_modules_beside_a_graph_do_not_shadow_installed_ones(tmp_path, monkeypat
     ("text", "words"),
     [
         ("import no_such_library\n", ["No module named 'no_such_library'", "install no_such_library"]),
-        ("1 / 0\n", ["ZeroDivisionError", "fix the module"]),
+        ("\n1 / 0\n", ["ZeroDivisionError: division by zero (own_wrong_", ".py:2)", "fix the module"]),
         ("Own = 3\n", ["is no node"]),
         (
             "from socialbot import Input\nInput(int, '/a')\n",

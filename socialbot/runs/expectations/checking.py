@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from socialbot.core.clock import SECOND
-from socialbot.core.errors import RuleError, SocialbotError
+from socialbot.core.errors import RuleError, SocialbotError, described
 from socialbot.core.registry import behaviours_file, behaviours_names
 from socialbot.runs.expectations._observation import Observation, observe_run
 from socialbot.runs.expectations.expectations import Expectation, as_expectation
@@ -133,7 +133,8 @@ def load_behaviours(path: Path | str) -> list[Expectation]:
     except SocialbotError:
         raise
     except Exception as error:
-        raise RuleError(f"cannot be run: {type(error).__name__}: {error}", where=str(path), remedy=_REMEDY) from error
+        what = f"cannot be run: {described(error, str(Path(__file__).parent))}"
+        raise RuleError(what, where=str(path), remedy=_REMEDY) from error
     finally:
         sys.path.remove(folder)
     named = ((name, value) for name, value in vars(module).items() if not name.startswith("_"))

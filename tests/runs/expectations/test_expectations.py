@@ -8,7 +8,7 @@ import pytest
 
 from socialbot.bdi import Belief, variables
 from socialbot.core.errors import RuleError
-from socialbot.runs.expectations import _time_sets
+from socialbot.runs.expectations import _time_sets, load_behaviours
 from socialbot.testing import (
     always,
     anyone,
@@ -257,3 +257,10 @@ def test_counted_moments_agree_with_counting():
         for at in range(last + 1):
             there = sum(at + least <= each and (most is None or each <= at + most) for each in moments)
             assert (at in found) == (there >= low and (high is None or there <= high)), (number, at)
+
+
+def test_a_mistake_in_a_file_of_expectations_names_its_line(tmp_path):
+    path = tmp_path / "wrong.py"
+    path.write_text("from socialbot.testing import expect, said\n\nsoon = expect(said('x')).within('1')\n")
+    with pytest.raises(RuleError, match=r"wrong\.py: cannot be run: TypeError: .* \(wrong\.py:3\)"):
+        load_behaviours(path)
