@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from socialbot.core.clock import SECOND, ManualClock, nanoseconds
-from socialbot.core.errors import NodeError
+from socialbot.core.errors import GraphError, MessageError, NodeError, suggestion
 from socialbot.core.messages import Message, Structured
 from socialbot.graph.files import load_graph
 from socialbot.graph.inline import InlineRunner
@@ -99,7 +99,8 @@ class GraphTester:
         self.graph = graph
         self.runner = InlineRunner(graph, start=start)
         self._seen: list[tuple[str, int, Message]] = []
-        for topic in graph.topics():
+        self._kinds: dict[str, type[Message]] = {**dict.fromkeys(sorted(graph.inputs), Message), **graph.topics()}
+        for topic in self._kinds:
             self.runner.tap(topic, self._note)
 
     def __enter__(self) -> GraphTester:
@@ -124,23 +125,37 @@ class GraphTester:
         return self.clock.now() / SECOND
 
     def node(self, name: str = "node") -> Any:
-        """The node called ``name``."""
+        """The node called ``name``. Raises GraphError if there is none."""
+        if name not in self.runner.nodes:
+            raise GraphError(f"no node {name!r}", where=self.graph.name, remedy=suggestion(name, self.runner.nodes))
         return self.runner.nodes[name]
 
     def send(self, topic: str, message: Message) -> None:
-        """Deliver ``message`` at its stamp, or now if that has passed, with all resulting messages."""
+        """Deliver ``message`` at its stamp, or now if that has passed, with all resulting messages.
+
+        Raises:
+            GraphError: The graph has no such topic, or the nodes have not started.
+            MessageError: The topic has messages of another type.
+        """
+        kind = self._kind(topic)
+        if not isinstance(message, kind):
+            raise MessageError(f"{topic} takes {kind.__name__}, not {type(message).__name__}", where=self.graph.name)
+        self._expect_started()
         self.runner.feed(topic, message)
 
     def run(self, seconds: float) -> None:
-        """Let ``seconds`` of simulated time pass."""
+        """Let ``seconds`` of simulated time pass. Raises GraphError if the nodes have not started."""
+        self._expect_started()
         self.runner.advance(self.clock.now() + nanoseconds(seconds))
 
     def messages(self, topic: str) -> list[Any]:
-        """All messages on ``topic`` so far, in order."""
+        """All messages on ``topic`` so far, in order. Raises GraphError if the graph has no such topic."""
+        self._kind(topic)
         return [message for name, _, message in self._seen if name == topic]
 
     def times(self, topic: str) -> list[float]:
-        """Times (s) at which messages on ``topic`` were published."""
+        """Times (s) at which messages on ``topic`` were published. Raises GraphError if the graph has no such topic."""
+        self._kind(topic)
         return [time / SECOND for name, time, _ in self._seen if name == topic]
 
     def recorded(self, folder: Path) -> RecordedRun:
@@ -155,6 +170,17 @@ class GraphTester:
                 observe(topic, message)
             record.write_results({"graph": self.graph.name, "ended": WELL})
         return open_run(folder)
+
+    def _kind(self, topic: str) -> type[Message]:
+        if topic not in self._kinds:
+            remedy = suggestion(topic, self._kinds)
+            raise GraphError(f"no topic {topic!r}", where=self.graph.name, remedy=remedy)
+        return self._kinds[topic]
+
+    def _expect_started(self) -> None:
+        if not self.runner.started:
+            remedy = "write: with GraphTester(...) as tester:"
+            raise GraphError("the nodes have not started", where=self.graph.name, remedy=remedy)
 
     def _note(self, topic: str, message: Message) -> None:
         self._seen.append((topic, self.clock.now(), message))

@@ -3,7 +3,7 @@
 import pytest
 
 from socialbot import Action, Belief, Engine, Input, Node, Output, Parameter, Utterance
-from socialbot.core.errors import NodeError
+from socialbot.core.errors import GraphError, MessageError, NodeError
 from socialbot.testing import SECOND, GraphTester, ManualClock, run_engine
 
 
@@ -67,3 +67,33 @@ def test_an_engine_is_run_through_its_timers():
     run_engine(engine, 1.5)
     assert told == [2.0]
     assert engine.clock.now() == 2.5 * SECOND
+
+
+def test_an_unknown_topic_is_an_error():
+    with GraphTester(Echo) as tester:
+        with pytest.raises(GraphError, match="no topic '/herd'") as caught:
+            tester.send("/herd", utterance("x"))
+        assert "'/heard'" in str(caught.value.remedy)
+        for look in (tester.messages, tester.times):
+            with pytest.raises(GraphError, match="no topic '/sad'"):
+                look("/sad")
+
+
+def test_a_message_of_another_type_is_an_error():
+    with GraphTester(Echo) as tester, pytest.raises(MessageError, match="/heard takes Utterance, not str"):
+        tester.send("/heard", "x")  # type: ignore[arg-type]
+
+
+def test_an_unknown_node_is_an_error():
+    with GraphTester(Echo) as tester, pytest.raises(GraphError, match="no node 'echo'") as caught:
+        tester.node("echo")
+    assert "known: node" in str(caught.value.remedy)
+
+
+def test_nodes_that_have_not_started_get_nothing():
+    tester = GraphTester(Echo)
+    with pytest.raises(GraphError, match="the nodes have not started") as caught:
+        tester.send("/heard", utterance("x"))
+    assert "with GraphTester" in str(caught.value.remedy)
+    with pytest.raises(GraphError, match="the nodes have not started"):
+        tester.run(1.0)

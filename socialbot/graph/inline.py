@@ -142,6 +142,7 @@ class InlineRunner:
         self.recorded = dict(recorded or {})
         self.services = LocalServices(self)
         self.clock = ManualClock(start)
+        self.started = False
         self.nodes: dict[str, Node] = {}
         self.faults: dict[str, Faults] = {}
         self.posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -171,6 +172,7 @@ class InlineRunner:
 
     def start(self) -> None:
         """Start the nodes and deliver their first messages. Raises NodeError, or the error of a node."""
+        self.started = True
         for node in self.nodes.values():
             _start(node)
         for name, node in self.nodes.items():
