@@ -45,7 +45,7 @@ from socialbot.vision.detectors import DETECTORS, PIXELS, DetectorSettings, Dete
 from socialbot.vision.distance import PERSON_HEIGHT_M
 from socialbot.vision.lens import LENS_MODELS, is_known
 from socialbot.vision.network import LAYOUTS
-from socialbot.vision.pipeline import BRIDGE_S, TRACKERS, PersonPipeline
+from socialbot.vision.pipeline import TRACKERS, PersonPipeline
 from socialbot.vision.reidentification import REMEMBER_S
 
 _GEOMETRY = ("mount_height_m", "pitch_rad", "hfov_rad")
@@ -130,7 +130,12 @@ class PersonDetector(Node):
         maximum=10.0,
     )
     tracker = Parameter("kalman", "tracker", choices=TRACKERS, fixed=True)
-    bridge_s = Parameter(BRIDGE_S, "how long a lost track is still published, s", minimum=0.0, maximum=2.0)
+    bridge_s = Parameter(
+        -1.0,
+        "how long a lost track is still published, s; below 0: the default of the detector",
+        minimum=-1.0,
+        maximum=2.0,
+    )
     remember_s = Parameter(
         REMEMBER_S,
         "how long a lost person is recognised by colours and keeps the id, s; 0: never; needs a tracker",
@@ -198,11 +203,10 @@ class PersonDetector(Node):
             self._spec,
             detector,
             tracker=self.tracker,
-            bridge_s=self.bridge_s,
             remember_s=self.remember_s,
             faces=self.faces,
         )
-        for parameter in ("threshold", "person_height_m", "hide_still", "depth_pose"):
+        for parameter in ("threshold", "bridge_s", "person_height_m", "hide_still", "depth_pose"):
             self.on_parameter(parameter)
         self._turned = _TurnedCamera(detector) if self._spec.faces else None
         self._camera: CameraModel | None = None
@@ -231,8 +235,10 @@ class PersonDetector(Node):
     def on_parameter(self, name: str) -> None:
         if name == "threshold":
             self._pipeline.set_threshold(None if self.threshold < 0 else self.threshold)
-        elif name in ("bridge_s", "remember_s") and self._pipeline.tracker is not None:
-            setattr(self._pipeline.tracker, name, self.parameter_values[name])
+        elif name == "bridge_s":
+            self._pipeline.set_bridge(None if self.bridge_s < 0 else self.bridge_s)
+        elif name == "remember_s" and self._pipeline.tracker is not None:
+            self._pipeline.tracker.remember_s = self.remember_s
         elif name == "hide_still":
             self._pipeline.hide_still = self.hide_still
         elif name == "person_height_m":

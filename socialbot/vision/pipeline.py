@@ -43,7 +43,6 @@ from socialbot.vision.tracking import Track, Tracker
 from socialbot.vision.whereabouts import FloorPoint, LastSeen
 
 TRACKERS = ("kalman", "none")
-BRIDGE_S = 0.3
 # A person occludes another one who shares this part of their width and whose box ends higher by this share.
 _HIDING, _NEARER = 0.5, 0.1
 _WIDEST = 0.5  # A box wider than this share of its height is cut off at the feet.
@@ -104,7 +103,7 @@ class PersonPipeline:
         detector: Detector, whose threshold the pipeline sets.
         tracker: Name of the tracker (`TRACKERS`); "none" treats each image alone.
         threshold: Score from which a detection counts alone; default: that of ``spec``.
-        bridge_s: Longest time to publish a lost track, s.
+        bridge_s: Longest time to publish a lost track, s; default: that of ``spec``.
         person_height_m: Usual height of a person, m.
         hide_still: Whether tracks that never move are removed; needs a tracker.
         remember_s: How long a lost person is recognised by colours and keeps the id, s; 0 turns this off.
@@ -118,16 +117,16 @@ class PersonPipeline:
         *,
         tracker: str = "kalman",
         threshold: float | None = None,
-        bridge_s: float = BRIDGE_S,
+        bridge_s: float | None = None,
         person_height_m: float = PERSON_HEIGHT_M,
         hide_still: bool = True,
         remember_s: float = REMEMBER_S,
         faces: bool = False,
     ) -> None:
         self.person_height_m = person_height_m
-        self.tracker = (
-            Tracker(spec.sure, spec.weak, bridge_s=bridge_s, remember_s=remember_s) if tracker == "kalman" else None
-        )
+        self.tracker = None
+        if tracker == "kalman":
+            self.tracker = Tracker(spec.sure, spec.weak, clear=spec.clear, remember_s=remember_s)
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
         self._camera_motion = CameraMotion()
@@ -142,6 +141,7 @@ class PersonPipeline:
         self._estimator: PoseEstimator | None = None
         self._pose = ASSUMED
         self.set_threshold(threshold)
+        self.set_bridge(bridge_s)
 
     def set_threshold(self, threshold: float | None) -> None:
         """Set the score from which a detection counts alone (None: the default); may be called between images."""
@@ -150,6 +150,11 @@ class PersonPipeline:
         if self.tracker is not None:
             self.threshold = min(self._spec.weak, sure)
             self.tracker.sure, self.tracker.weak = sure, self.threshold
+
+    def set_bridge(self, bridge_s: float | None) -> None:
+        """Set the longest time to publish a lost track (None: the default); may be called between images."""
+        if self.tracker is not None:
+            self.tracker.bridge_s = self._spec.bridge_s if bridge_s is None else bridge_s
 
     @property
     def pose(self) -> CameraPose:

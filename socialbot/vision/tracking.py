@@ -48,6 +48,7 @@ _GAP_S = 0.5  # After a longer gap between images, new tracks are published at o
 _DOUBT_S = 0.35  # A new track waits this long for its second detection.
 _TRUSTED_HITS = 3
 _NEWS = 0.2  # Weight of the newest score in the running mean.
+_AT_ONCE = 0.75  # A new track is published at once if its score exceeds the sure one by this share of sure - weak.
 _DRIFT = 0.35  # A prediction is trusted while its standard error is below this share of the width.
 _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights per second.
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
@@ -86,7 +87,10 @@ class Tracker:
     """Multi-object tracker for the people in one recording.
 
     A new track is published after ``confirm`` detections. It is published at once in a first image, after a gap, or if
-    its score exceeds ``sure`` by as much as ``sure`` exceeds ``weak``, unless it lies within another person.
+    its score exceeds ``sure`` by three quarters of the distance from ``weak``, unless it lies within another person.
+
+    A known track is published with a weak box if its mean score exceeds ``sure`` by the share ``clear`` of that
+    distance. Others were barely detected before, and many of their weak boxes show nobody.
 
     A new track that overlaps another person may be a second box around that person. It is published when its colours
     differ from theirs, or later.
@@ -100,6 +104,7 @@ class Tracker:
         sure: Score that a track needs at least once.
         weak: Score from which a box supports a track or starts a tentative one.
         confirm: Detections before a track is published.
+        clear: Share of the distance from ``weak`` to ``sure``, see above.
         bridge_s: Longest time to publish predictions, s.
         keep_s: Time after which a lost track is deleted, s.
 
@@ -113,6 +118,7 @@ class Tracker:
         weak: float,
         *,
         confirm: int = 2,
+        clear: float = 0.375,
         bridge_s: float = 0.5,
         keep_s: float = 2.0,
         remember_s: float = REMEMBER_S,
@@ -120,6 +126,7 @@ class Tracker:
         self.sure = sure
         self.weak = weak
         self.confirm = confirm
+        self.clear = clear
         self.bridge_s = bridge_s
         self.keep_s = keep_s
         self.remember_s = remember_s
@@ -190,7 +197,7 @@ class Tracker:
         # Largest first, so that parts of a person find the whole.
         left = [each for each in np.argsort(-np.prod(boxes[:, 2:], axis=1), kind="stable").tolist() if each not in seen]
         for index in [index for index in left if scores[index] >= self.sure]:
-            at_once = after_gap or bool(scores[index] >= 2 * self.sure - self.weak)
+            at_once = after_gap or bool(scores[index] >= self._above(_AT_ONCE))
             self._begin(boxes[index], float(scores[index]), cuts[index], looks[index], boxes[seen], at_once=at_once)
             seen.append(index)
         for index in [index for index in left if self.weak <= scores[index] < self.sure]:
@@ -209,6 +216,10 @@ class Tracker:
         """Forget where people were seen, since the base of the robot has moved."""
         for person in (*self._persons, *self._lost.people):
             person.seen = None
+
+    def _above(self, share: float) -> float:
+        """The score that exceeds ``sure`` by a ``share`` of its distance from ``weak``."""
+        return self.sure + share * (self.sure - self.weak)
 
     def _pass_to(self, stamp_ns: int) -> tuple[bool, float]:
         """Whether the image is the first or follows a gap, and the seconds since the last one."""
@@ -420,7 +431,9 @@ class Tracker:
             [
                 person
                 for person in self._persons
-                if person.id and not person.misses and max(person.score, person.usual_score) >= self.sure
+                if person.id
+                and not person.misses
+                and (person.score >= self.sure or person.usual_score >= self._above(self.clear))
             ]
         )
         boxes = np.array([person.box for person in seen]).reshape(-1, 4)

@@ -101,8 +101,8 @@ def test_weak_boxes_continue_known_tracks_only():
     rig = Rig()
     assert rig.find(at(4.0, 0.3)) == ()
     assert rig.detector.threshold == 0.2
-    rig.find(at(4.0))
-    (before,) = rig.find(at(4.0))
+    rig.find(at(4.0, 0.9))
+    (before,) = rig.find(at(4.0, 0.9))
     (after,) = rig.find(at(4.0, 0.3), at(8.0, 0.3, -0.3))
     assert before.track_id == after.track_id != ""
     assert after.score == 0.3
@@ -299,8 +299,8 @@ def test_threshold_takes_the_place_of_the_detector_s_own():
 def test_certain_detection_is_published_at_once():
     rig = Rig()
     rig.find()
-    assert rig.find(at(4.0, 0.79)) == ()
-    assert len(rig.find(at(8.0, 0.8, 0.3))) == 1
+    assert rig.find(at(4.0, 0.72)) == ()
+    assert len(rig.find(at(8.0, 0.73, 0.3))) == 1
 
 
 def test_state_of_lost_tracks_is_deleted():

@@ -81,3 +81,28 @@ def test_ids_count_up(frames):
     assert len(set(numbers)) == len(first)
     for earlier, later in itertools.pairwise(sorted(numbers)):
         assert later > earlier
+
+
+# A person in a lane of their own: first image, last image, middle in the lane, its step, height and score.
+walks_strategy = st.tuples(
+    st.integers(0, 20),
+    st.integers(0, 20),
+    st.floats(0.3, 0.7),
+    st.floats(-0.03, 0.03),
+    st.floats(60, 300),
+    st.floats(0.77, 1.0),
+)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(walks_strategy, min_size=1, max_size=4), st.sampled_from((0.03, 0.1, 0.2, 1.0)))
+def test_exact_detections_are_published_as_they_are(walks, period_s):
+    scene = Scene(bridge_s=0.0)
+    for image in range(21):
+        found = []
+        for lane, (first, last, middle, step, height, score) in enumerate(walks):
+            if first <= image <= last:
+                x = 160 * (lane + min(max(middle + step * (image - first), 0.3), 0.7))
+                found.append((x - 0.15 * height, 90.0, 0.3 * height, height, score))
+        published = scene.show(*found, after_s=period_s)
+        assert sorted((*track.box, track.score) for track in published) == sorted(found)

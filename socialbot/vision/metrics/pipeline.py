@@ -133,7 +133,8 @@ class EvaluatedPipeline:
             settings.spec.make(DetectorSettings(threads=threads, **own)),
             tracker=values["tracker"] if consecutive else "none",
             threshold=settings.sure,
-            **{name: values[name] for name in ("bridge_s", "remember_s", "person_height_m", "hide_still", "faces")},
+            bridge_s=None if values["bridge_s"] < 0 else values["bridge_s"],
+            **{name: values[name] for name in ("remember_s", "person_height_m", "hide_still", "faces")},
         )
 
     def find(self, image: np.ndarray, encoded: EncodedImage) -> tuple[Persons, Persons]:
