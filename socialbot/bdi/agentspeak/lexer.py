@@ -206,6 +206,11 @@ class Source:
         return f"'{name}'" if keeps_quotes(name) else name
 
 
+def bare(text: str) -> str:
+    """Return a text of the same length with blanks in place of comments and strings."""
+    return _COMMENT.sub(lambda found: found[0] if found[0][0] == "'" else _NOT_LINE_END.sub(" ", found[0]), text)
+
+
 def _blank(match: re.Match[str]) -> str:
     if match[1]:
         return match[1]

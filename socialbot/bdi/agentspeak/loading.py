@@ -22,7 +22,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi._inner_plans import is_nested, parts
-from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source
+from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source, bare
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
 from socialbot.bdi.compiler._conditions import COLLECTORS, collected_goal
@@ -314,6 +314,7 @@ def _placed(problem: SocialbotError, item: Plan | Inference, program: Program) -
 
 def _offset(what: str, written: str) -> int:
     """Return the offset in a plan of the first name that an error message quotes."""
+    written = bare(written)
     for word in _WORD.findall(what):
         if word[0] == "." or word[0].isupper() or f"function {word}" in what:
             found = re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", written)

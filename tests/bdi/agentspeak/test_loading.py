@@ -177,3 +177,12 @@ def test_a_text_without_mistakes_has_none():
 def test_the_caret_follows_tabs():
     (problem,) = check("+!g\n\t<- .print(a); .foo.")
     assert problem.what.split("\n")[-2:] == ["    \t<- .print(a); .foo.", "    \t              ^"]
+
+
+@pytest.mark.parametrize("before", ["// .nothing(1)\n", "/* .nothing */ ", '.print(".nothing(1)"); ', "# .nothing\n"])
+def test_an_error_about_a_name_stands_at_a_step_not_in_a_comment_or_a_string(before):
+    text = f"+!g <- a; {before}.nothing(2)."
+    with pytest.raises(AgentSpeakError) as caught:
+        Engine("a", ManualClock()).add_text(text)
+    line, column = caught.value.line, caught.value.column
+    assert text.splitlines()[line - 1][column - 1 :] == ".nothing(2)."
