@@ -16,7 +16,7 @@ from socialbot.bdi.intentions import EVENT
 from socialbot.bdi.library import CompiledPlan, Library
 from socialbot.bdi.literals import SELF, Computed, Literal, Reactor, ground, is_source, source
 from socialbot.bdi.trace import TraceWriter, log
-from socialbot.bdi.unification import Var, resolve
+from socialbot.bdi.unification import Var, closed, resolve
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RuleError
 
@@ -187,7 +187,7 @@ class BeliefBase:
                 return None if relation.added is None else (EVENT, relation.added, args, notes, cause)
             return self.add_here(relation, args, notes, cause)
         if before is not None:
-            self._remove_held(relation, before, notes, cause, here=False)
+            self._remove_held(relation, before, notes, cause, here=False, exact=not args)
             if args != before:
                 self._changed(relation, args, before, notes, cause)
         return self.add_here(relation, args, notes, cause)
@@ -200,11 +200,18 @@ class BeliefBase:
     # Removing
 
     def remove(self, relation: Relation, args: Args, notes: Annotations, cause: Any, here: bool) -> Any:
-        """Remove the sources in ``notes`` from the newest matching belief, and the belief with its last source."""
-        found = next(relation.match(args, notes, []), None)
-        return None if found is None else self._remove_held(relation, found, notes, cause, here)
+        """Remove the sources in ``notes`` from the newest matching belief, and the belief with its last source.
 
-    def _remove_held(self, relation: Relation, found: Args, notes: Annotations, cause: Any, here: bool) -> Any:
+        A pattern with variables that leaves other sources raises no event, as in Jason.
+        """
+        exact = closed(args) and closed(notes)
+        found = next(relation.match(args, notes, []), None)
+        return None if found is None else self._remove_held(relation, found, notes, cause, here, exact)
+
+    def _remove_held(
+        self, relation: Relation, found: Args, notes: Annotations, cause: Any, here: bool, exact: bool
+    ) -> Any:
+        """Remove sources from a belief; there is an event if it was ``exact`` or the belief has no source any more."""
         since, held, begin = relation.facts[found]
         taken = notes if notes is SELF else resolve(notes)
         if held.__class__ is NoteSet:
@@ -224,7 +231,7 @@ class BeliefBase:
             cause = self.trace.record("unbelief", relation.text(found), cause, **others)
         if relation.watchers and found not in relation.facts:
             self.notify(relation, found, False, cause)
-        if relation.removed is None:
+        if relation.removed is None or not (exact or found not in relation.facts):
             return None
         if here:
             return (EVENT, relation.removed, found, taken, cause)
