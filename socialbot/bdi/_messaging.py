@@ -318,11 +318,12 @@ def _ask(agent: Engine, sender: Engine, act: str, content: Any, said_by: Any, ca
 
 
 def _annotated(agent: Engine, query: Literal, trail: Trail) -> Iterator[Literal]:
-    """Yield the solutions of a query with all annotations of the beliefs."""
+    """Yield the solutions of a query with all annotations of the beliefs but the source ``self``."""
     others = Var()
     for _ in agent.interpreter.solve(query.key, query.args, (*query.annotations, Rest(others)), trail):
         found, more = resolve(query), resolve(others)
-        yield found.with_(annotations=found.annotations + (more if more.__class__ is tuple else ()))
+        more = tuple(note for note in more if note not in SELF) if more.__class__ is tuple else ()
+        yield found.with_(annotations=found.annotations + more)
 
 
 class AnswerPause(Pause):
@@ -396,7 +397,7 @@ def _notes(what: Literal, said_by: tuple[Any, ...]) -> tuple[Any, ...]:
     """Annotations with the sender as source, which has the given sources itself: ``source(ann)[source(bob)]``."""
     if not what.annotations:
         return said_by
-    nested = tuple(note for note in what.annotations if is_source(note) and note not in SELF)
+    nested = tuple(filter(is_source, what.annotations))
     if nested:
         said_by = tuple(source.with_(annotations=nested) for source in said_by)
     return (*(note for note in what.annotations if not is_source(note)), *said_by)

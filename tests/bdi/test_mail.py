@@ -423,6 +423,19 @@ def test_plans_for_messages_come_before_their_usual_effect(step, printed):
     assert Mas(a=sender, b=RECEIVER).until(1).lines == printed
 
 
+def test_a_told_belief_keeps_its_sources_below_the_sender_and_an_answer_all_but_self():
+    sender = """!go.
+        +!go <- .send(b, tell, c(1)[source(self), x]); .send(b, tell, c(2)[source(ann), source(self)]); .wait(10);
+            .send(b, askAll, c(_), L); .print(L); .send(b, askOne, d, A); .print(A)."""
+    receiver = "d[source(self), source(ann)]. +c(X)[source(S)] <- .findall(A, c(X)[A], L); .print(L)."
+    assert Mas(a=sender, b=receiver).until(1).lines == [
+        "[source(a)[source(self)],x]",
+        "[source(a)[source(ann),source(self)]]",
+        "[c(2)[source(b)[source(a)[source(ann),source(self)]]],c(1)[source(b)[source(a)[source(self)]],x]]",
+        "d[source(b)[source(ann)]]",
+    ]
+
+
 def test_a_message_without_a_meaning_is_recorded(caplog):
     Mas(a="!go. +!go <- .send(b, order, f(1)).", b=RECEIVER).until(1)
     assert "no plan for the message order from a: f(1)" in caplog.text
