@@ -14,6 +14,7 @@ import typer
 from socialbot.cli import _options as options
 from socialbot.cli._console import Console, print_line
 from socialbot.core.errors import ParameterError
+from socialbot.core.paths import expect_inside
 from socialbot.core.terminal import escaped_json
 
 if TYPE_CHECKING:
@@ -106,8 +107,10 @@ def sweep(
     chosen = objectives or default_objectives(found)
     pair = _pair(found, numbers)
     compared = None if pair is None else _compared(plan, found, *pair)
-    page = sweep_page(found, chosen, compared).write(folder / "index.html")
-    (folder / "sweep.json").write_bytes(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
+    page = sweep_page(found, chosen, compared).write(expect_inside(folder, folder / "index.html"))
+    expect_inside(folder, folder / "sweep.json").write_bytes(
+        msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n"
+    )
     if as_json:
         print_line(escaped_json((folder / "sweep.json").read_text("utf-8")), nl=False)
         return

@@ -14,7 +14,7 @@ from collections.abc import Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from socialbot.core.errors import ParameterError, SocialbotError
+from socialbot.core.errors import ParameterError, RunError, SocialbotError
 from socialbot.core.limits import DATA_BYTES, TEXT_BYTES
 
 FOLDERS_VARIABLE = "SOCIALBOT_FOLDERS"
@@ -41,6 +41,22 @@ def read_text(file: Path, error: type[SocialbotError], *, remedy: str = "check t
     except (OSError, UnicodeDecodeError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
         raise error(f"cannot be read: {reason}", where=str(file), remedy=remedy) from problem
+
+
+def leads_inside(folder: Path, path: Path) -> bool:
+    """Whether ``path`` is in ``folder``, and is no link to elsewhere."""
+    return path.resolve().is_relative_to(folder.resolve())
+
+
+def expect_inside(folder: Path, path: Path) -> Path:
+    """Return ``path``, which is to be written in a folder.
+
+    Raises:
+        RunError: It is a link that leads out of the folder.
+    """
+    if not leads_inside(folder, path):
+        raise RunError("is a link that leads out of its folder", where=str(path), remedy="remove the link")
+    return path
 
 
 @contextmanager

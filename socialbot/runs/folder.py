@@ -68,7 +68,7 @@ class RecordedRun(RunView):
         path = self.folder / SOUNDS / name
         if not _SOUND.fullmatch(name) or not path.is_file():
             return None
-        if not leads_inside(self.folder, path):
+        if not paths.leads_inside(self.folder, path):
             return None
         return paths.read_bytes(path)
 
@@ -207,22 +207,6 @@ class _Results(msgspec.Struct):
 class _Line(msgspec.Struct):
     topic: str
     message: msgspec.Raw
-
-
-def leads_inside(folder: Path, path: Path) -> bool:
-    """Whether ``path`` is in ``folder``, and is no link to elsewhere."""
-    return path.resolve().is_relative_to(folder.resolve())
-
-
-def expect_inside(folder: Path, path: Path) -> Path:
-    """Return ``path``, which is to be written in the folder of a run.
-
-    Raises:
-        RunError: It is a link that leads out of the folder.
-    """
-    if not leads_inside(folder, path):
-        raise RunError("is a link that leads out of the folder of the run", where=str(path), remedy="remove the link")
-    return path
 
 
 def open_run(folder: Path, images: ImageSource | None = None) -> RecordedRun:

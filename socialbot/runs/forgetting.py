@@ -14,8 +14,8 @@ from socialbot.core.bounded_log import parts
 from socialbot.core.clock import nanoseconds
 from socialbot.core.errors import RunError, suggestion
 from socialbot.core.messages import NO_JSON, TraceRecord
-from socialbot.core.paths import replace_file, writing
-from socialbot.runs.folder import expect_inside, leads_inside, open_run
+from socialbot.core.paths import expect_inside, leads_inside, replace_file, writing
+from socialbot.runs.folder import open_run
 from socialbot.runs.record import SCORED, SEEN, TRACE
 
 AFTER_S = 10.0

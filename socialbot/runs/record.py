@@ -105,7 +105,7 @@ class RunTrace:
         lossy: Go on without a record while it cannot be written, for live runs. Otherwise this ends the run.
 
     Raises:
-        SocialbotError: The folder cannot be created or written, or holds a run.
+        SocialbotError: The folder cannot be created or written, holds a run, or a link that leads out of it.
     """
 
     def __init__(
@@ -121,6 +121,8 @@ class RunTrace:
         self.labels = dict(labels or {})
         self.privacy: Privacy = "none"
         self._max_bytes = max_bytes
+        for name in (GRAPH, SEEN, RESULTS, SCORED):
+            paths.expect_inside(folder, folder / name)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._trace = LossyLog(BoundedLog(folder / TRACE, max_bytes))

@@ -13,6 +13,7 @@ import msgspec
 
 from socialbot.core.errors import BagError
 from socialbot.core.messages import Message, TraceRecord
+from socialbot.core.paths import expect_inside
 from socialbot.core.registry import WorldView, phrases_of, world_view_of
 from socialbot.graph.node import Graph
 from socialbot.runs._frames import Perception, shot_at, stills, turning_points
@@ -28,7 +29,7 @@ from socialbot.runs._streams import detections_of
 from socialbot.runs.bag_images import BlurredPictures, boxes_of, pictures_of
 from socialbot.runs.difference import Difference, Side
 from socialbot.runs.distances import distances_of
-from socialbot.runs.folder import RecordedRun, expect_inside, newest_run, open_run
+from socialbot.runs.folder import RecordedRun, newest_run, open_run
 from socialbot.runs.heard_sounds import heard_sound
 from socialbot.runs.history import OF_TOPICS
 from socialbot.runs.narration import log_lines

@@ -20,6 +20,7 @@ from socialbot.bags.reader import open_bag
 from socialbot.core.errors import InstallationError, ParameterError, RunError, SocialbotError
 from socialbot.core.installation import extra_command
 from socialbot.core.messages import NO_JSON
+from socialbot.core.paths import expect_inside
 from socialbot.graph.files import dump_graph, load_graph, with_changes
 from socialbot.graph.node import Graph
 from socialbot.runs.expectations import Verdict, evaluate, load_behaviours
@@ -212,7 +213,8 @@ class Journal:
     results: dict[str, BagResult] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        """Read the file. Raises RunError if it cannot be made."""
+        """Read the file. Raises RunError if it cannot be made, or leads out of its folder."""
+        expect_inside(self.path.parent, self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             lines = self.path.read_bytes().split(b"\n") if self.path.exists() else []

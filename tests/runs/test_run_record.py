@@ -198,3 +198,14 @@ def test_event_log_topics_of_the_hospital():
         "/nurse_disinfected1/team_messages", "/spotrobot1/team_messages", "/uvdrobot1/team_messages",
     }  # fmt: skip
     assert event_log_topics(load_graph("cleaner")) == {}
+
+
+@pytest.mark.parametrize("name", ["graph.yaml", "seen.jsonl", "results.json", "scored.jsonl", "trace.jsonl"])
+def test_a_folder_with_a_link_to_elsewhere_is_refused(tmp_path, name):
+    outside = tmp_path / "outside"
+    outside.write_text("mine")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / name).symlink_to(outside)
+    with pytest.raises(SocialbotError):
+        RunTrace(tmp_path / "run")
+    assert outside.read_text() == "mine"

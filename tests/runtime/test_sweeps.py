@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from socialbot.core.errors import ParameterError
+from socialbot.core.errors import ParameterError, RunError
 from socialbot.runs.expectations import load_behaviours
 from socialbot.runs.sweep_page import classes, heat_maps, sweep_page
 from socialbot.runs.sweeps import Axis, BagResult, Sweep, SweepCell, SweepVerdict, measured
@@ -51,6 +51,16 @@ def bag(tmp_path_factory) -> Path:
     made.with_name("eyes.yaml").write_text(GRAPH.format(model=model))
     made.with_name("behaviours.py").write_text(GREETS_SOON)
     return made
+
+
+def test_a_folder_with_a_link_to_elsewhere_is_refused(bag: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.write_text("mine")
+    (tmp_path / "sweep").mkdir()
+    (tmp_path / "sweep" / JOURNAL).symlink_to(outside)
+    with pytest.raises(RunError, match="link"):
+        SweepRunner(plan_of(bag, "waldo.appear_s=0.2,2"), tmp_path / "sweep", lambda done, total: None)
+    assert outside.read_text() == "mine"
 
 
 def plan_of(bag: Path, *variations: str, **more) -> SweepPlan:
