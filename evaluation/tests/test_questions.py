@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from ruamel.yaml import YAML
 
-from evaluation.questions import QUESTIONS, asked
+from evaluation.questions import QUESTIONS, REACHED, asked
 from evaluation.questions_check import Verifier
 from evaluation.questions_runs import RUNS
 from socialbot.runs.asking import answer
@@ -106,9 +106,13 @@ def test_denials_of_goals_are_unsupported(guard, change):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["visits", "guard", "hospital", "warehouse", "cleaner", "reception"])
-def test_answers_reach_the_right_records(name, tmp_path):
+def test_answers_reach_the_right_records(tmp_path):
     parts = YAML(typ="safe").load(QUESTIONS.read_text("utf-8"))
-    questions = [line for by_run in parts.values() for line in by_run.get(name, [])]
-    right, wrong, unsupported, _ = asked(*recorded(name, tmp_path), questions, None)
-    assert (unsupported, right >= 0.9 * len(questions)) == ([], True), wrong
+    number = reached = 0
+    misses: list[str] = []
+    for name in ("visits", "guard", "hospital", "warehouse", "cleaner", "reception"):
+        questions = [line for by_run in parts.values() for line in by_run.get(name, [])]
+        right, wrong, unsupported, _ = asked(*recorded(name, tmp_path / name), questions, None)
+        assert unsupported == []
+        number, reached, misses = number + len(questions), reached + right, misses + wrong
+    assert reached >= REACHED * number, misses

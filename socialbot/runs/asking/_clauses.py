@@ -24,6 +24,7 @@ _HEARSAY = {
     "told", "said", "say", "says", "heard", "hear", "believe", "think", "thought", "guess", "suppose", "assume",
     "claim", "claims", "bet", "reckon", "understand", "understood", "noticed", "saw", "gather",
 }  # fmt: skip
+_TAGS = ("true", "correct", "right")
 _MOST_WORDS = 8
 """Most words of a contrast."""
 
@@ -108,7 +109,7 @@ def _without_end(words: Sequence[str], language: Language) -> Sequence[str]:
     """Return words without another question at their end: ``..., do you know?``, ``... or did you not?``."""
     asking = {one[0] for name in INTERROGATIVES for one in language.phrases[name]}
     thinking, aside = {one[0] for one in language.phrases["matrix"]}, _function_words(language)
-    if len(words) > 3 and words[-1] in ("true", "correct") and words[-2] not in language.auxiliaries:
+    if len(words) > 3 and words[-1] in _TAGS and words[-2] not in (*language.auxiliaries, "the", "your", "my", "to"):
         words = words[:-1]
     for place in range(3, len(words)):
         alternative = words[place + 1 : place + 2]

@@ -14,6 +14,7 @@ _RECEIVES = {
     "who", "that", "in", "at", "or", "and", "with", "from",
 }  # fmt: skip
 """Verbs that say that something is done to a person, and words that begin a description of a person."""
+_NUMERALS = {"twice", "thrice"}
 _ADVERBS = {"ever", "already", "also", "even", "really", "actually", "just", "yet", "indeed", "never", "only", "still"}
 
 Kind = Literal["why", "why_not", "see", "next", "doing", "said", "who", "when", "how_long", "count", "did"]
@@ -34,7 +35,7 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
         return None, 0.0
     if _is_done_to_robot(reading) or (not has_topic and _is_described(reading)):
         return None, 0.0
-    if has("plan") and not has_topic and has("named") and not has("you"):
+    if has("plan") and not has_topic and has("named", "people") and not has("you"):
         return None, 0.0  # what people want is not known
     if not has(*INTERROGATIVES) and not has("here", "see", "longest", "shortest") and _is_done_by_a_person(reading):
         return None, 0.0  # "Did t4 like your help?"
@@ -75,6 +76,8 @@ def kind_of(reading: Reading, has_topic: bool, has_time: bool, has_span: bool) -
     if has("what"):
         return _what(reading, has_topic, sure)
     if has_topic:
+        if _NUMERALS.intersection(reading.words):
+            return "count", 1.0  # "You greeted t1 twice, right?"
         return ("next" if has("future", "plan") and not has("past") else "did"), 1.0
     if has("say") and has("you"):
         return "did", 0.95
@@ -157,6 +160,7 @@ def _is_said_by_a_person(reading: Reading) -> bool:
     verb = reading.place("say")
     speakers = [places[0] for name in ("named", "people", "nobody") for _, places in reading.found.get(name, ())]
     robot = [places[0] for _, places in reading.found.get("you", ())]
+    speakers += [place for place, word in enumerate(reading.words) if word in ("they", "he", "she")]
     return any(place < verb for place in speakers) and not any(place < verb for place in robot)
 
 

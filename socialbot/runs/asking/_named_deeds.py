@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from socialbot.runs.asking._references import Reading
-from socialbot.runs.asking._topics import Phrase, Subjects, Topic
-from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity
-from socialbot.runs.asking.languages.synonyms import synonyms
+from socialbot.runs.asking._topics import Phrase, Subjects, Topic, arguments_of
+from socialbot.runs.asking._words import ALIKE, FORM, likeness, similarity, tokens
+from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
 
 _SOFT = (
     "see",
@@ -50,6 +50,7 @@ class _Fit:
         fixed: The places of words that name it together, as ``drop off`` does.
         is_opposite: Whether they name its opposite.
         is_synonym: Whether they are no words of the agent.
+        is_by_name: Whether they name only its argument.
     """
 
     alike: float
@@ -58,6 +59,7 @@ class _Fit:
     fixed: tuple[int, ...] = ()
     is_opposite: bool = False
     is_synonym: bool = False
+    is_by_name: bool = False
 
     def outdoes(self, other: _Fit) -> bool:
         """Return whether the other one knows only some words of a phrase: "go ahead" is not to go."""
@@ -104,7 +106,8 @@ def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -
                 continue  # "Did you meet Bob?" is not about every deed to Bob
             alike, places = _loosely(phrase, words, free, soft)
             if places:
-                fits.append(_Fit(alike * (_BY_NAME if phrase in topic.named_by_argument else 1.0), places, topic))
+                is_by_name = phrase in topic.named_by_argument
+                fits.append(_Fit(alike * (_BY_NAME if is_by_name else 1.0), places, topic, is_by_name=is_by_name))
         if topic.declared is not None or subjects.done(topic):
             fits += _by_synonyms(topic, reading, free, soft)
         fits = [each for each in fits if not any(other.outdoes(each) for other in fits)]
@@ -118,7 +121,7 @@ def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -
         return Named()
     most = max(each.alike for each in found)
     near = [each for each in found if each.alike >= most - _SAME]
-    near.sort(key=lambda each: (verb not in each.places, not subjects.done(each.topic), -len(each.places), -each.alike))
+    near.sort(key=lambda each: (verb not in each.places, *_rank(each, subjects), -len(each.places), -each.alike))
     first = near[0]
     if first.alike < ALIKE - 0.04:
         return Named()
@@ -131,6 +134,18 @@ def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -
     # Other deeds have the same words, or some of them: "Bob" alone is no other deed for "let in".
     same = tuple(each.topic for each in near if places.intersection(each.places))
     return Named(same, min(1.0, first.alike), first.is_opposite, first.is_synonym)
+
+
+def _rank(fit: _Fit, subjects: Subjects) -> tuple[bool, int]:
+    """Return the order of deeds with the same words.
+
+    Deeds that were done come first, then those that were only wanted but are named by the agent's own words, what was
+    said to the same end, others, and deeds of which the words name only the argument.
+    """
+    is_saying = fit.is_synonym and fit.topic.is_saying
+    acted = not is_saying and bool(subjects.acted(fit.topic))
+    ranks = (fit.is_by_name, not acted and (is_saying or fit.is_synonym), not acted, fit.is_synonym and not is_saying)
+    return not subjects.done(fit.topic), sum(weight * rank for weight, rank in zip((8, 4, 2, 1), ranks, strict=True))
 
 
 def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int]) -> Iterator[_Fit]:
@@ -149,8 +164,13 @@ def _by_synonyms(topic: Topic, reading: Reading, free: set[int], soft: set[int])
         for other in {one for phrase in table.get(code, ())[:1] for one in synonyms(phrase, code)}:
             if places := places_of(other):
                 yield _Fit(_SYNONYM, places, topic, places, opposite, is_synonym=True)
-    if code != "en" or topic.is_saying:
+    if code != "en":
         return  # names of goals and actions are English
+    if topic.is_saying:
+        for other in acts_of(tokens(" ".join(arguments_of(topic.name)))):
+            if places := places_of(other):
+                yield _Fit(_SYNONYM, places, topic, places, is_synonym=True)
+        return
     for phrase in topic.loose:
         for other in synonyms(phrase[:1], code):
             if places := places_of(other):

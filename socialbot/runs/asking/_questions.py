@@ -36,11 +36,13 @@ from socialbot.runs.asking._roles import (
     is_explained,
     is_for_robot,
 )
+from socialbot.runs.asking._sentences import kind_of_name
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._topics import Subjects, Topic
 from socialbot.runs.asking._word_classes import classify, guess_interrogative, places_of_class, tells, words_of_deeds
 from socialbot.runs.asking._words import NUMBER_WORDS, is_ordinary_verb, quoted_tokens, stem, tokens
 from socialbot.runs.asking.languages import ENGLISH, INTERROGATIVES, LANGUAGES, Language
+from socialbot.runs.asking.languages.light_verbs import without_light_verbs
 from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
 
 SURE = 0.68
@@ -54,6 +56,7 @@ NEAR_S = 2.0
 """Tolerance (s) of a time in a question about a deed: people estimate times."""
 MOST_WORDS = 100
 """Words of the longest question that is understood; the time to read one grows with the square of its length."""
+_ARTICLES = {("the",), ("a",), ("an",)}
 _ALL_SAID = 0.99
 _MOST_CONFUSED = 2
 """Most words that a recogniser confused with words of the same sound."""
@@ -75,6 +78,7 @@ class Question:
         topics: The deed it is about; other deeds with the same words follow.
         person: The person it is about.
         agent: The agent that acted; empty for any.
+        agent_kind: Kind of the agents that acted, of ``which carrier``; empty for any.
         things: Names in it, such as box_a1, with the word before each, such as "to".
         at_s: Time in it, in seconds from the start; ``ago`` tells that it counts back from now.
         span_s: Span of time in it; with a negative begin it ends at the time of the question.
@@ -101,6 +105,7 @@ class Question:
     topics: tuple[Topic, ...] = ()
     person: PersonReference | None = None
     agent: str = ""
+    agent_kind: str = ""
     things: Mapping[str, str] = field(default_factory=dict)
     at_s: float | None = None
     ago: bool = False
@@ -195,6 +200,7 @@ def _prepared(words: Sequence[str], subjects: Subjects, language: Language, *, i
     result = without_matrix(_joined(spelled, subjects, language), language)
     if language is ENGLISH and is_plain:
         deeds = words_of_deeds(subjects, language.code, with_opposites=True)
+        result = without_light_verbs(result, has_people=bool(subjects.persons))
         result = paraphrased(result, deeds=deeds, has_people=bool(subjects.persons))
         result = addressed(caused(result, subjects, language), language)
     return result
@@ -248,7 +254,9 @@ def _event(parts: Parts, main: Question, subjects: Subjects, language: Language)
     what = _read_clause(parts.event, subjects, language)
     leaves, comes = tells(parts.event, language, "leaves"), tells(parts.event, language, "comes")
     first = (parts.event[0],)
-    is_by_person = what.person is not None or first in (*language.phrases["me"], *language.phrases["them"])
+    people = (*language.phrases["me"], *language.phrases["them"], *language.phrases["people"])
+    begin = parts.event[1:2] if first in _ARTICLES else first
+    is_by_person = what.person is not None or begin in people
     if what.about_speech and is_by_person and first not in language.phrases["you"]:
         heard = tuple(word for word in parts.event if word not in language.known_words)
         return Event(parts.relation, what, leaves=False, heard=heard)
@@ -332,6 +340,7 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     things |= {
         name: reading.words[place - 1] if place else "" for name, place in agents if name not in (agent, *things)
     }
+    agent_kind = _asked_kind(reading, subjects, topic) if topic is not None and not agent else ""
     kind, sure = kind_of(reading, topic is not None, at_s is not None, span_s is not None)
     if topic is not None and (is_for_robot(reading) or (reading.has("where") and not subjects.done(topic))):
         kind = None
@@ -356,13 +365,24 @@ def _read_clause(words: Sequence[str], subjects: Subjects, language: Language, q
     verb = None if verb is None or is_explained(reading, verb) else verb
     confidence = min(sure, fit) * coverage(reading, topic, subjects, deeds, verb)
     return Question(
-        kind, language.code, round(confidence, 3), topics, person, agent, things, at_s, ago, span_s, ordinal,
+        kind, language.code, round(confidence, 3), topics, person, agent, agent_kind, things, at_s, ago,
+        span_s, ordinal,
         is_past=reading.has("past") and not reading.has("future"), says=says, is_opposite=is_opposite,
         is_negative=reading.has("not", "nobody"), about_all=reading.has("all"), extreme=_extreme(reading),
         about_left_out=_is_about_left_out(reading), about_speech=reading.has("say"),
         asks=any(stem(reading.words[place]) == "ask" for place in reading.places("say")),
         unknown=unknown, verb="" if verb is None else reading.words[verb], is_synonym=named.is_synonym,
     )  # fmt: skip
+
+
+def _asked_kind(reading: Reading, subjects: Subjects, topic: Topic) -> str:
+    """Return the kind of agents of ``which carrier left``, if agents of this kind do the deed; else empty."""
+    if not reading.has("what", "who"):
+        return ""
+    place = min(places[0] for name in ("what", "who") for _, places in reading.found.get(name, ()))
+    asked = reading.words[place + 1] if reading.words[place] == "which" and place + 1 < len(reading.words) else ""
+    kinds = {kind_of_name(record.source) for record in subjects.done(topic)}
+    return asked if asked in kinds else ""
 
 
 def _extreme(reading: Reading) -> Literal["longest", "shortest", ""]:
@@ -402,6 +422,8 @@ def _words_said(
     while end < len(reading.words) and end > last + 1 and reading.words[end - 1] in ADDRESSING:
         end -= 1
     begin = last + 1
+    while end - begin > 1 and reading.words[begin] in _INDEFINITE:
+        begin += 1  # "ask someone to ..."
     while begin < end and (reading.words[begin] in spoken_to or (begin > last + 1 and reading.words[begin] == "to")):
         begin += 1  # "tell Ann to ..."
     aside = _BEFORE_ASKED if stem(reading.words[last]) == "ask" else _BEFORE_SAID

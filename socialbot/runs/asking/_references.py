@@ -303,9 +303,12 @@ def take_names(reading: Reading, subjects: Subjects) -> tuple[dict[str, str], li
         else:
             reading.found.setdefault("named", []).append((1.0, places))
             reading.found.setdefault(f"person {name}", []).append((1.0, places))
+    deeds = {stem(word) for topic in subjects.topics for phrase in topic.loose for word in phrase}
     for name, phrases in subjects.agent_words().items():
         for n, word in enumerate(words):
             single = phrases[-1] if phrases else ()
+            if stem(word) in deeds:
+                continue  # "clean" is a deed of the cleaner
             if n not in reading.taken and len(word) > 2 and len(single) == 1 and single[0].startswith(word):
                 reading.taken.add(n)
                 agents.append((name, n))

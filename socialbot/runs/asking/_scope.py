@@ -9,7 +9,7 @@ from typing import TypeVar
 from socialbot.core.messages import TraceRecord
 from socialbot.runs.asking._facts import Facts, near, record_agent
 from socialbot.runs.asking._questions import NEAR_S, Question
-from socialbot.runs.asking._sentences import Clause, Speech
+from socialbot.runs.asking._sentences import Clause, Speech, kind_of_name
 from socialbot.runs.asking._topics import Subjects, Topic, arguments_of
 from socialbot.runs.asking._words import tokens
 from socialbot.runs.asking.languages import LANGUAGES
@@ -153,14 +153,18 @@ class Scope:
         phrase = self.subjects.wording.phrases.get(call_of(record).partition("(")[0], "")
         shown = [arguments[n] for n in map(int, _SHOWN.findall(phrase)) if n < len(arguments)] if phrase else arguments
         if things and not set(things) <= {*shown, *arguments[:1], record.source}:
-            is_told = self.subjects.words_said(record) and {*things.values()} <= {"to"}
+            is_act = self.question.is_synonym and any(
+                topic.is_saying and topic.covers(call_of(record)) for topic in self.question.topics
+            )
+            is_told = self.subjects.words_said(record) and (is_act or {*things.values()} <= {"to"})
             return bool(is_told) and set(things) <= self.things_behind(record)  # words to Bob need not name him
         places = {word: int(n) for word, n in _PLACE.findall(phrase)}
         for thing, before in things.items():
             place = places.get(before)
             if place is not None and arguments[place : place + 1] != (thing,):
                 return False
-        return not self.agent or record_agent(self.history, record) == self.agent
+        agent, kind = record_agent(self.history, record), self.question.agent_kind
+        return self.agent in ("", agent) and kind in ("", kind_of_name(agent))
 
     def things_behind(self, deed: TraceRecord) -> set[str]:
         """Return the things in a deed, in its causes and, if it is a goal, in what was done for it."""

@@ -197,6 +197,9 @@ class Speech:
     def _partly(self, topic: Topic, things: Sequence[str]) -> str:
         """Return the sentence of a deed with only some of its arguments, each in the place of its kind."""
         sentence = self.facts.subjects.wording.phrases.get(topic.name)
+        if sentence is None and topic.is_saying:
+            said = " ".join(arguments_of(topic.name)).rstrip(",:;")
+            return f'says "{said}"' + (f" to {', '.join(things)}" if things else "")
         if sentence is None:
             return f"does {topic.name}" + (f" with {', '.join(things)}" if things else "")
         done = self.facts.subjects.done(topic)

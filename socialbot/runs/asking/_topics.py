@@ -251,11 +251,14 @@ class Subjects:
 
     def done(self, topic: Topic) -> list[TraceRecord]:
         """Return the records of a deed in order: what agents did, or else what they wanted."""
-        found = [record for record in self.deeds if any(topic.covers(call) for call in self.calls_of(record))]
-        if found:
+        if found := self.acted(topic):
             return found
         wanted = (record for record in self.history if record.kind in ("desire", "goal"))
         return [record for record in wanted if topic.covers(_literal(record))]
+
+    def acted(self, topic: Topic) -> list[TraceRecord]:
+        """Return the records of a deed that agents did, in order."""
+        return [record for record in self.deeds if any(topic.covers(call) for call in self.calls_of(record))]
 
     def words_said(self, record: TraceRecord) -> str:
         """Return the words of an utterance, or of an action such as ``say("hello")``; empty for other records."""

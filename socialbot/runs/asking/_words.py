@@ -101,7 +101,7 @@ _IRREGULAR = {
         "give": "gave given", "say": "said", "tell": "told", "see": "saw seen", "get": "got", "come": "came",
         "bring": "brought", "leave": "left", "hold": "held", "begin": "began", "choose": "chose", "make": "made",
         "send": "sent", "find": "found", "tidy": "tidied tidies", "carry": "carried carries", "speak": "spoke spoken",
-        "keep": "kept", "stand": "stood",
+        "keep": "kept", "stand": "stood", "let": "letting", "put": "putting", "set": "setting",
     }.items()
     for form in forms.split()
 }  # fmt: skip

@@ -9,8 +9,9 @@ from socialbot.runs.asking._clauses import without_matrix
 from socialbot.runs.asking._spelling import corrected
 from socialbot.runs.asking._words import similarity, tokens
 from socialbot.runs.asking.languages import ENGLISH, LANGUAGES
+from socialbot.runs.asking.languages.light_verbs import without_light_verbs
 from socialbot.runs.asking.languages.paraphrases import homophones, paraphrased
-from socialbot.runs.asking.languages.synonyms import synonyms
+from socialbot.runs.asking.languages.synonyms import acts_of, synonyms
 from socialbot.runs.run import RunView
 from tests.runs.asking.waldo_run import two_visitors
 
@@ -274,3 +275,44 @@ def test_homophones_are_mutual() -> None:
     assert "whether" in homophones("weather")
     assert "weather" in homophones("whether")
     assert homophones("greeting") == ()
+
+
+@pytest.mark.parametrize(
+    ("question", "plain"),
+    [
+        ("Did you let Ann come in?", "did you let ann in"),
+        ("Did you allow the second man to enter?", "did you let the second man in"),
+        ("Who got in?", "who was let in"),
+        ("His badge got rejected", "his badge was rejected"),
+        ("Did someone get ignored?", "did someone get ignored"),
+        ("Have you been to the kitchen?", "have you gone to the kitchen"),
+        ("How many boxes ended up on carrier b?", "how many boxes were put on carrier b"),
+        ("Who let the robot start cleaning?", "who permitted the robot cleaning"),
+        ("How did you answer when they thanked you?", "what did you say when they said thank you"),
+        ("What did you say when you were asked about it?", "what did you say when they asked you about it"),
+        ("Halfway through at 30 seconds, was anyone here?", "at 30 seconds was anyone here"),
+        ("Was anyone here halfway through?", "was anyone here halfway through"),
+        ("Was it t1 who left?", "did t1 left"),
+        ("Was it t1 that you greeted?", "did you greeted t1"),
+        ("What was the last thing you did?", "what did you do last"),
+        ("Why did it take you so long to greet t1?", "why did you greet t1"),
+    ],
+)
+def test_verbs_that_carry_another_word(question, plain):
+    assert without_light_verbs(tokens(question), has_people=True) == tokens(plain)
+
+
+def test_robots_leave_by_driving() -> None:
+    words = tokens("Why did carrier b leave before carrier a?")
+    assert without_light_verbs(words, has_people=True) == words
+    assert without_light_verbs(words, has_people=False)[4] == "depart"
+
+
+def test_words_that_do_a_deed_have_its_verbs() -> None:
+    assert ("let", "in") in acts_of(tokens("Come in, Ann"))
+    assert ("refuse",) in acts_of(tokens("You stay outside: the badge is unknown"))
+    assert acts_of(tokens("I am coming")) == frozenset()
+
+
+def test_number_of_deeds_in_a_statement_is_checked(waldo) -> None:
+    assert answer(waldo, "You greeted t1 twice, didn't you?").text.startswith("Once: at 2.2 s I greeted person t1")

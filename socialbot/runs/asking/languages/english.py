@@ -128,7 +128,10 @@ ENGLISH = Language(
             "tongue tied,reserved"
         ),
         "request": "can you,could you,would you,will you please,please,can you please,could you please,go and",
-        "start": "at the start,at the beginning,in the beginning,initially,to begin with",
+        "start": (
+            "at the start,at the beginning,at the very start,at the very beginning,in the beginning,initially,"
+            "to begin with"
+        ),
         "recently": "just now,right now,a moment ago,just,lately,now",
         "how_long": (
             "how long,for how long,how much time,how many seconds,how many minutes,since when,what duration,"
@@ -187,7 +190,8 @@ ENGLISH = Language(
             "dude,mister,friend,dear,robo,bot,took care of,take care of,has to do with,had to do with,have you got,"
             "with regard to,"
             "kindly,previously,"
-            "finally,ended up,end up,stand,standing,stood,straight away,spend,spent,visit"
+            "finally,herself,himself,itself,themselves,"
+            "ended up,end up,stand,standing,stood,straight away,spend,spent,visit"
         ),
         "place": "room,area,hall",
     },

@@ -38,10 +38,13 @@ _MEANINGS = """
     greet: say hey, say good morning, say good afternoon, say good evening, make welcome, bid welcome, wish good day,
         bid good day
     help: be of use, come to aid, do favour, do favor, be of assistance, come to rescue, need anything, need something
+    together: at once, at same time, all at once
+    tell way: give direction, give way description, explain way, describe way
+    authorize: give go ahead, give permission, give clearance, give green light, give okay, give ok
     why when: what be on mind when, what go through mind when, what go through head when
     why: for what cause, whatever for, to what end, with what aim, how do it come, what be you think, what be behind
 """
-_DEEDS = {"greet", "help", "ignore"}
+_DEEDS = {"greet", "help", "ignore", "authorize"}
 """Meanings that are deeds of some agents only."""
 _MOTION = "walk,come,step,stroll,wander,pop,drop,swing,roll,run,rush,march,saunter,breeze,file,drift,amble"
 _TOWARDS, _AWAY = "in,by,over,along,around,round,past,inside,through", "away,off,out"

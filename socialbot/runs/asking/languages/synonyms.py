@@ -6,7 +6,7 @@ has an action ``greet``, understands "Why did you welcome me?". Each line is a g
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 from socialbot.runs.asking._words import stem
@@ -21,14 +21,16 @@ _GROUPS: Mapping[str, str] = {
         wait, pause, hesitate, linger, stand by, hold on
         idle, stay idle, be idle, rest, do nothing, stand still, stand around, inactive
         pick, pick up, pickup, grab, grasp, grip, lift, take, collect, fetch, seize, clutch, get hold of, take hold of
-        put, place, load, lay, set down, put down, put on, put in, put away, deposit, stow, stack, position, drop off
+        put, place, load, lay, set down, put down, put on, put in, put away, deposit, stow, stack, position, drop off,
+            hand over, pass over to
         drop, let fall, let go of, lose hold of
         move, drive, go, travel, head, ride, roll, set off, depart, make for, proceed, navigate, come, return,
             reach, get to, get round to, get around to, pull out, pull away, take off, roll out, set out, get going,
             relocate, cruise, make way to
         unload, discharge, empty, offload, unpack, dump, drop off, get rid of
         call, request, summon, order, beckon, send for, call for, ask for, ask to come,
-            ask over, call over, call in, bring in, page, req
+            ask over, call over, call in, bring in, page, req, tell to come, get to come, make come,
+            have come, bring over, tell to go
         open, open up
         close, shut
         lock, lock up, bolt
@@ -39,14 +41,15 @@ _GROUPS: Mapping[str, str] = {
         check, verify, examine, inspect, validate, test, look over, check on, check up on, take a look at, take look at
         authenticate, identify, verify, establish identity
         authorize, authorise, permit, allow, approve, clearance, permission, go ahead, green light
-        approach, walk up to, go up to, come up to, go over to, walk over to, move up to, draw near, close in on
+        approach, walk up to, go up to, come up to, go over to, walk over to, move up to, draw near, close in on,
+            get to, reach
         admit, let in, let inside, let enter, let through, let pass, allow in, allow through, wave through, give access
         refuse, reject, turn away, turn down, send away, deny, decline, shut out, keep out
         fail, break down, go wrong
         guide, lead, escort, accompany, usher, show the way, direct
         deliver, bring, carry, transport, convey, transfer, hand over
         search, look for, seek, hunt for
-        charge, recharge, dock, plug in
+        charge, recharge, dock, plug in, top up, power up, juice up
         turn, rotate, spin, swivel
         stop, halt, brake, come to a stop
         follow, trail, chase, go after
@@ -115,6 +118,34 @@ _GROUPS: Mapping[str, str] = {
         limpiar, limpiaste, ordenar, ordenaste
     """,
 }
+
+
+_ACTS = """
+    come in, enter, go in, go through, may pass: let in, admit, let enter, allow in, let through, wave through
+    stay outside, go away, may not enter, cannot enter, no entry, keep out, stay out, wait outside:
+        refuse, reject, turn away, turn down, send away, deny, keep out, shut out
+    thank you, thanks: thank
+    sorry, apologise, apologize: apologise, apologize, apology
+    goodbye, bye, see you: say goodbye, say bye, farewell
+"""
+"""Words that do a deed when they are said, and verbs for it."""
+
+
+@cache
+def _acts() -> Sequence[tuple[Sequence[Phrase], Sequence[Phrase]]]:
+    lines = (line.partition(":") for line in _ACTS.replace(":\n", ":").splitlines() if line.strip())
+    return [
+        ([tuple(one.split()) for one in said.split(",")], [tuple(one.split()) for one in verbs.split(",")])
+        for said, _, verbs in lines
+    ]
+
+
+def acts_of(said: Sequence[str]) -> frozenset[Phrase]:
+    """Return English verbs for what words do when they are said: "Come in" lets somebody in."""
+    text = f" {' '.join(said)} "
+    return frozenset(
+        verb for words, verbs in _acts() if any(f" {' '.join(one)} " in text for one in words) for verb in verbs
+    )
 
 
 @cache
