@@ -2,7 +2,8 @@
 
 Synthetic voices speak sentences, mixed with the echo of a room and with noise. The real `Hearing` node hears them in
 simulated time. Printed are the word error rate by signal-to-noise ratio, the time from the end of speech to its text,
-and the false activations per hour of noise. A folder holds pairs NAME.wav and NAME.txt.
+the false activations per hour of noise, and how soon a person interrupts the robot in a room. A folder holds pairs
+NAME.wav and NAME.txt.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ BABBLE = (
 VOICES = ("piper:joe", "en-us", "en-gb-x-rp", "en-us+f3")
 NOISES = ("babble", "pink")
 RATIOS_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
+PARTS = ("recognition", "noise", "barge_in")
 LEVEL = 3000.0  # Root mean square of speech.
 _BEFORE_S, _AFTER_S = 2.0, 3.0
 _QUIET = 0.02  # Share of the peak below which a recording is silent.
@@ -287,7 +289,23 @@ def main() -> None:
     parser.add_argument("--ratios", nargs="+", type=float, default=list(RATIOS_DB), help="signal-to-noise ratios, dB")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of each noise without speech")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what is measured")
+    parser.add_argument("--rooms", type=int, default=20, help="rooms in which a person interrupts the robot")
+    parser.add_argument("--jobs", type=int, default=1, help="parallel processes for the rooms")
     options = parser.parse_args()
+    if options.folder is not None or "recognition" in options.parts:
+        recognition(options)
+    if options.folder is None and "noise" in options.parts and options.minutes > 0:
+        noise(options)
+    if options.folder is None and "barge_in" in options.parts and options.rooms > 0:
+        from evaluation.hearing_rooms import measured
+
+        for row in measured(options.rooms, options.seed, options.jobs):
+            print(row, flush=True)
+
+
+def recognition(options: argparse.Namespace) -> None:
+    """Print word error rates and delays."""
     listener = Listener({"model": options.model, "languages": options.languages})
     scenery = Scenery(options.seed)
     if options.folder is not None:
@@ -310,10 +328,15 @@ def main() -> None:
             print(line(f"{noise} {ratio:g} dB, all", every), flush=True)
             total.add(every)
     print(line("all", total))
-    for noise in ("white", "pink", "hum", "knocks") if options.minutes > 0 else ():
-        voices, texts = false_activations(listener, scenery, noise, options.minutes)
+
+
+def noise(options: argparse.Namespace) -> None:
+    """Print how much of noise is taken for speech."""
+    listener, scenery = Listener({"model": options.model, "languages": options.languages}), Scenery(options.seed)
+    for kind in ("white", "pink", "hum", "knocks"):
+        voices, texts = false_activations(listener, scenery, kind, options.minutes)
         hours = math.ceil(options.minutes) / 60
-        print(f"{noise:10} {voices / hours:6.1f} voices an hour, {texts / hours:6.1f} texts an hour", flush=True)
+        print(f"{kind:10} {voices / hours:6.1f} voices an hour, {texts / hours:6.1f} texts an hour", flush=True)
 
 
 if __name__ == "__main__":

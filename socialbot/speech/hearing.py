@@ -16,7 +16,7 @@ from socialbot.core.messages import AudioData, HeardSpeech, PersonDetections, Sp
 from socialbot.graph.node import Context, Node
 from socialbot.graph.ports import Delivery, Input, Output, Parameter
 from socialbot.speech.audio import RATE_HZ, Converter, duration_ns, samples_of
-from socialbot.speech.hearing_echo import FRAME, BargeInDetector, EchoCanceller, OwnVoice
+from socialbot.speech.hearing_echo import FRAME, NO_ECHO_DB, BargeInDetector, EchoCanceller, OwnVoice
 from socialbot.speech.hearing_speaker import SpeakerFinder
 from socialbot.speech.recognition import RecognizedText, SpeechRecognizer, WhisperRecognizer
 from socialbot.speech.voice_activity import (
@@ -121,8 +121,10 @@ class Hearing(Node):
         self._check = SoundCheck()
         self._raw = np.zeros(0, np.int16)
         """Sound that is not a whole frame yet; it ends at ``_end``."""
-        self._clean = np.zeros((2, 0), np.int16)
-        """Sound as recorded and without echo that is not a whole chunk yet; it ends where ``_raw`` begins."""
+        self._clean = np.zeros((3, 0), np.float32)
+        """Sound as recorded and without echo that is not a whole chunk yet, and its rest (dB).
+
+        It ends where ``_raw`` begins."""
         self._end = 0
         self._voices = 0
         self._active = False
@@ -207,26 +209,26 @@ class Hearing(Node):
         frames, begin = self._raw[:count], self._end - self._raw.size * SECOND // RATE_HZ
         self._raw = self._raw[count:]
         played = self._own.played(begin, count)
-        if played is None:
-            clean = frames
-        else:
+        clean, rest_db = frames, np.full(count // FRAME, NO_ECHO_DB)
+        if played is not None:
             self._canceller = self._canceller or EchoCanceller()
-            clean = self._canceller.process(frames, played)
-        both = np.concatenate([self._clean, np.stack([frames, clean])], axis=1)
-        time = begin + (count - both.shape[1]) * SECOND // RATE_HZ
-        while both.shape[1] >= CHUNK:
-            self._take_chunk(both[0, :CHUNK], both[1, :CHUNK], time)
-            both, time = both[:, CHUNK:], time + CHUNK_NS
-        self._clean = both
+            clean, rest_db = self._canceller.process(frames, played)
+        added = np.stack([frames, clean, np.repeat(rest_db, FRAME)]).astype(np.float32)
+        sound = np.concatenate([self._clean, added], axis=1)
+        time = begin + (count - sound.shape[1]) * SECOND // RATE_HZ
+        while sound.shape[1] >= CHUNK:
+            raw, without = sound[:2, :CHUNK].astype(np.int16)
+            self._take_chunk(raw, without, float(sound[2, CHUNK - 1]), time)
+            sound, time = sound[:, CHUNK:], time + CHUNK_NS
+        self._clean = sound
 
-    def _take_chunk(self, raw: np.ndarray, clean: np.ndarray, time: int) -> None:
+    def _take_chunk(self, raw: np.ndarray, clean: np.ndarray, rest_db: float, time: int) -> None:
         assert self._detector is not None
         probability = self._detector.probability(clean)
         self._own.push(time, time + CHUNK_NS, raw)
         if self._own.is_heard(time) and not self._has_floor:
-            interrupts = self._barge_in.push(raw, clean, probability)
-            known = self._canceller is not None and self._canceller.converged
-            if self.barge_in and self._own.known and known and interrupts:
+            interrupts = self._barge_in.push(rest_db, probability)
+            if self.barge_in and self._own.known and interrupts:
                 self._has_floor = True
                 self.stop_speech.publish(StopSpeech(stamp=self.clock.now(), reason="a person speaks"))
             else:
@@ -248,7 +250,7 @@ class Hearing(Node):
         if self._detector is not None:
             self._detector.reset()
         self._converter = None
-        self._raw, self._clean = np.zeros(0, np.int16), np.zeros((2, 0), np.int16)
+        self._raw, self._clean = np.zeros(0, np.int16), np.zeros((3, 0), np.float32)
 
     def _on_segment(self, segment: SpeechSegment) -> None:
         if not self._active:
