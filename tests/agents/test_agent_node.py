@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from socialbot.agents.base import agent_node
 from socialbot.agents.base.agent_node import AgentNode
 from socialbot.bdi import Engine
-from socialbot.core.errors import GraphError
+from socialbot.core.clock import SECOND
+from socialbot.core.errors import GraphError, NodeError
+from socialbot.core.messages import Mind
 from socialbot.testing import GraphTester
 
 
@@ -22,3 +25,42 @@ def test_an_engine_that_build_does_not_return_is_missed():
     with pytest.raises(GraphError, match=r"node: Forgetful\.build returns None, which is no engine") as caught:
         GraphTester(Forgetful)
     assert "return engine" in str(caught.value.remedy)
+
+
+class Endless(AgentNode):
+    """Has a goal that follows itself, with or without beliefs and failures on its way."""
+
+    plans = ""
+
+    def build(self) -> Engine:
+        engine = Engine("endless", self.clock, robot=self, sink=self.record, wake=self.wake)
+        engine.add_text(f"!meet(0). {self.plans}")
+        return engine
+
+
+ENDLESS = {
+    "goal": "+!meet(W) <- !meet(W).",
+    "goal first": "+!meet(W) <- !meet(W); .print(W).",
+    "new goal": "+!meet(W) <- !!meet(W).",
+    "belief": "+!meet(W) <- -+met(W + 1). +met(W) <- -+met(W + 1).",
+    "failure": "+!meet(W) <- .fail. -!meet(W) <- !meet(W).",
+}
+
+
+@pytest.mark.parametrize("plans", ENDLESS.values(), ids=ENDLESS)
+def test_plans_without_end_are_an_error_where_time_is_simulated(plans: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("socialbot.graph.inline.MOST_AT_ONCE", 50_000)
+    endless = GraphTester(type("Agent", (Endless,), {"plans": plans}))
+    with pytest.raises(NodeError, match=r"messages or calls follow each other at 0\.000 s"), endless:
+        endless.run(1)
+
+
+def test_a_burst_of_events_shows_the_mind_when_the_agent_is_idle(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(agent_node, "TURNS", 4)
+    plans = "+!meet(1000) <- +met. +!meet(W) <- .my_name(Me); !!meet(W + 1)."
+    with GraphTester(type("Agent", (Endless,), {"plans": plans}), start=SECOND) as agent:
+        agent.run(0)
+        minds = agent.messages("/agent/mind")
+    assert len(minds) <= 2
+    assert isinstance(minds[-1], Mind)
+    assert [belief.text for belief in minds[-1].beliefs] == ["met"]

@@ -30,6 +30,12 @@ from socialbot.graph.ports import Delivery, Input, Output, Parameter
 SAVE_EVERY_S = 0.2
 """Minimum time between two saves."""
 
+TURNS = 16
+"""Turns of the engine between two looks at other messages and calls of the node."""
+
+SHOW_EVERY_S = 0.1
+"""Minimum time between two messages about the mind of an agent that never becomes idle."""
+
 RECORDS_SKIPPED = 1000
 """Trace numbers to skip after a restart: records since the last save may have used them."""
 
@@ -123,6 +129,7 @@ class AgentNode(Node):
         self._due: int | None = None
         self._alarm: Timer | None = None
         self._shown: Mind | None = None
+        self._next_look = 0
         self._beliefs: tuple[MindBelief, ...] | None = None
         self._mind_file: MindFile | None = None
         self._paused = False
@@ -166,10 +173,12 @@ class AgentNode(Node):
         """Run the engine, and schedule the next call."""
         if self._paused:
             return
-        if self.engine.run_until_idle():
+        busy = self.engine.run_until_idle(TURNS)
+        if busy:
             self.wake()
         self._set_alarm(self.engine.next_wakeup())
-        self._show_mind()
+        if not busy or self.clock.now() >= self._next_look:
+            self._show_mind()
 
     # Commands of users
 
@@ -257,6 +266,7 @@ class AgentNode(Node):
 
     def _show_mind(self) -> None:
         engine, before = self.engine, self._shown
+        self._next_look = self.clock.now() + nanoseconds(SHOW_EVERY_S)
         if self._beliefs is None:
             self._beliefs = tuple(
                 MindBelief(text=str(held.belief), source=held.source, since=held.since) for held in engine.beliefs
