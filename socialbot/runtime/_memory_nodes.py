@@ -9,9 +9,9 @@ from typing import Any, get_type_hints
 import msgspec
 import numpy as np
 
-from socialbot.core.errors import NodeError, ParameterError
+from socialbot.core.errors import NodeError, ParameterError, SocialbotError
 from socialbot.core.messages import Message
-from socialbot.graph.node import Context, Node
+from socialbot.graph.node import Context, Node, failure_text
 from socialbot.graph.ports import Output
 
 BEGIN, START = -2, -1
@@ -79,7 +79,8 @@ class StepRecorder:
         try:
             work()
         except Exception as error:
-            step.error = type(error).__name__, str(error)
+            name, _, text = failure_text(error).partition(": ")
+            step.error = name, text
             raise
         finally:
             self._step = None
@@ -201,7 +202,8 @@ class StepPlayer:
             else:
                 node.log.log(int(name), "%s", content.decode())
         if step.error is not None:
-            raise type(step.error[0], (Exception,), {})(step.error[1])
+            name, text = step.error
+            raise type(name, (SocialbotError,), {})(text)  # an error for users: its text has the place already
 
     def finish(self) -> None:
         """Note steps that were not played."""
