@@ -79,7 +79,8 @@ class Capture:
             self._device.start(receiver)
         except miniaudio.MiniaudioError as error:
             remedy = "plug one in and check that no other program uses it; or give a .wav file"
-            raise DeviceError(f"no microphone ({error})", where=source, remedy=remedy) from error
+            reason = error.args[0] if error.args else error  # the text, without the number of the error
+            raise DeviceError(f"no microphone ({reason})", where=source, remedy=remedy) from error
 
     def _receive(self) -> Generator[None, Any, None]:
         while True:

@@ -104,6 +104,13 @@ def test_unknown_device_lists_the_known_ones() -> None:
     assert "NULL Capture Device" in str(caught.value.remedy)
 
 
+def test_without_a_device_the_reason_is_a_sentence() -> None:
+    backend = miniaudio.Backend.SNDIO  # of another system
+    with pytest.raises(DeviceError, match=r"no microphone \([a-z ]+\)") as caught:
+        Capture("default", 16000, 1, 0.02, lambda data: None, backends=[backend])
+    assert "plug one in" in str(caught.value.remedy)
+
+
 def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "miniaudio", None)
     with pytest.raises(InstallationError, match="miniaudio is not installed") as caught:
