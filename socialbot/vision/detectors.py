@@ -254,7 +254,7 @@ class DetectorSpec:
     certain: float = 0.8
     faces: bool = True
     bridge_s: float = 0.15
-    clear: float = 0.375
+    clear: float = 0.125
 
 
 def _hog(settings: DetectorSettings) -> Detector:

@@ -118,7 +118,7 @@ class Tracker:
         weak: float,
         *,
         confirm: int = 2,
-        clear: float = 0.375,
+        clear: float = 0.125,
         bridge_s: float = 0.5,
         keep_s: float = 2.0,
         remember_s: float = REMEMBER_S,

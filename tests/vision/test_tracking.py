@@ -77,7 +77,8 @@ def test_weak_boxes_start_no_track():
 def test_one_of_the_first_two_boxes_may_be_weak():
     for scores, shown in [
         ((0.4, 0.6), [0, 1]),
-        ((0.6, 0.4, 0.6), [0, 0, 1]),
+        ((0.6, 0.4), [0, 1]),
+        ((0.55, 0.4, 0.6), [0, 0, 1]),
         ((0.74, 0.6), [0, 1]),
         ((0.4, 0.4, 0.4), [0, 0, 0]),
     ]:
