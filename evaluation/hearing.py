@@ -289,7 +289,7 @@ def main() -> None:
     parser.add_argument("--ratios", nargs="+", type=float, default=list(RATIOS_DB), help="signal-to-noise ratios, dB")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of each noise without speech")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what is measured")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="parts to measure")
     parser.add_argument("--rooms", type=int, default=20, help="rooms in which a person interrupts the robot")
     parser.add_argument("--jobs", type=int, default=1, help="parallel processes for the rooms")
     options = parser.parse_args()

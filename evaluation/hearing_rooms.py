@@ -1,7 +1,7 @@
 """Interruption of a robot that speaks in simulated rooms, for ``python -m evaluation.hearing --parts barge_in``.
 
 Each room is a box with a microphone, a loudspeaker and a person at random places. Its echoes are computed by the image
-source method. The real speaker and hearing nodes run in simulated time, and what is played stops when they stop it.
+source method. The real speaker and hearing nodes run in simulated time. The sound stops when the speaker stops it.
 """
 
 from __future__ import annotations

@@ -308,8 +308,8 @@ def violations(
     """Check the commands and results of a ward independently; ``homes`` are the rooms of the nurses.
 
     Each command has one result, and no agent acts in parallel. Partners do joint actions together. A room may be
-    disinfected only in this order: its nurse, who has confirmed the robot, permits a patrol; the patrol finds the room
-    fit; the patrolling robot admits the other one.
+    disinfected only after these steps, in this order: its nurse confirms the robot and permits a patrol, the patrol
+    finds the room fit, and the patrolling robot admits the other one.
 
     Returns:
         The violations.

@@ -70,7 +70,7 @@ class PlaybackOptions:
 
 
 class _Answers:
-    """How far the graph has answered what is played, as a number that grows: a stamp, or a count."""
+    """Progress of the graph with the played messages, as a growing number: a stamp, or a count."""
 
     def __init__(self, timeout_s: float) -> None:
         self.reached = 0

@@ -57,10 +57,10 @@ def test_plans_without_end_are_an_error_where_time_is_simulated(plans: str, monk
 
 def test_a_burst_of_events_shows_the_mind_when_the_agent_is_idle(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(agent_node, "TURNS", 4)
-    plans = "+!meet(1000) <- +met. +!meet(W) <- .my_name(Me); !!meet(W + 1)."
+    plans = "+!meet(W) <- +met(W). +met(1000). +met(W) <- -+met(W + 1)."
     with GraphTester(type("Agent", (Endless,), {"plans": plans}), start=SECOND) as agent:
         agent.run(0)
         minds = agent.messages("/agent/mind")
     assert len(minds) <= 2
     assert isinstance(minds[-1], Mind)
-    assert [belief.text for belief in minds[-1].beliefs] == ["met"]
+    assert [belief.text for belief in minds[-1].beliefs] == ["met(1000)"]

@@ -139,8 +139,8 @@ def named_deeds(reading: Reading, subjects: Subjects, verb: int | None = None) -
 def _rank(fit: _Fit, subjects: Subjects) -> tuple[bool, int]:
     """Return the order of deeds with the same words.
 
-    Deeds that were done come first, then those that were only wanted but are named by the agent's own words, what was
-    said to the same end, others, and deeds of which the words name only the argument.
+    Deeds that were done come first. Among the rest, deeds named by the agent's own words come before what was said to
+    the same end, then others, and last deeds of which the words name only the argument.
     """
     is_saying = fit.is_synonym and fit.topic.is_saying
     acted = not is_saying and bool(subjects.acted(fit.topic))

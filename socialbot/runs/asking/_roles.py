@@ -1,4 +1,4 @@
-"""Who acts in a question, what the verb is, and who is addressed."""
+"""The agent, the verb and the person addressed in a question."""
 
 from __future__ import annotations
 
