@@ -15,7 +15,7 @@ from socialbot.bdi.literals import Event, Goal, Literal, ground, literal, litera
 from socialbot.bdi.plans import Origin, Plan
 from socialbot.bdi.steps import Await, PlanFailed, Step
 from socialbot.bdi.terms import Atom, Comparison, Condition, Conjunction, Expression, Variable, show
-from socialbot.bdi.trace import described, log
+from socialbot.bdi.trace import log, message_of
 from socialbot.bdi.unification import closed, resolve
 from socialbot.core.errors import RuleError
 
@@ -315,7 +315,7 @@ def failure_of(
     if isinstance(problem, PlanFailed):
         reason, message, notes = problem.reason, str(problem), problem.annotations
     else:
-        reason, message, notes = "exception", f"{type(problem).__name__}: {described(problem)}", ()
+        reason, message, notes = "exception", f"{type(problem).__name__}: {message_of(problem)}", ()
     trace = interpreter.trace
     if cause is None and trace.sink is not None:
         cause = record_behind(problem) or (goal[4] if goal is not None else "")

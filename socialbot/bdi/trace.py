@@ -81,7 +81,7 @@ class TraceWriter:
 
     def record_failure(self, what: str, cause: Any, problem: Exception) -> str:
         """Log an exception of user code and write a record of it; return its id."""
-        message, place = described(problem), place_of(problem, _ROOM)
+        message, place = message_of(problem), place_of(problem, _ROOM)
         log().warning("%s: %s: %s%s", self.name, what, message, place and f" ({place})")
         where = {"where": place} if place else {}
         return self.record("failure", what, cause, reason=type(problem).__name__, message=message, **where)
@@ -94,7 +94,7 @@ class TraceWriter:
         return chain(record)
 
 
-def described(problem: Exception) -> str:
+def message_of(problem: Exception) -> str:
     """Message of an exception of user code."""
     if isinstance(problem, RecursionError):
         limit = sys.getrecursionlimit()

@@ -37,7 +37,7 @@ from socialbot.bridge._lifecycle import (
     parameter_values,
     watch_parameters,
 )
-from socialbot.bridge._node_thread import NodeThread, log_failure, start_failure
+from socialbot.bridge._node_thread import NodeThread, log_failure, report_start_failure
 from socialbot.bridge._services import HostedServices
 from socialbot.bridge.diagnostics import (
     Connection,
@@ -214,7 +214,7 @@ class NodeHost:
     def transition_to(self, state: str) -> None:
         """Bring the node to a lifecycle state; set `failure` on error."""
         if not self._ros.transition_to(state) and self._ros.error is not None:
-            self._error = start_failure(self.name, self._ros.error)
+            self._error = report_start_failure(self.name, self._ros.error)
 
     def stop(self) -> None:
         """Stop the node, and remove it from the ROS graph."""

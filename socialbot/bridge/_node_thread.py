@@ -19,7 +19,7 @@ from socialbot.core.errors import NodeError, SocialbotError
 from socialbot.core.messages import Health, Message
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import BEAT_S, HealthMonitor
-from socialbot.graph.node import Node, NodeConfig, Timer, failure_text, outcome
+from socialbot.graph.node import Node, NodeConfig, Timer, failure_text, outcome, start_failure
 from socialbot.graph.ports import Output
 from socialbot.graph.services import ClientPort
 
@@ -31,6 +31,7 @@ QUIET_WAIT_S = 2.0  # time after which a node reports missing connections
 POLL_S = 0.02
 
 SCHEDSTAT = "/proc/thread-self/schedstat"
+_ROOM = os.path.dirname(__file__)
 
 
 class _ThreadSchedstat(threading.local):
@@ -175,7 +176,7 @@ class NodeThread:
             self._health.begin(self.node, lambda time, beat: self.queue.call_at(time, InternalCall(beat)))
             self.queue.monitor_inputs(self._health)
         except Exception as error:  # noqa: BLE001 - a node may raise anything when it starts
-            self.failure = start_failure(self.name, error)
+            self.failure = report_start_failure(self.name, error)
             return
         self._on_alive()
         while self.failure is None and (item := self.queue.take()) is not None:
@@ -216,7 +217,7 @@ class NodeThread:
             return
         except Exception as error:  # noqa: BLE001 - a failing callback must not stop the graph
             self._statistics.failures += 1
-            self._statistics.first_failure = self._statistics.first_failure or _described(error)
+            self._statistics.first_failure = self._statistics.first_failure or failure_text(error, _ROOM)
             log_failure(self.name, "failed", error, self._statistics.failures)
         if isinstance(item, InternalCall) or item == self._health.look:
             return
@@ -228,16 +229,11 @@ class NodeThread:
         self._statistics.count_call(seconds)
 
 
-def _described(error: Exception) -> str:
-    return failure_text(error, os.path.dirname(__file__))
-
-
-def start_failure(node: str, error: Exception) -> SocialbotError:
+def report_start_failure(node: str, error: Exception) -> SocialbotError:
     """Return the error of a node that cannot start; log unexpected exceptions with their traceback."""
-    if isinstance(error, SocialbotError):
-        return error
-    log_failure(node, "cannot start", error, 1)
-    return NodeError(f"cannot start: {_described(error)}", where=node)
+    if not isinstance(error, SocialbotError):
+        log_failure(node, "cannot start", error, 1)
+    return start_failure(node, error, _ROOM)
 
 
 def log_failure(node: str, what: str, error: Exception, count: int) -> None:

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from socialbot.core.clock import SECOND, Clock, ManualClock, nanoseconds
-from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message
 from socialbot.graph._local_services import LocalChannel, LocalServices
 from socialbot.graph.calls import Channel
 from socialbot.graph.health import HEALTH_TOPIC, HealthMonitor, ended, own_health_topic
-from socialbot.graph.node import Graph, Node, NodeConfig, Timer, failure_text, outcome
+from socialbot.graph.node import Graph, Node, NodeConfig, Timer, failure_text, outcome, start_failure
 from socialbot.graph.ports import EVERYBODY, Delivery, Input, Output
 from socialbot.graph.services import ClientPort
 
@@ -362,8 +362,3 @@ def _start(node: Node) -> None:
         node.start()
     except Exception as error:
         raise start_failure(node.name, error) from error
-
-
-def start_failure(node: str, error: Exception) -> SocialbotError:
-    """Return the error of a node that cannot start."""
-    return error if isinstance(error, SocialbotError) else NodeError(f"cannot start: {failure_text(error)}", where=node)

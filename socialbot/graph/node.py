@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from socialbot.core.clock import Clock, nanoseconds
-from socialbot.core.errors import GraphError, ParameterError, described, suggestion
+from socialbot.core.errors import GraphError, NodeError, ParameterError, SocialbotError, described, suggestion
 from socialbot.core.lazy import RenamedAttribute
 from socialbot.core.messages import Message, RosMessage, State
 from socialbot.graph.calls import Channel
@@ -258,6 +258,13 @@ def outcome(work: Callable[[], R]) -> R | Exception:
 def failure_text(error: Exception, *rooms: str) -> str:
     """Return type, message and place of an exception of a node; frames of this room and of ``rooms`` are no place."""
     return described(error, os.path.dirname(__file__), *rooms)
+
+
+def start_failure(node: str, error: Exception, *rooms: str) -> SocialbotError:
+    """Return the error of a node that cannot start; ``rooms`` as in `failure_text`."""
+    if isinstance(error, SocialbotError):
+        return error
+    return NodeError(f"cannot start: {failure_text(error, *rooms)}", where=node)
 
 
 def _declared(cls: type, kind: Any) -> dict[str, Any]:
