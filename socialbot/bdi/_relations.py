@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
-from socialbot.bdi._notes import MANY_NOTES, Annotations, NoteSet
+from socialbot.bdi._annotations import MANY_ANNOTATIONS, Annotations, AnnotationSet
 from socialbot.bdi.literals import Belief, KnownSource, Literal, literal_from_key
 from socialbot.bdi.terms import Cons, Rest, by_order
 from socialbot.bdi.unification import Trail, closed, resolve, undo, unify
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Args = tuple[Any, ...]
 
 Fact = tuple[int, Any, Any]
-"""Held belief: its begin (ns), its annotations (a tuple or a `NoteSet`), and the trace record of its begin."""
+"""Held belief: its begin (ns), its annotations (a tuple or a `AnnotationSet`), and the trace record of its begin."""
 
 Watcher = Callable[[Args, bool, Any], object]
 """Callback with the arguments of a belief, whether it is held now, and the record of the change."""
@@ -205,7 +205,7 @@ class Relation:
         held = self.facts[args][1]
         if held is notes:
             return ()
-        if held.__class__ is not NoteSet:
+        if held.__class__ is not AnnotationSet:
             notes = self._merge_few(args, notes)
         elif len(notes) == 1 and notes[0].__class__ is KnownSource:
             name = notes[0].args[0]
@@ -219,7 +219,7 @@ class Relation:
         return notes
 
     def _merge_few(self, args: Args, notes: Annotations) -> Annotations:
-        """Variant of `merge` for a belief without a `NoteSet`, which gets one with many annotations."""
+        """Variant of `merge` for a belief without a `AnnotationSet`, which gets one with many annotations."""
         since, held, begin = self.facts[args]
         if len(notes) > 1:
             notes = tuple(note for note in notes if note not in held)
@@ -227,9 +227,9 @@ class Relation:
             return ()
         if notes:
             held += notes
-            if len(held) >= MANY_NOTES:
+            if len(held) >= MANY_ANNOTATIONS:
                 with contextlib.suppress(TypeError):  # Some values cannot be hashed.
-                    held = NoteSet(held)
+                    held = AnnotationSet(held)
             self.facts[args] = (since, held, begin)
         return notes
 
@@ -305,7 +305,7 @@ def known_parts(args: Args, path: tuple[Any, ...] = ()) -> tuple[tuple[Path, ...
 def choices(pattern: Annotations, held: Any, trail: Trail, used: Annotations = ()) -> Iterator[None]:
     """Bind the annotations of the pattern to those held; yield once for each solution.
 
-    Those held are a tuple or a `NoteSet`. ``used`` are the ones that earlier annotations matched.
+    Those held are a tuple or a `AnnotationSet`. ``used`` are the ones that earlier annotations matched.
     """
     if not pattern:
         yield None
@@ -318,7 +318,7 @@ def choices(pattern: Annotations, held: Any, trail: Trail, used: Annotations = (
         undo(trail, mark)
         return
     known = closed(pattern[0])
-    if known and held.__class__ is NoteSet:
+    if known and held.__class__ is AnnotationSet:
         found = held.candidates(pattern[0])
     else:
         found = held if known else by_order(held)

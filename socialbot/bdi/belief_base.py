@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from socialbot.bdi._annotations import Annotations, AnnotationSet, is_source_of
 from socialbot.bdi._hold_timers import HoldTimer
-from socialbot.bdi._notes import Annotations, NoteSet, is_source_of
 from socialbot.bdi._relations import Args, Fact, Relation, Watcher
 from socialbot.bdi._rule_checks import mismatch
 from socialbot.bdi.intentions import EVENT
@@ -214,7 +214,7 @@ class BeliefBase:
         """Remove sources from a belief; there is an event if it was ``exact`` or the belief has no source any more."""
         since, held, begin = relation.facts[found]
         taken = notes if notes is SELF else resolve(notes)
-        if held.__class__ is NoteSet:
+        if held.__class__ is AnnotationSet:
             left, remains = held, held.remove(taken)
         else:
             alone = held == taken

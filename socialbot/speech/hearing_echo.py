@@ -179,8 +179,8 @@ class EchoCanceller:
     """Remover of the robot's own voice from the sound of a microphone.
 
     A Kalman filter in the frequency domain estimates the way from the loudspeaker to the microphone, `_REACH_S` long.
-    It adapts little while a person speaks, because much is left of the sound then. After about three seconds of the
-    robot's speech it removes 18 dB in a simulated room.
+    It adapts little while a person speaks, because much is left of the sound then. After two to
+    three seconds of the robot's speech it removes about 15 dB in simulated rooms.
     """
 
     def __init__(self) -> None:

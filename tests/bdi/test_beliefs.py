@@ -259,7 +259,7 @@ def noted(changes: list[tuple[str, list[str]]], many: int) -> tuple[list[str], s
         condition = f" : {belief}" if sign == "?" else ""
         engine.add_text(f"+!step{number}{condition} <- {body}. +!step{number}. !step{number}.")
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(_relations, "MANY_NOTES", many)
+            patched.setattr(_relations, "MANY_ANNOTATIONS", many)
             while engine.run_until_idle():
                 pass
     return done, {str(note) for _, held, _ in engine.beliefs.relation("hot/1").facts.values() for note in held}

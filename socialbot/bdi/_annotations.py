@@ -12,8 +12,8 @@ from socialbot.bdi.unification import resolve
 
 Annotations = tuple[Any, ...]
 
-MANY_NOTES = 8
-"""Number of annotations from which a belief has a `NoteSet` of them."""
+MANY_ANNOTATIONS = 8
+"""Number of annotations from which a belief has a `AnnotationSet` of them."""
 
 _NONE: dict[Any, Any] = {}
 """Shared empty dictionary of sets without other annotations; it saves memory."""
@@ -37,7 +37,7 @@ def mark_of(note: Any) -> Any:
     return (note,)
 
 
-class NoteSet:
+class AnnotationSet:
     """Annotations of a belief that has many of them, in order.
 
     To add, find or remove a source takes the same time for any number of sources.
