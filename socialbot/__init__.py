@@ -14,6 +14,7 @@ from socialbot.core.limits import IMAGE_PIXELS as _IMAGE_PIXELS
 from socialbot.core.limits import IMAGE_VARIABLE as _IMAGE_VARIABLE
 
 _os.environ.setdefault(_IMAGE_VARIABLE, str(_IMAGE_PIXELS))
+_os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # onnxruntime reports its use to Microsoft otherwise
 
 if TYPE_CHECKING:
     from socialbot.agents.base.agent_node import AgentNode

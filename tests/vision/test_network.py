@@ -27,6 +27,17 @@ def test_network_is_read_from_a_file_or_from_memory(tmp_path):
         assert answer[0].tolist() == picture().tolist()
 
 
+def test_a_network_reports_its_use_to_nobody_and_leaves_no_files(tmp_path, monkeypatch):
+    monkeypatch.delenv("ORT_DISABLE_TELEMETRY", raising=False)
+    for folder in ("HOME", "TMPDIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(folder, str(tmp_path))
+    program = "from tests.vision.networks import *; from socialbot.vision.network import OnnxModel; " + (
+        "OnnxModel(echo_network()).run(__import__('numpy').zeros((3, 3, 4), 'float32'))"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
+    assert [str(path) for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
 @pytest.mark.parametrize(
     ("shape", "size"),
     [
