@@ -10,7 +10,7 @@ import socket
 import tempfile
 import threading
 from collections.abc import Collection, Iterable, Iterator, MutableMapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from socialbot.bridge.environment import ros_context, spinning_node
 from socialbot.bridge.graph_observer import expect_free_names
 from socialbot.core.messages import CompressedImage, Image
 from socialbot.core.process import Ending, end_within
+from socialbot.core.process_guard import guarded
 from socialbot.core.terminal import without_controls
 from socialbot.graph.node import Graph
 from socialbot.graph.ports import Delivery
@@ -65,7 +66,8 @@ def run_nodes(
     configs = [graph.node(name) for name in names]
     supervisor = own_channel()
     _use_topics(graph, names)
-    with Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
+    guard = guarded() if parent is None else nullcontext()  # that of the parent guards its children
+    with guard, Ending(parent).on_signals() as ending, ros_context(ros_args) as context:
         hosts: list[NodeHost] = []
         executor = SingleThreadedExecutor(context=context)
         try:

@@ -36,7 +36,8 @@ RestartSec=5
 RestartPreventExitStatus=2 4
 KillSignal=SIGINT
 KillMode=mixed
-TimeoutStopSec=20
+# A blocked `up` is killed after 30 s.
+TimeoutStopSec=45
 NoNewPrivileges=yes
 {limits}
 [Install]

@@ -51,6 +51,7 @@ def up(
     from socialbot.cli._runs import MAX_PAGE_BYTES, write_page
     from socialbot.cli.foxglove import shown_in_foxglove
     from socialbot.cli.inspect import watched
+    from socialbot.core.process_guard import guarded, report_alive
     from socialbot.graph.files import load_graph, with_changes
     from socialbot.runs.console import Display
     from socialbot.runs.record import RunTrace, log_bytes
@@ -84,6 +85,7 @@ def up(
         trace = RunTrace(folder, max_bytes=log_bytes(keep), labels=labels_of_run, lossy=True)
         record = stack.enter_context(trace)
         if show_page:
+            context.with_resource(guarded())  # until the node of the page has left DDS
             context.with_resource(watched(record, whole, console, port, over_ros=True, stays=False))
         if show_foxglove:
             address = Address(foxglove_host, foxglove_port, token_given(None))
@@ -92,4 +94,5 @@ def up(
             with Display(console, whole.without_sources(), details=verbose) as display:
                 run(whole, source, record, display.show, runner="ros", composed=composed)
         finally:
+            report_alive()
             write_page(console, record, f"{whole.name.capitalize()}, live", MAX_PAGE_BYTES)

@@ -21,6 +21,7 @@ from socialbot.bridge.translator import with_standard_types
 from socialbot.core import paths
 from socialbot.core.clock import WallClock
 from socialbot.core.errors import ParameterError
+from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.runtime._network import DiscoveryServer, Network
 from socialbot.runtime._processes import RestartPolicy, node_arguments, write_graph
@@ -121,6 +122,7 @@ class _NodesUp:
             diagnostics = DeadNodeDiagnostics(observer.ros, self.supervisor)
             record_diagnostics = RecordDiagnostics(observer.ros, graph.name, self._execution.record)
             while not (ending.asked or restarted(self.supervisor, self._begun, source.missed())):
+                report_alive()
                 self.supervisor.attend(ATTEND_S)
                 if spin.is_blocked():
                     give_up(observer.ros)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +15,7 @@ import msgspec
 from socialbot.core.errors import NodeError
 from socialbot.core.messages import Health, Message, Structured
 from socialbot.core.process import Ending
+from socialbot.core.process_guard import guarded
 from socialbot.deliberation.messages import PlanExecutionInfo
 from socialbot.graph.inline import InlineRunner, Recorded
 from socialbot.graph.node import Graph, check_parameters
@@ -228,7 +229,7 @@ def run(
         source.observe(topic, message)
         observe(topic, message)
 
-    with Ending().on_signals() as ending:
+    with guarded() if runner == "ros" else nullcontext(), Ending().on_signals() as ending:
         observe_all = with_event_log(graph, note)
         execution = Execution(graph, runner, composed, record, observe_all, ending, result, on_runner)
         try:

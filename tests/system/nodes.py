@@ -82,6 +82,22 @@ class DetectorThatCannotLeave(Detector):
         RosNode.destroy_node = destroy_node
 
 
+def deadlock() -> None:
+    """Wait without end, and keep Python's lock, as a library that blocks."""
+    mutex, lock = ctypes.create_string_buffer(64), ctypes.PyDLL(None).pthread_mutex_lock
+    lock(mutex)
+    lock(mutex)
+
+
+class BlockedDetector(Detector):
+    """Blocks its process once the file BLOCKED exists."""
+
+    def start(self) -> None:
+        if Path(os.environ["BLOCKED"]).exists():
+            deadlock()
+        self.call_after(0.05, self.start)
+
+
 def detector_graph(detector: str, folder: Path) -> Path:
     """Write the file of a graph with the class ``detector`` of this module."""
     graph = folder / "graph.yaml"

@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -176,6 +177,62 @@ def test_a_second_up_names_the_first_and_a_killed_one_leaves_no_process(
         second = socialbot(*live(pictures, tmp_path / "second"))
         assert second.returncode == 6
         assert f"process {process.pid}" in second.stderr
+        process.kill()
+        assert eventually(lambda: not any(map(is_alive, children)))
+
+
+BLOCKED_UP = """
+import functools, sys
+from pathlib import Path
+from socialbot.core.process_guard import guarded
+from socialbot.runtime import run
+from socialbot.runtime.launch import Supervisor
+from tests.system.nodes import deadlock
+
+def attend(self, timeout_s, attend=Supervisor.attend):
+    if Path(sys.argv[-1], "block").exists():
+        deadlock()
+    attend(self, timeout_s)
+
+Supervisor.attend = attend
+run.guarded = functools.partial(guarded, end_s=1.0)
+from socialbot.__main__ import run
+run()
+"""
+
+
+@pytest.mark.slow
+def test_up_ends_at_a_signal_even_if_dds_blocks_it(pictures: Path, tmp_path: Path, onlooker: Any) -> None:
+    command = [sys.executable, "-c", BLOCKED_UP, *map(str, live(pictures, tmp_path / "run", "--minds", tmp_path))]
+    with (tmp_path / "up.log").open("w") as log:
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    try:
+        assert is_connected(onlooker)
+        children = [each.pid for each in psutil.Process(process.pid).children(recursive=True)]
+        (tmp_path / "block").touch()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(2.0)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) in (-signal.SIGQUIT, -signal.SIGKILL)
+        assert eventually(lambda: not any(map(is_alive, children)))
+    finally:
+        process.kill()
+        process.wait()
+    text = (tmp_path / "up.log").read_text()
+    assert f"process {process.pid} did not end within 1 s after a signal and is killed; its threads:" in text
+    assert "in attend" in text
+
+
+@pytest.mark.slow
+def test_a_blocked_node_does_not_outlive_a_killed_up(
+    tmp_path: Path, onlooker: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BLOCKED", str(tmp_path / "blocked"))
+    file = detector_graph("BlockedDetector", tmp_path)
+    with running("up", file, "--out", tmp_path / "run") as process:
+        assert not await_graph(onlooker, load_graph(str(file)), timeout_s=PATIENCE_S)
+        children = [each.pid for each in psutil.Process(process.pid).children(recursive=True)]
+        (tmp_path / "blocked").touch()
         process.kill()
         assert eventually(lambda: not any(map(is_alive, children)))
 
