@@ -22,6 +22,7 @@ from weakref import WeakKeyDictionary
 
 from socialbot.core.errors import GraphError, InstallationError, NodeError, ParameterError
 from socialbot.core.installation import installed_version, pip_command
+from socialbot.core.paths import replace_file
 from socialbot.core.process import skip_cleanup
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def use_topics(
     Custom profiles are kept. Call this after `prepare` and before rclpy starts.
 
     Args:
-        file: The new file, which `PROFILE_VARIABLE` names then.
+        file: The new file, which `PROFILE_VARIABLE` names then. If it cannot be written, the profile stays in memory.
         environment: The variables of this process.
         by_udp: Topics that it receives by UDP on one machine. If a process is killed while others write into its shared
             memory, they block for a second; UDP never blocks. Only images are worth that risk.
@@ -144,9 +145,20 @@ def use_topics(
     if profile is None or not topics:
         return
     entries = "".join(template.format(topic=topic) for topic in sorted(set(topics)))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(Path(profile).read_text("utf-8").replace("</profiles>", f"{entries}</profiles>"), "utf-8")
+    text = Path(profile).read_text("utf-8").replace("</profiles>", f"{entries}</profiles>").encode()
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(file, text)
+    except OSError:  # the disk is full or read-only
+        file = _file_in_memory(text)
     environment[PROFILE_VARIABLE] = str(file)
+
+
+def _file_in_memory(content: bytes) -> Path:
+    """Return the path of a new file that lasts as long as this process."""
+    file = os.memfd_create("dds_profile")
+    os.write(file, content)
+    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 def reach(environment: MutableMapping[str, str] = os.environ) -> str:

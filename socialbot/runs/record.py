@@ -197,7 +197,7 @@ class RunTrace:
         with contextlib.suppress(OSError):
             graph = self.folder / GRAPH
             if self._graph and not problem and not graph.exists():  # the folder was removed, and is there again
-                graph.write_text(self._graph, encoding="utf-8")
+                paths.replace_file(graph, self._graph.encode())
         text = f"the record cannot be written ({problem}): {self.lost} lines are lost" if problem else ""
         if bool(text) != bool(self._told):
             log.warning("%s", text or f"the record is written again; {self.lost} lines are lost")

@@ -20,7 +20,7 @@ import psutil
 from socialbot.bridge.environment import PROFILE_VARIABLE
 from socialbot.core.errors import InstallationError
 from socialbot.core.process import with_parent
-from socialbot.runtime._processes import RestartBackoff, RestartPolicy, how_it_ended, in_time
+from socialbot.runtime._processes import RestartBackoff, RestartPolicy, how_it_ended, in_time, opened_log
 
 log = logging.getLogger("socialbot.network")
 
@@ -142,7 +142,6 @@ class DiscoveryServer:
 
     def __enter__(self) -> DiscoveryServer:
         self._program = program()
-        self._output.parent.mkdir(parents=True, exist_ok=True)
         self._keeper.start()
         return self
 
@@ -176,7 +175,7 @@ class DiscoveryServer:
 
     def _start(self) -> subprocess.Popen[bytes] | None:
         """Start the process, unless the server is closed."""
-        with self._one_at_a_time, self._output.open("ab") as output:
+        with self._one_at_a_time, opened_log(self._output) as output:
             if self._closed.is_set():
                 return None
             # Profiles apply to nodes only.

@@ -67,6 +67,15 @@ def test_receives_some_topics_by_udp(tmp_path: Path) -> None:
     assert found[PROFILE] == str(tmp_path / "log" / "dds.xml"), "what comes later leaves it alone"
 
 
+def test_a_profile_that_cannot_be_written_stays_in_memory(tmp_path: Path) -> None:
+    found = prepared()
+    (tmp_path / "log").touch()  # in the place of a folder
+    environment.use_topics(tmp_path / "log" / "dds.xml", found, by_udp=["/health"])
+    read = "import sys; print(open(sys.argv[1]).read())"
+    text = subprocess.check_output([sys.executable, "-c", read, found[PROFILE]], text=True)
+    assert "/health" in [one.get("profile_name") for one in ElementTree.fromstring(text.strip()).iter()]
+
+
 def test_repairs_the_newest_messages_fast_on_a_network(tmp_path: Path) -> None:
     found = prepared(across=Across(peers=("10.77.0.2",)))
     environment.use_topics(tmp_path / "dds.xml", found, by_udp=["/health"], fresh=["/view/link", "/view/link/_seal"])

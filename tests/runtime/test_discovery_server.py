@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -51,6 +52,19 @@ def test_restarts_the_server_and_ends_it(port: int, tmp_path: Path) -> None:
         second = server.pid
     assert second is not None
     assert not is_alive(second)
+
+
+def test_restarts_the_server_without_its_log(port: int, tmp_path: Path) -> None:
+    """The folder of the run may have been removed, or the disk may be full."""
+    output = tmp_path / "log" / "server.log"
+    with DiscoveryServer("127.0.0.1", port, output, HASTY) as server:
+        assert eventually(lambda: output.exists() and "Server is running" in output.read_text())
+        first = server.pid
+        assert first is not None
+        shutil.rmtree(output.parent)
+        output.parent.touch()  # in the place of a folder
+        os.kill(first, signal.SIGKILL)
+        assert eventually(lambda: server.pid not in (None, first))
 
 
 def test_gives_up_if_the_port_is_taken(port: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
