@@ -18,7 +18,9 @@ from typing import BinaryIO, Protocol
 from socialbot.bridge import environment
 from socialbot.bridge.process import CHANNEL_VARIABLE
 from socialbot.core.errors import NodeError, SocialbotError
+from socialbot.core.paths import replace_file
 from socialbot.core.process import ENDING_SIGNALS
+from socialbot.core.process_guard import guard_child
 from socialbot.graph.files import dump_graph
 from socialbot.graph.node import Graph
 
@@ -66,7 +68,7 @@ def start_process(
     if channel is not None:
         inherited[CHANNEL_VARIABLE] = str(channel)
     with opened_log(log_path) as output, blocked_signals():
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-m", "socialbot", *until_parent_ends(arguments)],
             env=inherited,
             stdin=subprocess.DEVNULL,
@@ -75,6 +77,8 @@ def start_process(
             start_new_session=True,
             pass_fds=() if channel is None else (channel,),
         )
+    guard_child(process.pid)
+    return process
 
 
 def opened_log(path: Path) -> BinaryIO:
@@ -129,10 +133,10 @@ def how_it_ended(code: int) -> str:
 
 
 def write_graph(graph: Graph, folder: Path) -> Path:
-    """Write ``graph`` to ``folder``; return the file."""
+    """Write ``graph`` to ``folder``, all of it or nothing; return the file. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "graph.yaml"
-    file.write_text(dump_graph(graph), encoding="utf-8")
+    replace_file(file, dump_graph(graph).encode())
     return file
 
 

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import msgspec
 
 from socialbot.bridge.process import CHANNEL_VARIABLE
+from socialbot.core.process_guard import guard_child
 from socialbot.graph.node import Graph
 from socialbot.runtime._processes import (
     Process,
@@ -40,8 +41,8 @@ from socialbot.runtime._processes import (
 
 log = logging.getLogger("socialbot.fork_server")
 
-ANSWER_S = 30.0  # time limit for the imports of the server, and for a fork
-MAX_SERVERS = 3  # maximum number of server starts; later processes start without a server
+ANSWER_S = 15.0  # time limit for the imports of the server, and for a fork
+MAX_SERVERS = 3  # maximum number of server starts; later processes start without a server, as after a timeout
 POLL_S = 0.005
 MAX_ANSWER_BYTES = 64
 MAX_REQUEST_BYTES = 2**17
@@ -143,6 +144,7 @@ class ForkServer:
                 start_new_session=True,
                 pass_fds=(theirs.fileno(),),
             )
+        guard_child(self._server.pid)
 
     def start(
         self, arguments: list[str], log: Path, *, variables: Mapping[str, str] = {}, channel: int | None = None
@@ -151,6 +153,7 @@ class ForkServer:
         self.prepare()
         pid = self._request(arguments, log, variables, channel)
         if pid is not None:
+            guard_child(pid)
             return ForkedProcess(pid)
         return start_process(arguments, log, variables=variables, channel=channel)
 
@@ -184,6 +187,8 @@ class ForkServer:
                 error = "the fork server has stopped"
             except OSError as failure:
                 error = str(failure)
+                if isinstance(failure, TimeoutError):  # the machine is too busy: another server would be as slow
+                    self._servers_left = 0
         log.warning("%s starts without a fork server: %s", file.stem, error)
         self.close()
         return None

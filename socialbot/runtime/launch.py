@@ -18,6 +18,7 @@ from socialbot.bridge.environment import remove_stale
 from socialbot.bridge.process import SupervisorChannel, channel_pair
 from socialbot.core.bounded_log import Rotation
 from socialbot.core.errors import NodeError
+from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.runs.record import RunTrace
 from socialbot.runtime._processes import (
@@ -148,6 +149,8 @@ ACTIVE, INACTIVE = "active", "inactive"  # reported node states: running, and co
 ROTATE_EVERY_S = 5.0
 
 ABSENT_S = 1.0  # polls later than this are treated as a system suspend, which nodes share
+SILENT_S = 1.0  # time without a report from which on the wait for a processor is measured
+STARVED_LIMITS = 6  # so many time limits without a report are too many also for a process that waits for a processor
 Variables = Callable[[Collection[str]], Mapping[str, str]]
 """Function that returns environment variables for a process with these nodes."""
 
@@ -163,6 +166,8 @@ class Member:
     channel: SupervisorChannel | None = None
     states: dict[str, str] = field(default_factory=dict)
     reported_at: dict[str, float] = field(default_factory=dict)
+    waits: dict[str, dict[int, float]] = field(default_factory=dict)
+    """Of silent nodes: how long each thread had waited for a processor (s) when they became silent."""
     restarts: int = 0
     was_well: bool = False
     is_down: bool = False
@@ -181,6 +186,15 @@ class Member:
         if self.due is not None:
             return "waiting"
         return "given up" if self.is_given_up else "ended"
+
+
+def waits_of(pid: int) -> dict[int, float]:
+    """How long each thread of a process has been ready and waited for a processor (s); empty without Linux."""
+    waits: dict[int, float] = {}
+    for thread in Path(f"/proc/{pid}/task").glob("*"):
+        with contextlib.suppress(OSError):  # it has ended
+            waits[int(thread.name)] = int((thread / "schedstat").read_bytes().split()[1]) / 1e9
+    return waits
 
 
 class Supervisor:
@@ -305,6 +319,7 @@ class Supervisor:
             member.due = now + self._policy.longest_s
 
     def _start(self, member: Member) -> None:
+        report_alive()  # a start takes long on a busy machine
         channel, theirs = channel_pair()
         with theirs:
             member.process = self._fork_server.start(
@@ -321,6 +336,7 @@ class Supervisor:
         member.channel, member.due, member.hung = channel, None, ""
         member.started = now
         member.states.clear()
+        member.waits.clear()
         member.reported_at = dict.fromkeys(member.nodes, now)
         member.backoff.started(now)
 
@@ -352,6 +368,7 @@ class Supervisor:
         if state == INACTIVE and member.restarts and node not in member.states:
             self._activate(node)
         member.reported_at[node] = time.monotonic()
+        member.waits.pop(node, None)
         member.states[node] = state
         if member.state == ACTIVE and (member.is_down or not member.was_well):
             if member.is_down:
@@ -365,12 +382,32 @@ class Supervisor:
                 member.reported_at = {node: min(now, time + absent_s) for node, time in member.reported_at.items()}
 
     def _hung(self, member: Member, now: float) -> str:
-        """Return a node whose reports have timed out, if any."""
+        """Return a node whose reports have timed out, if any.
+
+        Time in which its process waited for a processor does not count, up to `STARVED_LIMITS`.
+        """
         for node, reported_at in member.reported_at.items():
             limit_s = self._policy.hung_s if member.states.get(node) == ACTIVE else self._policy.ready_s
-            if now - reported_at > limit_s:
+            silent_s = now - reported_at
+            if silent_s > min(SILENT_S, limit_s / 2) and node not in member.waits and member.process is not None:
+                member.waits[node] = waits_of(member.process.pid)
+            if (
+                silent_s > STARVED_LIMITS * limit_s
+                or silent_s - self._starved_s(member, node, silent_s, limit_s) > limit_s
+            ):
                 return node
         return ""
+
+    @staticmethod
+    def _starved_s(member: Member, node: str, silent_s: float, limit_s: float) -> float:
+        """How long the thread that waited longest for a processor did so, since ``node`` is silent."""
+        if silent_s <= limit_s or member.process is None:
+            return 0.0
+        before = member.waits[node]
+        return max(
+            (waited - before.get(thread, waited) for thread, waited in waits_of(member.process.pid).items()),
+            default=0.0,
+        )
 
     def _on_exit(self, member: Member, code: int, now: float) -> None:
         self._part(member)

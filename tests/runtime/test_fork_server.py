@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from socialbot.graph.files import load_graph
+from socialbot.runtime import fork_server as fork_server_module
 from socialbot.runtime.fork_server import ForkedProcess, ForkServer
 from tests.system.running import eventually
 
@@ -98,5 +99,22 @@ def test_forks_outlive_a_killed_server_and_a_new_server_starts(tmp_path: Path, c
         assert head.poll() is None
         head.kill()
         head.wait(WAIT_S)
+    finally:
+        fork_server.close()
+
+
+def test_a_server_that_does_not_answer_is_asked_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    """Each further wait would delay the start of a graph on a busy machine."""
+    monkeypatch.setattr(fork_server_module, "ANSWER_S", 0.2)
+    fork_server = ForkServer(load_graph("waldo"), tmp_path)
+    try:
+        fork_server.prepare()
+        assert fork_server.server_pid
+        os.kill(fork_server.server_pid, signal.SIGSTOP)
+        processes = [fork_server.start(UNKNOWN_NODE, tmp_path / f"{number}.log") for number in range(2)]
+        assert [process.wait(WAIT_S) for process in processes] == [4, 4]
+        assert [record.getMessage() for record in caplog.records] == ["0 starts without a fork server: timed out"]
     finally:
         fork_server.close()

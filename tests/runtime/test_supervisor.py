@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -21,7 +23,7 @@ from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.runtime import _processes
 from socialbot.runtime._processes import RestartPolicy
 from socialbot.runtime.fork_server import ForkServer
-from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, Supervisor
+from socialbot.runtime.launch import ABSENT_S, RESTARTS_VARIABLE, STARVED_LIMITS, Supervisor
 
 pytestmark = pytest.mark.ros
 
@@ -143,6 +145,19 @@ def test_repeats_the_signal_and_then_kills(
         assert (one.last_error, one.is_given_up) == ("", False)
 
 
+def test_a_graph_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    """A part of it would count as a graph when there is room again."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4, hard))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            _processes.write_graph(GRAPH, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
+    assert _processes.write_graph(GRAPH, tmp_path).read_text().startswith("name: idlers")
+
+
 def test_restarts_a_hung_process(scripts: dict[str, str], tmp_path: Path) -> None:
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] == "0":
@@ -155,6 +170,34 @@ if os.environ["{RESTARTS_VARIABLE}"] == "0":
         assert one.last_error == "hung (one sent no report)"
         assert attended(supervisor, lambda: one.state == "active")
         assert two.restarts == 0
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux counts no waiting here")
+def test_a_process_that_waits_for_a_processor_is_not_hung_so_soon(scripts: dict[str, str], tmp_path: Path) -> None:
+    core = min(os.sched_getaffinity(0))
+    scripts["one"] = f"""
+say("active")
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    os.sched_setaffinity(0, [{core}])
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    while True:
+        sum(range(100_000))
+{WELL}"""
+    policy = replace(POLICY, hung_s=2.0)
+    rival = subprocess.Popen(
+        [sys.executable, "-S", "-c", f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: pass"]
+    )
+    try:
+        with Supervisor(GRAPH, tmp_path, policy=policy) as supervisor:
+            one = supervisor.members["one"]
+            assert attended(supervisor, lambda: one.states.get("one") == "active")
+            reported_at = one.reported_at["one"]
+            assert attended(supervisor, lambda: one.restarts == 1)
+            assert monotonic() - reported_at > STARVED_LIMITS * policy.hung_s / 2
+            assert one.last_error == "hung (one sent no report)"
+    finally:
+        rival.kill()
+        rival.wait()
 
 
 def test_a_system_suspend_is_no_hang(scripts: dict[str, str], tmp_path: Path) -> None:
