@@ -10,169 +10,32 @@ faults of the network and the disk are left out.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated
 
+import psutil
 import typer
 from rich.console import Console
 
 from evaluation.chaos_checks import Check, Subject, states
+from evaluation.chaos_faults import FAULTS, Fault, Site, cause
 from evaluation.faults_clocks import CLOCK_VARIABLE, build_library, set_clock
 from evaluation.faults_deaths import SCENE, SETTINGS
-from evaluation.faults_plan import Skipped, busy_processes, write_pictures
+from evaluation.faults_plan import Skipped, descendants, kill_all, write_pictures
 from evaluation.report import run
 from socialbot.bridge import environment
 from socialbot.core.errors import ParameterError, suggestion
-from socialbot.runtime._processes import RestartPolicy
-
-LOSS = """
-add table inet chaos
-add chain inet chaos arriving {{ type filter hook input priority 0; }}
-add rule inet chaos arriving meta l4proto udp {chance}drop
-"""
-
-
-@dataclass(frozen=True)
-class Site:
-    """Graphs under test; ``isolated`` if network and disks are their own."""
-
-    subjects: Sequence[Subject]
-    isolated: bool
-    kills: dict[tuple[str, str], list[float]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Fault of a ``kind`` on one graph and node, of a ``size`` and a duration (s)."""
-
-    kind: str
-    subject: Subject
-    node: str
-    size: int
-    seconds: float
-
-    @classmethod
-    def drawn(cls, kinds: Sequence[str], subjects: Sequence[Subject], chance: random.Random) -> Fault:
-        """Draw a fault. The number of draws does not depend on the result."""
-        kind, subject = chance.choice(list(kinds)), chance.choice(list(subjects))
-        node, size = chance.choice(subject.nodes), chance.randrange(1000)
-        return cls(kind, subject, node, size, round(chance.uniform(0.5, 3.0), 2))
-
-    def __str__(self) -> str:
-        return FAULTS[self.kind].text(self)
-
-
-@dataclass(frozen=True)
-class Kind:
-    """Kind of fault: how it is caused, described, and whether it needs namespaces."""
-
-    cause: Callable[[Fault, Site], None]
-    text: Callable[[Fault], str]
-    needs_isolation: bool = False
-
-
-def cause(fault: Fault, site: Site) -> None:
-    """Cause a fault, and wait for its end."""
-    FAULTS[fault.kind].cause(fault, site)
-
-
-MOST_KILLS = RestartPolicy().times - 1
-"""Most kills of a node in a period of the restart policy, after which a supervisor gives it up, as it should."""
-
-
-def _kill(fault: Fault, site: Site) -> None:
-    kills, now = site.kills.setdefault((fault.subject.name, fault.node), []), time.monotonic()
-    kills[:] = [at for at in kills if at > now - RestartPolicy().within_s]
-    if len(kills) >= MOST_KILLS:
-        return
-    kills.append(now)
-    if pid := fault.subject.pid(fault.node):
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-        fault.subject.reported.pop(fault.node, None)
-
-
-def _pause(fault: Fault, site: Site) -> None:
-    if pid := fault.subject.pid(fault.node):
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep(fault.seconds)
-            os.kill(pid, signal.SIGCONT)
-
-
-def _load(fault: Fault, site: Site) -> None:
-    with busy_processes(_processes(fault)):
-        time.sleep(2 * fault.seconds)
-
-
-def _lose(fault: Fault, site: Site) -> None:
-    percent = _percent(fault)
-    chance = f"numgen random mod 100 < {percent} " if percent < 100 else ""
-    subprocess.run(["nft", "-f", "-"], input=LOSS.format(chance=chance), text=True, check=True)
-    try:
-        time.sleep(2 * fault.seconds)
-    finally:
-        subprocess.run(["nft", "delete", "table", "inet", "chaos"], check=True)
-
-
-def _fill(fault: Fault, site: Site) -> None:
-    path = fault.subject.disk / "filling"
-    with path.open("wb", buffering=0) as file, contextlib.suppress(OSError):
-        while True:
-            file.write(bytes(1 << 16))
-    time.sleep(fault.seconds)
-    path.unlink()
-
-
-def _remove(fault: Fault, site: Site) -> None:
-    shutil.rmtree(fault.subject.disk / "run", ignore_errors=True)
-    time.sleep(fault.seconds)
-
-
-def _shift(fault: Fault, site: Site) -> None:
-    if fault.subject.clock is not None:
-        set_clock(fault.subject.clock, _seconds(fault))
-
-
-def _processes(fault: Fault) -> int:
-    return 2 + fault.size % 7
-
-
-def _percent(fault: Fault) -> int:
-    return (5, 20, 50, 100)[fault.size % 4]
-
-
-def _seconds(fault: Fault) -> int:
-    return (-86400, -3600, -2, 0, 2, 3600, 86400)[fault.size % 7]
-
-
-FAULTS: Mapping[str, Kind] = {
-    "kill": Kind(_kill, lambda fault: f"kill of {fault.subject.name}/{fault.node}"),
-    "pause": Kind(_pause, lambda fault: f"pause of {fault.subject.name}/{fault.node} for {fault.seconds} s"),
-    "load": Kind(_load, lambda fault: f"{_processes(fault)} busy processes for {2 * fault.seconds:.1f} s"),
-    "loss": Kind(
-        _lose,
-        lambda fault: f"{_percent(fault)} % of all packets lost for {2 * fault.seconds:.1f} s",
-        needs_isolation=True,
-    ),
-    "full": Kind(_fill, lambda fault: f"disk of {fault.subject.name} full for {fault.seconds} s", needs_isolation=True),
-    "removed": Kind(_remove, lambda fault: f"run folder of {fault.subject.name} removed", needs_isolation=True),
-    "clock": Kind(_shift, lambda fault: f"clock of {fault.subject.name} set to {_seconds(fault):+d} s"),
-}
-
+from socialbot.core.process_guard import CHILDREN_S, END_S, guarded, report_alive
 
 VIOLATION_EXIT = 1
 INSIDE = "SOCIALBOT_CHAOS_INSIDE"
@@ -180,6 +43,7 @@ GRAPHS = ("waldo", "warehouse", "hospital")
 FIRST_DOMAIN = 71
 BETWEEN_S = (1.0, 6.0)  # time between two faults
 DISK = "24m"
+LATE_S = 5.0  # tolerated delay of a guard on a busy machine
 
 Tell = Callable[[str], None]
 OnlyOption = Annotated[str, typer.Option(metavar="GRAPH,GRAPH", help=f"Only these graphs: {', '.join(GRAPHS)}.")]
@@ -240,8 +104,9 @@ def chaos(
     """Run ``graphs`` with faults of these ``kinds`` for ``limit_s``; return the violated invariants."""
     folder.mkdir(parents=True)
     chance, begun = random.Random(seed), time.monotonic()
-    with ExitStack() as stack, (folder / "events.jsonl").open("w") as events:
-        subjects = [stack.enter_context(_running(folder, name, number)) for number, name in enumerate(graphs)]
+    late: list[str] = []
+    with guarded(), ExitStack() as stack, (folder / "events.jsonl").open("w") as events:
+        subjects = [stack.enter_context(_running(folder, name, number, late)) for number, name in enumerate(graphs)]
         check = Check(subjects)
         site = Site(subjects, isolated=INSIDE in os.environ)
         possible = [kind for kind in kinds if not FAULTS[kind].needs_isolation or site.isolated]
@@ -251,13 +116,15 @@ def chaos(
         tell(f"seed {seed}: {', '.join(graphs)} are up; faults: {', '.join(possible)}")
         number, slowest = 0, 0.0
         while not violations and time.monotonic() - begun < limit_s:
+            report_alive()
             time.sleep(chance.uniform(*BETWEEN_S))
             number += 1
             fault = Fault.drawn(possible, subjects, chance)
             at = time.monotonic()
             cause(fault, site)
             ended = time.monotonic()
-            violations = check.after(str(fault), at)
+            may_end = (fault.subject.name, fault.node) if FAULTS[fault.kind].ends_node else ("", "")
+            violations = check.after(str(fault), at, may_end)
             recovered = time.monotonic() - ended
             slowest = max(slowest, recovered)
             line = {
@@ -265,6 +132,9 @@ def chaos(
                 "fault": str(fault),
                 "s": round(ended - at, 2),
                 "recovered_s": round(recovered, 2),
+                "load": os.getloadavg()[0],
+                "shared_mb": round(shutil.disk_usage("/dev/shm").used / 1e6, 1),
+                "up_mb": {one.name: _memory_mb(one.process.pid) for one in subjects},
             }
             events.write(json.dumps({**line, "at_s": round(at - begun, 1), "violations": violations}) + "\n")
             events.flush()
@@ -272,6 +142,9 @@ def chaos(
                 tell(f"{number}: {fault}; well after {recovered:.1f} s (at most {slowest:.1f} s)")
         if violations:
             (folder / "threads.txt").write_text("\n".join(states(subjects)), encoding="utf-8")
+        if check.observed_anew:
+            tell(f"DDS blocked an observer of this command {check.observed_anew} times")
+    violations += late
     for violation in violations:
         tell(f"VIOLATION of seed {seed} at fault {number}: {violation}")
     verdict = f"{len(violations)} violations" if violations else "no violation"
@@ -280,12 +153,13 @@ def chaos(
 
 
 @contextmanager
-def _running(folder: Path, name: str, number: int) -> Iterator[Subject]:
-    """``socialbot up`` of a graph in a ROS domain of its own."""
+def _running(folder: Path, name: str, number: int, violations: list[str]) -> Iterator[Subject]:
+    """``socialbot up`` of a graph in a ROS domain of its own; add what its end violates."""
     own = folder / name
     own.mkdir()
-    disk = own / "disk"
+    disk, scratch = own / "disk", own / "tmp"
     disk.mkdir()
+    scratch.mkdir()
     isolated = INSIDE in os.environ
     if isolated:
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", disk], check=True)
@@ -294,7 +168,7 @@ def _running(folder: Path, name: str, number: int) -> Iterator[Subject]:
         arguments += ["--camera", write_pictures(own / "pictures", SCENE)]
         settings = {**SETTINGS, "bdi_engine.forget_after_s": "4.0"}
         arguments += [word for setting, value in settings.items() for word in ("--set", f"{setting}={value}")]
-    variables = {"ROS_DOMAIN_ID": str(FIRST_DOMAIN + number), "SOCIALBOT_FOLDERS": str(folder)}
+    variables = {"ROS_DOMAIN_ID": str(FIRST_DOMAIN + number), "SOCIALBOT_FOLDERS": str(folder), "TMPDIR": str(scratch)}
     try:
         library, clock = build_library(own), own / "clock"
         set_clock(clock, 0)
@@ -315,14 +189,36 @@ def _running(folder: Path, name: str, number: int) -> Iterator[Subject]:
         with subject.observed():
             yield subject
     finally:
-        process.terminate()
-        try:
-            process.wait(20.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        violations += [f"{name}: {what} after SIGTERM" for what in _end(process)]
+        if left := sorted(path.name for path in scratch.iterdir()):
+            violations.append(f"{name}: left in the folder of temporary files: {', '.join(left)}")
         if isolated:  # the disk ends with the namespace
             shutil.copytree(disk, own / "kept", ignore=shutil.ignore_patterns("filling"))
+
+
+def _memory_mb(pid: int) -> int:
+    try:
+        return round(psutil.Process(pid).memory_info().rss / 1e6)
+    except psutil.NoSuchProcess:
+        return 0
+
+
+def _end(process: subprocess.Popen[bytes]) -> Iterator[str]:
+    """End ``up`` by SIGTERM."""
+    family = {psutil.Process(pid) for pid in descendants(process.pid)} if process.poll() is None else set()
+    process.terminate()
+    try:
+        code = process.wait(END_S + LATE_S)
+    except subprocess.TimeoutExpired:
+        yield f"up did not end within {END_S + LATE_S:g} s"
+        kill_all([process.pid])
+        return
+    if code:
+        yield f"up ended with code {code}"
+    _, left = psutil.wait_procs(family, CHILDREN_S + LATE_S)
+    for each in left:
+        yield f"process {each.pid} outlived up"
+        each.kill()
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,10 +14,12 @@ import msgspec
 import psutil
 
 from evaluation.faults_deaths import GREETING, SPEECH
-from evaluation.faults_plan import descendants
-from socialbot.bridge.graph_observer import observe_graph
+from evaluation.faults_plan import GUARD, children, descendants, process_name
+from socialbot.bridge.environment import give_up, stale_locks
+from socialbot.bridge.graph_observer import SpinWatch, observe_graph
 from socialbot.core.bounded_log import parts
 from socialbot.core.messages import Message, SpeechStatus, TraceRecord, Utterance
+from socialbot.core.process_guard import report_alive
 from socialbot.graph.files import load_graph
 from socialbot.runs.record import TRACE
 
@@ -30,7 +32,42 @@ ANSWER_S = 20.0
 ORPHAN_S = 2.0
 SETTLED_S = 60.0
 GROWTH, GROWTH_MB = 1.3, 30
+MOST_STALE = 10
+"""Most segments of shared memory of ended processes: each crash removes those before it."""
 SAY = "/speech/say"
+PRESSURE = Path("/proc/pressure/cpu")
+LEAST_SHARE = 0.1
+
+
+class FairClock:
+    """Time (s) that counts by the share in which no process waited for a processor, and at least a tenth of it.
+
+    So a limit of 60 s is 60 s on an idle machine, and at most 600 s on a busy one. The share comes from the pressure
+    that Linux measures; without it all time counts.
+    """
+
+    def __init__(
+        self, steady_s: Callable[[], float] = time.monotonic, stalled_s: Callable[[], float] | None = None
+    ) -> None:
+        self._steady_s, self._stalled_s = steady_s, stalled_s or waited_s
+        self._before = self._steady_s(), self._stalled_s()
+        self.now = 0.0
+
+    def tick(self) -> float:
+        """Count the time since the last call; return the whole."""
+        now = self._steady_s(), self._stalled_s()
+        passed_s, stalled_s = now[0] - self._before[0], now[1] - self._before[1]
+        self._before = now
+        self.now += max(LEAST_SHARE * passed_s, passed_s - stalled_s)
+        return self.now
+
+
+def waited_s() -> float:
+    """Time (s) since the boot in which some process waited for a processor; 0 if Linux does not measure it."""
+    try:
+        return int(PRESSURE.read_text("ascii").split()[4].removeprefix("total=")) / 1e6
+    except OSError:
+        return 0.0
 
 
 @dataclass
@@ -39,6 +76,7 @@ class Subject:
 
     Attributes:
         clock: File with the shift of the clock of its processes; None without a C compiler.
+        has_guard: Whether its process must have a guard.
     """
 
     name: str
@@ -47,6 +85,7 @@ class Subject:
     folder: Path
     disk: Path
     clock: Path | None
+    has_guard: bool = True
     reported: dict[str, tuple[float, Mapping[str, str]]] = field(default_factory=dict)
     greetings: list[float] = field(default_factory=list)
     said: dict[str, float] = field(default_factory=dict)
@@ -55,27 +94,52 @@ class Subject:
     def __post_init__(self) -> None:
         self.graph = load_graph(self.name)
         self.nodes = [config.name for config in self.graph.nodes]
+        self._observation = ExitStack()
+        self._spin: SpinWatch | None = None
 
     @contextmanager
     def observed(self) -> Iterator[None]:
         """Observe the diagnostics of the nodes, and speech."""
+        self._observe_anew()
+        try:
+            yield
+        finally:
+            self._observation.close()
+
+    def keep_observing(self) -> bool:
+        """Observe anew, and return True, if DDS blocks the observer, which is no fault of the graph."""
+        if self._spin is None or not self._spin.is_blocked():
+            return False
+        give_up(self._observer.ros)
+        self._observation.pop_all()
+        self._observe_anew()
+        return True
+
+    def _observe_anew(self) -> None:
         before = os.environ.get("ROS_DOMAIN_ID")
         os.environ["ROS_DOMAIN_ID"] = str(self.domain)
         topics: dict[str, type[Message]] = {SAY: Utterance, SPEECH: SpeechStatus} if self.name == "waldo" else {}
-        with observe_graph(topics, self._observe, self._note):
+        try:
+            self._observer = self._observation.enter_context(observe_graph(topics, self._observe, self._note))
+        finally:
             os.environ.pop("ROS_DOMAIN_ID")
             if before is not None:
                 os.environ["ROS_DOMAIN_ID"] = before
-            yield
+        self._spin = SpinWatch(self._observer.ros)
 
     def pid(self, node: str) -> int:
         """Process of a node; 0 while it has none."""
         return int(self.reported.get(node, (0.0, {}))[1].get("pid", 0))
 
+    def pids(self) -> dict[str, int]:
+        """Processes of all nodes."""
+        return {node: self.pid(node) for node in self.nodes}
+
     def ill(self) -> list[str]:
-        """Nodes that are not active, or have not reported lately."""
+        """Nodes that are not active, or have not reported lately; ``guard`` if ``up`` has none."""
         now = time.monotonic()
-        return [
+        missing = [] if not self.has_guard or GUARD in map(process_name, children(self.process.pid)) else [GUARD]
+        return missing + [
             node
             for node in self.nodes
             if (report := self.reported.get(node)) is None
@@ -105,13 +169,21 @@ class Check:
         self._memory: dict[int, tuple[float, int]] = {}
         """Process id: begin of its observation, and its memory (bytes) after `SETTLED_S`, or 0."""
         self._faults: list[tuple[float, float]] = []
+        self._pids: dict[str, dict[str, int]] = {}
         self.checks = 0
+        self.observed_anew = 0
+        """How often DDS blocked an observer of this check."""
 
-    def after(self, fault: str, begun: float) -> list[str]:
-        """Wait for recovery from a fault that began at ``begun``; return the violated invariants."""
+    def after(self, fault: str, begun: float, may_end: tuple[str, str] = ("", "")) -> list[str]:
+        """Wait for recovery from a fault that began at ``begun``; return the violated invariants.
+
+        The process of the graph and node ``may_end`` may be another one than before.
+        """
         found: list[str] = []
-        deadline = time.monotonic() + RECOVERY_S
-        while (ill := self._ill()) and time.monotonic() < deadline and self._all_run():
+        clock = FairClock()
+        while (ill := self._ill()) and clock.tick() < RECOVERY_S and self._all_run():
+            report_alive()
+            self.observed_anew += sum(subject.keep_observing() for subject in self._subjects)
             time.sleep(0.1)
         self._faults.append((begun, time.monotonic()))
         found += [f"{name}: not active within {RECOVERY_S:g} s after {fault}: {', '.join(ill[name])}" for name in ill]
@@ -119,6 +191,9 @@ class Check:
             if (code := subject.process.poll()) is not None:
                 found.append(f"{subject.name}: up ended with code {code} after {fault}")
             found += [f"{subject.name}: {what} after {fault}" for what in (*_trace(subject), *self._speech(subject))]
+        found += [f"{what} without a cause at {fault}" for what in self._restarted(may_end)]
+        if (stale := sum(1 for _ in stale_locks())) > MOST_STALE:
+            found.append(f"{stale} segments of shared memory of ended processes after {fault}")
         found += [f"orphan after {fault}: {orphan}" for orphan in orphans(self._subjects)]
         found += [f"{what} after {fault}" for what in self._growth()]
         self.checks += 1
@@ -126,6 +201,15 @@ class Check:
 
     def _ill(self) -> dict[str, list[str]]:
         return {subject.name: ill for subject in self._subjects if (ill := subject.ill())}
+
+    def _restarted(self, may_end: tuple[str, str]) -> Iterator[str]:
+        """Nodes with another process than before, except for ``may_end``."""
+        for subject in self._subjects:
+            pids, before = subject.pids(), self._pids.get(subject.name, {})
+            self._pids[subject.name] = pids
+            for node, pid in pids.items():
+                if before.get(node, pid) != pid and (subject.name, node) != may_end:
+                    yield f"{subject.name}: {node} was restarted"
 
     def _all_run(self) -> bool:
         return all(subject.process.poll() is None for subject in self._subjects)
@@ -177,8 +261,8 @@ def states(subjects: Sequence[Subject]) -> Iterator[str]:
 def orphans(subjects: Sequence[Subject]) -> list[str]:
     """Processes of socialbot in this process namespace whose ``up`` is none of the subjects, for `ORPHAN_S`."""
     found = _strangers(subjects)
-    deadline = time.monotonic() + ORPHAN_S
-    while found and time.monotonic() < deadline:
+    clock = FairClock()
+    while found and clock.tick() < ORPHAN_S:
         time.sleep(0.1)
         found &= _strangers(subjects)
     return [f"process {pid}" for pid in sorted(found)]

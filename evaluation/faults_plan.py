@@ -119,6 +119,14 @@ def await_(holds: Callable[[], bool], timeout_s: float, lack: str, where: Path) 
     return time.monotonic() - begun
 
 
+def children(pid: int) -> list[int]:
+    """Return the children of ``pid``."""
+    try:
+        return [process.pid for process in psutil.Process(pid).children()]
+    except psutil.NoSuchProcess:
+        return []
+
+
 def descendants(pid: int) -> list[int]:
     """Return ``pid`` and its descendants."""
     try:
@@ -147,6 +155,10 @@ def kill_all(roots: Sequence[int]) -> int:
     return at
 
 
+GUARD = "guard"
+"""Name of the guard of a process."""
+
+
 def process_name(pid: int) -> str:
     """Return the node of a socialbot process, or else its command; empty for other or ended processes."""
     try:
@@ -154,6 +166,8 @@ def process_name(pid: int) -> str:
         title = Path(f"/proc/{pid}/comm").read_text("utf-8").strip()
     except OSError:
         return ""
+    if any(word.endswith("/_process_guard.py") for word in words):
+        return GUARD
     if "socialbot.runtime.fork_server" in words:
         return "fork server" if title.startswith("python") else title
     arguments = words[words.index("socialbot") + 1 :] if "socialbot" in words else []

@@ -3,17 +3,21 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
-from evaluation import chaos_checks
-from evaluation.chaos import FAULTS, VIOLATION_EXIT, Fault
-from evaluation.chaos_checks import Check, Subject, orphans
-from tests.system.running import eventually
+from evaluation import chaos, chaos_checks
+from evaluation.chaos import VIOLATION_EXIT, _end
+from evaluation.chaos_checks import Check, FairClock, Subject, orphans, waited_s
+from evaluation.chaos_faults import FAULTS, Fault, Site, cause
+from evaluation.faults_plan import busy_processes
+from tests.system.running import eventually, next_line
 
 
 @pytest.fixture
@@ -21,7 +25,7 @@ def subject(tmp_path: Path):
     """A process in the place of ``up``, whose nodes are all well."""
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     (tmp_path / "run").mkdir()
-    made = Subject("waldo", 71, process, tmp_path, tmp_path, None)
+    made = Subject("waldo", 71, process, tmp_path, tmp_path, None, has_guard=False)
     values = {"state": "active", "pid": str(process.pid)}
     made.reported = {node: (time.monotonic() + 1e6, values) for node in made.nodes}
     yield made
@@ -35,7 +39,13 @@ def test_a_seed_draws_the_same_faults(subject):
         return [str(Fault.drawn(list(FAULTS), [subject], chance)) for _ in range(200)]
 
     assert drawn(1) == drawn(1) != drawn(2)
-    assert {kind for kind in FAULTS if any(kind in text for text in drawn(1))} >= {"kill", "pause", "clock"}
+    assert {kind for kind in FAULTS if any(kind in text for text in drawn(1))} >= {
+        "kill",
+        "pause",
+        "clock",
+        "memory",
+        "guard",
+    }
 
 
 def test_graphs_that_are_well_violate_nothing(subject):
@@ -60,6 +70,91 @@ def test_each_violation_is_found(subject, monkeypatch):
     subject.process.kill()
     subject.process.wait()
     assert "waldo: up ended with code -9 after a test" in check.after("a test", now)
+
+
+def test_a_missing_guard_is_found(subject, monkeypatch):
+    monkeypatch.setattr(chaos_checks, "RECOVERY_S", 0.1)
+    subject.has_guard = True
+    assert Check([subject]).after("nothing", 0.0) == ["waldo: not active within 0.1 s after nothing: guard"]
+
+
+def test_a_process_restarted_without_a_cause_is_found(subject):
+    check = Check([subject])
+    assert check.after("nothing", 0.0) == []
+    subject.reported["head"] = (time.monotonic() + 1e6, {"state": "active", "pid": str(os.getpid())})
+    assert check.after("a pause", 0.0, ("waldo", "camera")) == ["waldo: head was restarted without a cause at a pause"]
+    subject.reported["head"] = (time.monotonic() + 1e6, {"state": "active", "pid": str(os.getppid())})
+    assert check.after("a kill", 0.0, ("waldo", "head")) == []
+
+
+def test_a_limit_counts_time_without_waiting_for_a_processor():
+    steady_s, stalled_s = 100.0, 7.0
+    clock = FairClock(lambda: steady_s, lambda: stalled_s)
+    steady_s += 10.0
+    assert clock.tick() == 10.0
+    steady_s, stalled_s = steady_s + 10.0, stalled_s + 4.0
+    assert clock.tick() == 16.0
+    steady_s, stalled_s = steady_s + 10.0, stalled_s + 10.0
+    assert clock.tick() == 17.0, "a tenth counts on the busiest machine, so that the limit comes"
+
+
+@pytest.mark.skipif(not chaos_checks.PRESSURE.exists(), reason="Linux measures no pressure here")
+def test_waiting_for_a_processor_is_read():
+    before = waited_s()
+    with busy_processes(2 * (os.cpu_count() or 1)):
+        assert eventually(lambda: waited_s() > before + 0.05)
+
+
+@pytest.mark.parametrize(
+    ("program", "expected"),
+    [
+        ("import signal; signal.signal(signal.SIGTERM, lambda *_: exit(0))", []),
+        ("import signal; signal.signal(signal.SIGTERM, lambda *_: exit(7))", ["up ended with code 7"]),
+        ("import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)", ["up did not end within 0.1 s"]),
+    ],
+)
+def test_the_end_of_up_is_checked(program, expected, monkeypatch):
+    monkeypatch.setattr(chaos, "END_S", 60.0 if not expected or "code" in expected[0] else 0.0)
+    monkeypatch.setattr(chaos, "LATE_S", 0.1)
+    code = f"{program}; print(flush=True); import time; time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert next_line(process) == "\n"
+        assert list(_end(process)) == expected
+
+
+def test_a_node_gets_no_more_memory_for_a_while(subject):
+    """It has its memory again afterwards."""
+    code = """
+taken = []
+while True:
+    input()
+    try:
+        taken.append(bytearray(b"x" * 50_000_000))
+        print("taken", flush=True)
+    except MemoryError:
+        print("refused", flush=True)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as one:
+        assert one.stdin is not None
+
+        def ask() -> str:
+            assert one.stdin is not None
+            one.stdin.write("\n")
+            one.stdin.flush()
+            return next_line(one)
+
+        assert ask() == "taken\n"
+        subject.reported["head"] = (time.monotonic(), {"state": "active", "pid": str(one.pid)})
+        fault = Thread(target=cause, args=(Fault("memory", subject, "head", 0, 5.0), Site([subject], isolated=False)))
+        before = resource.prlimit(one.pid, resource.RLIMIT_DATA)
+        fault.start()
+        assert eventually(lambda: resource.prlimit(one.pid, resource.RLIMIT_DATA) != before)
+        assert ask() == "refused\n"
+        fault.join()
+        assert ask() == "taken\n"
+        one.kill()
 
 
 def test_a_process_that_outlives_its_graph_is_an_orphan(subject):
