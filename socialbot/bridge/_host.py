@@ -171,7 +171,12 @@ class NodeHost:
         self._passed_over: Counter[Input[Any]] = Counter()
         """Number of received messages that did not reach the present node."""
         self._reporter = DiagnosticsReporter(
-            self._ros, self.statistics, self._connections, self._inputs, lambda: self._ros.state
+            self._ros,
+            self.statistics,
+            self._connections,
+            self._inputs,
+            lambda: self._ros.state,
+            lambda: None if self._thread is None else self._thread.health,
         )
         if supervisor is not None:
             self._heartbeat = self._ros.create_timer(HEARTBEAT_S, self._beat, clock=STEADY)

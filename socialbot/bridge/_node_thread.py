@@ -136,6 +136,11 @@ class NodeThread:
     def started(self) -> bool:
         return self._thread is not None
 
+    @property
+    def health(self) -> Health | None:
+        """The health that the node published last; None before the first."""
+        return self._health.shown
+
     def start(self) -> None:
         self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()

@@ -18,7 +18,7 @@ import numpy as np
 from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.transport import Listener, log_refusal, message_class, open_transport
 from socialbot.core.errors import MessageError
-from socialbot.core.messages import NO_JSON
+from socialbot.core.messages import NO_JSON, Health
 from socialbot.graph.node import Graph
 
 if TYPE_CHECKING:
@@ -37,6 +37,9 @@ TICK_S = 0.1
 TICKS_PER_REPORT = 10
 PERCENTILE_WINDOW = 600
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
+
+_LEVELS: Mapping[str, str] = {"failed": "ERROR", "degraded": "WARN", "waiting": "WARN"}
+"""Level on /diagnostics of a node that is not well, by the state of its health."""
 
 OnStatus = Callable[[str, dict[str, str]], None]  # receives the name of a node and the values of its status
 _DECODER = msgspec.json.Decoder(tuple[str, dict[str, str]])
@@ -257,6 +260,7 @@ class DiagnosticsReporter:
         connections: Sequence[Connection],
         inputs: Callable[[], Sequence[InputQueue]],
         state: Callable[[], str],
+        health: Callable[[], Health | None],
     ) -> None:
         from rclpy.clock import Clock
         from rclpy.clock_type import ClockType
@@ -266,6 +270,7 @@ class DiagnosticsReporter:
         self._connections = connections
         self._inputs = inputs
         self._state = state
+        self._health = health
         self._ticks = itertools.count()
         self._missing = ""
         self._counted_at, self._counts = time.monotonic(), self._count()
@@ -330,6 +335,9 @@ class DiagnosticsReporter:
         failing = [text for text, applies in problems.items() if applies]
         level = "WARN" if failing or missing else "OK"
         text = statistics.first_failure or next(iter(failing), summary)
+        health = self._health() if state == "active" else None
+        if health is not None and health.state in _LEVELS:
+            level, text = _LEVELS[health.state], health.reason
         return status_of(self._ros.get_name(), level, text, values)
 
 

@@ -91,7 +91,7 @@ def up(
             address = Address(foxglove_host, foxglove_port, token_given(None))
             context.with_resource(shown_in_foxglove(record, whole, console, address))
         try:
-            with Display(console, whole.without_sources(), details=verbose) as display:
+            with Display(console, whole.without_sources(), details=verbose, health_of=whole) as display:
                 run(whole, source, record, display.show, runner="ros", composed=composed)
         finally:
             report_alive()

@@ -49,6 +49,7 @@ AT_ONCE_S = 0.5
 LINK = "link"
 """Fault source when several nodes time out at once."""
 
+_UNCONNECTED = "unconnected: "
 _A_WHILE = nanoseconds(FIRST_S)
 
 WORSE: Sequence[State] = ("ok", "ended", "waiting", "paused", "degraded", "failed")
@@ -161,7 +162,7 @@ class HealthMonitor:
                 stamp=self._clock.now(),
                 node=self._name,
                 state="waiting",
-                reason=f"unconnected: {lacking}",
+                reason=f"{_UNCONNECTED}{lacking}",
                 outputs=self._outputs,
             ),
             True,
@@ -236,6 +237,11 @@ class HealthMonitor:
         self._reported = (state, reason)
         self._show()
 
+    @property
+    def shown(self) -> Health | None:
+        """The health that was published last, also for other threads; None before the first."""
+        return self._shown
+
     def health(self) -> Health:
         """The worst of the reported state and the states of the inputs."""
         state, reason = self._reported
@@ -274,6 +280,11 @@ class HealthMonitor:
         if is_new or beat:
             self._shown = health
             self._publish(health, is_new or self._beats % COMMON_BEATS == 0)
+
+
+def is_unconnected(health: Health) -> bool:
+    """Whether a node has not begun yet, because it waits for its connections."""
+    return health.state == "waiting" and health.reason.startswith(_UNCONNECTED)
 
 
 def own_health_topic(node: str) -> str:

@@ -93,6 +93,8 @@ class NodeStatus:
             return self.state or "unknown"
         if self.lacks_heartbeat:
             return "no heartbeat"
+        if self.health == "degraded" and not self.silent:
+            return "degraded"
         return CONDITIONS.get(self.health, ACTIVE)
 
     @property

@@ -15,6 +15,7 @@ from rich.text import Text
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import (
     HeadCommand,
+    Health,
     HeardSpeech,
     JointTrajectory,
     Message,
@@ -26,6 +27,7 @@ from socialbot.core.messages import (
 )
 from socialbot.core.registry import phrases_of
 from socialbot.deliberation.messages import PlanExecutionInfo
+from socialbot.graph.health import is_unconnected
 from socialbot.graph.node import Graph
 from socialbot.runs.narration import Narrator, Verb, Wording
 from socialbot.runs.record import trace_record
@@ -39,6 +41,9 @@ _STYLES = {
     "says": "bold green",
     "head": "blue",
     "fails": "bold red",
+    "waits": "yellow",
+    "works": "green",
+    "notes": "yellow",
 }
 _VERBS = {"belief": "believes", "goal": "wants", "action": "does", "failure": "fails"}
 _SIGNS: dict[Verb, tuple[str, str]] = {
@@ -75,6 +80,39 @@ class _Repeats:
         self.last = stamp
 
 
+class _Lacks:
+    """What each node of ``graph`` lacks, by its health. Inputs that lack only another node's messages do not count.
+
+    The remark of a node that works counts if it was made at the start.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._published = {topic for config in graph.nodes for topic, _ in config.publications}
+        self._lacks = {config.name: "" for config in graph.nodes}
+        self._new = set(self._lacks)
+
+    def change(self, health: Health) -> tuple[str, str] | None:
+        """Verb and text of a line about a change; None without one."""
+        if health.node not in self._lacks:
+            return None
+        if health.node in self._new and not is_unconnected(health):
+            self._new.remove(health.node)
+            if health.state == "ok" and health.reason:
+                return "notes", f"{health.node}: {health.reason}"
+        lacks = health.reason if self._counts(health) else ""
+        before, self._lacks[health.node] = self._lacks[health.node], lacks
+        if lacks == before:
+            return None
+        if not lacks:
+            return "works", f"{health.node} again"
+        return "waits" if health.state == "waiting" else "fails", f"{health.node}: {lacks}"
+
+    def _counts(self, health: Health) -> bool:
+        if health.state not in ("waiting", "degraded", "failed") or is_unconnected(health):
+            return False
+        return health.state == "failed" or not health.silent or not self._published.issuperset(health.silent)
+
+
 class Display:
     """Print a line for each event, above a status line with time, progress and current activity.
 
@@ -89,15 +127,19 @@ class Display:
         start: int | None = None,
         until: int | None = None,
         details: bool = False,
+        health_of: Graph | None = None,
     ) -> None:
         """Create the display.
 
         Args:
             console: Where to print.
             graph: The graph that runs, without its sources.
-            start: Time (ns) that counts as 0 s; that of the first record by default, as in the record of the run.
+            start: Time (ns) that counts as 0 s; that of the first record by default, as in the record of the run, and
+                before it that of the first line.
             until: Time (ns) of the end; the expected end of the plans by default.
             details: Also print a line for each head motion and each change of the number of people in view.
+            health_of: The whole graph, to also print a line when one of its nodes lacks something, and when it works
+                again.
         """
         nodes = graph.nodes if graph is not None else ()
         tells_story = any(node.type.deliberates for node in nodes)
@@ -109,6 +151,7 @@ class Display:
         self._details = details
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
         self._start = start
+        self._first_line: int | None = None
         self._until = until
         self._plan_ends: dict[str, int] = {}
         self._doing: dict[str, dict[str, str]] = {}
@@ -120,6 +163,7 @@ class Display:
         self._causes: dict[str, str] = {}
         self._unspoken: dict[str, SpeechStatus] = {}
         self._repeats = _Repeats()
+        self._lacks = None if health_of is None else _Lacks(health_of)
 
     def __enter__(self) -> Display:
         if self._live is not None:
@@ -151,6 +195,9 @@ class Display:
                 self._show_speech(message.stamp)
             case SpeechStatus(state="failed" | "expired" | "replaced" | "interrupted"):
                 self._line(message.stamp, "fails", f'to say "{message.text}": {message.state} {message.detail}')
+            case Health() if self._lacks is not None:
+                if (change := self._lacks.change(message)) is not None:
+                    self._line(message.stamp, *change)
             case HeardSpeech():
                 self._line(message.stamp, "hears", f'"{message.text}"')
             case HeadCommand():
@@ -231,6 +278,8 @@ class Display:
 
     def _print(self, stamp: int, *parts: tuple[str, str]) -> None:
         self._end_repeats()
+        if self._first_line is None:
+            self._first_line = stamp
         self._console.print(Text.assemble((f"{self._seconds(stamp):7.2f} s  ", "dim"), *parts), soft_wrap=True)
 
     def _update(self, stamp: int) -> None:
@@ -246,7 +295,7 @@ class Display:
         self._live.update(Text(line, "dim", no_wrap=True, overflow="ellipsis"))
 
     def _seconds(self, stamp: int) -> float:
-        return (stamp - (self._start or 0)) / SECOND
+        return (stamp - (self._start or self._first_line or 0)) / SECOND
 
 
 def _keep(kept: dict[str, _V], key: str, value: _V) -> None:

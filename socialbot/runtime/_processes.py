@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -32,6 +33,8 @@ ASKED_AGAIN_S = 3.0  # time between the first and the second SIGINT
 
 LOG_TAIL_LINES = 8
 DOCUMENTED = frozenset({3, 4, 5, 7})  # exit codes with a documented meaning; any other failure of a node is 6
+_ERROR = re.compile(r"^error: (.*(?:\n  remedy: .*)?)", re.MULTILINE)
+_TAIL_BYTES = 20_000
 
 
 class Process(Protocol):
@@ -127,9 +130,24 @@ def end_processes(processes: Mapping[str, Process]) -> dict[str, int]:
     return {name: 0 if code == -signal.SIGALRM else code for name, code in codes.items()}
 
 
-def how_it_ended(code: int) -> str:
-    """Describe an exit code."""
-    return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+def how_it_ended(code: int, error: str = "") -> str:
+    """Describe an exit code, and the error behind it."""
+    if code < 0:
+        return f"was ended by signal {-code}"
+    return f"ended with exit code {code}" + (f": {error}" if error else "")
+
+
+def reported_error(log: Path) -> str:
+    """Return the error with which a process has ended, on one line: that of its log, or the last line there."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL_BYTES))
+            text = file.read().decode("utf-8", errors="replace")
+    except OSError:
+        return ""
+    lines = [line for line in text.splitlines() if line.strip()][-LOG_TAIL_LINES:]  # not an error of an earlier start
+    errors = _ERROR.findall("\n".join(lines)) or lines
+    return errors[-1].replace("\n  remedy: ", "; ").strip() if errors else ""
 
 
 def write_graph(graph: Graph, folder: Path) -> Path:

@@ -17,7 +17,7 @@ from socialbot.bridge.diagnostics import LAST_ERROR_VARIABLE, RESTARTS_VARIABLE,
 from socialbot.bridge.environment import remove_stale
 from socialbot.bridge.process import SupervisorChannel, channel_pair
 from socialbot.core.bounded_log import Rotation
-from socialbot.core.errors import NodeError
+from socialbot.core.errors import DeviceError, InstallationError, NodeError
 from socialbot.core.process_guard import report_alive
 from socialbot.graph.node import Graph
 from socialbot.runs.record import RunTrace
@@ -33,6 +33,7 @@ from socialbot.runtime._processes import (
     log_file,
     node_arguments,
     processes_of,
+    reported_error,
     write_graph,
 )
 from socialbot.runtime.fork_server import ForkServer
@@ -148,6 +149,8 @@ log = logging.getLogger("socialbot.supervisor")
 ACTIVE, INACTIVE = "active", "inactive"  # reported node states: running, and configured
 ROTATE_EVERY_S = 5.0
 
+_LACKS = frozenset({InstallationError.exit_code, DeviceError.exit_code})  # exit codes without which others can go on
+
 ABSENT_S = 1.0  # polls later than this are treated as a system suspend, which nodes share
 SILENT_S = 1.0  # time without a report from which on the wait for a processor is measured
 STARVED_LIMITS = 6  # so many time limits without a report are too many also for a process that waits for a processor
@@ -253,7 +256,8 @@ class Supervisor:
     def attend(self, timeout_s: float) -> None:
         """Handle all events once; wait at most ``timeout_s`` for the next one. Call it continuously.
 
-        Raises NodeError when every process is given up, and any documented error of a first start, which would recur.
+        Raises NodeError when every process is given up. An error of a first start that would recur is raised too,
+        unless the others can go on without this process: it lacks a device, or a part of the installation.
         """
         self._listen(timeout_s)
         now = time.monotonic()
@@ -277,7 +281,7 @@ class Supervisor:
                 self._restart(member, now)
         if self.members and all(member.state == "given up" for member in self.members.values()):
             raise NodeError(
-                "all processes have crashed too often",
+                "all processes have crashed too often, or cannot start",
                 where=self._graph.name,
                 remedy=f"their logs are in {self._folder}",
             )
@@ -417,8 +421,12 @@ class Supervisor:
             log.warning("%s has ended", member.name)
             return
         if code in DOCUMENTED and not member.was_well:
-            raise failure(member.name, code, file)
-        what = f"hung ({member.hung} sent no report)" if member.hung else how_it_ended(code)
+            if code not in _LACKS or len(self.members) == 1:
+                raise failure(member.name, code, file)
+            self._go_on_without(member, code, reported_error(file), now)
+            return
+        hung = f"hung ({member.hung} sent no report)" if member.hung else ""
+        what = hung or how_it_ended(code, reported_error(file))
         member.last_error, member.is_down = what, True
         pause_s = member.backoff.crashed(now)
         if pause_s is None:
@@ -431,6 +439,20 @@ class Supervisor:
         member.due = now + pause_s
         member.restarts += 1
         log.warning("%s %s; started again %s (no. %d)", member.name, what, in_time(pause_s), member.restarts)
+
+    def _go_on_without(self, member: Member, code: int, error: str, now: float) -> None:
+        """Go on without a process that lacks a device, which is retried, or a part of the installation."""
+        what = f"cannot start: {error}"
+        is_new, member.last_error, member.is_down = member.last_error != what, what, True
+        again = ""
+        if code == DeviceError.exit_code:
+            member.due = now + self._policy.longest_s
+            member.restarts += 1
+            again = f"; tried again every {self._policy.longest_s:g} s"
+        else:
+            member.is_given_up = True
+        if is_new:
+            log.error("%s %s%s; the others go on without it", member.name, what, again)
 
     @staticmethod
     def _part(member: Member) -> None:

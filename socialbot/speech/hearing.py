@@ -56,9 +56,9 @@ class SoundCheck:
         clipped, silent = self._clipped / self._samples, self._zeros == self._samples
         self._samples = self._clipped = self._zeros = 0
         if silent:
-            return "the microphone sends only zeros: is it muted?"
+            return "the microphone sends only zeros; unmute it, or choose another one"
         if clipped >= _CLIPPED_SHARE:
-            return f"{clipped:.0%} of the sound is clipped: lower the gain of the microphone"
+            return f"{clipped:.0%} of the sound is clipped; lower the gain of the microphone"
         return ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from functools import partial
@@ -24,8 +25,10 @@ DEFAULT = "default"
 """Source that stands for the default microphone."""
 
 _RETRY_S = 2.0
+_RETRIED = f"retried every {_RETRY_S:g} s"
 _PATIENCE_S = 1.0  # A working device delivers sound more often.
 _SUFFIX = ".wav"
+_SOUND_DEVICES = Path("/dev/snd")
 
 
 class SoundDevice(Protocol):
@@ -78,9 +81,8 @@ class Capture:
             next(receiver)
             self._device.start(receiver)
         except miniaudio.MiniaudioError as error:
-            remedy = "plug one in and check that no other program uses it; or give a .wav file"
             reason = error.args[0] if error.args else error  # the text, without the number of the error
-            raise DeviceError(f"no microphone ({reason})", where=source, remedy=remedy) from error
+            raise DeviceError(f"no microphone ({reason})", where=source, remedy=_remedy()) from error
 
     def _receive(self) -> Generator[None, Any, None]:
         while True:
@@ -88,6 +90,14 @@ class Capture:
 
     def close(self) -> None:
         self._device.close()
+
+
+def _remedy() -> str:
+    """What to do about a microphone that cannot be opened."""
+    cards = list(_SOUND_DEVICES.glob("pcm*c"))
+    if cards and not any(os.access(card, os.R_OK | os.W_OK) for card in cards):
+        return f"permission for {cards[0]} is refused: add the user to the group 'audio', and log in again"
+    return "plug one in and check that no other program uses it; or set source to a .wav file"
 
 
 def _find(source: str, backends: Sequence[miniaudio.Backend]) -> object:
@@ -109,7 +119,7 @@ def _usual_backends() -> list[miniaudio.Backend]:
     if sys.platform == "win32":
         return [Backend.WASAPI, Backend.DSOUND]
     # Without a sound card ALSA prints a page of errors to stderr.
-    card = any(Path("/dev/snd").glob("pcm*c"))
+    card = any(_SOUND_DEVICES.glob("pcm*c"))
     return [Backend.PULSEAUDIO, *([Backend.ALSA] if card else []), Backend.JACK]
 
 
@@ -216,10 +226,7 @@ class Microphone(Node):
             self._device = self.open_device(lambda data: self.context.call_soon(partial(self._on_sound, data)))
         except DeviceError as error:
             self._schedule(self.clock.now() + nanoseconds(_RETRY_S), self._open)
-            if not self._reported:
-                self._reported = True
-                self.report_health("failed", error.what)
-                self.log.warning("%s: %s; retried every %g s", error.where, error.what, _RETRY_S)
+            self._report_once(f"{error.where}: {error.what}; {error.remedy}; {_RETRIED}")
             return
         self._end, self._last_sound = None, self.clock.now()
         self._schedule(self._last_sound + nanoseconds(_PATIENCE_S), self._watch)
@@ -233,11 +240,14 @@ class Microphone(Node):
             self._schedule(self._last_sound + nanoseconds(_PATIENCE_S), self._watch)
             return
         self._close()
+        self._report_once(f"{self.source}: no more sound; check the connection; {_RETRIED}")
+        self._schedule(now + nanoseconds(_RETRY_S), self._open)
+
+    def _report_once(self, problem: str) -> None:
         if not self._reported:
             self._reported = True
-            self.report_health("failed", f"{self.source} sends no more sound")
-            self.log.warning("%s sends no more sound; check the connection; retried every %g s", self.source, _RETRY_S)
-        self._schedule(now + nanoseconds(_RETRY_S), self._open)
+            self.report_health("failed", problem)
+            self.log.warning(problem)
 
     def _on_sound(self, data: bytes) -> None:
         if self._device is None or not data:

@@ -28,6 +28,8 @@ MOST_VOICES = 8  # number of voices of other languages kept; a neural one takes 
 
 PLAYBACK = ("auto", "off", "required")
 
+_UNHEARD = "connect one and restart this node, or set playback to 'off'"
+
 State = Literal["waiting", "started", "finished", "replaced", "expired", "failed", "interrupted"]
 
 
@@ -180,6 +182,7 @@ class Speaker(Node):
         except InstallationError as error:
             self._missing = error
             self.log.warning("cannot speak: %s", _line(error))
+            self.report_health("failed", f"cannot speak: {_line(error)}")
         self._folder = self._make_folder() if self.folder else None
         self._player = None if self.playback == "off" else self.find_player()
         if self._player is None and self.playback == "required":
@@ -231,8 +234,11 @@ class Speaker(Node):
         return voice
 
     def find_player(self) -> AudioPlayer | None:
-        """Return the player; subclasses may override it."""
-        return find_player()
+        """Return the player, and report if there is none; subclasses may override it."""
+        player = find_player()
+        if player is None and self._missing is None:
+            self.report_health("ok", f"no sound device, so nobody hears the speech; {_UNHEARD}")
+        return player
 
     def perform(self, utterance: Utterance, on_end: OnEnd) -> str:
         """Start to speak, and return a detail of it; subclasses may override it.

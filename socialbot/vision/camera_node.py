@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -101,7 +102,10 @@ class _CameraFrames(_VideoFrames):
         try:
             super().__init__(int(source) if source.isdecimal() else source)
         except DeviceError:
-            remedy = "is another program using it? may you read it (group 'video')?"
+            if os.path.exists(path) and not os.access(path, os.R_OK | os.W_OK):
+                remedy = "add the user to the group 'video', and log in again"
+                raise DeviceError("no permission to use the camera", where=path, remedy=remedy) from None
+            remedy = "end other programs that use it, or choose one of /dev/video* that takes pictures"
             raise DeviceError("the camera cannot be opened", where=path, remedy=remedy) from None
         # A longer buffer delivers old images to a slow reader.
         settings = {cv2.CAP_PROP_FRAME_WIDTH: width, cv2.CAP_PROP_FRAME_HEIGHT: height, cv2.CAP_PROP_BUFFERSIZE: 1}
@@ -140,14 +144,15 @@ def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 _RETRY_S = 2.0
+_RETRIED = f"retried every {_RETRY_S:g} s"
 _DEVICES = Path("/dev")
 
 
 class Camera(Node):
     """Publishes images at a steady rate, and the intrinsics of the camera once.
 
-    A lost camera is reported once and retried every two seconds. A file stops at its end, or restarts with ``loop``; if
-    that fails, it is retried like a camera.
+    A missing or lost camera is reported once and retried every two seconds. A file stops at its end, or restarts with
+    ``loop``; if that fails, it is retried like a camera.
     """
 
     image_raw = Output(Image, "/camera/image_raw", Delivery.NEWEST)
@@ -178,15 +183,24 @@ class Camera(Node):
         """Open the source.
 
         Raises:
-            DeviceError: The source does not exist.
+            DeviceError: The file or folder cannot be read.
             ImageError: Its first image is damaged.
             ParameterError: It is outside the folders that the user allows.
         """
         if not self.source.isdecimal():
             paths.within(self.source, (*paths.workspace(), _DEVICES), where=f"{self.name}.source")
-        self._open()
-        self._publish_info()
         self._due = self.clock.now()
+        try:
+            self._open()
+        except DeviceError as error:
+            if not is_device(self.source):
+                raise
+            problem = f"{error.where}: {error.what}; {error.remedy}; {_RETRIED}"
+            self.report_health("failed", problem)
+            self.log.warning(problem)
+            self._schedule_retry()
+            return
+        self._publish_info()
         self._schedule(self._due, self._tick)
 
     def stop(self) -> None:
@@ -235,7 +249,7 @@ class Camera(Node):
             except (DeviceError, ImageError):
                 if self._frames is None:
                     self._schedule_retry()
-                    self.report_health("failed", f"{self.source} cannot be opened again")
+                    self.report_health("failed", f"{self.source}: cannot be opened again; restore it; {_RETRIED}")
                 raise
         if pixels is None:
             self._on_end()
@@ -251,12 +265,9 @@ class Camera(Node):
             self.report_health("waiting", f"{self.source} has ended")
             return
         self._schedule_retry()
-        self.report_health("failed", f"{self.source} sends no more images")
-        raise DeviceError(
-            "the camera sends no more images",
-            where=self.source,
-            remedy=f"check the connection; it is retried every {_RETRY_S:g} s",
-        )
+        what, remedy = "the camera sends no more images", f"check the connection; {_RETRIED}"
+        self.report_health("failed", f"{self.source}: {what}; {remedy}")
+        raise DeviceError(what, where=self.source, remedy=remedy)
 
     def _reopen(self) -> None:
         """Retry a lost source; it is back when it delivers an image."""

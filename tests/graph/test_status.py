@@ -105,6 +105,11 @@ def test_the_reported_health_of_a_node_counts(roll, state, condition):
     assert (detector.condition, detector.reason, detector.silent) == (condition, "no message on /image", ("/image",))
 
 
+def test_a_fault_that_is_no_silent_input_is_shown_as_such(roll):
+    roll.note_health(health("detector", "degraded", "the lens is dirty"), 11.0)
+    assert roll.statuses(11.0)[1].condition == "degraded"
+
+
 def test_a_paused_node_is_shown_as_paused_and_well(roll):
     roll.note_health(health("detector", "paused", "paused by a person"), 10.5)
     statuses = roll.statuses(10.5)
@@ -239,7 +244,7 @@ def test_the_screen_shows_the_duration_of_each_state(roll):
     assert lines[3].split()[:5] == ["camera", "robot", "active", "3", "min"]
     assert lines[4].split() == ["detector", "workstation", "no", "messages", "3", "min"]
     roll.note("detector", TOLD | {"machine": "workstation"}, 201.0)
-    roll.note_health(health("detector", "degraded", "no message on /image"), 201.0)
+    roll.note_health(health("detector", "degraded", "no message on /image", ("/image",)), 201.0)
     lines = screen_lines(screen, 201.0, roll.statuses(201.0))
     assert lines[4].split()[1:6] == ["workstation", "input", "silent", "0", "s"]
     assert lines[-1] == "detector: no message on /image"

@@ -233,9 +233,9 @@ class TestTheVoice:
         assert daemon.requests == []
 
 
-def test_the_daemon_gets_its_camera_back_if_it_cannot_be_opened(daemon):
-    with pytest.raises(DeviceError, match="no such camera"):
-        GraphTester(ReachyCamera, parameters={"url": daemon.url, "source": "97"}).__enter__()
+def test_the_daemon_gets_its_camera_back_at_the_end_if_it_cannot_be_opened(daemon):
+    with GraphTester(ReachyCamera, parameters={"url": daemon.url, "source": "97"}):
+        assert daemon.requests == ["POST /api/media/release"]
     assert daemon.requests == ["POST /api/media/release", "POST /api/media/acquire"]
 
 

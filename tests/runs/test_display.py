@@ -21,11 +21,16 @@ from socialbot.core.messages import (
     PersonDetection,
     PersonDetections,
     SpeechStatus,
+    State,
     TraceRecord,
     Utterance,
 )
 from socialbot.deliberation.messages import ActionExecutionInfo, Desire, PlanExecutionInfo
+from socialbot.graph.node import Graph, NodeConfig
 from socialbot.runs.console import Display, people_text
+from socialbot.speech.hearing import Hearing
+from socialbot.speech.microphone import Microphone
+from socialbot.speech.speaker import Speaker
 from tests.runs.deliberating_runs import DETOUR, GRAPH
 
 START = nanoseconds(100.0)
@@ -58,11 +63,13 @@ def head(seconds: float, pan: float, tilt: float) -> JointTrajectory:
     )
 
 
-def shown(*messages: Message, terminal: bool = False, details: bool = True) -> list[str]:
+def shown(
+    *messages: Message, terminal: bool = False, details: bool = True, health_of: Graph | None = None
+) -> list[str]:
     """Return the lines of the display, by default with details."""
     out = io.StringIO()
     console = Console(file=out, width=100, force_terminal=terminal, color_system=None)
-    with Display(console, start=START, until=at(20.0), details=details) as display:
+    with Display(console, start=START, until=at(20.0), details=details, health_of=health_of) as display:
         for message in messages:
             display.show("/topic", message)
     return out.getvalue().splitlines()
@@ -105,6 +112,51 @@ def test_display_prints_a_line_per_event(message, line):
 )
 def test_display_omits_redundant_events(message):
     assert shown(message) == []
+
+
+EARS = Graph(
+    "ears",
+    tuple(NodeConfig(kind.__name__.lower(), kind) for kind in (Microphone, Hearing, Speaker)),
+    inputs=frozenset({"/speech/say"}),
+)
+
+
+def health(seconds: float, node: str, state: State, reason: str = "", *silent: str) -> Health:
+    return Health(stamp=at(seconds), node=node, state=state, reason=reason, silent=silent)
+
+
+def test_display_prints_what_a_node_of_a_live_graph_lacks():
+    messages = [
+        health(0.5, "hearing", "waiting", "unconnected: /audio"),
+        health(1.0, "microphone", "failed", "no microphone; plug one in"),
+        health(1.0, "speaker", "ok", "no sound device; connect one"),
+        health(1.3, "microphone", "failed", "no microphone; plug one in"),
+        health(2.0, "speaker", "ok"),
+        health(3.0, "hearing", "waiting", "no message on /audio yet", "/audio"),
+        health(3.0, "stranger", "failed", "nothing works"),
+        health(4.0, "microphone", "ok"),
+        health(5.0, "hearing", "degraded", "the microphone sends only zeros; unmute it"),
+        health(6.0, "hearing", "ok", "a remark"),
+        health(7.0, "speaker", "degraded", "no message on /x since 9:00", "/x"),
+    ]
+    assert shown(*messages, health_of=EARS) == [
+        "   1.00 s  fails    microphone: no microphone; plug one in",
+        "   1.00 s  notes    speaker: no sound device; connect one",
+        "   4.00 s  works    microphone again",
+        "   5.00 s  fails    hearing: the microphone sends only zeros; unmute it",
+        "   6.00 s  works    hearing again",
+        "   7.00 s  fails    speaker: no message on /x since 9:00",
+    ]
+    assert shown(*messages) == []
+
+
+def test_times_count_from_the_first_line_until_there_is_a_record():
+    out = io.StringIO()
+    with Display(Console(file=out, width=100), health_of=EARS) as display:
+        display.show("/health", health(1.0, "microphone", "failed", "no microphone"))
+        display.show("/health", health(3.5, "microphone", "ok"))
+        display.show("/trace", record(4.0, "goal", "GreetPeople()"))
+    assert [line[:10] for line in out.getvalue().splitlines()] == ["   0.00 s ", "   2.50 s ", "   0.00 s "]
 
 
 def test_display_prints_what_agents_do_and_no_more_without_details():

@@ -176,7 +176,7 @@ def test_node_status_at_a_time(tmp_path):
 
     assert speech(0) == ("no messages", "", None)
     assert speech(1) == ("active", "", 30.0)
-    assert speech(3) == ("input silent", "no sound", 30.0)
+    assert speech(3) == ("degraded", "no sound", 30.0)
 
 
 def test_no_node_is_silent_because_its_recording_is_over(tmp_path):
@@ -222,7 +222,7 @@ def test_trimmed_log_repeats_the_latest_node_status(tmp_path):
         for second in range(1000):
             kept.note_node(START + second * 10**9, "speech", {"machine": "desk", "state": "active"})
     found = next(node for node in open_run(tmp_path).nodes(START + 999 * 10**9) if node.name == "speech")
-    assert (found.condition, found.reason) == ("input silent", "no sound")
+    assert (found.condition, found.reason) == ("degraded", "no sound")
 
 
 def test_newest_run_is_the_last_written(tmp_path):

@@ -118,7 +118,7 @@ def test_a_documented_error_ends_only_a_first_start(scripts: dict[str, str], tmp
         assert attended(supervisor, lambda: supervisor.well == {"one", "two"})
     scripts["one"] = f"""
 if os.environ["{RESTARTS_VARIABLE}"] == "0":
-    sys.exit(7)
+    sys.exit(4)
 {WELL}"""
     with Supervisor(GRAPH, tmp_path, policy=POLICY, well=supervisor.well) as again:
         one = again.members["one"]
@@ -247,15 +247,75 @@ def test_an_error_if_all_processes_are_given_up(scripts: dict[str, str], tmp_pat
         attended(supervisor, lambda: False)
 
 
-def test_a_documented_error_of_a_first_start_ends_all(scripts: dict[str, str], tmp_path: Path) -> None:
-    scripts["one"] = "print('no such camera'); raise SystemExit(7)"
+def test_a_wrong_configuration_at_a_first_start_ends_all(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = "print('no such parameter'); raise SystemExit(4)"
     with (
-        pytest.raises(SocialbotError, match="no such camera") as caught,
+        pytest.raises(SocialbotError, match="no such parameter") as caught,
         Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor,
     ):
         attended(supervisor, lambda: False)
-    assert caught.value.exit_code == 7
+    assert caught.value.exit_code == 4
     assert supervisor.pids == {}
+
+
+def ends_with(code: int, what: str, remedy: str) -> str:
+    """Script of a process that ends with an error."""
+    error = f"INFO one: starts\nerror: {what}\n  remedy: {remedy}\n"
+    return f"print({error!r}, end=''); sys.exit({code})"
+
+
+def test_goes_on_without_a_part_of_the_installation(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scripts["one"] = ends_with(5, "the speech model is not installed", "make hear")
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one, two = supervisor.members.values()
+        assert attended(supervisor, lambda: one.state == "given up")
+        assert attended(supervisor, lambda: two.state == "active")
+        assert one.last_error == "cannot start: the speech model is not installed; make hear"
+    assert [record.getMessage() for record in caplog.records] == [
+        "one cannot start: the speech model is not installed; make hear; the others go on without it"
+    ]
+
+
+def test_retries_a_missing_device_and_reports_it_once(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] < "4":
+    {ends_with(7, "cam: no such camera", "plug it in")}
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: one.state == "active")
+    assert [record.getMessage() for record in caplog.records] == [
+        "one cannot start: cam: no such camera; plug it in; tried again every 0.05 s; the others go on without it",
+        "one is back",
+    ]
+
+
+def test_a_graph_of_one_process_ends_with_a_missing_device(scripts: dict[str, str], tmp_path: Path) -> None:
+    scripts["one"] = ends_with(7, "cam: no such camera", "plug it in")
+    with (
+        pytest.raises(SocialbotError, match="no such camera") as caught,
+        Supervisor(GRAPH, tmp_path, policy=POLICY, nodes=["one"]) as supervisor,
+    ):
+        attended(supervisor, lambda: False)
+    assert caught.value.exit_code == 7
+
+
+def test_a_crash_is_reported_with_its_error(
+    scripts: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scripts["one"] = f"""
+if os.environ["{RESTARTS_VARIABLE}"] == "0":
+    raise ValueError("no ear")
+{WELL}"""
+    with Supervisor(GRAPH, tmp_path, policy=POLICY) as supervisor:
+        one = supervisor.members["one"]
+        assert attended(supervisor, lambda: one.state == "active")
+        assert one.last_error == "ended with exit code 1: ValueError: no ear"
+    assert "one ended with exit code 1: ValueError: no ear; started again" in caplog.text
 
 
 def test_retries_a_lost_device(scripts: dict[str, str], tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ import pytest
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import DeviceError, InstallationError, ParameterError
 from socialbot.core.installation import extra_command
-from socialbot.core.messages import AudioData, Message
+from socialbot.core.messages import AudioData, Health, Message
 from socialbot.core.paths import FOLDERS_VARIABLE
 from socialbot.graph.inline import InlineRunner
 from socialbot.graph.node import Graph, NodeConfig
+from socialbot.speech import microphone
 from socialbot.speech.audio import duration_ns
 from socialbot.speech.microphone import Capture, Microphone, OnSound
 from tests.speech.sounds import tone
@@ -40,9 +41,13 @@ class Source:
 
     @property
     def state(self) -> str:
+        return self.health.state
+
+    @property
+    def health(self) -> Health:
         context = self.runner.context_of("microphone")
         assert context is not None
-        return context.health_monitor.health().state
+        return context.health_monitor.health()
 
     def until(self, seconds: float) -> None:
         self.runner.advance(round(seconds * SECOND))
@@ -111,6 +116,19 @@ def test_without_a_device_the_reason_is_a_sentence() -> None:
     assert "plug one in" in str(caught.value.remedy)
 
 
+def test_refused_permission_names_the_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may read every device, so the permission is made up."""
+    (tmp_path / "pcmC0D0c").touch()
+    monkeypatch.setattr(microphone, "_SOUND_DEVICES", tmp_path)
+    monkeypatch.setattr(microphone.os, "access", lambda path, mode: False)
+    backend = miniaudio.Backend.SNDIO  # of another system
+    with pytest.raises(DeviceError, match="no microphone") as caught:
+        Capture("default", 16000, 1, 0.02, lambda data: None, backends=[backend])
+    assert caught.value.remedy == (
+        f"permission for {tmp_path / 'pcmC0D0c'} is refused: add the user to the group 'audio', and log in again"
+    )
+
+
 def test_missing_package_is_one_clear_message(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "miniaudio", None)
     with pytest.raises(InstallationError, match="miniaudio is not installed") as caught:
@@ -128,7 +146,7 @@ class Plug:
 
     def open(self, on_sound: OnSound) -> "Plug":
         if not self.present:
-            raise DeviceError("no microphone", where="default")
+            raise DeviceError("no microphone", where="default", remedy="plug one in")
         self.on_sound, self.opened = on_sound, self.opened + 1
         return self
 
@@ -178,7 +196,8 @@ def test_missing_microphone_is_reported_once_and_retried(plug: Plug, caplog: pyt
     source = Source(Plugged)
     source.until(8)
     assert source.state == "failed"
-    assert caplog.text.count("no microphone; retried every 2 s") == 1
+    assert source.health.reason == "default: no microphone; plug one in; retried every 2 s"
+    assert caplog.text.count("default: no microphone; plug one in; retried every 2 s") == 1
     plug.present = True
     source.until(9.5)
     speak(source, plug, 9.6)
@@ -191,7 +210,7 @@ def test_unplugged_microphone_is_opened_again(plug: Plug, caplog: pytest.LogCapt
     speak(source, plug, 1.05, 1.1)
     source.until(2.5)
     assert source.state == "failed"
-    assert "default sends no more sound" in caplog.text
+    assert "default: no more sound; check the connection; retried every 2 s" in caplog.text
     source.until(4.3)
     assert plug.opened == 2
     speak(source, plug, 4.4)

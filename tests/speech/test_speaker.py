@@ -304,6 +304,17 @@ def test_missing_device_with_auto_and_required():
         Stage(with_player(None), playback="required")
 
 
+def test_missing_device_is_reported_with_a_remedy(monkeypatch):
+    monkeypatch.setattr("socialbot.speech.speaker.find_player", lambda: None)
+    context = Stage(Speaker, playback="auto").runner.context_of("speech")
+    assert context is not None
+    health = context.health_monitor.health()
+    assert (health.state, health.reason) == (
+        "ok",
+        "no sound device, so nobody hears the speech; connect one and restart this node, or set playback to 'off'",
+    )
+
+
 def test_playback_off_opens_no_device():
     class Proud(Speaker):
         def find_player(self) -> AudioPlayer | None:

@@ -34,6 +34,13 @@ class Rig:
         self.runner.advance(self.runner.clock.now() + round(seconds * SECOND))
 
     @property
+    def health(self) -> tuple[str, str]:
+        context = self.runner.context_of("camera")
+        assert context is not None
+        health = context.health_monitor.health()
+        return health.state, health.reason
+
+    @property
     def values(self) -> list[int]:
         """The brightness of each picture, by which the test tells them apart."""
         return [round(float(image.bgr().mean())) for image in self.images]
@@ -126,12 +133,20 @@ def test_damaged_image_is_skipped_with_an_error(folder):
     assert "f2.png" in rig.faults.first
 
 
-@pytest.mark.parametrize("source", ["no/such/film.mp4", "/dev/video97", "97"])
-def test_source_that_is_not_there_is_a_device_error(source):
-    with pytest.raises(DeviceError) as caught:
-        Rig(source)
-    assert source in str(caught.value)
+def test_file_that_is_not_there_is_a_device_error():
+    with pytest.raises(DeviceError, match=r"no/such/film\.mp4") as caught:
+        Rig("no/such/film.mp4")
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("source", ["/dev/video97", "97"])
+def test_camera_that_is_not_there_is_reported_once(source, caplog):
+    rig = Rig(source)
+    rig.pass_time(9)
+    problem = "/dev/video97: no such camera; plug it in, or choose one of /dev/video*; retried every 2 s"
+    assert rig.health == ("failed", problem)
+    assert [record.message for record in caplog.records] == [problem]
+    assert rig.faults.failures == 0
 
 
 def test_empty_folder_and_a_file_that_is_no_video(tmp_path):
@@ -215,10 +230,26 @@ def test_lost_camera_is_reported_once_and_reopened(cable, caplog):
     assert len(rig.images) == before + 10
 
 
-def test_camera_that_cannot_be_opened_at_the_start(cable):
+def test_camera_that_cannot_be_opened_at_the_start_is_opened_later(cable):
     cable.plugged = False
-    with pytest.raises(DeviceError, match="/dev/video3: the camera cannot be opened"):
-        Rig("3")
+    rig = Rig("3")
+    rig.pass_time(3)
+    assert rig.health[0] == "failed"
+    assert rig.health[1].startswith("/dev/video3: the camera cannot be opened; end other programs that use it")
+    assert (rig.images, rig.infos) == ([], [])
+    cable.plugged = True
+    rig.pass_time(3.05)
+    assert rig.health == ("ok", "")
+    assert len(rig.infos) == 1
+    assert len(rig.images) > 10
+
+
+def test_camera_without_permission(cable, monkeypatch):
+    """Root may read every device, so the permission is made up."""
+    cable.plugged = False
+    monkeypatch.setattr(frames.os, "access", lambda path, mode: False)
+    rig = Rig("/dev/null")
+    assert rig.health[1].startswith("/dev/null: no permission to use the camera; add the user to the group 'video'")
 
 
 def test_nothing_is_published_after_stop(folder):
