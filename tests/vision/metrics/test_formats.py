@@ -16,6 +16,8 @@ from tests.vision.metrics.label_files import (
     BOX,
     EXAMPLES,
     HEIGHT,
+    KITTI,
+    TRACKING,
     WIDTH,
     YOLO,
     coco,
@@ -289,6 +291,40 @@ def test_broken_yolo(tmp_path, line, message):
     write(tmp_path, {"data.yaml": "names: [person]\n", "labels/a.txt": line}, ("images/a.jpg",))
     with pytest.raises(TruthError, match=message):
         labelled_sources(tmp_path)
+
+
+DETECTIONS = {
+    "det.txt of MOTChallenge": ("mot", "gt.txt", "1,-1,40,20,30,80,0.93", "1.jpg"),
+    "tracks of MOTChallenge": ("mot", "gt.txt", "1,1,40,20,30,80,0.93,-1,-1,-1", "1.jpg"),
+    "KITTI results": ("kitti", "label_2/4.txt", f"{KITTI.splitlines()[0]} 0.93", "image_2/4.png"),
+    "KITTI tracks": ("kitti", "label_02/1.txt", f"{TRACKING.splitlines()[0]} 0.93", "image_02/1/0.png"),
+    "YOLO predictions": ("yolo", "labels/a.txt", "0 0.34375 0.5 0.1875 0.66666667 0.93", "images/a.jpg"),
+    "YOLO tracks": ("yolo", "labels/a.txt", "0 0.34375 0.5 0.1875 0.66666667 0.93 1", "images/a.jpg"),
+    "COCO predictions": ("coco", "a.json", coco().replace('"iscrowd": 0', '"score": 0.93', 1), "a.jpg"),
+}
+
+
+@pytest.mark.parametrize("name", DETECTIONS)
+def test_detections_are_no_labels(tmp_path, name):
+    format, file, text, image = DETECTIONS[name]
+    write(tmp_path, {file: text}, (image,))
+    with pytest.raises(TruthError, match=r"0\.93 is a score") as error:
+        labelled_sources(tmp_path, format=format)
+    assert str(tmp_path / file) in str(error.value.where)
+    # A whole number there is none: ids and flags of other tools.
+    write(tmp_path, {file: text.replace("0.93", "1")}, ())
+    assert one(tmp_path, format=format).frames[0].persons[0].box == pytest.approx(BOX, abs=0.01)
+
+
+def test_yolo_triangle_is_an_outline(tmp_path):
+    source = one(write(tmp_path, {"labels/a.txt": "0 0.25 0.5 0.5 0.5 0.25 0.75\n"}, ("images/a.jpg",)))
+    assert source.frames[0].persons[0].box == pytest.approx((40, 60, 40, 30))
+
+
+def test_yolo_names_of_darknet(tmp_path):
+    files = {"data.names": "dog\nperson\n", "labels/a.txt": f"0 0.5 0.5 0.1 0.1\n1{YOLO.splitlines()[0][1:]}\n"}
+    [person] = one(write(tmp_path, files, ("images/a.jpg",))).frames[0].persons
+    assert person.box == pytest.approx(BOX, abs=0.01)
 
 
 @pytest.mark.parametrize("text", ["names: [person", "names:\n", "names: 3\n"])

@@ -126,6 +126,13 @@ def numbers(words: Sequence[str], where: str, remedy: str) -> list[float]:
     return parsed
 
 
+def refuse_score(value: float, where: str) -> None:
+    """Raise TruthError for the score of a detection; labels have a whole number in its place, or nothing."""
+    if value != int(value):
+        what = f"{value:g} is a score, so this is a detection and no label"
+        raise fault(what, where, "give labels that people made or checked; if they are, remove the scores")
+
+
 def lines_of(path: Path) -> Iterator[tuple[str, str]]:
     """Lines of a text file that are not empty, each with its place for error messages."""
     for number, line in enumerate(read_text(path).splitlines(), 1):

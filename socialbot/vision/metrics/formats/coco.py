@@ -20,6 +20,7 @@ from socialbot.vision.metrics.formats._labels import (
     fault,
     folders_in,
     missing_images,
+    refuse_score,
     role_of,
     sequence,
     single_images,
@@ -59,6 +60,7 @@ class _Annotation(msgspec.Struct):
     instance_id: Key | None = None
     track_id: Key | None = None
     distance_m: float | None = None
+    score: float | None = None
 
 
 class _Video(msgspec.Struct):
@@ -185,6 +187,7 @@ def _add_annotations(
     identities = bool(annotations)
     for number, each in enumerate(annotations):
         where = f"{labels.path}: annotations[{number}]" + (f" (id {each.id})" if each.id is not None else "")
+        refuse_score(each.score or 0, where)
         if each.image_id not in images:
             raise fault(
                 f"image_id {each.image_id} is not among the images", where, "add the image, or remove this entry"

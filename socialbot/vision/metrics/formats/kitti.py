@@ -26,6 +26,7 @@ from socialbot.vision.metrics.formats._labels import (
     missing_images,
     number_in,
     numbers,
+    refuse_score,
     sequence,
     single_images,
     text_files,
@@ -125,6 +126,7 @@ def _add(labels: Labels, key: int | str, words: Sequence[str], where: str, id: s
     if not 15 <= len(words) <= 16:
         raise fault(f"{len(words)} columns instead of 15", where, REMEDY)
     truncated, occluded, _, left, top, right, bottom, *rest = numbers(words[1:], where, REMEDY)
+    refuse_score(sum(rest[7:]), where)
     # In tracking labels, truncation is a level: 0, 1 or 2.
     poor = truncated > (1 if id else MOST_TRUNCATED) or occluded > MOST_OCCLUDED
     x, _, z = rest[3:6]

@@ -27,6 +27,7 @@ from socialbot.vision.metrics.formats._labels import (
     number_in,
     numbers,
     read_text,
+    refuse_score,
     sequence,
     video,
 )
@@ -124,6 +125,7 @@ def _read_lines(labels: Labels, names: Sequence[str]) -> bool:
         if frame != int(frame) or id != int(id) or not 0 <= frame <= MAX_FRAME:
             raise fault(f"frame {words[0][:20]} and id {words[1][:20]} must be whole numbers", where, REMEDY)
         confidence = values[6] if len(words) > 6 else 1.0
+        refuse_score(confidence, where)
         # Ten columns are those of MOT15: a place instead of class and visibility.
         number = int(values[7]) if len(words) in (8, 9) else 1
         visible = values[8] if len(words) == 9 else 1.0

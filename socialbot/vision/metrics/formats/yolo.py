@@ -1,7 +1,7 @@
 """YOLO: a .txt file for each image, beside it or in a folder labels beside the folder images.
 
 Lines: class, middle x, middle y, width, height as shares of the image; or class and the points of an outline. Class
-names are in data.yaml, classes.txt or obj.names. An image without a file, or with an empty one, shows nobody.
+names are in data.yaml, classes.txt or a .names file. An image without a file, or with an empty one, shows nobody.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from socialbot.vision.metrics.formats._labels import (
     lines_of,
     numbers,
     read_text,
+    refuse_score,
     single_images,
     text_files,
 )
@@ -36,13 +37,13 @@ from socialbot.vision.metrics.frames import Box, LabelledSource
 
 REMEDY = "write class, middle x, middle y, width and height, as shares of the image from 0 to 1"
 SLACK = 0.01  # Shares may exceed the image by rounding.
-NAME_FILES = ("classes.txt", "obj.names", "labels/classes.txt", "names.txt", "_darknet.labels")
+NAME_FILES = ("classes.txt", "labels/classes.txt", "names.txt", "_darknet.labels", "*.names")
 SPLITS = ("train", "val", "valid", "test")
 
 
 def is_yolo(folder: Path) -> bool:
     """Whether ``folder`` is a YOLO data set."""
-    if _yaml_of(folder) or any((folder / name).is_file() for name in (*NAME_FILES, "obj.data")):
+    if _yaml_of(folder) or any(any(folder.glob(name)) for name in (*NAME_FILES, "obj.data")):
         return True
     folders = [
         folder / "labels",
@@ -88,7 +89,7 @@ def read_yolo(path: Path, images: Path | None = None, people: Sequence[str] = ()
     names, where = names_at
     if not names:
         above = [folder, folder.parent] if folder.name == "labels" else [folder]
-        file = next((base / name for base in above for name in NAME_FILES if (base / name).is_file()), None)
+        file = next((file for base in above for name in NAME_FILES for file in sorted(base.glob(name))), None)
         names = dict(enumerate(read_text(file).split("\n"))) if file else {}
         names, where = {number: name.strip() for number, name in names.items() if name.strip()}, file or folder
     parts = {"": [images]} if images is not None else parts or _parts(folder)
@@ -146,8 +147,12 @@ def _source(
 def _box(words: Sequence[str], size: tuple[int, int], keypoints: int, where: str) -> Box:
     """Box in pixels of a line without its class: a box, a box with score or key points, or an outline."""
     values = numbers(words, where, REMEDY)
-    outline = not keypoints and len(values) >= 6 and len(values) % 2 == 0
-    if len(values) < 4 or (len(values) > 5 and not outline and not keypoints):
+    # Trackers write box, score and id. A triangle hardly ever ends with a whole number.
+    tracked = not keypoints and len(values) == 6 and values[5] == int(values[5])
+    outline = not keypoints and len(values) >= 6 and len(values) % 2 == 0 and not tracked
+    if tracked or (len(values) == 5 and not keypoints):
+        refuse_score(values[4], where)
+    if len(values) < 4 or not (len(values) < 6 or tracked or outline or keypoints):
         remedy = f"{REMEDY}; for key points, set kpt_shape in data.yaml" if len(values) > 5 else REMEDY
         raise fault(f"{len(values) + 1} columns", where, remedy)
     shares = values if outline else values[:4]
