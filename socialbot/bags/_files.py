@@ -10,17 +10,19 @@ import bz2
 import contextlib
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, Protocol
 
 from lz4.frame import LZ4FrameDecompressor
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import reader as ros1_reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.rosbag2 import reader as ros2_reader
 from rosbags.rosbag2 import storage_mcap
 
-from socialbot.bags.repair import salvage
+from socialbot.bags.repair import salvage, with_profile_of_ros2
 from socialbot.core.errors import BagError
 from socialbot.core.limits import BAG_CHUNK_BYTES, BAG_FILE_BYTES, BAG_RATIO, TEXT_BYTES
 from socialbot.core.paths import decoded, read_bytes
@@ -97,8 +99,24 @@ class _BoundedZstd:
             yield _BoundedReader(opened, min(BAG_FILE_BYTES, BAG_RATIO * size + BAG_CHUNK_BYTES))
 
 
+_DEFINITIONS = {
+    "ros1msg": MessageDefinitionFormat.MSG,
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+
+
+def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
+    """Definition in a schema of an .mcap file; none if it has another language, such as Protobuf."""
+    format = _DEFINITIONS.get(schema.encoding if schema else "", MessageDefinitionFormat.NONE)
+    return MessageDefinition(format, schema.data if schema and format is not MessageDefinitionFormat.NONE else "")
+
+
 def install() -> None:
-    """Make the readers of rosbags use bounded decompressors."""
+    """Make the readers of rosbags use bounded decompressors, and accept .mcap files with topics in other encodings."""
+    storage_mcap.get_msgdef = _definition
+    storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
     storage_mcap.DECOMPRESSORS["zstd"] = _of_chunk(_zstd_decompressor)
     storage_mcap.DECOMPRESSORS["lz4"] = _of_chunk(LZ4FrameDecompressor)
     ros1_reader.decompressors["bz2"] = _of_message(bz2.BZ2Decompressor)
@@ -117,6 +135,9 @@ _REPAIRS = {
     ".bag": "copy the file again, or repair it with `rosbag reindex` of ROS 1",
 }
 
+_ENCODINGS = ("cdr", "ros1")
+"""Encodings of messages that are read: those of ROS 2 and ROS 1."""
+
 _LFS_POINTER = b"version https://git-lfs.github.com/"
 
 
@@ -130,7 +151,7 @@ def open_folder(path: Path, damage: list[str]) -> list[Reader]:
         raise BagError(what, where=str(path), remedy=remedy)
     if metadata.exists():
         try:
-            return [_open(path)]
+            return [_open(path, damage)]
         except BagError as error:
             if not files:
                 raise
@@ -145,17 +166,21 @@ def open_file(path: Path, damage: list[str]) -> Reader:
     if path.suffix not in _REPAIRS:
         remedy = "give a bag folder, or an .mcap, .db3 or .bag file; `bag import` makes one of a video or images"
         raise BagError(f"not a bag: {path.suffix or 'no suffix'}", where=str(path), remedy=remedy)
+    is_mcap = path.suffix == ".mcap"
+    mended = with_profile_of_ros2(path) if is_mcap else None
     try:
-        return _open(path)
+        return _open(mended or path, damage)
     except BagError:
-        salvaged = salvage(path) if path.suffix == ".mcap" else None
+        salvaged = salvage(path) if is_mcap else None
         if salvaged is None:
             raise
+    if mended is not None:
+        salvaged = replace(salvaged, head=mended.head)
     damage.append(f"{path}: truncated; the first {salvaged.whole} of {salvaged.size} bytes are intact and are read")
-    return _open(salvaged)
+    return _open(salvaged, damage)
 
 
-def _open(path: Any) -> Reader:
+def _open(path: Any, damage: list[str]) -> Reader:
     try:
         is_folder = isinstance(path, Path) and path.is_dir()
         if is_folder:
@@ -170,7 +195,31 @@ def _open(path: Any) -> Reader:
             raise ValueError("a topic name or type is not a text, or a count is not a number")
     except Exception as error:
         raise broken(path, error) from error
+    if isinstance(reader, Ros2Reader):
+        _keep_ros(reader, path, damage)
     return reader
+
+
+def _keep_ros(reader: Ros2Reader, path: object, damage: list[str]) -> None:
+    """Leave out topics whose messages have no encoding of ROS. Raises BagError if no others are left."""
+    others: dict[str, list[str]] = {}
+    kept: list[Connection] = []
+    for each in reader.connections:
+        encoding = each.ext.serialization_format if isinstance(each.ext, ConnectionExtRosbag2) else "cdr"
+        if encoding in _ENCODINGS:
+            name = each.msgtype  # in ROS 1, sensor_msgs/Image
+            kept.append(each._replace(msgtype=name.replace("/", "/msg/")) if name.count("/") == 1 else each)
+        else:
+            others.setdefault(encoding, []).append(each.topic)
+    if others and not kept:
+        reader.close()
+        what = f"no ROS messages: its topics are encoded as {', '.join(sorted(others))}"
+        raise BagError(what, where=str(path), remedy="record the topics of ROS, or convert the file to ROS messages")
+    damage += [
+        f"{path}: encoded as {encoding}, not as ROS messages, and left out: {', '.join(sorted(topics))}"
+        for encoding, topics in sorted(others.items())
+    ]
+    reader.connections[:] = kept
 
 
 def broken(path: Any, error: Exception) -> BagError:

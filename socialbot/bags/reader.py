@@ -19,14 +19,13 @@ from typing import TypeVar
 
 import msgspec
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
-from rosbags.rosbag1 import Reader as Ros1Reader
 
 from socialbot.bags import codec
 from socialbot.bags._files import Reader, broken, open_file, open_folder
 from socialbot.bags._files import natural as natural
 from socialbot.bags.cameras import ImageKind, best, best_depth, best_points, camera_of, depth_first, image_kind
 from socialbot.bags.repair import Receptions, Stamps, clock_offsets
-from socialbot.bags.types import RosbagsTypes, TypeProblem, deserialize, to_cdr, type_problem
+from socialbot.bags.types import RosbagsTypes, TypeProblem, deserialize, is_ros1, to_cdr, type_problem
 from socialbot.bags.writer import BagWriter
 from socialbot.core.clock import SECOND
 from socialbot.core.errors import BagError, suggestion
@@ -209,7 +208,7 @@ class Bag(AbstractContextManager["Bag"]):
     def definition(self, type_name: str) -> tuple[str, str]:
         """Definition and hash of a ROS 2 type in the bag, or empty texts."""
         for connection in self._connections:
-            if connection.msgtype == type_name and not isinstance(connection.owner, Ros1Reader):
+            if connection.msgtype == type_name and not is_ros1(connection):
                 return connection.msgdef.data, connection.digest
         return "", ""
 

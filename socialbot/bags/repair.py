@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
 import struct
@@ -16,16 +17,19 @@ MAGIC = b"\x89MCAP0\r\n"
 
 _HEADER, _FOOTER, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 1, 2, 6, 7, 8, 11, 15
 _KNOWN = range(_HEADER, _DATA_END)
+_PROFILE = struct.pack("<I4s", 4, b"ros2")
+_LONGEST_HEADER = 1 << 16
 
 
 @dataclass(frozen=True)
-class Salvaged:
-    """Path-like file with the first ``whole`` of ``size`` bytes intact."""
+class Mended:
+    """Path-like .mcap file: ``head``, then the bytes of ``path`` up to ``whole`` of ``size``, then ``tail``."""
 
     path: Path
     whole: int
     size: int
-    tail: bytes
+    tail: bytes = b""
+    head: bytes = b""
 
     @property
     def suffix(self) -> str:
@@ -41,15 +45,16 @@ class Salvaged:
         return False
 
     def open(self, mode: str = "rb") -> BinaryIO:
-        """Open the intact part of the file followed by the index, for reading."""
-        return io.BufferedReader(_Joined(self.path.open("rb"), self.whole, self.tail), 1 << 16)
+        """Open the three parts as one file, for reading."""
+        return io.BufferedReader(_Joined(self.path.open("rb"), self.whole, self.head, self.tail), 1 << 16)
 
 
 class _Joined(io.RawIOBase):
-    """First ``length`` bytes of a file, followed by ``tail``."""
+    """First ``length`` bytes of a file, which begin with ``head`` in place of their own, followed by ``tail``."""
 
-    def __init__(self, file: BinaryIO, length: int, tail: bytes) -> None:
-        self._file, self._length, self._tail, self._position = file, length, tail, 0
+    def __init__(self, file: BinaryIO, length: int, head: bytes, tail: bytes) -> None:
+        self._file, self._length, self._position = file, length, 0
+        self._head, self._tail = head, tail
 
     def readable(self) -> bool:
         return True
@@ -64,7 +69,9 @@ class _Joined(io.RawIOBase):
 
     def readinto(self, buffer: memoryview, /) -> int:  # type: ignore[override]
         left = self._length - self._position
-        if left > 0:
+        if self._position < len(self._head):
+            part = self._head[self._position : self._position + len(buffer)]
+        elif left > 0:
             self._file.seek(self._position)
             part = self._file.read(min(len(buffer), left))
         else:
@@ -78,7 +85,28 @@ class _Joined(io.RawIOBase):
         super().close()
 
 
-def salvage(path: Path) -> Salvaged | None:
+def with_profile_of_ros2(path: Path) -> Mended | None:
+    """The .mcap file at ``path`` with the profile "ros2" in its header, without which rosbags does not read it.
+
+    Recorders of other systems leave the profile empty, and converters of ROS 1 bags write "ros1". None if the header
+    has this profile, is damaged or has no room for it.
+    """
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        start = file.read(len(MAGIC) + 13)
+        if len(start) < len(MAGIC) + 13 or start[: len(MAGIC)] != MAGIC or start[len(MAGIC)] != _HEADER:
+            return None
+        length, profile = struct.unpack_from("<QI", start, len(MAGIC) + 1)
+        room = length - len(_PROFILE) - 4
+        if length > _LONGEST_HEADER or room < 0 or file.read(profile) == _PROFILE[4:]:
+            return None
+        # Its bytes take those of the name of the library.
+        head = start[: len(MAGIC) + 9] + _PROFILE + struct.pack("<I", room) + bytes(room)
+        size = path.stat().st_size
+        return Mended(path, size, size, head=head)
+    return None
+
+
+def salvage(path: Path) -> Mended | None:
     """Find the intact part of the .mcap file at ``path``; None if it has no message."""
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -87,7 +115,7 @@ def salvage(path: Path) -> Salvaged | None:
         whole, chunks = _scan(file, size)
     if whole <= len(MAGIC):
         return None
-    return Salvaged(path, whole, size, _tail(whole, chunks))
+    return Mended(path, whole, size, _tail(whole, chunks))
 
 
 @dataclass

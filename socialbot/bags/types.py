@@ -15,8 +15,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from msgspec import inspect as structs
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
-from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Nodetype,
+)
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -249,8 +254,8 @@ class RosbagsTypes:
 
 def deserialize(connection: Connection, data: bytes) -> Any:
     """Decode ``data`` of ``connection``. Damaged bytes raise any exception."""
-    types = _types(connection.msgtype, connection.msgdef, _is_ros1(connection))
-    if _is_ros1(connection):
+    types = _types(connection.msgtype, connection.msgdef, is_ros1(connection))
+    if is_ros1(connection):
         return types.deserialize_ros1(data, connection.msgtype)
     return _read_cdr(types, data, connection.msgtype)
 
@@ -265,7 +270,7 @@ class TypeProblem:
 
 def type_problem(connection: Connection) -> TypeProblem | None:
     """Return why messages of ``connection`` cannot be read; None if the bag or ROS defines its type and all parts."""
-    return _type_problem(connection.msgtype, connection.msgdef, _is_ros1(connection))
+    return _type_problem(connection.msgtype, connection.msgdef, is_ros1(connection))
 
 
 @functools.lru_cache(maxsize=512)
@@ -301,8 +306,9 @@ def _parts(fields: Fielddefs) -> Iterator[str]:
             yield item[1][0]
 
 
-def _is_ros1(connection: Connection) -> bool:
-    return isinstance(connection.owner, Ros1Reader)
+def is_ros1(connection: Connection) -> bool:
+    """Whether the messages of ``connection`` have the encoding of ROS 1, in a .bag or an .mcap file."""
+    return isinstance(connection.ext, ConnectionExtRosbag1) or connection.ext.serialization_format == "ros1"
 
 
 def to_cdr(connection: Connection, data: bytes) -> bytes:
@@ -310,7 +316,7 @@ def to_cdr(connection: Connection, data: bytes) -> bytes:
 
     Raises as `deserialize` does, and ValueError for a ROS 1 type that ROS 2 has changed.
     """
-    if _is_ros1(connection):
+    if is_ros1(connection):
         return bytes(_ros2_types(connection.msgtype, connection.msgdef).ros1_to_cdr(data, connection.msgtype))
     _check_cdr(data)
     return bytes(data)

@@ -97,7 +97,7 @@ def info(
         for topic, skipped in sorted(opened.skipped.items()):
             console.print(f"[red]{escape(topic)}[/]: {skipped.count} damaged, first: {escape(skipped.first)}")
         for what in opened.damage:
-            console.print(f"[red]damaged[/]: {escape(what)}")
+            console.print(f"[red]incomplete[/]: {escape(what)}")
     if break_off is not None:
         raise break_off
 

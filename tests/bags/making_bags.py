@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from socialbot.bags.codec import encode
 from socialbot.bags.reader import BagWriter, RosbagsTypes, open_bag
+from socialbot.bags.repair import MAGIC
 from socialbot.core.clock import SECOND
 from socialbot.core.messages import CameraInfo, Image, Message, Utterance
 
@@ -86,6 +88,25 @@ def make_ros1(path: Path, count: int = 10) -> Path:
                     stamped, 6, 8, "plumb_bob", info.d, info.k, info.r, info.p, 0, 0, region
                 )
                 writer.write(infos, time + 1, store.serialize_ros1(ros1, "sensor_msgs/msg/CameraInfo"))
+    return path
+
+
+def make_mcap(path: Path, profile: str, channels: Sequence[tuple[str, str, str, bytes, str, Sequence[bytes]]]) -> Path:
+    """An .mcap file without index, of channels: topic, type, language of the schema, schema, encoding, messages."""
+
+    def text(content: str | bytes) -> bytes:
+        data = content.encode() if isinstance(content, str) else content
+        return struct.pack("<I", len(data)) + data
+
+    records = [(1, text(profile) + text("recorder of others"))]
+    for number, (topic, kind, language, schema, encoding, _) in enumerate(channels, 1):
+        records.append((3, struct.pack("<H", number) + text(kind) + text(language) + text(schema)))
+        records.append((4, struct.pack("<HH", number, number) + text(topic) + text(encoding) + text("")))
+    messages = [(time, number, data) for number, channel in enumerate(channels, 1)
+                for time, data in zip(times(len(channel[5])), channel[5], strict=True)]  # fmt: skip
+    records += [(5, struct.pack("<HIQQ", number, 0, time, time) + data) for time, number, data in sorted(messages)]
+    records += [(15, bytes(4)), (2, bytes(20))]
+    path.write_bytes(MAGIC + b"".join(struct.pack("<BQ", kind, len(data)) + data for kind, data in records) + MAGIC)
     return path
 
 

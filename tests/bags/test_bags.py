@@ -30,6 +30,7 @@ from tests.bags.making_bags import (
     contents,
     fill,
     make,
+    make_mcap,
     make_ros1,
     make_with_rosbags,
     picture,
@@ -120,6 +121,47 @@ def test_ros1_bags(tmp_path: Path) -> None:
     assert [message.k for _, message in infos if isinstance(message, CameraInfo)] == [K, K]
     with open_bag(path) as bag:
         assert (bag.start, bag.end) == (START, times(10)[-1])
+
+
+def channel(encoding: str, *, count: int = 3) -> tuple[str, str, str, bytes, str, list[bytes]]:
+    """Pictures in an encoding of ROS, as a converter writes them to an .mcap file."""
+    ros1 = encoding == "ros1"
+    store, name = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY), "sensor_msgs/msg/Image"
+    messages = []
+    for time in times(count):
+        image = encode(picture(time - 5_000_000), TYPES)
+        if ros1:
+            stamp = image.header.stamp
+            image.header = store.types["std_msgs/msg/Header"](seq=1, stamp=stamp, frame_id="camera")
+        messages.append(bytes(store.serialize_ros1(image, name) if ros1 else store.serialize_cdr(image, name)))
+    schema = store.generate_msgdef(name)[0].encode()
+    return (RAW, "sensor_msgs/Image" if ros1 else name, "ros1msg" if ros1 else "ros2msg", schema, encoding, messages)
+
+
+PROTOBUF = ("/lidar", "foxglove.PointCloud", "protobuf", b"\xff\xfe\x0a", "protobuf", [b"\x08\x01"] * 3)
+"""Messages of Foxglove; the schema is not text."""
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+@pytest.mark.parametrize("profile", ["", "ros1", "ros2", "protobuf"])
+def test_mcap_files_of_other_recorders(tmp_path: Path, encoding: str, profile: str) -> None:
+    path = make_mcap(tmp_path / "run.mcap", profile, [channel(encoding), PROTOBUF])
+    check_pictures(path, 3)
+    with open_bag(path) as bag:
+        assert [(topic.name, topic.type) for topic in bag.topics] == [(RAW, "sensor_msgs/msg/Image")]
+        assert bag.damage == (f"{path}: encoded as protobuf, not as ROS messages, and left out: /lidar",)
+        assert [TYPES.deserialize(data, name).width for *_, name, data in bag.raw_messages({RAW: RAW})] == [8, 8, 8]
+    path.write_bytes(path.read_bytes()[:-60])  # a power failure
+    with open_bag(path) as bag:
+        assert len(list(bag.messages({RAW: RAW}))) in (2, 3)
+
+
+def test_mcap_file_without_messages_of_ros(tmp_path: Path) -> None:
+    path = make_mcap(tmp_path / "run.mcap", "", [PROTOBUF])
+    with pytest.raises(BagError, match="no ROS messages: its topics are encoded as protobuf") as caught:
+        open_bag(path)
+    assert caught.value.where == str(path)
+    assert "convert the file" in str(caught.value.remedy)
 
 
 @pytest.mark.parametrize("builder", [make, lambda path: make_ros1(path.with_suffix(".bag"))])

@@ -71,7 +71,7 @@ def test_info_of_a_truncated_bag(tmp_path: Path) -> None:
     path = make(tmp_path / "walk") / "walk.mcap"
     path.write_bytes(path.read_bytes()[:-50])
     output = run("info", str(path)).replace("\n", "")
-    assert "damaged" in output
+    assert "incomplete" in output
     assert "truncated; the first" in output
 
 
