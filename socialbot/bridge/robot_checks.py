@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from socialbot.bags.codec import decode
+from socialbot.bridge.qos import observer_qos
 from socialbot.bridge.ros_checks import Finding
 from socialbot.bridge.transport import message_class
-from socialbot.core.errors import InstallationError
+from socialbot.core.errors import InstallationError, SocialbotError
 from socialbot.core.installation import interfaces_command
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, Transforms
+from socialbot.vision.camera import CameraModel, CameraPose, is_calibrated
+from socialbot.vision.camera_pose import pose_from_transforms
+from socialbot.vision.images import bgr_from_compressed, bgr_from_image
+from socialbot.vision.transforms import TransformTree
 
 DISCOVERY_S = 5.0
 """Time for the nodes of a robot to be discovered, and for a message."""
 
 POLL_S = 0.05
+
+_MOST_TRANSFORMS = 300
+"""Messages of transforms that are kept for the pose of a camera."""
+
+_NEWEST = 2**63
+"""Stamp after those of all transforms."""
 
 
 class Requirement(Protocol):
@@ -38,6 +52,12 @@ class Requirement(Protocol):
 
     @property
     def joints(self) -> tuple[str, ...]: ...
+
+    @property
+    def message(self) -> type[Message] | None: ...
+
+    @property
+    def places(self) -> str: ...
 
 
 def check_topics(
@@ -63,7 +83,7 @@ def check_topics(
             time.sleep(POLL_S)
         start = f"start the drivers of the robot ({hint})" if hint else "start the drivers of the robot"
         for each in needed:
-            finding = _finding(ros, each, heard.get(each, []), f"{start}; or correct the name in the {source}", source)
+            finding = _finding(ros, each, heard, f"{start}; or correct the name in the {source}", source)
             if finding.text.startswith(tuple(_WHAT.values())):
                 start = "as above"
             yield finding
@@ -76,8 +96,16 @@ def _listen(ros: Any, each: Requirement, heard: list[Any]) -> None:
         kind = message_class(each.type)
     except InstallationError:
         return
-    ros.create_subscription(kind, each.name, lambda message: heard.append(message) if not heard else None,
-                            qos_profile_sensor_data)  # fmt: skip
+
+    def keep(message: Any) -> None:
+        if len(heard) < (_MOST_TRANSFORMS if each.places else 1):
+            heard.append(message)
+
+    ros.create_subscription(
+        kind, each.name, keep, observer_qos(latched=True) if each.places else qos_profile_sensor_data
+    )
+    if each.places:
+        ros.create_subscription(kind, "/tf", keep, qos_profile_sensor_data)
 
 
 def _endpoints(ros: Any, each: Requirement) -> list[Any]:
@@ -108,7 +136,11 @@ class _Server(NamedTuple):
 def _is_there(ros: Any, each: Requirement, heard: dict[Requirement, list[Any]]) -> bool:
     if not _endpoints(ros, each):
         return False
-    return each.kind != "publisher" or bool(heard[each]) or _wrong_type(ros, each) != "" or not _is_installed(each)
+    if each.kind != "publisher" or _wrong_type(ros, each) or not _is_installed(each):
+        return True
+    if each.places:
+        return isinstance(camera_placement(each.places, _images_of(each, heard), heard[each]), CameraPose)
+    return bool(heard[each])
 
 
 def _is_installed(each: Requirement) -> bool:
@@ -135,12 +167,15 @@ _WHAT = {
 }
 
 
-def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str, source: str) -> Finding:
+def _finding(
+    ros: Any, each: Requirement, heard: Mapping[Requirement, Sequence[Any]], remedy: str, source: str
+) -> Finding:
     bad = "error" if each.needed else "warning"
     if not _is_installed(each):
         package = each.type.partition("/")[0]
         own = f"{interfaces_command('robot_interfaces')}, or source a ROS installation that has {package}"
-        return Finding(each.part, "error", f"{each.name}: the package {package} is not installed", own)
+        state = "warning" if each.places else "error"
+        return Finding(each.part, state, f"{each.name}: the package {package} is not installed", own)
     endpoints = _endpoints(ros, each)
     if not endpoints:
         return Finding(each.part, bad, f"{_WHAT[each.kind]} {each.name}", remedy)
@@ -151,18 +186,75 @@ def _finding(ros: Any, each: Requirement, heard: Sequence[Any], remedy: str, sou
     node = f"{endpoints[0].node_namespace.rstrip('/')}/{endpoints[0].node_name}"
     if each.kind != "publisher":
         return Finding(each.part, "ok", f"{each.name}, by {node}")
-    if not heard:
+    if not heard[each]:
         asleep = f"look at {node}: is the robot awake, and the sensor on?"
         return Finding(each.part, bad, f"{each.name}: {node} publishes nothing", asleep)
-    return _content(each, heard[0], f"{each.name}, by {node}", bad)
+    text, first = f"{each.name}, by {node}", heard[each][0]
+    if each.places:
+        placed = camera_placement(each.places, _images_of(each, heard), heard[each])
+        text, problem = f"{text}: camera {placed}", placed if isinstance(placed, tuple) else None
+    else:
+        problem = _joints_problem(each, first) if each.joints else _content_problem(each, first)
+    if problem is not None:
+        return Finding(each.part, bad, f"{each.name} {problem[0]}", problem[1])
+    if hasattr(first, "encoding"):
+        text += f": {first.width}x{first.height} {first.encoding}"
+    return Finding(each.part, "ok", text)
 
 
-def _content(each: Requirement, message: Any, text: str, bad: Any) -> Finding:
-    """Check the joints of joint states, and tell the size of images."""
-    missing = [joint for joint in each.joints if joint not in message.name] if each.joints else []
+Problem = tuple[str, str]
+"""What is wrong with the messages on a topic, and the remedy."""
+
+
+def _joints_problem(each: Requirement, message: Any) -> Problem | None:
+    """Find a joint without a position."""
+    missing = [joint for joint in each.joints if joint not in message.name]
     if missing:
         remedy = f"correct the names in the profile; there are {', '.join(message.name)}"
-        return Finding(each.part, bad, f"{each.name} has no joint {', '.join(missing)}", remedy)
-    if hasattr(message, "encoding"):
-        text += f": {message.width}x{message.height} {message.encoding}"
-    return Finding(each.part, "ok", text)
+        return f"has no joint {', '.join(missing)}", remedy
+    positions = dict(zip(message.name, message.position, strict=False))
+    unknown = [joint for joint in each.joints if not math.isfinite(positions.get(joint, math.nan))]
+    return (f"has no position of {', '.join(unknown)}", "check the encoders and their driver") if unknown else None
+
+
+def _content_problem(each: Requirement, message: Any) -> Problem | None:
+    """Find out whether a graph cannot use the content of a message."""
+    try:
+        read = None if each.message is None else decode(each.message, message)
+        if type(read) is Image:
+            bgr_from_image(read)
+        elif type(read) is CompressedImage:
+            bgr_from_compressed(read)
+        elif type(read) is CameraInfo:
+            if not is_calibrated(read):
+                return "is not calibrated: k is 0", "calibrate the camera, or set hfov_rad of the person detector"
+            CameraModel.from_info(read)
+    except SocialbotError as error:
+        return f"cannot be used: {error.what}", error.remedy or "check the driver"
+    return None
+
+
+def camera_placement(topic: str, images: Sequence[Any], transforms: Sequence[Any]) -> CameraPose | Problem:
+    """Return the pose of a camera by transforms, or why they do not place it.
+
+    Args:
+        topic: Topic of its images.
+        images: ROS messages on ``topic``; the first one counts.
+        transforms: ROS messages on /tf and /tf_static.
+    """
+    if not images:
+        return f"places no camera: nothing is published on {topic}", "as above"
+    remedy = "publish the robot's URDF with robot_state_publisher; or set height_m and pitch_rad in the profile"
+    if not (frame := images[0].header.frame_id):
+        return f"places no camera: {topic} has no frame_id", f"set it in the driver; {remedy}"
+    tree = TransformTree()
+    for message in transforms:
+        tree.add(decode(Transforms, message).transforms)
+    pose = pose_from_transforms(tree, frame, _NEWEST)
+    if pose is None:
+        return f"does not place the camera {frame!r} above the floor", f"correct the frame_id of {topic}; {remedy}"
+    return pose
+
+
+def _images_of(each: Requirement, heard: Mapping[Requirement, Sequence[Any]]) -> Sequence[Any]:
+    return next((messages for other, messages in heard.items() if other.name == each.places), ())

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from socialbot.bags.codec import ros_type
 from socialbot.core.errors import DeviceError, SocialbotError
-from socialbot.core.messages import PersonDetections
+from socialbot.core.messages import CameraInfo, CompressedImage, Image, Message, PersonDetections, Transforms
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.robots.binding import NODE_TYPES, PART_BASES, part_class
 from socialbot.robots.daemon_client import DaemonClient
@@ -30,6 +30,8 @@ class Requirement:
         type: Its ROS type.
         needed: Whether the part does not work without it.
         joints: Joints that messages of joint states must have.
+        message: Class as which the graph reads the messages of a topic.
+        places: Topic of the images whose camera the transforms on this topic must place.
     """
 
     part: str
@@ -38,6 +40,8 @@ class Requirement:
     type: str
     needed: bool = True
     joints: tuple[str, ...] = ()
+    message: type[Message] | None = None
+    places: str = ""
 
 
 def requirements(profile: RobotProfile) -> Iterator[Requirement]:
@@ -84,7 +88,7 @@ def graph_requirements(graph: Graph) -> Iterator[Requirement]:
         for topic, port in config.subscriptions:
             if topic in graph.inputs:
                 kind = ros_type(port.message_type, graph.wire)
-                yield Requirement(config.name, "publisher", topic, kind, needed=False)
+                yield Requirement(config.name, "publisher", topic, kind, needed=False, message=port.message_type)
         for topic, port in config.clients:
             if topic in graph.services:
                 kind = "action" if port.interface.is_action else "service"
@@ -92,12 +96,16 @@ def graph_requirements(graph: Graph) -> Iterator[Requirement]:
 
 
 def _camera(camera: CameraProfile) -> Iterator[Requirement]:
-    if camera.image:
-        yield Requirement("camera", "publisher", camera.image, "sensor_msgs/msg/Image", not camera.compressed)
-    if camera.compressed:
-        yield Requirement("camera", "publisher", camera.compressed, "sensor_msgs/msg/CompressedImage", not camera.image)
-    if camera.info:
-        yield Requirement("camera", "publisher", camera.info, "sensor_msgs/msg/CameraInfo", needed=False)
+    topics: tuple[tuple[str, type[Message], bool], ...] = (
+        (camera.image, Image, not camera.compressed),
+        (camera.compressed, CompressedImage, not camera.image),
+        (camera.info, CameraInfo, False),
+    )
+    for topic, kind, needed in topics:
+        if topic:
+            yield Requirement("camera", "publisher", topic, ros_type(kind), needed, message=kind)
+    if (images := camera.image or camera.compressed) and not camera.height_m:
+        yield Requirement("camera", "publisher", "/tf_static", ros_type(Transforms), needed=False, places=images)
 
 
 def _head(head: HeadProfile) -> Iterator[Requirement]:

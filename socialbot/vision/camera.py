@@ -77,7 +77,9 @@ class CameraPose(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         height = f"{self.height_m:.2f}" + (f" +- {self.height_std_m:.2f}" if self.height_std_m else "")
-        pitch = f"{self.pitch_rad:.3f}" + (f" +- {self.pitch_std_rad:.3f}" if self.pitch_std_rad else "")
+        pitch = f"{round(self.pitch_rad, 3) + 0.0:.3f}" + (
+            f" +- {self.pitch_std_rad:.3f}" if self.pitch_std_rad else ""
+        )
         source = "1 person" if self.people == 1 else f"{self.people} people" if self.people else _SOURCES[self.source]
         return f"{height} m high, {pitch} rad down ({source})"
 
@@ -128,9 +130,10 @@ class CameraModel:
         if len(info.k) != 9:
             raise MessageError(f"k has {len(info.k)} numbers, not 9", where=where)
         fx, _, cx, _, fy, cy = info.k[:6]
-        if not all(math.isfinite(value) and value > 0 for value in (fx, fy, info.width, info.height)):
+        usable = all(math.isfinite(value) and value > 0 for value in (fx, fy, info.width, info.height))
+        if not usable or not (math.isfinite(cx) and math.isfinite(cy)):
             raise MessageError(
-                f"focal lengths {fx:g}, {fy:g} for {info.width}x{info.height} pixels",
+                f"focal lengths {fx:g}, {fy:g} and middle {cx:g}, {cy:g} for {info.width}x{info.height} pixels",
                 where=where,
                 remedy="calibrate the camera, or let it publish no camera_info and set hfov_rad",
             )

@@ -7,14 +7,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from socialbot.bags.codec import encode
+from socialbot.bags.types import RosbagsTypes
 from socialbot.core.installation import interfaces_command
+from socialbot.core.messages import Image, Transform, Transforms
 from socialbot.graph.node import Graph, Node, NodeConfig
 from socialbot.graph.ports import Input
 from socialbot.graph.services import Client
 from socialbot.robots.profile import load_profile, parse_profile
 from socialbot.robots.requirements import Requirement, graph_requirements, requirements
+from socialbot.vision.camera import CameraPose
 from tests.robots.daemon_server import DaemonServer, running_daemon
 from tests.system.running import socialbot_here
 
@@ -144,6 +149,7 @@ def test_a_profile_needs_its_topics_and_actions():
     assert needed == {
         ("camera", "publisher", "/head_front_camera/rgb/image_raw"),
         ("camera", "publisher", "/head_front_camera/rgb/camera_info"),
+        ("camera", "publisher", "/tf_static"),
         ("head", "subscriber", "/head_controller/joint_trajectory"),
         ("head", "publisher", "/joint_states"),
         ("speech", "action", "/tts_engine/tts"),
@@ -251,3 +257,70 @@ class TestOverDds:
             ("ok", "/neck, by /driver"),
         ]
         assert "there are wheel" in found[1][2]
+
+    def test_messages_that_a_graph_cannot_use_are_told(self):
+        from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
+
+        from socialbot.bridge.environment import spinning_node
+        from socialbot.core import messages
+
+        nan, k = float("nan"), [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
+        sent = {
+            "/empty": (Image(encoding="rgb8"), messages.Image),
+            "/odd": (Image(width=1, height=1, step=1, encoding="p010", data=b"0"), messages.Image),
+            "/text": (CompressedImage(format="jpeg", data=b"no picture"), messages.CompressedImage),
+            "/zero": (CameraInfo(width=640, height=480), messages.CameraInfo),
+            "/nan": (CameraInfo(width=640, height=480, k=[*k[:2], nan, *k[3:]]), messages.CameraInfo),
+            "/size": (CameraInfo(k=k), messages.CameraInfo),
+            "/lens": (
+                CameraInfo(width=640, height=480, k=k, distortion_model="plumb_bob", d=[0.1, nan, 0.0, 0.0]),
+                messages.CameraInfo,
+            ),
+            "/joints": (JointState(name=["pan", "tilt"], position=[nan]), None),
+        }  # fmt: skip
+        needed = [
+            Requirement("camera", "publisher", name, f"sensor_msgs/msg/{type(message).__name__}", message=kind,
+                        joints=() if kind else ("pan", "tilt"))
+            for name, (message, kind) in sent.items()
+        ]  # fmt: skip
+        with spinning_node("driver") as ros:
+            made = [(ros.create_publisher(type(message), name, 5), message) for name, (message, _) in sent.items()]
+            ros.create_timer(0.02, lambda: [publisher.publish(message) for publisher, message in made])
+            found = self.findings(*needed, timeout_s=5.0)
+        assert [state for state, *_ in found] == ["error"] * len(sent)
+        assert [text for _, text, _ in found] == [
+            "/empty cannot be used: no pixels",
+            "/odd cannot be used: unknown encoding 'p010'",
+            "/text cannot be used: cannot be decoded",
+            "/zero is not calibrated: k is 0",
+            "/nan cannot be used: focal lengths 500, 500 and middle nan, 240 for 640x480 pixels",
+            "/size cannot be used: focal lengths 500, 500 and middle 320, 240 for 0x0 pixels",
+            "/lens cannot be used: d = [0.1, nan, 0.0, 0.0] is no distortion of the model plumb_bob",
+            "/joints has no position of pan, tilt",
+        ]
+        assert all(remedy for *_, remedy in found)
+
+
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        ("eye_optical", "1.20 m high, 0.000 rad down (from transforms)"),
+        ("ghost", "does not place the camera 'ghost' above the floor"),
+        ("", "places no camera: /cam has no frame_id"),
+        (None, "places no camera: nothing is published on /cam"),
+    ],
+)
+def test_a_camera_is_placed_by_transforms(frame, said):
+    from socialbot.bridge.robot_checks import camera_placement
+
+    def transform(parent: str, child: str, height: float, turn: tuple[float, float, float, float]) -> Transform:
+        return Transform(stamp=9, parent=parent, child=child, translation=(0.0, 0.0, height), rotation=turn)
+
+    fixed = transform("base_footprint", "neck", 1.0, (0.0, 0.0, 0.0, 1.0))
+    moving = transform("neck", "eye_optical", 0.2, (-0.5, 0.5, -0.5, 0.5))
+    types = RosbagsTypes()
+    transforms = [encode(Transforms(stamp=0, transforms=(each,)), types) for each in (fixed, moving)]
+    pixels = np.zeros((1, 1, 3), np.uint8)
+    images = [] if frame is None else [encode(Image.from_bgr(pixels, stamp=1, frame_id=frame), types)]
+    placed = camera_placement("/cam", images, transforms)
+    assert (str(placed) if isinstance(placed, CameraPose) else placed[0]) == said
