@@ -329,7 +329,8 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     The box is x, y, w, h in pixels with the origin at the top left. ``bearing_rad`` is positive to the left and
     ``elevation_rad`` upwards, from the camera's forward direction in the horizontal plane (REP-103); both point to the
     head. ``distance_m`` is horizontal, ``distance_std_m`` its standard error. ``track_id`` identifies a person across
-    frames; it is empty without a tracker. With ``unseen_s`` above 0 the box is a prediction of that age.
+    frames; it is empty without a tracker, and for a ``tentative`` detection: a tracker does not know yet whether that
+    is a person, or who. With ``unseen_s`` above 0 the box is a prediction of that age.
 
     ``facing_rad`` is the angle between where the person faces and the direction to the camera: 0 towards the camera,
     pi with the back turned. ``approach_mps`` is the speed towards the camera, negative for a person who moves away.
@@ -343,6 +344,7 @@ class PersonDetection(msgspec.Struct, frozen=True, kw_only=True):
     h: Share
     score: float
     track_id: str = ""
+    tentative: bool = False
     distance_m: float | None = None
     distance_std_m: Share | None = None
     bearing_rad: float | None = None
@@ -373,6 +375,11 @@ class PersonDetections(Structured, frozen=True, kw_only=True):
     def id(self) -> str:
         """Id of this message in the trace."""
         return f"detection-{self.stamp}"
+
+    @property
+    def known(self) -> tuple[PersonDetection, ...]:
+        """The people without the tentative detections, which agents do not react to."""
+        return tuple(person for person in self.persons if not person.tentative)
 
 
 class ActionRequest(Structured, frozen=True, kw_only=True):

@@ -151,7 +151,7 @@ class MobileAgent(AgentNode):
         robot = self.robot_pose(message.stamp)
         if robot is None:
             return
-        for person in message.persons:
+        for person in message.known:
             if person.distance_m is None or person.bearing_rad is None:
                 continue
             direction = robot.yaw + person.bearing_rad

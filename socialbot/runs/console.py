@@ -185,7 +185,7 @@ class Display:
             case TraceRecord():
                 self._show_record(message)
             case PersonDetections():
-                self._persons = message.persons
+                self._persons = message.known
                 self._show_persons(message)
             case Utterance():
                 _keep(self._causes, message.id, message.cause)
@@ -264,10 +264,10 @@ class Display:
 
     def _show_persons(self, message: PersonDetections) -> None:
         """Print changes of the number of persons, at most once a second as detections flicker."""
-        seconds, count = self._seconds(message.stamp), len(message.persons)
+        seconds, count = self._seconds(message.stamp), len(message.known)
         if self._details and count != self._seen_count and seconds - self._seen_at >= _SEEN_EVERY_S:
             self._seen_count, self._seen_at = count, seconds
-            self._line(message.stamp, "sees", people_text(message.persons))
+            self._line(message.stamp, "sees", people_text(message.known))
 
     def _line(self, stamp: int, verb: str, text: str) -> None:
         self._print(stamp, (f"{verb:<9}", _STYLES[verb]), (text, _STYLES[verb]))

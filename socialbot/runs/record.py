@@ -289,7 +289,7 @@ def trace_record(topic: str, message: Message) -> TraceRecord | None:
     match message:
         case TraceRecord():
             return message
-        case PersonDetections(id=id, persons=persons):
+        case PersonDetections(id=id, known=persons):
             kind, what = "detection", f"{len(persons)} {'person' if len(persons) == 1 else 'persons'}"
             cause = f"frame-{message.stamp}"
             if persons:

@@ -243,8 +243,6 @@ class DetectorSpec:
         faces: Whether the faces of its people are searched, which needs onnxruntime.
         bridge_s: Longest time to publish a lost track by default, s. A detector that rarely misses a person has lost
             one who is gone.
-        clear: Mean score of tracks that are published with a weak detection: share of the distance from ``weak`` to
-            ``sure`` above ``sure``. 0 suits a detector with few false detections between these scores.
     """
 
     name: str
@@ -254,7 +252,6 @@ class DetectorSpec:
     certain: float = 0.8
     faces: bool = True
     bridge_s: float = 0.15
-    clear: float = 0.125
 
 
 def _hog(settings: DetectorSettings) -> Detector:
@@ -313,7 +310,7 @@ DETECTORS: Mapping[str, DetectorSpec] = {
     spec.name: spec
     for spec in (
         DetectorSpec("nanodet", 0.45, 0.25, _nanodet, certain=0.78),
-        DetectorSpec("hog", 0.55, 0.3, _hog, certain=math.inf, faces=False, bridge_s=0.3, clear=0.0),
+        DetectorSpec("hog", 0.55, 0.3, _hog, certain=math.inf, faces=False, bridge_s=0.3),
         DetectorSpec("onnx", 0.4, 0.2, _onnx, certain=0.7),
     )
 }

@@ -126,7 +126,8 @@ class PersonPipeline:
         self.person_height_m = person_height_m
         self.tracker = None
         if tracker == "kalman":
-            self.tracker = Tracker(spec.sure, spec.weak, clear=spec.clear, remember_s=remember_s)
+            clear = spec.certain if math.isfinite(spec.certain) else None
+            self.tracker = Tracker(spec.sure, spec.weak, clear=clear, remember_s=remember_s)
         self.hide_still = hide_still
         self._faces = FaceFinder() if faces and spec.faces and tracker != "none" else None
         self._camera_motion = CameraMotion()
@@ -245,7 +246,7 @@ class PersonPipeline:
         oldest = stamp_ns - round(_REMEMBERED_S * SECOND)
         self._known = {name: person for name, person in self._known.items() if person.stamp >= oldest}
         for track in tracks:
-            if track.id not in self._known:
+            if track.id and track.id not in self._known:
                 self._known[track.id] = TrackState(Figure(self._anybody()), None, stamp_ns)
         attention = {name: person.attention for name, person in self._known.items()}
         if self._faces is not None:
@@ -296,7 +297,8 @@ class PersonPipeline:
             _, _, w, h = track.box
             wide = not (track.cut.top or track.cut.bottom) and w > _WIDEST * h
             behind = not track.cut.bottom and _behind(track.box, boxes)
-            self._known[track.id].hidden = _HIDDEN_LEGS if wide else _HIDDEN_BEHIND if behind else HIDDEN_SHARE
+            if track.id:
+                self._known[track.id].hidden = _HIDDEN_LEGS if wide else _HIDDEN_BEHIND if behind else HIDDEN_SHARE
             marked.append(replace(track, feet_hidden=True) if wide or behind else track)
         return tuple(marked)
 
@@ -349,6 +351,7 @@ class PersonPipeline:
             h=h,
             score=track.score,
             track_id=track.id,
+            tentative=bool(track.key) and not track.id,
             distance_m=distance and distance.value,
             distance_std_m=distance and distance.std,
             distance_source="unknown" if distance is None else self._source(track, stamp_ns, ranged),

@@ -43,11 +43,12 @@ class TrackedPerson:
     sure_hits: int = 0
     misses: int = 0
     unseen_s: float = 0.0
-    usual_score: float = 0.0
     best: float = 0.0
+    fit: float = 1.0
     hidden_s: float = 0.0
     begun: int = 0
     last: int = 0
+    sure_at: int = 0
     mixed: int = -(2**62)
     appearance: Appearance = field(default_factory=Appearance)
     others: list[np.ndarray] = field(default_factory=list)

@@ -42,13 +42,13 @@ _SAME = 0.5  # A prediction that overlaps a detected box this much is hidden by 
 _WITHIN = 0.8  # and so is a new box with the head of another one that contains this share of it.
 _DOUBLE = 0.25  # A new track that overlaps another one by this IoU may be a second box of the same person,
 _DOUBLE_HITS = 5  # until it has so many sure detections.
-_RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box.
+_RECENT_S = 0.5  # A track unseen for longer does not continue with a weak box, which is published for as long,
+_EXPECTED = 0.7  # if it overlaps the prediction by this IoU.
 _HEADS_ALIKE = 0.1  # Box tops closer than this share of the height belong to one head.
-_GAP_S = 0.5  # After a longer gap between images, new tracks are published at once.
+_GAP_S = 0.5  # After a longer gap between images, new tracks get an id at once.
 _DOUBT_S = 0.35  # A new track waits this long for its second detection.
 _TRUSTED_HITS = 3
-_NEWS = 0.2  # Weight of the newest score in the running mean.
-_AT_ONCE = 0.75  # A new track is published at once if its score exceeds the sure one by this share of sure - weak.
+_AT_ONCE = 0.75  # A new track gets an id at once if its score exceeds the sure one by this share of sure - weak.
 _DRIFT = 0.35  # A prediction is trusted while its standard error is below this share of the width.
 _OUTWARD = 0.1  # A person at the edge leaves the image from this speed, heights per second.
 _SUDDEN = 0.8  # Feet are hidden when a box shrinks below this share of the predicted height at the same top,
@@ -86,14 +86,14 @@ class Track:
 class Tracker:
     """Multi-object tracker for the people in one recording.
 
-    A new track is published after ``confirm`` detections. It is published at once in a first image, after a gap, or if
-    its score exceeds ``sure`` by three quarters of the distance from ``weak``, unless it lies within another person.
+    All boxes with a score of ``sure`` are published, as without a tracker. A track without an id is a person who is not
+    known yet: it gets its id after ``confirm`` detections, or at once in a first image, after a gap, and if its score
+    exceeds ``sure`` by three quarters of the distance from ``weak``, unless it lies within another person.
 
-    A known track is published with a weak box if its mean score exceeds ``sure`` by the share ``clear`` of that
-    distance. Others were barely detected before, and many of their weak boxes show nobody.
+    Only second boxes around a person are left out: a new track that overlaps another person is published when its
+    colours differ from theirs, or later.
 
-    A new track that overlaps another person may be a second box around that person. It is published when its colours
-    differ from theirs, or later.
+    A weak box is published where a person was expected whose track has once reached the score ``clear``.
 
     A lost track is published as predicted for up to ``bridge_s``. Its scores must have reached ``sure``, its prediction
     must be precise, and the person must not be leaving the image or within another box.
@@ -103,8 +103,8 @@ class Tracker:
     Args:
         sure: Score that a track needs at least once.
         weak: Score from which a box supports a track or starts a tentative one.
-        confirm: Detections before a track is published.
-        clear: Share of the distance from ``weak`` to ``sure``, see above.
+        confirm: Detections before a track gets an id.
+        clear: Score that shows a person for certain, see above; default: ``sure``.
         bridge_s: Longest time to publish predictions, s.
         keep_s: Time after which a lost track is deleted, s.
 
@@ -118,7 +118,7 @@ class Tracker:
         weak: float,
         *,
         confirm: int = 2,
-        clear: float = 0.125,
+        clear: float | None = None,
         bridge_s: float = 0.5,
         keep_s: float = 2.0,
         remember_s: float = REMEMBER_S,
@@ -126,7 +126,7 @@ class Tracker:
         self.sure = sure
         self.weak = weak
         self.confirm = confirm
-        self.clear = clear
+        self.clear = sure if clear is None else clear
         self.bridge_s = bridge_s
         self.keep_s = keep_s
         self.remember_s = remember_s
@@ -176,10 +176,13 @@ class Tracker:
         looks = looks[order] if looks is not None else np.full((len(boxes), 1, 1), np.nan)
         cuts = [cut_off(box, *size) if size else Cut() for box in boxes]
         expected = np.array([person.motion.box for person in self._persons]).reshape(-1, 4)
-        taken = self._match(clip(expected, *size) if size else expected, boxes, scores, looks)
+        expected = clip(expected, *size) if size else expected
+        taken = self._match(expected, boxes, scores, looks)
         for number, person in enumerate(self._persons):
             if number in taken:
                 index = taken[number]
+                if scores[index] < self.sure:
+                    person.fit = float(iou(expected[number], boxes[index, None])[0])
                 self._see(person, boxes[index], float(scores[index]), cuts[index], seconds)
             else:
                 person.mixed = stamp_ns
@@ -300,10 +303,8 @@ class Tracker:
         person.box, person.score, person.cut = box, score, cut
         person.hits, person.misses, person.unseen_s = person.hits + 1, 0, 0.0
         person.last = self._stamp or 0
-        person.sure_hits += score >= self.sure
-        # The running mean starts with the first sure box.
-        first = person.best < self.sure <= score
-        person.usual_score = score if first else person.usual_score + _NEWS * (score - person.usual_score)
+        if score >= self.sure:
+            person.sure_hits, person.sure_at = person.sure_hits + 1, person.last
         person.best = max(person.best, score)
         if not person.id and person.hits >= self.confirm and person.best >= self.sure:
             person.due = True
@@ -383,9 +384,9 @@ class Tracker:
         if same_head(box, others, _WITHIN).any() or (cut.bottom and within.any()):
             return
         self._begun += 1
-        person = TrackedPerson(BoxFilter(box), box, score, cut, self._begun, usual_score=score, best=score)
+        person = TrackedPerson(BoxFilter(box), box, score, cut, self._begun, best=score)
         person.sure_hits = int(score >= self.sure)
-        person.begun = person.last = self._stamp or 0
+        person.begun = person.last = person.sure_at = self._stamp or 0
         person.appearance.see(look)
         self._persons.append(person)
         if score >= self.sure and (self.confirm <= 1 or (at_once and not within.any())):
@@ -426,16 +427,7 @@ class Tracker:
         return size is None or bool((clip(person.motion.box[None], *size)[0, 2:] > 0).all())
 
     def _published(self, size: tuple[int, int] | None) -> tuple[Track, ...]:
-        # Tracks of weak boxes fade.
-        seen = _one_a_head(
-            [
-                person
-                for person in self._persons
-                if person.id
-                and not person.misses
-                and (person.score >= self.sure or person.usual_score >= self._above(self.clear))
-            ]
-        )
+        seen = [person for person in self._persons if not person.misses and self._is_shown(person)]
         boxes = np.array([person.box for person in seen]).reshape(-1, 4)
         tracks = [_track(person) for person in seen]
         self.doubtful = tuple(_track(each) for each in self._persons if not each.misses and each not in seen)
@@ -445,7 +437,14 @@ class Tracker:
                 if not ((iou(box, boxes) > _SAME) | contained(box[None], boxes)[0]).any():
                     cut = cut_off(box, *size) if size else Cut()
                     tracks.append(Track(person.id, box, person.score, person.unseen_s, cut, key=person.key))
-        return tuple(sorted(tracks, key=lambda track: (-track.score, int(track.id[1:]))))
+        return tuple(sorted(tracks, key=lambda track: (-track.score, track.key)))
+
+    def _is_shown(self, person: TrackedPerson) -> bool:
+        """Whether the box of a detected track is published."""
+        if person.score >= self.sure:
+            return not self._is_double(person)
+        recent = person.last - person.sure_at <= _RECENT_S * SECOND
+        return bool(person.id) and recent and person.best >= self.clear and person.fit >= _EXPECTED
 
     def _trusted(self, person: TrackedPerson, size: tuple[int, int] | None) -> bool:
         motion = person.motion
@@ -453,7 +452,7 @@ class Tracker:
             not 0 < person.unseen_s <= self.bridge_s
             or person.hits < _TRUSTED_HITS
             # The score of a person who leaves falls first; a flicker is sudden.
-            or min(person.score, person.usual_score) < self.sure
+            or person.score < self.sure
             or motion.spread()[0] > _DRIFT * motion.value[3]
         ):
             return False
@@ -464,15 +463,3 @@ class Tracker:
 
 def _track(person: TrackedPerson) -> Track:
     return Track(person.id, person.box, person.score, 0.0, person.cut, person.feet_hidden, person.key)
-
-
-def _one_a_head(persons: list[TrackedPerson]) -> list[TrackedPerson]:
-    """Keep, of tracks with the same head, the one detected most often."""
-    boxes = np.array([person.box for person in persons]).reshape(-1, 4)
-    if contained(boxes, boxes).sum() == len(persons):
-        return persons
-    kept: list[TrackedPerson] = []
-    for person in sorted(persons, key=lambda person: -person.hits):
-        if not same_head(person.box, np.array([each.box for each in kept]).reshape(-1, 4), _WITHIN).any():
-            kept.append(person)
-    return kept

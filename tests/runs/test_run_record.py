@@ -93,6 +93,14 @@ def test_record_of_each_message(message, what, detail):
         assert record.detail == detail
 
 
+def test_tentative_detections_are_not_recorded():
+    tentative = PersonDetection(x=0, y=0, w=1, h=1, score=0.5, tentative=True)
+    message = PersonDetections(stamp=7, frame_id="c", width=1, height=1, persons=(tentative,))
+    record = trace_record("/topic", message)
+    assert record is not None
+    assert (record.what, record.detail) == ("0 persons", {})
+
+
 def test_trace_record_is_kept():
     assert trace_record("/waldo/trace", BELIEF) is BELIEF
 

@@ -30,4 +30,5 @@ class Scene:
 
 
 def ids(tracks: tuple[Track, ...]) -> list[str]:
-    return [track.id for track in tracks]
+    """Ids of the tracks that have one."""
+    return [track.id for track in tracks if track.id]

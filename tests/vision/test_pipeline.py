@@ -157,7 +157,8 @@ def test_stated_turn_of_the_camera_keeps_neighbours_apart():
         rig.stamp += SECOND // 5
         camera = replace(CAMERA, yaw_rad=yaw)
         people = rig.finder.find(BLANK, rig.stamp, camera)
-        return [person.track_id for person in sorted(people, key=lambda person: person.x)]
+        known = [person for person in people if not person.tentative]
+        return [person.track_id for person in sorted(known, key=lambda person: person.x)]
 
     assert [ids(yaw) for yaw in (0.0, 0.0, 0.2, 0.0, -0.2, 0.0)] == [["t1", "t2"]] * 6
 
@@ -188,7 +189,7 @@ def found_after_a_turn(there: tuple[float, float], step_rad: float = 0.15, base_
         for box, _ in rig.detector.found:
             _dress(image, box, striped=striped)
         people = rig.finder.find(image, rig.stamp, replace(CAMERA, yaw_rad=yaw))
-        return [person.track_id for person in people]
+        return [person.track_id for person in people if not person.tentative]
 
     for _ in range(10):
         ids((4.0, 0.0))
@@ -220,7 +221,8 @@ def test_place_of_a_person_counts_while_a_camera_without_transforms_stands_still
         image = cv2.cvtColor(np.ascontiguousarray(room[:, left : left + 640]), cv2.COLOR_GRAY2BGR)
         for box, _ in rig.detector.found:
             _dress(image, box, striped=striped)
-        return [person.track_id for person in rig.finder.find(image, rig.stamp, CAMERA)]
+        found = rig.finder.find(image, rig.stamp, CAMERA)
+        return [person.track_id for person in found if not person.tentative]
 
     for _ in range(10):
         ids(4000, striped=False)
@@ -296,11 +298,20 @@ def test_threshold_takes_the_place_of_the_detector_s_own():
     assert len(rig.repeat(2, at(4.0, 0.8))) == 1
 
 
-def test_certain_detection_is_published_at_once():
+def test_certain_detection_gets_an_id_at_once():
     rig = Rig()
     rig.find()
-    assert rig.find(at(4.0, 0.72)) == ()
-    assert len(rig.find(at(8.0, 0.73, 0.3))) == 1
+    (tentative,) = rig.find(at(4.0, 0.72))
+    assert (tentative.track_id, tentative.tentative) == ("", True)
+    assert tentative.distance_m == pytest.approx(4.0, rel=0.2)
+    certain = [person for person in rig.find(at(8.0, 0.73, 0.3)) if not person.tentative]
+    assert [person.track_id for person in certain] == ["t1"]
+
+
+def test_detections_without_a_tracker_are_not_tentative():
+    rig = Rig(tracker="none")
+    (person,) = rig.find(at(4.0, 0.72))
+    assert (person.track_id, person.tentative) == ("", False)
 
 
 def test_state_of_lost_tracks_is_deleted():

@@ -9,7 +9,7 @@ from socialbot.core.clock import SECOND
 from socialbot.vision.motion import Cut
 from socialbot.vision.tracking import Tracker
 from socialbot.vision.whereabouts import FloorPoint, LastSeen
-from tests.vision.scenes import SIZE
+from tests.vision.scenes import SIZE, ids
 
 TURN = np.array([[1.0, 0.0, -80.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 UNKNOWN = np.full((2, 256), np.nan, np.float32)
@@ -63,7 +63,7 @@ class TurningView:
         seen = [each for each in tracks if not each.unseen_s]
         for track in seen if self.knows_places else ():
             self.tracker.place(track.id, LastSeen(self.stamp, points[track.box[0]]))
-        return [track.id for track in sorted(seen, key=lambda track: track.box[0])]
+        return ids(tuple(sorted(seen, key=lambda track: track.box[0])))
 
     def stay(self, *people: tuple[float, np.ndarray, float], images: int = 10) -> list[str]:
         return [self.show(*people) for _ in range(images)][-1]

@@ -26,7 +26,8 @@ def started(**settings: float) -> Scene:
 
 def test_second_detection_confirms_a_track():
     scene = started()
-    assert scene.show(STANDING) == ()
+    (track,) = scene.show(STANDING)
+    assert (track.id, track.score, track.unseen_s) == ("", 0.7, 0.0)
     (track,) = scene.show(STANDING)
     assert (track.id, track.score, track.unseen_s) == ("t1", 0.7, 0.0)
     assert track.box.tolist() == list(STANDING)
@@ -36,16 +37,16 @@ def test_arm_of_a_near_person_is_no_track():
     near, arm = (200.0, 100.0, 220.0, 380.0, 0.9), (195.0, 205.0, 60.0, 275.0)
     scene = started()
     assert [len(scene.show(near, arm)) for _ in range(4)][-1] == 1
-    assert len(scene.show(near, (200.0, 205.0, 60.0, 200.0))) == 1
-    assert len(scene.show(near, (200.0, 205.0, 60.0, 200.0))) == 2, "whose feet are not below the picture may be far"
+    far = (200.0, 205.0, 60.0, 200.0)
+    assert len(scene.show(near, far)) == 2, "whose feet are not below the picture may be far"
     beside = started()
     assert [len(beside.show(near, (160.0, 205.0, 60.0, 275.0))) for _ in range(4)][-1] == 2
 
 
-def test_single_false_positive_is_no_track():
+def test_single_false_positive_gets_no_id():
     scene = started()
     shown = [scene.show(STANDING), *(scene.show() for _ in range(10)), scene.show(STANDING)]
-    assert set(shown) == {()}
+    assert [[track.id for track in tracks] for tracks in shown] == [[""], *[[]] * 10, [""]]
 
 
 def test_new_track_may_miss_a_frame():
@@ -78,12 +79,12 @@ def test_one_of_the_first_two_boxes_may_be_weak():
     for scores, shown in [
         ((0.4, 0.6), [0, 1]),
         ((0.6, 0.4), [0, 1]),
-        ((0.55, 0.4, 0.6), [0, 0, 1]),
+        ((0.55, 0.4, 0.6), [0, 1, 1]),
         ((0.74, 0.6), [0, 1]),
         ((0.4, 0.4, 0.4), [0, 0, 0]),
     ]:
         scene = started()
-        assert [len(scene.show((*STANDING, score))) for score in scores] == shown
+        assert [len(ids(scene.show((*STANDING, score)))) for score in scores] == shown
 
 
 def test_weak_start_becomes_a_usual_track():
@@ -118,18 +119,24 @@ def test_weak_boxes_keep_a_track_that_is_usually_sure():
 
 
 def test_weak_boxes_of_a_barely_detected_track_are_not_published():
-    scene = Scene()
+    scene = Scene(clear=0.75)
     scores = (0.55, 0.6, 0.45, 0.55, 0.4, 0.6)
     assert [len(scene.show((*STANDING, score))) for score in scores] == [1, 1, 0, 1, 0, 1]
     assert ids(scene.show(STANDING)) == ["t1"]
 
 
-def test_weak_track_fades_and_returns():
+def test_weak_boxes_are_published_where_a_person_was_expected():
+    scene = Scene()
+    scene.repeat(5, STANDING)
+    assert ids(scene.show((305.0, 103.0, 80.0, 195.0, 0.3))) == ["t1"]
+    assert scene.show((305.0, 103.0, 80.0, 120.0, 0.3)) == ()
+    assert ids(scene.show(STANDING)) == ["t1"]
+
+
+def test_weak_track_is_not_published_for_long():
     scene = Scene()
     scene.repeat(2, (*STANDING, 0.95))
-    shown = [len(scene.show((*STANDING, 0.3))) for _ in range(30)]
-    assert shown == sorted(shown, reverse=True)
-    assert 2 <= sum(shown) < 10
+    assert [len(scene.show((*STANDING, 0.3))) for _ in range(8)] == [1] * 5 + [0] * 3
     assert ids(scene.show(STANDING)) == ["t1"]
 
 
@@ -357,14 +364,6 @@ def test_upper_half_of_a_person_is_no_track():
         assert len(scene.show((*STANDING, 0.7), (302, 102, 76, 90, 0.95))) == 1
 
 
-def test_tracks_with_one_head_are_merged():
-    scene = Scene()
-    for step in range(12):
-        scene.show(STANDING, (420.0 - 10 * step, 100, 70, 150))
-    shown = [scene.show(STANDING, (306, 102, 70, 150)) for _ in range(5)]
-    assert [ids(tracks) for tracks in shown] == [["t1"]] * 5
-
-
 def test_second_box_on_a_person_gets_no_id():
     scene, seen = Scene(), set()
     scene.repeat(5, STANDING)
@@ -387,20 +386,20 @@ def test_near_person_in_front_does_not_take_over_a_track():
     scene, far, near = Scene(), (300.0, 140.0, 80.0, 230.0), (290.0, 10.0, 120.0, 470.0)
     scene.repeat(10, far)
     for _ in range(4):
-        assert [track.id for track in scene.show(near) if track.box[1] < 100] in ([], ["t2"])
+        assert [track.id for track in scene.show(near) if track.id and track.box[1] < 100] in ([], ["t2"])
     assert sorted(ids(scene.show(far, near))) == ["t1", "t2"]
 
 
 def test_child_before_a_person_is_a_track():
     scene = Scene()
-    shown = [len(scene.show((*STANDING, 0.8), (320, 200, 40, 100, 0.7))) for _ in range(5)]
+    shown = [len(ids(scene.show((*STANDING, 0.8), (320, 200, 40, 100, 0.7)))) for _ in range(5)]
     assert shown == [1, 2, 2, 2, 2]
 
 
 def test_distant_person_behind_a_near_one_is_a_track():
     scene = Scene()
     near, far = (300.0, 100.0, 200.0, 380.0), (310.0, 120.0, 40.0, 120.0)
-    assert [len(scene.show(near, far)) for _ in range(4)] == [1, 2, 2, 2]
+    assert [len(ids(scene.show(near, far))) for _ in range(4)] == [1, 2, 2, 2]
 
 
 def test_weak_part_of_a_person_continues_no_other_track():

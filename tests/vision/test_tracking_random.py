@@ -55,6 +55,8 @@ def test_every_id_is_one_unbroken_track(frames):
             else:
                 assert (*track.box, track.score) in found
                 last_seen[track.id] = scene.time_s
+        # Weak boxes continue a track, published or not.
+        last_seen |= {track.id: scene.time_s for track in scene.tracker.doubtful if track.id}
         scores = [track.score for track in tracks]
         assert scores == sorted(scores, reverse=True)
         gone |= {name for name, when in last_seen.items() if scene.time_s - when > 2.0 + 1e-9}

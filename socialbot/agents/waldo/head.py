@@ -182,7 +182,7 @@ class Head(Node):
             camera = Pose(detections.camera_yaw_rad, 0.0)
         level = self._wanted.tilt - camera.tilt
         found = []
-        for person in detections.persons:
+        for person in detections.known:
             elevation = level if person.elevation_rad is None else person.elevation_rad
             if person.bearing_rad is None or not math.isfinite(person.bearing_rad) or not math.isfinite(elevation):
                 continue

@@ -389,7 +389,7 @@ class PersonSensor(Sensor):
             self._changed.clear()
             due = percept.stamp + nanoseconds(self._config.help_after_s)
             self._there = {person: until and due for person, until in self._there.items()}
-        persons = [in_base(person, percept.camera_yaw_rad) for person in percept.persons]
+        persons = [in_base(person, percept.camera_yaw_rad) for person in percept.known]
         near = [p for p in persons if p.distance_m is None or p.distance_m <= self._config.range_m]
         near.sort(key=lambda p: p.distance_m or math.inf, reverse=True)
         self._sees_faces = self._sees_faces or any(person.facing_rad is not None for person in persons)

@@ -86,13 +86,15 @@ def coco_results(result: DetectorResult) -> list[dict[str, Any]]:
 def mot_lines(clip: ClipResult) -> Iterator[str]:
     """Tracks of a recording in the ten columns of the MOTChallenge; frames and ids are numbered from 1.
 
-    Without tracking, all ids are -1.
+    Without tracking, all ids are -1. Tentative detections are left out.
     """
     ids: dict[str, int] = {}
     found = {each.frame.stamp: each.found for each in clip.frames}
     for position, frame in enumerate(clip.source.frames, 1):
         number = frame.number if clip.source.format != "coco" and isinstance(frame.number, int) else position
         for person in found[frame.stamp].persons if frame.stamp in found else ():
+            if person.tentative:
+                continue
             id = ids.setdefault(person.track_id, len(ids) + 1) if person.track_id else -1
             box = ",".join(f"{value:.3f}" for value in (person.x, person.y, person.w, person.h))
             yield f"{number},{id},{box},{person.score:.6f},-1,-1,-1"

@@ -320,13 +320,14 @@ def tracked_frame(
     """Compare a labelled frame with the tracks found in it.
 
     Tracks that match a person who is not scored are left out, as are other tracks that lie by half in an ignored
-    region and, where the labels are not complete, all tracks that match nobody.
+    region and, where the labels are not complete, all tracks that match nobody. Tentative detections are no tracks yet.
 
     Args:
         frame: The labels.
-        found: Detections with ``track_id``.
+        found: Detections of a tracker.
         least_visible: Visible share from which a person is scored.
     """
+    found = [person for person in found if not person.tentative]
     scored = np.array([not each.ignore and each.visible >= least_visible for each in frame.persons], bool)
     people, boxes, areas = box_array(frame.persons), box_array(found), box_array(frame.ignore)
     overlaps = np.array([iou(person, boxes) for person in people]).reshape(len(people), len(boxes))

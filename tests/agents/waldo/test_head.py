@@ -3,6 +3,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from socialbot.agents.waldo.head import CENTRE, Head, Motion, Pose
 from socialbot.core.clock import SECOND
@@ -99,6 +100,9 @@ def test_narrower_limits_turn_the_head_back():
 NEAREST = {
     "nearest; unknown distances are far, unknown bearings ignored": (
         [person(0.9, None), person(-0.4, 3.0, 0.1), person(0.2, 5.0), person(None, 0.5)], (-0.4, 0.1),
+    ),
+    "tentative detections do not count": (
+        [replace(person(0.9, 0.5), tentative=True), person(0.2, 5.0)], (0.2, 0.0),
     ),
     "NaN is far": ([person(0.4, math.nan), person(0.2, 3.0)], (0.2, 0.0)),
     "straight ahead if all distances are unknown": (

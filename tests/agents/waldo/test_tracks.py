@@ -16,6 +16,7 @@ from socialbot.core.messages import PersonDetection, PersonDetections
 from tests.agents.waldo.corridor import ANNA, BEN, CARL, FAR, GREETING, Corridor, person
 
 DISTANT_BEN = person(FAR, "t2")
+TENTATIVE = replace(person(track=""), tentative=True)
 
 
 def turned(facing_rad: float) -> PersonDetection:
@@ -26,6 +27,9 @@ def turned(facing_rad: float) -> PersonDetection:
 VISITS = {
     "one person": (
         [(2,), (20, ANNA), (30,)], [(1.5, "stayIdle"), (2.2, "greeting"), (10.2, "offer"), (21.2, "stayIdle")],
+    ),
+    "tentative detections are nobody": (
+        [(2,), (10, TENTATIVE), (15, ANNA, TENTATIVE)], [(1.5, "stayIdle"), (10.2, "greeting")],
     ),
     "two people together": ([(3, ANNA, BEN)], [(0.5, "greeting_several")]),
     "each new person is greeted": (

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from socialbot.core.messages import PersonDetection
 from socialbot.vision.detector import iou
@@ -196,6 +197,11 @@ def rows(labelled: LabelledFrame, *found, **about) -> tuple[tuple, tuple]:
 def test_people_and_tracks_of_a_frame():
     labelled = frame(person(0, id="a"), person(100, id="b"))
     assert rows(labelled, seen(0, track="t1"), seen(300, track="t2")) == (("a", "b"), ("t1", "t2"))
+
+
+def test_tentative_detections_are_no_tracks():
+    labelled = frame(person(0, id="a"), person(100, id="b"))
+    assert rows(labelled, seen(0, track="t1"), replace(seen(100), tentative=True)) == (("a", "b"), ("t1",))
 
 
 def test_track_of_a_person_who_is_not_scored():
