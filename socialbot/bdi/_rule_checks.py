@@ -5,17 +5,19 @@ Each check raises RuleError with a remedy; the caller adds the rule.
 
 from __future__ import annotations
 
+import difflib
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi.literals import Belief, Change, Computed, Event, Goal, Literal, Reactor, Structure, check_seconds
-from socialbot.bdi.steps import Action, AslCall, send, wait
+from socialbot.bdi.steps import Achieve, Action, AslCall, Update, send, wait
 from socialbot.bdi.terms import (
     Aggregate,
     Atom,
     Comparison,
+    Condition,
     Conjunction,
     Disjunction,
     Negation,
@@ -30,7 +32,7 @@ from socialbot.core.errors import RuleError
 
 if TYPE_CHECKING:
     from socialbot.bdi.library import Library
-    from socialbot.bdi.plans import Plan
+    from socialbot.bdi.plans import Inference, Plan
 
 
 def check_event(event: Event) -> None:
@@ -125,6 +127,58 @@ def report_confused_names(plan: Plan, library: Library) -> None:
             others = [other for other in library.patterns(belief.functor) if type(other) is not Structure]
             if why := confused_names(belief, others):
                 log().warning("%s: %s: %s", plan.place, belief, why)
+
+
+Doubt = tuple["Plan | Inference | Literal", str, str]
+"""Rule that may never have an effect, or an initial goal; what is wrong, and the remedy."""
+
+
+def goals_without_plans(library: Library, initial: Iterable[Literal] = ()) -> Iterator[Doubt]:
+    """Yield the goals of plans, and ``initial`` ones, that no plan is for; a plan may still come later."""
+    from socialbot.bdi.plans import nodes_of  # it imports this module
+
+    filled = [key for key, trigger in library.triggers.items() if trigger.plans]
+    known = {key[2:] for key in filled if key[:2] in (Change.WANTED.value, Change.FAILED.value)}
+    if any(not isinstance(plan.event.literal, Literal) for plan in library.general):
+        return  # a plan is for every goal
+    wanted = [(plan, node.goal) for plan in library for node in nodes_of(plan.body) if isinstance(node, Achieve)]
+    for place, goal in (*wanted, *((goal, goal) for goal in initial)):
+        if isinstance(goal, Literal) and goal.key not in known:
+            alike = sorted(key for key in known if key.rpartition("/")[0] == goal.functor)
+            alike = alike or difflib.get_close_matches(goal.key, sorted(known), n=1)
+            remedy = f"there are plans for {', '.join(alike)}" if alike else "add one, unless it comes later"
+            yield place, f"no plan for the goal {goal.key}", remedy
+
+
+def beliefs_not_given(library: Library, initial: Iterable[Literal]) -> Iterator[Doubt]:
+    """Yield the beliefs of rules that the program gives with other numbers of arguments only.
+
+    The environment, or another agent, may still give them.
+    """
+    from socialbot.bdi.plans import Plan, nodes_of  # it imports this module
+
+    rules = (*library, *(compiled.inference for each in library.inferences.values() for compiled in each))
+    added = [node.literal for rule in rules if isinstance(rule, Plan) for node in nodes_of(rule.body)
+             if isinstance(node, Update) and "+" in node.sign]  # fmt: skip
+    given = {literal.key for literal in (*initial, *added) if isinstance(literal, Literal)}
+    for rule in rules:
+        used = [*_queried(rule.condition)]
+        if isinstance(rule, Plan) and rule.event.change in (Change.ADDED, Change.REMOVED, Change.HELD):
+            used += [rule.event.literal] if isinstance(rule.event.literal, Literal) else []
+        for belief in used:
+            alike = sorted(key for key in given if key.rpartition("/")[0] == belief.functor)
+            if alike and belief.key not in given and not library.derives(belief.key):
+                yield rule, f"nothing in the program adds {belief.key}", f"it adds {', '.join(alike)}"
+
+
+def _queried(condition: Condition) -> Iterator[Literal]:
+    if isinstance(condition, Literal):
+        yield condition
+    elif isinstance(condition, Negation):
+        yield from _queried(condition.condition)
+    elif isinstance(condition, (Conjunction, Disjunction)):
+        for term in condition.terms:
+            yield from _queried(term)
 
 
 def check_action(action: Action, known: set[str]) -> None:

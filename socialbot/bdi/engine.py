@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from socialbot.bdi._explain import why_not
 from socialbot.bdi._interpreter import Interpreter
-from socialbot.bdi._rule_checks import check_belief, check_goal, check_running
+from socialbot.bdi._rule_checks import check_belief, check_goal, check_running, goals_without_plans
 from socialbot.bdi._timers import Timers, Wakeup
 from socialbot.bdi.intentions import SUBGOAL, Failure, Intention, MentalState
 from socialbot.bdi.library import Library
@@ -22,7 +22,7 @@ from socialbot.bdi.plans import Inference, Plan, contents_of, flat
 from socialbot.bdi.sensors import Sensor, take_percept
 from socialbot.bdi.steps import Action
 from socialbot.bdi.terms import Atom, conjunction
-from socialbot.bdi.trace import Sink, TraceWriter
+from socialbot.bdi.trace import Sink, TraceWriter, log
 from socialbot.core.clock import SECOND, Clock
 from socialbot.core.errors import RuleError
 
@@ -188,8 +188,10 @@ class Engine:
         sensor.attach(self)
 
     def compile_plans(self) -> None:
-        """Compile all plans now instead of each at its first use."""
+        """Compile all plans now instead of each at its first use. Goals of plans that no plan is for are logged."""
         self.library.compile()
+        for plan, what, remedy in goals_without_plans(self.library):
+            log().warning("%s: %s: %s; %s", self.name, getattr(plan, "place", ""), what, remedy)
 
     # From any thread
 

@@ -46,6 +46,7 @@ from socialbot.bdi import (
 )
 from socialbot.bdi import test as check
 from socialbot.bdi.agentspeak import agentspeak
+from socialbot.bdi.plans import Plan
 from socialbot.core.clock import ManualClock
 from socialbot.core.errors import RuleError
 from tests.bdi.lab import Lab, S, X, Y, Z, _, do, go, mood, p, ping, q, sub
@@ -541,6 +542,14 @@ def test_a_goal_with_another_number_of_arguments_names_the_plans(caplog: pytest.
     lab = Lab(go(X) >> [do(X)], go(X, Y) >> [do(X, Y)])
     lab.tell(go())
     assert "no plan for go(), only for go/1, go/2" in caplog.text
+
+
+@pytest.mark.parametrize("rule", [+p(X) >> [go(X, X, X)], go(X) >> [for_each(q(X), [wait(1), go(X, X, X)])]])
+def test_a_goal_without_plans_is_logged_when_the_plans_are_compiled(rule: Plan, caplog: pytest.LogCaptureFixture):
+    lab = Lab(rule, go(X, Y) >> [go(X, Y)])
+    lab.engine.compile_plans()
+    assert caplog.text.count("no plan for") == 1
+    assert "no plan for the goal go/3; there are plans for go/" in caplog.text
 
 
 NUMBERS = {

@@ -226,6 +226,37 @@ def test_check_lists_needed_actions_and_warns_of_variables(written):
     assert "X has no value in +b(X)" in ended.stderr
 
 
+@pytest.mark.parametrize(
+    ("program", "warning"),
+    [
+        ("!go. +!go <- !deliver(box, hall). +!deliver(Box).", "no plan for the goal deliver/2"),
+        ("!go. +!go <- if (ready) { !!delivr(box) }. +!deliver(Box).", "there are plans for deliver/1"),
+        ("!strat. +!start <- .print(hello).", "no plan for the goal strat/0"),
+        ("near(ann). +near(Person, Distance) <- .print(Person).", "nothing in the program adds near/2"),
+        ("!go. +!go <- +near(ann, 2). +!g : not near(ann) <- .print(far). +!g.", "it adds near/2"),
+        ("near(ann). close(P) :- near(P, D) & D < 1.", "nothing in the program adds near/2"),
+    ],
+)
+def test_check_warns_of_goals_and_beliefs_that_match_nothing(written, program, warning):
+    ended = socialbot("check", *written(agent=program))
+    assert (ended.returncode, ended.stderr.count("warning: ")) == (0, 1)
+    assert warning in ended.stderr
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "!go. +!go <- !later. -!later <- .print(unknown).",
+        "next(x). !go. +!go : next(G) <- !G; !other. +!G <- .print(G).",
+        "at(1, 2). at(P) :- at(X, Y) & place(P, X, Y). +at(P) <- -at(1, 2). place(a, 1, 2).",
+        "+seen(X) <- +seen(X, 1). +seen(X, N) <- .print(N). +!g <- +seen(ann).",
+    ],
+)
+def test_check_does_not_warn_of_goals_and_beliefs_that_match(written, program):
+    ended = socialbot("check", *written(agent=program))
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 def test_check_warns_once_of_a_file_that_several_programs_include(written):
     main = '{ include("common.asl") } !go. +!go <- !b.'
     files = written(one=main, two=main, common="+!b <- +b(X).")

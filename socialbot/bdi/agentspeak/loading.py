@@ -22,6 +22,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from socialbot.bdi._inner_plans import is_nested, parts
+from socialbot.bdi._rule_checks import beliefs_not_given, goals_without_plans
 from socialbot.bdi.agentspeak.lexer import AgentSpeakError, Source, bare
 from socialbot.bdi.agentspeak.printer import agentspeak
 from socialbot.bdi.agentspeak.programs import IncludePaths, Program, parse
@@ -256,8 +257,16 @@ def _scratch(library: Library | None, inferences: Iterable[Inference]) -> Librar
 
 
 def warnings_of(program: Program) -> list[AgentSpeakError]:
-    """Return the steps that fail when they are reached: uses of variables without a value, conditions as actions."""
+    """Return steps that fail when they are reached, and rules that never apply.
+
+    These are uses of variables without a value, conditions as actions, goals without plans, and beliefs that the
+    program adds with other numbers of arguments only.
+    """
     found = []
+    library = library_of(program)
+    doubts = (*goals_without_plans(library, program.goals), *beliefs_not_given(library, program.beliefs))
+    for item, what, remedy in doubts:
+        found.append(_placed(RuleError(what, remedy=remedy), item, program))
     for plan in program.plans:
         for condition in _conditions_as_actions(plan.body):
             what = f"{agentspeak(condition)} is a condition, which is no action"
@@ -300,10 +309,12 @@ def _collect_needs(part: Any, found: set[str]) -> None:
             _collect_needs(inner, found)
 
 
-def _placed(problem: SocialbotError, item: Plan | Inference, program: Program) -> AgentSpeakError:
+def _placed(problem: SocialbotError, item: Plan | Inference | Literal, program: Program) -> AgentSpeakError:
     """Add the text position to a plan or rule error: the token in question if known."""
     if isinstance(problem, AgentSpeakError):
         return problem
+    if isinstance(item, Literal):
+        return AgentSpeakError(problem.what, where=next(iter(program.texts), None), remedy=problem.remedy)
     origin, written = item.origin or Origin("<text>", 1), item.text or ""
     file, text = origin.file, program.texts.get(origin.file, "")
     lines = text.split("\n")
